@@ -131,11 +131,9 @@ class Dispatch:
     def _fill(self, todo: Any) -> None:
         if self._running:
             workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
-        else:
-            workers = ()
-        if self._running:
             counts = [worker["nthreads"] for worker in workers]
         else:
+            workers = ()
             counts = self._client.nthreads().values()
         threads = max(1, sum(counts))
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):

@@ -105,16 +105,16 @@ def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[
     """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and
     which channel that is.
     """
-    taken = t
+    oldest_stamp = t
     oldest = ""
     for name in channels:
         reading = getattr(readings, name)
         if reading is None:
             return math.inf, name
-        if reading.t < taken:
-            taken = reading.t
+        if reading.t < oldest_stamp:
+            oldest_stamp = reading.t
             oldest = name
-    return t - taken, oldest
+    return t - oldest_stamp, oldest
 
 
 def needed_channels(
@@ -409,11 +409,11 @@ class Estimator(TableDisplay):
         return dt
 
     def _take_in(self, readings: Readings) -> None:
-        memory, seen = self.memory, self._seen
+        memory, last_readings = self.memory, self._seen
         for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
-            if reading is None or reading is seen[name] or name in self._refused:
+            if reading is None or reading is last_readings[name] or name in self._refused:
                 continue
-            seen[name] = reading
+            last_readings[name] = reading
             c = NUMBER[name]
             if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
@@ -484,10 +484,10 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
-        taken = {name: _taken(spec, t) for name, spec in channels.items()}
+        stamps = {name: _taken(spec, t) for name, spec in channels.items()}
         readings = {
             name: signals.unchecked_reading(value=truth[name], t=at)
-            for name, at in taken.items()
+            for name, at in stamps.items()
             if at >= 0.0
         }
         estimator(signals.unchecked_readings(**readings), t)
@@ -524,9 +524,12 @@ def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     channels = [("joint_positions", robot.n_joints)]
     if robot.n_vehicle:
         channels = [("position", 3), ("attitude", 3), *channels]
-    given = ((getattr(specs, name), n) for name, n in channels)
+    channel_specs = ((getattr(specs, name), n) for name, n in channels)
     return np.concatenate(
-        [np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given]
+        [
+            np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,))
+            for spec, n in channel_specs
+        ]
     )
 
 

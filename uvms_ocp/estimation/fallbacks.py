@@ -66,8 +66,10 @@ class Watchdog:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
-            given = f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s"
-            raise InvalidInput(f"{given}; give 0 < hold_after < stop_after")
+            problem = (
+                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s"
+            )
+            raise InvalidInput(f"{problem}; give 0 < hold_after < stop_after")
 
     @property
     def verdict(self) -> Freshness:

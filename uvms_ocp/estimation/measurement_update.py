@@ -44,21 +44,23 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
     """Share the slots among the late ones of channels first to last: where all their readings do
     not fit, none has many.
     """
-    most = _MOST_CLONES
+    n_clones = _MOST_CLONES
     total = slots + 1.0
-    while most > 2.0:
+    while n_clones > 2.0:
         total = 0.0
         for c in range(first, last):
             if m.lag[c] > 0.0:
                 # Clones at a time if every reading of channel c has one that is near enough.
                 apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
-                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, most)
+                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, n_clones)
         if total <= slots:
             break
-        most -= 1.0
+        n_clones -= 1.0
     for c in range(first, last):
         if m.lag[c] > 0.0:
-            m.apart[c] = max((m.lag[c] + 2.0 * m.dt) / (most - 1.0), max(_least(c), m.period[c]))
+            m.apart[c] = max(
+                (m.lag[c] + 2.0 * m.dt) / (n_clones - 1.0), max(_least(c), m.period[c])
+            )
 
 
 def _least(c: int) -> float:
@@ -84,7 +86,7 @@ def update_lag(m: FilterMemory, c: int) -> None:
         m.lag[c] = min(filtering.LONGEST_LAG, age)
 
 
-def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> int:
+def nearest_clone(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> int:
     """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is
     not near enough.
 
@@ -94,9 +96,9 @@ def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: 
     nearest = abs(m.stamp[c] - m.now)
     reach = 1.5 * m.dt + EARLY
     for slot in range(slots):
-        if owner[slot] == c and abs(m.stamp[c] - taken[slot]) < nearest:
+        if owner[slot] == c and abs(m.stamp[c] - clone_times[slot]) < nearest:
             best = slot
-            nearest = abs(m.stamp[c] - taken[slot])
+            nearest = abs(m.stamp[c] - clone_times[slot])
     if best >= 0:
         reach += m.apart[c]
     if nearest <= reach:
@@ -123,14 +125,14 @@ def is_due(m: FilterMemory, c: int) -> bool:
     return True
 
 
-def free_expired(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> None:
+def free_expired(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     for slot in range(slots):
-        lost = m.now - taken[slot] > m.lag[c] + 2.0 * m.dt + EARLY
-        if owner[slot] == c and (lost or taken[slot] <= m.last[c] + EARLY):
+        lost = m.now - clone_times[slot] > m.lag[c] + 2.0 * m.dt + EARLY
+        if owner[slot] == c and (lost or clone_times[slot] <= m.last[c] + EARLY):
             owner[slot] = -1.0
 
 
@@ -355,14 +357,14 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
     late = vehicle.process_variance(m, c, age)
     moved = age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
     m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
-    own = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
+    floor_variance = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
     for j in range(n):  # of the height of the altimeter
         row[j] += m.P[j][at] if j < at else m.P[at][j]
     for j in range(at):
         m.P[j][at] = row[j]
     for j in range(at, n):
         m.P[at][j] = row[j]
-    m.P[at][at] = own + noise * noise + late
+    m.P[at][at] = floor_variance + noise * noise + late
     m.echo = m.stamp[c]
 
 
@@ -375,11 +377,11 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
     _innovation(m, c, delta, nu)
-    own = _noise(m, c, delta)
+    noise = _noise(m, c, delta)
     granted = max(planned_allowance(m, c), jolt_allowance(m, c))
-    squared = _squared_innovation(m, own, rows, nu)
+    squared = _squared_innovation(m, noise, rows, nu)
     size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
-    believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
+    believed = _squared_innovation(m, noise + granted, rows, nu) <= m.gate[c]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
     # tell too.
     not_by_fixes = (
@@ -398,7 +400,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         not_by_fixes
         and math.isfinite(squared)
         and math.isfinite(size)
-        and _is_consistent(m, c, 2.0 * own + granted, nu)
+        and _is_consistent(m, c, 2.0 * noise + granted, nu)
     ):
         believed = True
         _relax(m, c, size)
@@ -413,7 +415,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
             m.echo = m.stamp[c]
-        _correct(m, c, nu, own)
+        _correct(m, c, nu, noise)
 
 
 def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
@@ -559,10 +561,10 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
             for i in range(rows):
                 for j in range(rows):
                     if i != j:
-                        own = 0.0
+                        correlation = 0.0
                     else:
-                        own = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
-                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else own
+                        correlation = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else correlation
     u = s.HP[0]
     v = s.HP[1]
     w = s.HP[2]
@@ -571,7 +573,7 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
             m.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
-def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
+def _correct(m: FilterMemory, c: int, nu: Vector, noise: float) -> None:
     """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell
     where the vehicle is.
     """
@@ -582,7 +584,7 @@ def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
     u = s.HP[0]
     v = s.HP[1]
     w = s.HP[2]
-    vehicle.factorise(s, own, rows)
+    vehicle.factorise(s, noise, rows)
     vehicle.divide(s, rows, nu)
     for j in range(n):
         u[j] /= s.L[0][0]

@@ -119,9 +119,9 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
     for i in range(3):
         for j in range(3):
             K2 = angle[i] * angle[j] - (squared if i == j else 0.0)
-            one = 1.0 if i == j else 0.0
-            E[3 * i + j] = one - sine * K[3 * i + j] + cosine * K2
-            J[3 * i + j] = one - cosine * K[3 * i + j] + third * K2
+            identity = 1.0 if i == j else 0.0
+            E[3 * i + j] = identity - sine * K[3 * i + j] + cosine * K2
+            J[3 * i + j] = identity - cosine * K[3 * i + j] + third * K2
 
 
 # The covariance: its entries, and what is done to one of them.
@@ -160,10 +160,10 @@ def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
 
 def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is."""
-    found = False
+    unknown = False
     for i in range(first, first + n):
-        found = found or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
-    return found
+        unknown = unknown or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
+    return unknown
 
 
 def mean_variance(m: FilterMemory, first: int) -> float:
@@ -171,11 +171,11 @@ def mean_variance(m: FilterMemory, first: int) -> float:
     return (m.P[first][first] + m.P[first + 1][first + 1] + m.P[first + 2][first + 2]) / 3.0
 
 
-def is_determined(variance: float, most: float) -> bool:
+def is_determined(variance: float, largest: float) -> bool:
     """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding
     has eaten it.
     """
-    return 0.0 <= variance <= most
+    return 0.0 <= variance <= largest
 
 
 def response_variance(m: FilterMemory, change: float) -> float:
@@ -349,9 +349,9 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
     part.
     """
     for i in range(MAIN):
-        most = m.limit[i] * m.limit[i]
+        largest_variance = m.limit[i] * m.limit[i]
         lost = not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
-        if not lost and is_determined(m.P[i][i], most):
+        if not lost and is_determined(m.P[i][i], largest_variance):
             continue
         if (
             not lost
@@ -359,9 +359,9 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
             and m.P[i][i] > 0.0
             and math.isfinite(m.P[i][i])
         ):
-            _limit_to(m, i, n, most)
+            _limit_to(m, i, n, largest_variance)
         else:
-            clear(m, i, n, most)
+            clear(m, i, n, largest_variance)
         if i >= Part.PLACE and (lost or Part.SPEED <= i < Part.GYRO_BIAS):
             m.x[i] = 0.0
     if not math.isfinite(norm(m.turn)):
@@ -377,7 +377,7 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
     rests: it was right until its readings ended; from here on it and the acceleration are taken for
     zero, as what is carried on without readings leads ever farther astray.
     """
-    known = filtering.EXPOSED * filtering.EXPOSED
+    variance = filtering.EXPOSED * filtering.EXPOSED
     way = filtering.EXPOSED_FOR
     for k in range(len(m.owner)):
         m.owner[k] = -1.0
@@ -385,13 +385,13 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
         place = Part.PLACE + i
         speed = Part.SPEED + i
         acceleration = Part.ACCELERATION + i
-        m.P[speed][speed] += known
+        m.P[speed][speed] += variance
         if rests:
-            m.P[acceleration][acceleration] += known
+            m.P[acceleration][acceleration] += variance
             m.x[speed] = m.x[acceleration] = 0.0
         else:
-            m.P[place][speed] += way * known
-            m.P[place][place] += way * way * known
+            m.P[place][speed] += way * variance
+            m.P[place][place] += way * way * variance
 
 
 # What each channel of the vehicle sees of the estimate.
@@ -459,12 +459,10 @@ def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None
 def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     """The velocity in B, or the specific force."""
     if force:
-        own = int(Part.ACCELERATION)
-    else:
-        own = int(Part.SPEED)
-    if force:
+        velocity_part = int(Part.ACCELERATION)
         bias = int(Part.FORCE_BIAS)
     else:
+        velocity_part = int(Part.SPEED)
         bias = int(Part.DVL_BIAS)
     R = zeros(9)
     v = zeros(3)
@@ -473,7 +471,7 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     turning = zeros(3)
     rotation(m.turn, R)
     for i in range(3):
-        v[i] = m.x[own + i] - (m.gravity[i] if force else 0.0)
+        v[i] = m.x[velocity_part + i] - (m.gravity[i] if force else 0.0)
     rotate_back(R, v, 0, in_B)
     rotate_back(R, m.x, Part.ACCELERATION, rate)
     cross(m.x, Part.SPIN, in_B, turning)
@@ -485,7 +483,7 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     s.H[2][Part.TURN + 1] = in_B[0]
     for i in range(3):
         for j in range(3):
-            s.H[i][own + j] = R[3 * j + i]
+            s.H[i][velocity_part + j] = R[3 * j + i]
         s.H[i][bias + i] = 1.0
         s.h[i] = in_B[i] + m.x[bias + i]
         s.rate[i] = (0.0 if force else rate[i]) - turning[i]

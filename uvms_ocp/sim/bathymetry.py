@@ -154,9 +154,9 @@ def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.nd
         q = -(b + np.copysign(np.sqrt(b * b - 4 * a * start), b)) / 2
         roots = np.array([start / q, q / a])
         roots[~((roots >= 0.0) & (roots <= 1.0))] = np.inf
-    least = roots.min(axis=0)
-    least[(least == np.inf) & (end <= 0.0)] = 1.0
-    return np.where(np.isfinite(least), least, np.nan)
+    first = roots.min(axis=0)
+    first[(first == np.inf) & (end <= 0.0)] = 1.0
+    return np.where(np.isfinite(first), first, np.nan)
 
 
 def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -155,7 +155,7 @@ def step_function(model: StepModel) -> ca.Function:
     x = _inputs(model)
     torque = elementwise.clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
     target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
-    thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
+    thrust, thruster_energy = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
     wrench = symbolic_bodies.sparse(thruster_matrix(robot)) @ thrust
     v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
     q_next = model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"])
@@ -165,7 +165,15 @@ def step_function(model: StepModel) -> ca.Function:
         q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
     power = joint_power(torque, v_next[robot.joint_v], robot.description.joint_efficiency)
     spent = x["joint_energy"] + x["dt"] * ca.sum1(power)
-    outputs = [q_next, v_next, thrust, x["thruster_energy"] + taken, spent, torque, contact]
+    outputs = [
+        q_next,
+        v_next,
+        thrust,
+        x["thruster_energy"] + thruster_energy,
+        spent,
+        torque,
+        contact,
+    ]
     names = [*(f"{name}_next" for name in CARRIED), "torque", "contact"]
     return ca.Function(
         "plant_step", [*x.values()], [ca.densify(y) for y in outputs], [*x], names, {"cse": True}

@@ -119,21 +119,21 @@ class EnvironmentSampler:
 
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
         current = self._environment.current
-        given = self._given
+        outputs = self._given
         if self._uniform:
             flow = current.uniform_flow(t)
         else:
             flow = None
         if flow is None:
             water = water_at(current, p_W, t)
-            given["u"][:] = water.velocity
-            given["Du_Dt"][:] = water.acceleration
+            outputs["u"][:] = water.velocity
+            outputs["Du_Dt"][:] = water.acceleration
         else:
-            given["u"][:], given["Du_Dt"][:] = flow
+            outputs["u"][:], outputs["Du_Dt"][:] = flow
 
     def _sample_floor(self, p_W: np.ndarray) -> None:
-        given = self._given
-        given["floor_z"][:], given["floor_normal"][:] = ground_at(
+        outputs = self._given
+        outputs["floor_z"][:], outputs["floor_normal"][:] = ground_at(
             self._environment.seafloor, p_W[:, :2]
         )
 

@@ -297,9 +297,9 @@ def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) 
                 f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out"
             )
         if number > there.get(family, number):
-            what = {"payload": "tool"}.get(family, family)
+            part = {"payload": "tool"}.get(family, family)
             raise InvalidInput(
-                f"{fault}: the robot has {there[family]} {what}s; give one of them, from 1"
+                f"{fault}: the robot has {there[family]} {part}s; give one of them, from 1"
             )
 
 
@@ -377,10 +377,12 @@ class SteppedCurrent(Current):
 
 def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:
     """The environment with the steps of its current that are among the faults."""
-    own = tuple(fault for fault in faults if fault.location.family == "current")
-    if not own:
+    current_faults = tuple(fault for fault in faults if fault.location.family == "current")
+    if not current_faults:
         return environment
     return replace(
         environment,
-        current=SteppedCurrent(base=environment.current, seafloor=environment.seafloor, faults=own),
+        current=SteppedCurrent(
+            base=environment.current, seafloor=environment.seafloor, faults=current_faults
+        ),
     )

@@ -96,14 +96,14 @@ def _families() -> dict[str, dict[str, FaultModel]]:
     """
     table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
     for kind in (kind for kinds in table.values() for kind in kinds.values()):
-        kind["values"] = tuple(ValueRange(**one) for one in kind.get("values", ()))
-    found = {
+        kind["values"] = tuple(ValueRange(**value_range) for value_range in kind.get("values", ()))
+    families = {
         family: {name: FaultModel(**kind) for name, kind in kinds.items()}
         for family, kinds in table.items()
     }
-    encoder = found.pop("values")
-    messages = found.pop("messages")
-    return {"sensor": encoder | messages, "encoder": encoder, **found}
+    encoder = families.pop("values")
+    messages = families.pop("messages")
+    return {"sensor": encoder | messages, "encoder": encoder, **families}
 
 
 FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
@@ -156,8 +156,8 @@ def target_of(name: str) -> FaultTarget:
 
 def fault_targets(like: str = "") -> tuple[str, ...]:
     """Names of targets, with the number of the name that they are to be like."""
-    found = _COUNTER.search(like)
-    k = found[0] if found else "1"
+    counter = _COUNTER.search(like)
+    k = counter[0] if counter else "1"
     numbered = (
         f"thruster{k}",
         f"joint{k}",
@@ -254,15 +254,17 @@ def plain(number: float) -> str:
 def _require_values(fault: Fault) -> None:
     kind = kind_of(fault.location, fault.kind)
     n = len(fault.values)
-    what = f"{fault.target}:{fault.kind}"
+    fault_name = f"{fault.target}:{fault.kind}"
     if not kind.takes(n):
-        wanted = "; ".join(map(str, kind.values)) or "none"
+        allowed = "; ".join(map(str, kind.values)) or "none"
         optional = f", the first {kind.least} of them" if kind.least < len(kind.values) else ""
         each = ", or one for each component" if kind.for_each else ""
-        raise InvalidInput(f"{what} with {n} values; give {wanted}{optional}{each}")
+        raise InvalidInput(f"{fault_name} with {n} values; give {allowed}{optional}{each}")
     for index, value in enumerate(fault.values):
         if not kind.range_of(index).holds(value):
-            raise InvalidInput(f"{what} with the value {value:g}; give {kind.range_of(index)}")
+            raise InvalidInput(
+                f"{fault_name} with the value {value:g}; give {kind.range_of(index)}"
+            )
 
 
 # Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
@@ -289,18 +291,18 @@ def parse_fault(text: str) -> Fault:
     line.
     """
     if len(text) <= _LONGEST:
-        found = _TEXT.fullmatch(text.strip())
+        parts = _TEXT.fullmatch(text.strip())
     else:
-        found = None
-    if found is None:
+        parts = None
+    if parts is None:
         raise InvalidInput(f"fault {short(text)}; write {_FORM}")
-    if found["values"]:
-        values = tuple(float(word) for word in found["values"].split(","))
+    if parts["values"]:
+        values = tuple(float(word) for word in parts["values"].split(","))
     else:
         values = ()
-    onset = float(found["onset"] or 0.0)
-    end = float(found["end"] or math.inf)
-    return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)
+    onset = float(parts["onset"] or 0.0)
+    end = float(parts["end"] or math.inf)
+    return Fault(target=parts["target"], kind=parts["kind"], values=values, onset=onset, end=end)
 
 
 def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:

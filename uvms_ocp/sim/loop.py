@@ -80,12 +80,12 @@ def simulate(
     recorder, after the tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
-        given = (
+        problem = (
             f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10"
             " GB of memory"
         )
         raise InvalidInput(
-            f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
+            f"{problem}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
         )
     recorder = recorder or Recorder()
     new = _NewReadings(kept_readings or {})
@@ -113,12 +113,12 @@ def simulate(
             command = controller(measurement, t)
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
-            asked = _asked(command, telemetry, recorder)
+            asked_thrust = _asked(command, telemetry, recorder)
             if kept_readings:
                 measured = new(readings) | {"brakes": command.brakes}
             else:
                 measured = {}
-            row = _row(t, plant.state, measurement, command, asked, measured)
+            row = _row(t, plant.state, measurement, command, asked_thrust, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
             recorder.append(row)
@@ -160,16 +160,16 @@ class _NewReadings:
         ]
 
     def __call__(self, readings: Readings) -> dict[str, Any]:
-        found = {}
+        columns = {}
         for name, channel, none in self._channels:
-            one = getattr(readings, channel)
-            if one is None or one is self._seen[channel]:
-                found[name] = none
+            reading = getattr(readings, channel)
+            if reading is None or reading is self._seen[channel]:
+                columns[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
-                self._seen[channel] = one
-                found[name] = np.array([*np.ravel(one.value).tolist(), one.t])
-                require_kept(channel, found[name].size - 1, none.size - 1)
-        return found
+                self._seen[channel] = reading
+                columns[name] = np.array([*np.ravel(reading.value).tolist(), reading.t])
+                require_kept(channel, columns[name].size - 1, none.size - 1)
+        return columns
 
 
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
@@ -190,7 +190,7 @@ def _row(
     state: State,
     estimate: StateEstimate,
     command: Command,
-    asked: np.ndarray | None,
+    asked_thrust: np.ndarray | None,
     measured: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     row = {
@@ -206,13 +206,13 @@ def _row(
         row["q_std"] = estimate.std
         row["altimeter_std"] = float(estimate.altimeter_std)
     row["command"] = command.v
-    if asked is not None:
-        row["asked_thrust"] = asked
+    if asked_thrust is not None:
+        row["asked_thrust"] = asked_thrust
     if estimate.health:
         row["health"] = np.array([channel.trust for channel in estimate.health], dtype=np.int8)
-    own = len(row)
+    n_recorded = len(row)
     row.update(command.telemetry)
-    if len(row) != own + len(command.telemetry):
-        taken = sorted(set(list(row)[:own]) & command.telemetry.keys())
-        raise InvalidInput(f"telemetry {taken} is what the loop records; rename it")
+    if len(row) != n_recorded + len(command.telemetry):
+        doubled = sorted(set(list(row)[:n_recorded]) & command.telemetry.keys())
+        raise InvalidInput(f"telemetry {doubled} is what the loop records; rename it")
     return row

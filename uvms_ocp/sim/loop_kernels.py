@@ -152,9 +152,9 @@ def feed_filter(m: LoopMemory, s: SensorsMemory, h: HealthMemory, f: FilterMemor
     f.now = m.t
     f.has_command = m.started
     if m.started:
-        left = math.exp(-(m.t - f.before) / RESPONSE_TIME)
+        remaining = math.exp(-(m.t - f.before) / RESPONSE_TIME)
         for i in range(len(m.response)):
-            m.response[i] = m.commanded[i] + left * (m.response[i] - m.commanded[i])
+            m.response[i] = m.commanded[i] + remaining * (m.response[i] - m.commanded[i])
             f.commanded[6 - m.n_vehicle + i] = m.response[i]
     if m.started and m.braked:
         for j in range(f.n_joints):

@@ -100,12 +100,12 @@ def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None
     """
     for fault in faults:
         channel = fault.location.channel
-        maker, what = (sensors, channel) if channel else (plant, fault.location.family)
-        own = not isinstance(maker, str | SensorSpecs)
-        if own and what not in getattr(maker, "simulated_faults", ()):
+        maker, fault_name = (sensors, channel) if channel else (plant, fault.location.family)
+        is_users = not isinstance(maker, str | SensorSpecs)
+        if is_users and fault_name not in getattr(maker, "simulated_faults", ()):
             whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"
-            given = f"{fault}: {whose} has no {what!r} in its simulated_faults"
-            raise InvalidInput(f"{given}; add it and simulate it, or leave it out")
+            problem = f"{fault}: {whose} has no {fault_name!r} in its simulated_faults"
+            raise InvalidInput(f"{problem}; add it and simulate it, or leave it out")
 
 
 # Makers, values of a scenario that build a part for each run.
@@ -256,10 +256,14 @@ class WatchedGates(WatchedEstimator):
         self.outcomes: Array = estimator.outcomes
         """(9, 4) [s, -, -, -] theirs, see `GatedEstimator.outcomes`."""
         shape = (len(NUMBER), 4)
-        found = np.shape(self.outcomes)
-        if found != shape or self.outcomes.dtype != float or not self.outcomes.flags.c_contiguous:
+        actual_shape = np.shape(self.outcomes)
+        if (
+            actual_shape != shape
+            or self.outcomes.dtype != float
+            or not self.outcomes.flags.c_contiguous
+        ):
             raise InvalidInput(
-                f"outcomes of estimator {name} of shape {found}; give {shape}, floats row by row"
+                f"outcomes of estimator {name} of shape {actual_shape}; give {shape}, floats row by row"
             )
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
@@ -329,10 +333,10 @@ class WatchedPlant(Plant):
                 f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty"
                 " for none"
             )
-        given = [name for name in EFFORTS if name in telemetry]
-        if given and len(given) < len(EFFORTS):
+        efforts = [name for name in EFFORTS if name in telemetry]
+        if efforts and len(efforts) < len(EFFORTS):
             raise InvalidInput(
-                f"telemetry of plant {self._name} has {given[0]!r}; give all of"
+                f"telemetry of plant {self._name} has {efforts[0]!r}; give all of"
                 f" {', '.join(EFFORTS)}, or none"
             )
         return {name: self._recorded(name, value) for name, value in telemetry.items()}
@@ -362,13 +366,15 @@ class WatchedPlant(Plant):
                 )
             return array
         if name == _MAYBE_UNKNOWN:
-            known = array[~np.isnan(array)]
+            known_values = array[~np.isnan(array)]
         else:
-            known = array
-        if array.shape != self._shapes[name] or not np.isfinite(known).all():
-            found = f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
+            known_values = array
+        if array.shape != self._shapes[name] or not np.isfinite(known_values).all():
+            problem = (
+                f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
+            )
             raise InvalidInput(
-                f"{whose} has {name} {found}; give finite numbers of shape {self._shapes[name]}"
+                f"{whose} has {name} {problem}; give finite numbers of shape {self._shapes[name]}"
             )
         return array.astype(float)
 
@@ -444,19 +450,19 @@ class InjectedFault:
         """Return the command that arrives at time t [s]. Raises `InvalidInput` for one that the
         plant cannot take.
         """
-        left = self.made.command(command, t)
+        changed = self.made.command(command, t)
         name = part_name(self.maker)
-        if not isinstance(left, Command):
+        if not isinstance(changed, Command):
             raise InvalidInput(
-                f"fault {name} returned {type(left).__name__} for a command; return a Command"
+                f"fault {name} returned {type(changed).__name__} for a command; return a Command"
             )
         for item in ("v", "thrust", "torque"):
-            asked = getattr(command, item)
-            if asked is not None:
+            original = getattr(command, item)
+            if original is not None:
                 require_numbers(
-                    f"the command of fault {name}", item, getattr(left, item), asked.shape
+                    f"the command of fault {name}", item, getattr(changed, item), original.shape
                 )
-        return left
+        return changed
 
 
 class FaultyPlant(Plant):
@@ -514,9 +520,9 @@ def require_fault(fault: Any) -> None:
     (onset, end) = times
     numbers = all(isinstance(t, int | float | np.floating) for t in times)
     if not (callable(fault) and numbers and 0.0 <= onset < end):
-        given = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
+        problem = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
         raise InvalidInput(
-            f"{given}; give a Fault, or what makes one, with times from 0 on, the end last, inf for"
+            f"{problem}; give a Fault, or what makes one, with times from 0 on, the end last, inf for"
             " never"
         )
 

@@ -308,9 +308,9 @@ class DynamicPlant(Plant):
     def telemetry_in_memory(self) -> dict[str, np.ndarray]:
         """Telemetry on the memory of the kernel."""
         arrays = self._arrays
-        found = {name: getattr(arrays, name) for name in _TELEMETRY}
-        found["joint_energy"] = arrays.joint_energy.reshape(())
-        return found | {
+        telemetry = {name: getattr(arrays, name) for name in _TELEMETRY}
+        telemetry["joint_energy"] = arrays.joint_energy.reshape(())
+        return telemetry | {
             "current": arrays.u[:3] if len(arrays.u) else np.zeros(3)
         }  # nothing where no link is in water
 
@@ -326,8 +326,8 @@ class DynamicPlant(Plant):
         finite = math.isfinite(thrust.dot(thrust) + torque.dot(torque))
         if (thrust.shape, torque.shape) != self._shapes or not finite:
             (n,), (m,) = self._shapes
-            given = f"thrust {thrust.tolist()} N, torque {torque.tolist()} N m given"
-            raise InvalidInput(f"{given}; allowed: {n} and {m} finite numbers")
+            problem = f"thrust {thrust.tolist()} N, torque {torque.tolist()} N m given"
+            raise InvalidInput(f"{problem}; allowed: {n} and {m} finite numbers")
         self._arrays.asked_thrust[:] = thrust
         self._arrays.asked_torque[:] = torque
         self.memory.brake = BRAKE_FRICTION if command.brakes else 0.0
@@ -355,13 +355,13 @@ class DynamicPlant(Plant):
         """Let go of payloads, which take their momentum along, and pick up others, which lay
         still.
         """
-        kept = tuple(fault for fault in had if fault in have)
-        before = self._with_payloads(kept)
-        if have == kept:
+        lasting = tuple(fault for fault in had if fault in have)
+        before = self._with_payloads(lasting)
+        if have == lasting:
             self._dynamics = before
         else:
             self._dynamics = self._with_payloads(have)
-        if have != kept:
+        if have != lasting:
             q, v = self.state.q, self.state.v
             matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
             self.state = signals.unchecked_state(

@@ -355,11 +355,11 @@ class HeightField(Seafloor):
 
         (x, y, z) = origin.tolist()
         (dx, dy, dz) = direction.tolist()
-        near = bumps.T.tolist()
+        bump_rows = bumps.T.tolist()
 
         def clearance(s: float) -> float:
             rise = 0.0
-            for bx, by, height, scale in near:  # few: quicker than arrays
+            for bx, by, height, scale in bump_rows:  # few: quicker than arrays
                 rest = 1.0 - ((bx - x - s * dx) ** 2 + (by - y - s * dy) ** 2) * scale
                 rise += height * rest**3 if rest > 0.0 else 0.0
             return z + s * dz - self.z - rise

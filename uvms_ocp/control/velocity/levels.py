@@ -407,10 +407,10 @@ def _known_levels(
 
 
 def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
-    own = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
+    quantities = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
     if not symbols.robot.n_vehicle:
-        return own
-    return {**own, "vehicle.depth": -symbols.q[2], _SPEED: ca.norm_2(symbols.velocity[:3])}
+        return quantities
+    return {**quantities, "vehicle.depth": -symbols.q[2], _SPEED: ca.norm_2(symbols.velocity[:3])}
 
 
 class _Level(NamedTuple):
@@ -461,12 +461,14 @@ def _rests_on(
     q = symbols.q
     values = ca.vertcat(ca.SX(0, 1), *quantities.values())
     measured = {task.name for task in tasks if task.nearest_pairs is not None}
-    near = np.array([name.rpartition(".")[0] in measured for name in quantities], dtype=bool)
+    is_of_distances = np.array(
+        [name.rpartition(".")[0] in measured for name in quantities], dtype=bool
+    )
     n = 7 if robot.n_vehicle else 0
     of_q = {"position": q[: min(n, 3)], "attitude": q[min(n, 3) : n], "joint_positions": q[n:]}
-    found = {name: _depends(values, part) | near for name, part in of_q.items()}
-    found["linear_velocity"] = np.array([name == _SPEED for name in quantities], dtype=bool)
-    return {**found, "altimeter_range": _depends(values, symbols.altimeter_range)}
+    dependencies = {name: _depends(values, part) | is_of_distances for name, part in of_q.items()}
+    dependencies["linear_velocity"] = np.array([name == _SPEED for name in quantities], dtype=bool)
+    return {**dependencies, "altimeter_range": _depends(values, symbols.altimeter_range)}
 
 
 def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:

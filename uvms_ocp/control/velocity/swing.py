@@ -118,13 +118,13 @@ def countered_rows(
         symbols.velocity[axes]
         - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
     )
-    least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
-    share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
+    regularization = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
+    share = -arm.T @ ca.solve(arm @ arm.T + regularization * ca.SX.eye(rows.n_rows), free @ ahead)
     if robot.n_joints:
-        most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
+        largest_joint_share = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
     else:
-        most = 1
-    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / most
+        largest_joint_share = 1
+    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / largest_joint_share
     return replace(
         rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met
     )
@@ -151,11 +151,12 @@ def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
     slope, moment = _balance(robot)(symbols.q, passive[3])
     K = slope[:, axes]
     upright = np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
-    least = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
-    found = -K.T @ ca.solve(
-        K @ K.T + least * ca.SX.eye(len(axes)), ca.horzcat(slope[:, robot.n_vehicle :], moment)
+    regularization = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
+    lean = -K.T @ ca.solve(
+        K @ K.T + regularization * ca.SX.eye(len(axes)),
+        ca.horzcat(slope[:, robot.n_vehicle :], moment),
     )
-    return Lean(slope=found[:, :-1], offset=found[:, -1])
+    return Lean(slope=lean[:, :-1], offset=lean[:, -1])
 
 
 def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:

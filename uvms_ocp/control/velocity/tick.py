@@ -113,9 +113,9 @@ def _measure_distances(m: TickMemory) -> None:
         i = m.nearest.pairs[k].task
         if target[i] != 0.0 or m.gates[i] != 0.0:
             if not looked:
-                least = m.rule.stop.dt if m.near else math.inf
+                first_step = m.rule.stop.dt if m.near else math.inf
                 distances.place_along_stop(
-                    m.nearest, m.q, m.command, m.rule.stop.acceleration, least
+                    m.nearest, m.q, m.command, m.rule.stop.acceleration, first_step
                 )
                 looked = True
             distances.measure_pairs(m.nearest, k, m.goals.values)
@@ -293,8 +293,8 @@ def _shorten(m: TickMemory) -> None:
             m.faster[i] += gain * (faster - m.faster[i])
         excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
     for i in range(len(m.solved)):
-        most = m.velocity_limit[i] - m.faster[i]
-        m.wanted[i] = min(max(m.solved[i] / excess, -most), most)
+        largest_speed = m.velocity_limit[i] - m.faster[i]
+        m.wanted[i] = min(max(m.solved[i] / excess, -largest_speed), largest_speed)
 
 
 # The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes
@@ -409,21 +409,21 @@ solver or of both.
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
-def solve_in_c(whole: VelocityController) -> Callable[[VelocityController], int]:
+def solve_in_c(controller: VelocityController) -> Callable[[VelocityController], int]:
     """`solve_and_finish` for a `VelocityController`."""
-    (run,) = bind_memory(whole, (solve_and_finish,))
+    (run,) = bind_memory(controller, (solve_and_finish,))
     return run
 
 
-def finish_in_c(whole: VelocityController) -> Callable[[], Solved]:
+def finish_in_c(controller: VelocityController) -> Callable[[], Solved]:
     """On a `VelocityController`."""
-    run = solve_in_c(whole)
-    residual = view(whole.residual)
-    activity = view(whole.activity)
+    run = solve_in_c(controller)
+    residual = view(controller.residual)
+    activity = view(controller.activity)
 
     def call() -> Solved:
         begin = perf_counter()
-        status = run(whole)
+        status = run(controller)
         return status, residual.copy(), activity.copy(), perf_counter() - begin
 
     return call

@@ -185,7 +185,7 @@ def tick_memory(
     """
     tasks = mission.hierarchy.tasks
     names = problem.quantity_names
-    known = {
+    all_sizes = {
         **sizes,
         "n_tasks": len(tasks),
         "n_quantities": len(names),
@@ -195,7 +195,7 @@ def tick_memory(
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
-    memory = structure_of(TickMemory, **known)()
+    memory = structure_of(TickMemory, **all_sizes)()
     write_mission(memory.mission, mission, names)
     write_modes(memory.restriction)
     memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude

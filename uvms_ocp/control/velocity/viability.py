@@ -137,7 +137,7 @@ def enforce_viability(
     m: ViabilityMemory,
     q: Vector,
     previous: Vector,
-    wanted: Vector,
+    desired: Vector,
     gates: Vector,
     quantities: Vector,
 ) -> float:
@@ -153,17 +153,17 @@ def enforce_viability(
     for i in range(len(m.mixed)):
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the
         # other.
-        m.mixed[i] = max(abs(wanted[i]), abs(m.slower[i]))
+        m.mixed[i] = max(abs(desired[i]), abs(m.slower[i]))
     if not may_reach_limit(m, m.mixed, gates, quantities):
         return 1.0
     _select_near(m, q, quantities)
-    if _is_clear(m, q, wanted):
+    if _is_clear(m, q, desired):
         return 1.0
     _lower_floors(m, q)
-    share = _largest_share(m, q, wanted)
-    _interpolate(m, wanted, share)
+    share = _largest_share(m, q, desired)
+    _interpolate(m, desired, share)
     n = len(m.mixed)
-    wanted[:n] = m.mixed[:n]
+    desired[:n] = m.mixed[:n]
     return share
 
 
@@ -274,25 +274,25 @@ def _lower_floor(m: ViabilityMemory, k: int) -> None:
             m.floor[i] = min(m.floor[i], _height(m, k, i, m.floor[i]))
 
 
-def _interpolate(m: ViabilityMemory, wanted: Vector, share: float) -> None:
+def _interpolate(m: ViabilityMemory, desired: Vector, share: float) -> None:
     for i in range(len(m.mixed)):
-        m.mixed[i] = m.slower[i] + share * (wanted[i] - m.slower[i])
+        m.mixed[i] = m.slower[i] + share * (desired[i] - m.slower[i])
 
 
-def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
+def _largest_share(m: ViabilityMemory, q: Vector, desired: Vector) -> float:
     """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known
     to be clear.
     """
-    _interpolate(m, wanted, 1.0)
+    _interpolate(m, desired, 1.0)
     if _is_clear(m, q, m.mixed):
         return 1.0
     low = 0.0
     high = 1.0
-    left = _HALVINGS
-    while left > 0:
-        left -= 1
+    halvings_left = _HALVINGS
+    while halvings_left > 0:
+        halvings_left -= 1
         middle = 0.5 * (low + high)
-        _interpolate(m, wanted, middle)
+        _interpolate(m, desired, middle)
         if _is_clear(m, q, m.mixed):
             low = middle
         else:
@@ -345,13 +345,13 @@ def position_guards(
     """The limits that `tasks` stand for, those with an expression first; quantity_names: of the
     vector, "task.quantity".
     """
-    found = [
+    limits = [
         (k, task, limit)
         for k, task in enumerate(tasks)
         if (limit := task.position_limit(robot)) is not None
     ]
-    found.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
-    firsts = np.cumsum([0, *(limit.n for _, _, limit in found)])
+    limits.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
+    firsts = np.cumsum([0, *(limit.n for _, _, limit in limits)])
     return tuple(
         PositionGuard(
             limit=limit,
@@ -359,7 +359,7 @@ def position_guards(
             quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
             first=int(first),
         )
-        for (k, task, limit), first in zip(found, firsts, strict=False)
+        for (k, task, limit), first in zip(limits, firsts, strict=False)
     )
 
 
@@ -372,7 +372,7 @@ def without_c_form(
     Told without a controller, for which something would have to be compiled.
     """
     tasks = mission.hierarchy.tasks
-    found = {
+    moving_goals = {
         item.name: _MOVES
         for phase in goals.asked_in_phases(mission, goals.tracks_of(mission, dt))
         for item in phase
@@ -385,9 +385,9 @@ def without_c_form(
         task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)
     }
     reasons = [
-        (tasks[task].name, why) for known in (limits, distances) for task, why in known.items()
+        (tasks[task].name, why) for by_task in (limits, distances) for task, why in by_task.items()
     ]
-    return found | {name: why for name, why in reasons if why}
+    return moving_goals | {name: why for name, why in reasons if why}
 
 
 def _refusal(guard: PositionGuard, robot: Robot) -> str:
@@ -413,7 +413,9 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
         "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
         "n_limits": len(guards),
         "n_positions": sum(guard.limit.n for guard in guards),
-        "smooth": _positions(robot, tuple(one for one in values if isinstance(one, ca.Function))),
+        "smooth": _positions(
+            robot, tuple(positions for positions in values if isinstance(positions, ca.Function))
+        ),
         **braking.stop_sizes(robot, dt),
     }
 
@@ -425,7 +427,7 @@ def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
     return ca.Function(
         "positions",
         [q],
-        [ca.densify(ca.vertcat(ca.SX(0, 1), *(one(q) for one in values)))],
+        [ca.densify(ca.vertcat(ca.SX(0, 1), *(position(q) for position in values)))],
         {"cse": True},
     )
 

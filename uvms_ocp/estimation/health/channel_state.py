@@ -388,7 +388,7 @@ def health_memory(
     robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
 ) -> HealthMemory:
     """A `HealthMemory`; specs: of every channel that the robot has."""
-    made = structure_of(
+    memory = structure_of(
         HealthMemory,
         n_q=robot.n_q,
         n_v=robot.n_v,
@@ -396,15 +396,15 @@ def health_memory(
         n_width=max(4, *sizes_of(robot)["joint_positions"]),
         n_estimates=N_ESTIMATES,
     )()
-    made.n = len(specs)
-    made.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
-    made.clean = tuning.clean
-    made.clock = tuning.clock
-    made.late = tuning.late
-    made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
-    made.history.spacing = made.history.length / (N_ESTIMATES - 2)
+    memory.n = len(specs)
+    memory.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
+    memory.clean = tuning.clean
+    memory.clock = tuning.clock
+    memory.late = tuning.late
+    memory.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
+    memory.history.spacing = memory.history.length / (N_ESTIMATES - 2)
     for number in range(N_CHANNELS):
-        c = made.channels[number]
+        c = memory.channels[number]
         c.number = number
         c.rival = -1
         c.other_rival = -1
@@ -415,25 +415,27 @@ def health_memory(
         ) = -math.inf
         c.taken = c.used_at = math.nan
     for name, spec in specs.items():
-        _set_channel(made.channels[NUMBER[name]], robot, name, spec)
-    _set_gates(made, robot, specs, tuning)
+        _set_channel(memory.channels[NUMBER[name]], robot, name, spec)
+    _set_gates(memory, robot, specs, tuning)
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
-    made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
+    memory.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
     if _is_plain(robot) and robot.n_joints == len(robot.joint_names):
-        made.encoders.n = robot.n_joints
+        memory.encoders.n = robot.n_joints
     else:
-        made.encoders.n = 0
+        memory.encoders.n = 0
     bias = dict.fromkeys(sizes_of(robot), 0.0) | {
         name: max(map(abs, spec.biases)) for name, spec in specs.items()
     }
     noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
-    redundancy.init_comparisons(made.velocity, made.rate, made.depth, made.encoder, noise, bias)
-    made.encoder.n = made.encoders.n
-    init_floor(
-        made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
+    redundancy.init_comparisons(
+        memory.velocity, memory.rate, memory.depth, memory.encoder, noise, bias
     )
-    return made
+    memory.encoder.n = memory.encoders.n
+    init_floor(
+        memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
+    )
+    return memory
 
 
 def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:

@@ -128,23 +128,25 @@ class GuardedEstimator(TableDisplay):
 
     def estimate(self) -> StateEstimate:
         """Return what the kernels have left in memory at a tick."""
-        now = self.monitor.memory.now
-        found = self.estimator
-        if isinstance(found, Estimator):
-            made = found.estimate()
+        present = self.monitor.memory.now
+        estimator = self.estimator
+        if isinstance(estimator, Estimator):
+            filtered = estimator.estimate()
             return self._with_support(
-                made.q,
-                made.v,
-                made.altimeter_range,
+                filtered.q,
+                filtered.v,
+                filtered.altimeter_range,
                 self.monitor.health,
-                made.std,
-                made.altimeter_std,
+                filtered.std,
+                filtered.altimeter_std,
             )
         echo = self.monitor.memory.channels[NUMBER["altimeter_range"]].used_value[0]
-        return self._with_support(np.array(now.q), np.array(now.v), echo, self.monitor.health)
+        return self._with_support(
+            np.array(present.q), np.array(present.v), echo, self.monitor.health
+        )
 
     def _table(self) -> SmallTable:
-        watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
+        watched = {channel.channel: channel.trust.name.lower() for channel in self.monitor.health}
         return SmallTable(
             title=type(self).__name__,
             rows=rows_of({"estimator": format_value(self.estimator), **watched}),
@@ -178,6 +180,6 @@ class GuardedEstimator(TableDisplay):
         """Return whether every channel has a reading that a pass-through needs; what is there once
         remains.
         """
-        asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
-        self._has_all_channels = all(getattr(readings, name) is not None for name in asked)
+        required = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
+        self._has_all_channels = all(getattr(readings, name) is not None for name in required)
         return self._has_all_channels

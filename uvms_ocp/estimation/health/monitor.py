@@ -99,12 +99,12 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 
     The altitude has a state of its own: its range is nan without an echo.
     """
-    wanted = (
+    channels = (
         ((*_VEHICLE,) if robot.n_vehicle else ())
         + JOINT_CHANNELS
         + (("joint_velocities",) if rates else ())
     )
-    return tuple(name for name in wanted if getattr(specs, name) is not None)
+    return tuple(name for name in channels if getattr(specs, name) is not None)
 
 
 def support_of(
@@ -113,16 +113,16 @@ def support_of(
     """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has
     gates (gating).
     """
-    made = structure_of(EstimateSupport)()
-    made.exact = exact
-    made.gating = gating
-    made.n = len(needed)
-    made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
-    made.fallback[:] = [-1] * N_CHANNELS
-    for name, other in fallback.items():
-        made.fallback[NUMBER[name]] = int(NUMBER[other.channel])
-        made.max_duration[NUMBER[name]] = other.max_duration
-    return made
+    support = structure_of(EstimateSupport)()
+    support.exact = exact
+    support.gating = gating
+    support.n = len(needed)
+    support.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
+    support.fallback[:] = [-1] * N_CHANNELS
+    for name, fallback_sensor in fallback.items():
+        support.fallback[NUMBER[name]] = int(NUMBER[fallback_sensor.channel])
+        support.max_duration[NUMBER[name]] = fallback_sensor.max_duration
+    return support
 
 
 def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
@@ -140,25 +140,25 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     oldest = m.t
     for k in range(s.n):
         number = s.needed[k]
-        own = _supported_until(m, s, number)
-        if math.isnan(own):
+        supported_until = _supported_until(m, s, number)
+        if math.isnan(supported_until):
             s.oldest = number
             s.age = math.inf
             return
-        if own < oldest:
-            oldest = own
+        if supported_until < oldest:
+            oldest = supported_until
             s.oldest = number
     s.age = m.t - oldest
 
 
 def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: int) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
-    own = m.channels[number].taken
-    other = s.fallback[number]
-    by = m.channels[other].taken if other >= 0 else math.nan
-    if math.isnan(own) or math.isnan(by):
-        return own
-    return max(own, min(by, own + s.max_duration[number]))
+    taken_at = m.channels[number].taken
+    fallback = s.fallback[number]
+    by = m.channels[fallback].taken if fallback >= 0 else math.nan
+    if math.isnan(taken_at) or math.isnan(by):
+        return taken_at
+    return max(taken_at, min(by, taken_at + s.max_duration[number]))
 
 
 def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
@@ -183,14 +183,14 @@ class PassThroughMemory(Layout):
 
 def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     """Make the `PassThroughMemory` of an estimator."""
-    made = structure_of(PassThroughMemory)()
+    memory = structure_of(PassThroughMemory)()
     n = len(estimator.q_channels)
-    made.n = n
-    made.of_q[:n], made.of_v[:n] = (
+    memory.n = n
+    memory.of_q[:n], memory.of_v[:n] = (
         [int(NUMBER[name]) for name in names]
         for names in (estimator.q_channels, estimator.v_channels)
     )
-    return made
+    return memory
 
 
 def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:

@@ -164,7 +164,7 @@ def _is_floor(
 
 
 def _place(
-    here: floor.FloorPoint,
+    point: floor.FloorPoint,
     c: ChannelMemory,
     estimate: plausibility.PastEstimate,
     up: Vector,
@@ -173,13 +173,13 @@ def _place(
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in
     W, seen from the vehicle.
     """
-    here.t = c.stamp
-    here.sensor_x = estimate.q[0] + at[0]
-    here.sensor_y = estimate.q[1] + at[1]
-    here.sensor_z = estimate.q[2] + at[2]
-    here.x = here.sensor_x - c.value[0] * up[0]
-    here.y = here.sensor_y - c.value[0] * up[1]
-    here.z = here.sensor_z - c.value[0] * up[2]
+    point.t = c.stamp
+    point.sensor_x = estimate.q[0] + at[0]
+    point.sensor_y = estimate.q[1] + at[1]
+    point.sensor_z = estimate.q[2] + at[2]
+    point.x = point.sensor_x - c.value[0] * up[0]
+    point.y = point.sensor_y - c.value[0] * up[1]
+    point.z = point.sensor_z - c.value[0] * up[2]
 
 
 # Pairs of channels that tell of the same motion, and which of a pair is to blame.
@@ -231,22 +231,26 @@ def _compare_fix(
 ) -> None:
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
-    known = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
+    is_comparable = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
     quick = redundancy.drift_rate(m.velocity.quick, 0)
     slow = redundancy.drift_rate(m.velocity.slow, 0)
     plausibility.rotate(estimate.q, estimate.v, v_W)
     by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
-    if known and quick > 0.0:
+    if is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
         # fixes jumped.
         guilty = _is_guilty(m, c)
-        other = _is_guilty(m, velocity)
-        if velocity.present and (other or not guilty) and exclude(velocity, why, m.t, m.clean):
+        velocity_is_guilty = _is_guilty(m, velocity)
+        if (
+            velocity.present
+            and (velocity_is_guilty or not guilty)
+            and exclude(velocity, why, m.t, m.clean)
+        ):
             m.exposed = True
-        if guilty == other and slow > 0.0:
+        if guilty == velocity_is_guilty and slow > 0.0:
             suspect(c, why, m.t)
-    elif known and slow > 0.0:
+    elif is_comparable and slow > 0.0:
         # Nothing tells which of the two drifts, but for depths where it is along z.
         set_complaint(why, Reason.DRIFT, slow, 0.0)
         if redundancy.drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
@@ -258,7 +262,7 @@ def _compare_fix(
         if (
             not _agrees_with_velocity(m, depth)
             and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
-            and known
+            and is_comparable
         ):
             exclude(depth, why, m.t, m.clean)
         else:

@@ -104,11 +104,9 @@ class ScenePage:
         style = f"width:100%;height:{self.height:d}px;border:none"
         if whole:
             page = f'srcdoc="{html.escape(self.html)}"'
-        else:
-            page = f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
-        if whole:
             script = ""
         else:
+            page = f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
             script = f"<script>{asset('frame.js')}('{name}')</script>"
         opening = (
             f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts"'
