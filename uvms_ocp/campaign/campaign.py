@@ -11,16 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign import cluster, distributions, jobs
+from uvms_ocp.campaign import cluster, distributions, jobs, run_metrics
 from uvms_ocp.campaign.code_source import CodeSource
-from uvms_ocp.campaign.store import (
-    MOST_RUNS,
-    SOURCES,
-    CampaignManifest,
-    read_manifest,
-    read_table,
-    types_of,
-)
+from uvms_ocp.campaign.manifest import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, types_of
+from uvms_ocp.campaign.store import read_table
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
@@ -56,7 +50,7 @@ class MissionJob(jobs.CampaignJob):
 
     @property
     def columns(self) -> Mapping[str, type]:
-        numbers = (*self.names, *jobs.METRICS, *jobs.tool_metrics(self.base().robot))
+        numbers = (*self.names, *run_metrics.METRICS, *run_metrics.tool_metrics(self.base().robot))
         return {"seed": int, **dict.fromkeys(numbers, float), "finished": bool}
 
     def head(self, run: int) -> jobs.Row:
@@ -102,7 +96,7 @@ class MissionJob(jobs.CampaignJob):
             "finished": record.run_meta.completed,
         }
         keep = self.records == "all" or (self.records == "failures" and not success)
-        row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
+        row = {**self.head(run), **run_metrics.run_metrics(scenario, record), **ending}
         return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
 
 

@@ -16,7 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.campaign.jobs import CampaignJob
-from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
+from uvms_ocp.campaign.manifest import CampaignManifest
+from uvms_ocp.campaign.store import arrow, opened
 from uvms_ocp.codegen.compile import n_processors, warn_if_slower
 from uvms_ocp.errors import (
     InvalidInput,

@@ -10,7 +10,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass, replace_unchecked
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.velocity.abort import ActuationFeedback
-from uvms_ocp.control.velocity.kinematic import GuideOutput
+from uvms_ocp.control.velocity.guide import GuideOutput
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation import degraded_modes, fallbacks
 from uvms_ocp.mission.mission import Mission

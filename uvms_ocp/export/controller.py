@@ -24,7 +24,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, structure_of, view
 from uvms_ocp.codegen.kernels import CLibrary, c_library, number
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
 from uvms_ocp.control.force.tick_functions import column_sizes
-from uvms_ocp.control.velocity import tick, viability
+from uvms_ocp.control.velocity import position_guards, tick
 from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.degraded_modes import CHANNELS
@@ -357,7 +357,7 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
-    tasks = viability.without_c_form(
+    tasks = position_guards.without_c_form(
         scenario.robot, scenario.mission, scenario.dt, problem.quantity_names
     )
     found += [f"task {name}: {why}" for name, why in tasks.items()]

@@ -37,7 +37,7 @@ from uvms_ocp.robot.signals import (
     unchecked_readings,
 )
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import Fault, fault_effects, own_parts, sensors
+from uvms_ocp.sim import Fault, fault_effects, injected_faults, sensors
 from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
@@ -158,7 +158,7 @@ def estimate_recording(
         "dt": dt,
         "channels": channels,
         "alarms": alarms,
-        "faults": tuple(map(own_parts.fault_meta, faults)),
+        "faults": tuple(map(injected_faults.fault_meta, faults)),
     }
     meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
     record = Record(

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, finite_array
 from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains, external
-from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
+from uvms_ocp.control.velocity.guide import Guide
+from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.channel_state import sizes_of
@@ -43,10 +44,12 @@ from uvms_ocp.sim import (
     KinematicPlant,
     Plant,
     SensorSuite,
-    own_parts,
+    injected_faults,
     parse_fault,
+    watched_estimator,
+    watched_plant,
+    watched_sensors,
 )
-from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.loop import (
     Progress,
     Sensors,
@@ -55,6 +58,7 @@ from uvms_ocp.sim.loop import (
     has_diverged,
     simulate,
 )
+from uvms_ocp.sim.machine_faults import require_possible
 from uvms_ocp.sim.own_parts import (
     part_name,
     plant_name,
@@ -139,7 +143,10 @@ class EstimatorFactory(PartFactory):
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
         return GuardedEstimator(
-            own_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor
+            watched_estimator.watched_estimator(made, robot, part_name(self.maker)),
+            robot,
+            specs,
+            monitor,
         )
 
 
@@ -293,7 +300,7 @@ class Scenario(FieldTable):
         faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
         object.__setattr__(self, "faults", faults)
         for fault in faults:
-            own_parts.require_fault(fault)
+            injected_faults.require_fault(fault)
         known = self.toolkit_faults
         if known:
             require_possible(
@@ -396,7 +403,7 @@ class Scenario(FieldTable):
         with raised_outside_casadi():
             controller = controller or self.controller()
             estimator = self.estimator()
-            plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
+            plant, sensors = injected_faults.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {
             "plant": plant,
             "sensors": sensors,
@@ -464,7 +471,7 @@ class Scenario(FieldTable):
             "name": self.name,
             "setup": self.setup(),
             "parts": names,
-            "faults": tuple(map(own_parts.fault_meta, self.faults)),
+            "faults": tuple(map(injected_faults.fault_meta, self.faults)),
             "controller": kinematic,
         }
         if self.record_rate is None:
@@ -570,7 +577,7 @@ class Scenario(FieldTable):
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
-            return own_parts.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
+            return watched_plant.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
@@ -583,7 +590,7 @@ class Scenario(FieldTable):
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
             return self._sensor_suite().read
-        return own_parts.WatchedSensors(
+        return watched_sensors.WatchedSensors(
             self.sensors(self), self.robot, self.specs, part_name(self.sensors)
         )
 

@@ -21,7 +21,8 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import CHANNELS, State
 from uvms_ocp.sim import loop_kernels as kernels
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.sampling import N_DRAWN
 from uvms_ocp.sim.sensors import SensorSuite
 

@@ -25,8 +25,9 @@ from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.robot.signals import CHANNELS, Trust
+from uvms_ocp.sim.dynamic_plant import BRAKE_FRICTION
 from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
-from uvms_ocp.sim.plant import BRAKE_FRICTION, KinematicMemory, advance_kinematic
+from uvms_ocp.sim.plant import KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
 
 GO = 0

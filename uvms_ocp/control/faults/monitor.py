@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import assign
-from uvms_ocp.control.faults import authority, verdicts
-from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory
-from uvms_ocp.control.faults.thrusters import EARLY, LATE, ThrusterFaultMemory
+from uvms_ocp.control.faults import authority, residual_filter, verdicts
+from uvms_ocp.control.faults.detection import FaultDetection
+from uvms_ocp.control.faults.fault_isolation import EARLY, LATE
+from uvms_ocp.control.faults.joint_faults import JointFaultMemory
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
@@ -51,7 +53,7 @@ def write_detection(
     memory: FaultDetection,
     robot: Robot,
     tuning: verdicts.ActuatorHealthTuning,
-    residual_filter: verdicts.ResidualFilter,
+    residual_filter: residual_filter.ResidualFilter,
     *,
     bandwidth: float,
     dt: float,

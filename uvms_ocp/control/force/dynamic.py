@@ -16,11 +16,13 @@ from uvms_ocp.checks import (
     unchecked_constructor,
 )
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
-from uvms_ocp.control.force import allocation, tick_functions, velocity_law
+from uvms_ocp.control.faults.residual_filter import residual_filter_for
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
-from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
+from uvms_ocp.control.load_filter import LoadLearning
+from uvms_ocp.control.payload import LoadLearner, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
@@ -281,7 +283,7 @@ def _laws(
             reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),
             dt=dt,
         ),
-        lag=allocation.thruster_lag(robot, lead=gains.lead, dt=dt),
+        lag=thruster_lag.thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
         observer=_observer_law(robot, gains, dt),

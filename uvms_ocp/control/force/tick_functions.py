@@ -21,14 +21,10 @@ import numpy as np
 from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
-from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealthTuning,
-    FilteredCommands,
-    ResidualFilter,
-    ThrusterEffectiveness,
-)
-from uvms_ocp.control.force.allocation import ThrusterLag
+from uvms_ocp.control.faults.residual_filter import FilteredCommands, ResidualFilter
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
+from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 

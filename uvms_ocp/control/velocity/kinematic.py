@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -14,13 +13,20 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import goals as task_goals, levels, tick as velocity_tick, viability
+from uvms_ocp.control.velocity import (
+    goal_tracks,
+    goals as task_goals,
+    levels,
+    position_guards,
+    tick as velocity_tick,
+)
 from uvms_ocp.control.velocity.abort import (
     AbortMonitor,
     AbortReason,
     ActuationFeedback,
-    ascent_goal,
 )
+from uvms_ocp.control.velocity.ascent import ascent_goal
+from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
@@ -41,36 +47,6 @@ from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate, unchec
 from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
-
-# What may stand in for the hierarchy: a velocity from elsewhere, as long as it lasts.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GuideOutput:
-    """Output of a guide at a tick."""
-
-    v: np.ndarray | None
-    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it
-    is left to that.
-    """
-    why: str = ""
-    """Why it is left, at the tick where that happens."""
-
-
-class Guide(Protocol):
-    """Source of velocities in place of the hierarchy's, asked at every tick after the mission."""
-
-    @property
-    def bandwidth(self) -> float:
-        """Share of the usual feedback of velocities that suffices: a planned motion needs
-        little.
-        """
-
-    def __call__(
-        self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
-    ) -> GuideOutput:
-        """waiting: describes what the mission waits for; feedback: of the force layer."""
-
 
 # Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
 
@@ -122,17 +98,18 @@ class KinematicController(TableDisplay):
         self.watchdog = watchdog or Watchdog()
         names = self.problem.quantity_names
         tasks = mission.hierarchy.tasks
-        guards = viability.position_guards(robot, tasks, names)
-        tracks = task_goals.tracks_of(mission, dt)
+        guards = position_guards.position_guards(robot, tasks, names)
+        tracks = goal_tracks.tracks_of(mission, dt)
         asking = task_goals.distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_layout_sizes(
-            [*viability.models_of(guards), *(nearest_pairs.model for nearest_pairs in pairs)], robot
+            [*position_guards.models_of(guards), *(nearest_pairs.model for nearest_pairs in pairs)],
+            robot,
         )
         sizes = {
-            **viability.viability_sizes(robot, guards, dt),
-            **task_goals.track_sizes(tracks),
+            **position_guards.viability_sizes(robot, guards, dt),
+            **goal_tracks.track_sizes(tracks),
             **nearest,
             **room,
         }
@@ -155,7 +132,7 @@ class KinematicController(TableDisplay):
             self._finish = self._finish_by(solver)
         else:
             self._finish = velocity_tick.finish_in_c(self.whole)
-        self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
+        self._guarding = position_guards.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, memory.distress)
@@ -208,7 +185,7 @@ class KinematicController(TableDisplay):
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
-        return viability.without_c_form(
+        return position_guards.without_c_form(
             self.robot, self.mission, self.dt, self.problem.quantity_names
         )
 

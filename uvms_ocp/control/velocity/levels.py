@@ -22,6 +22,11 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.codegen.casadi_code import with_numbers
+from uvms_ocp.control.velocity.jerk_limit import (
+    jerk_limit_rows,
+    unlimited_axes,
+)
+from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.control.velocity.swing import (
     N_PASSIVE,
     countered_rows,
@@ -31,185 +36,11 @@ from uvms_ocp.control.velocity.swing import (
     swinging_axes,
 )
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
-from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies, thrusters
+from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.solvers.hierarchy.level import widen_bounds
-from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
+from uvms_ocp.tasks.activation import stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Keyed, Period
-
-# Accelerations that rise and fall instead of jumping.
-#
-# The acceleration limits alone let a velocity turn from full acceleration to full braking within
-# one tick, and a strict hierarchy does so wherever it pays. Two things ease it: references are
-# approached with an acceleration that falls to 0, and a level of its own bounds the change of
-# acceleration of each axis. That level is below the tasks that keep the robot safe: braking for the
-# sake of a limit is never eased.
-
-# [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at
-# work)
-_RISE = 0.07
-_FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
-_LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
-_NOTHING = 1e-12  # keeps the division by a change of zero finite
-
-
-def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
-    """Each axis changes by what it changed by in the tick before, give or take what its jerk
-    allows.
-
-    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
-    since the tick before that. Not read by the regularised pseudo-inverse.
-    """
-    dt = symbols.dt
-    n_v = symbols.robot.n_v
-    jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
-    # An axis that was braked to a standstill stays there: what is left of the braking must not push
-    # it backwards.
-    falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
-    largest_change = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held = previous + ca.fmin(ca.fmax(change, -largest_change), largest_change)
-    free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
-    return Rows(
-        jacobian=ca.SX.eye(n_v),
-        rate=ca.SX.zeros(n_v),
-        lower=held - jerk * dt**2 - free,
-        upper=held + jerk * dt**2 + free,
-        activation=ca.SX.zeros(n_v),
-    )
-
-
-def unlimited_axes(robot: Robot) -> np.ndarray:
-    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
-    others.
-    """
-    unlimited = np.zeros(robot.n_v)
-    unlimited[list(thrusters.undriven_axes(robot))] = np.inf
-    return unlimited
-
-
-def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
-    arrive smoothly.
-
-    acceleration (m,) [any/s2]: largest of each rate. dt [s].
-    """
-    return ca.fmin(_share(desired, acceleration, dt), falling_share(desired, acceleration, dt))
-
-
-def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
-    the axes can move.
-
-    A row that they move by little, beside the row that they move most, as in a singular posture,
-    has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
-    [any/s2]; dt [s].
-    """
-    share = _share(desired, acceleration, dt)
-    excess = _excess(desired, acceleration, dt)
-    moved = acceleration > _LITTLE * ca.mmax(acceleration)
-    # One root for all of them.
-    smallest_share = ca.mmin(ca.if_else(moved, share, ca.inf))
-    common = ca.fmin(smallest_share, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
-    return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
-
-
-def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
-    last part of the way.
-
-    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
-    """
-    return _falling(_excess(desired, acceleration, dt))
-
-
-def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    return acceleration * dt / ca.fmax(ca.fabs(desired), _NOTHING)
-
-
-def _excess(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Ratio of the desired change to what the jerk alone allows in one tick."""
-    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
-    return 2 * ca.fabs(desired) / (jerk * dt**2)
-
-
-def _falling(excess: ca.SX) -> ca.SX:
-    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of
-    nearly equal numbers.
-    """
-    return 2 / (1 + ca.sqrt(1 + excess))
-
-
-# References that the acceleration limits can follow, so that tasks change smoothly in a strict
-# hierarchy.
-
-
-def reachable_rows(
-    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
-) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and
-    with the gate in them.
-
-    A row asks for no more change of its rate per tick than its least-norm motion gives within the
-    acceleration limits. Otherwise every degree of freedom that moves the row would join in at its
-    limit, whatever it was meant for. Rows of an equality change in proportion, so that where they
-    settle does not depend on the limits. Accelerations towards references and bounds fall to 0 on
-    the way; those away from a bound that is broken do so only where `eased`.
-
-    The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits
-    let one tick change of its rate: bounds that are farther away than that are kept by the limits
-    themselves.
-    """
-    if not rows.n_rows:
-        return rows
-    dt = symbols.dt
-    limits = symbols.robot.limits
-    present = rows.jacobian @ previous
-    acceleration = row_acceleration(rows.jacobian, limits.acceleration)
-    if equality:
-        desired = rows.rate - present
-        lower = upper = present + common_share(desired, acceleration, dt) * desired
-    else:
-        if _is_endless(rows.lower):
-            lower = rows.lower
-        else:
-            lower = present - _way(present - rows.lower, acceleration, dt, eased)
-        if _is_endless(rows.upper):
-            upper = rows.upper
-        else:
-            upper = present + _way(rows.upper - present, acceleration, dt, eased)
-        if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
-            # The way back from one bound may be longer than what is left, eased, of the way to the
-            # other one.
-            far = ca.fmin(lower, upper), ca.fmax(lower, upper)
-            lower = ca.if_else(present > rows.upper, far[0], lower)
-            upper = ca.if_else(present < rows.lower, far[1], upper)
-    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
-    gates = ca.repmat(gate, rows.n_rows, 1)
-    reach = ca.fabs(rows.jacobian) @ ca.DM(step)
-    lower, upper = widen_bounds(rows.jacobian, lower, upper, gates, reach)
-    return replace(rows, lower=lower, upper=upper)
-
-
-def _is_endless(bound: ca.SX) -> bool:
-    """True if there is no way to go, whatever the robot does."""
-    return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
-
-
-def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
-    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,);
-    negative: have to come back.
-    """
-    bounded_room = ca.fmin(room, ENDLESS)
-    ahead = ca.if_else(
-        room < ENDLESS, bounded_room * falling_share(bounded_room, acceleration, dt), ca.inf
-    )
-    if eased:
-        back = bounded_room * smooth_share(bounded_room, acceleration, dt)
-    else:
-        back = ca.fmax(bounded_room, -acceleration * dt)
-    return ca.if_else(room > 0, ahead, back)
-
 
 # From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and
 # minimum velocity.

@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import abort, braking, distances, viability
+from uvms_ocp.control.velocity import abort, ascent, braking, distances, speed_limit, viability
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
@@ -154,7 +154,7 @@ def _check_mission(m: TickMemory) -> None:
         m.eventful = True
         if not m.mission.given_up:
             believed = not (m.distress.pushed or _doubts_altimeter(m))
-            abort.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
+            ascent.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
         progress.abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
         m.due = progress.transition_due(m.mission, m.t, m.phase_quantities)
@@ -256,7 +256,7 @@ def _wanted_velocity(m: TickMemory) -> None:
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = braking.limit_speed(
+            m.wanted_pace = speed_limit.limit_speed(
                 m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted
             )
     else:

@@ -16,7 +16,16 @@ from uvms_ocp.codegen.kernel_layout import (
     assign,
     structure_of,
 )
-from uvms_ocp.control.velocity import abort, braking, distances, levels, swing, viability
+from uvms_ocp.control.velocity import (
+    abort,
+    ascent,
+    distances,
+    jerk_limit,
+    levels,
+    speed_limit,
+    swing,
+    viability,
+)
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
 from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
@@ -41,7 +50,7 @@ class TickMemory(Layout):
     """Limits on positions."""
     restriction: RestrictionMemory
     """Restriction by channels that cannot be trusted."""
-    speed_limit: braking.SpeedLimitMemory
+    speed_limit: speed_limit.SpeedLimitMemory
     """Limits on the speed."""
     sound: LastValidMemory
     """Replacement of an estimate that is not sound."""
@@ -53,7 +62,7 @@ class TickMemory(Layout):
     """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below
     the altimeter on.
     """
-    ascent: abort.AscentMemory
+    ascent: ascent.AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
@@ -191,7 +200,7 @@ def tick_memory(
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **abort.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
+        **ascent.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
@@ -211,7 +220,7 @@ def tick_memory(
         near=True,
         place=robot.configuration(),
         last_phase_quantities=math.nan,
-        velocity_limit=robot.limits.velocity + levels.unlimited_axes(robot),
+        velocity_limit=robot.limits.velocity + jerk_limit.unlimited_axes(robot),
         is_joint=is_joint,
         altimeter=[*problem.rests_on].index(ALTIMETER),
         channel=[CHANNELS.index(channel) for channel in problem.rests_on],
