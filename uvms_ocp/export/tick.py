@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
-
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.force.tick import ForceMemory, ask_forces, force_step, hear_forces
 from uvms_ocp.control.velocity.tick import (
@@ -90,11 +88,13 @@ def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None
         inputs.trust[place], inputs.since[place] = item.trust, item.since
 
 
-def command_in(outputs: Any, *, forces: bool) -> Command:
-    """Read the command in `ControllerOutputs`, without thrust and torque unless there are
-    forces.
+def command_in(outputs: Any, arrays: Any, *, forces: bool) -> Command:
+    """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces.
+
+    arrays: `arrays_of` the outputs, of the sizes that the robot has; in C an array of none has one
+    entry.
     """
-    v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
+    v, thrust, torque = (array.copy() for array in (arrays.v, arrays.thrust, arrays.torque))
     flags: dict[str, Any] = {
         name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")
     }
