@@ -165,17 +165,20 @@ def test_in_c_commands_are_the_same_whatever_the_clock_shows(
     np.testing.assert_allclose(*told, rtol=0, atol=1e-9 + 2e5 * np.spacing(began))
 
 
-def test_a_replay_that_differs_fails(tmp_path: Path) -> None:
+def test_a_replay_that_differs_by_one_bit_fails_but_for_a_tolerance(tmp_path: Path) -> None:
     folder = exported("kinematic")
     changed = bytearray((folder / RECORDED).read_bytes())
     robot = scenario_of("kinematic").robot
     first = 1 + robot.n_q + robot.n_v + 3 + 2 * len(CHANNELS)  # what is told, behind what is given
-    np.frombuffer(changed, dtype="<f8")[first] += 1e-3
+    numbers = np.frombuffer(changed, dtype="<f8")
+    numbers[first] = np.nextafter(numbers[first], np.inf)
     (tmp_path / "other.bin").write_bytes(bytes(changed))
-    process = subprocess.run(
-        [built(folder, "replay", folder / REPLAY), tmp_path / "other.bin"], capture_output=True
-    )
+    program = built(folder, "replay", folder / REPLAY)
+    process = subprocess.run([program, tmp_path / "other.bin"], capture_output=True, text=True)
     assert process.returncode == 1
+    assert ", 1 apart, " in process.stdout
+    tolerant = subprocess.run([program, tmp_path / "other.bin", "-", "1e-9"], capture_output=True)
+    assert tolerant.returncode == 0
 
 
 @pytest.mark.parametrize("name", ["kinematic", "faulty", "icat"])

@@ -58,7 +58,9 @@ int main(void) {{
   return 0;
 }}
 """
-    energy, *x = run_c(tmp_path, {"functions.c": library.functions, "main.c": main})
+    energy, *x = run_c(
+        tmp_path, {"functions.c": library.functions, "numbers.c": library.numbers, "main.c": main}
+    )
     assert energy == advance(memory, 0.2, 50)
     np.testing.assert_array_equal(x, list(memory.x))
 
