@@ -97,12 +97,19 @@ class NamedSources:
     """
 
     types: str
+    """Structures."""
     kernels: str
+    """Kernels, after types and declarations."""
     functions: str
+    """CasADi functions, a file of its own."""
     numbers: str
+    """Definition of their numbers, in another file."""
     declarations: str
+    """Declarations of these functions, and of the solver."""
     initial: str
+    """What initialises the memory."""
     solver: str
+    """The solver, a file of its own."""
 
     @classmethod
     def of(cls, library: CLibrary, solver: str, prefix: str) -> NamedSources:
@@ -112,11 +119,8 @@ class NamedSources:
         defined = functions_in(library.functions) | functions_in(solver)
         declared = functions_in(library.declarations)
         written = {name for name in defined | declared if not name.startswith("casadi_")}
-        functions = {
-            *written,
-            "numbers",
-            "functions_",
-        }  # CasADi's own begin with the name of its file
+        # CasADi gives what all its functions share the name of their file.
+        functions = {*written, "functions_", "numbers"}
         return cls(
             types=with_prefix(library.types, prefix, structures),
             kernels=with_prefix(library.kernels, prefix, structures | kernels),
