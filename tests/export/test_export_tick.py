@@ -36,7 +36,8 @@ def test_what_the_force_layer_met_is_heard_once_the_tick_is_prepared(
     )
     outputs: Any = SimpleNamespace(stop=False, thrust=[], torque=[])
     memory: Any = SimpleNamespace(velocity=velocity, force=force)
-    tick.control_force(memory, SimpleNamespace(), outputs)  # type: ignore[arg-type]
+    inputs: Any = SimpleNamespace()
+    tick.control_force(memory, inputs, outputs)
     assert called == list(PARTS)
 
 
