@@ -222,6 +222,13 @@ def controller(
     plant: Annotated[str | None, typer.Option(help=opt.HELP["plant"])] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            help="C identifier before all names of the export, for several in one program; by"
+            " default that of the mission."
+        ),
+    ] = None,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare
     with.
@@ -229,6 +236,8 @@ def controller(
     console = console_of()
     with busy(console, "running the scenario once"):
         paths = export_controller(
-            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)), out
+            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)),
+            out,
+            name,
         )
     print_paths(console, paths)
