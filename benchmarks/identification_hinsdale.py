@@ -49,9 +49,9 @@ medians of the RMSE in roll and pitch. Asked for: {wanted:g} deg by the motion c
 The vehicle's own IMU and the motion capture see the same motion, and differ: "{apart}" is their RMS difference, with both
 turned as they were found to sit. The motion capture sits turned by {turn_mocap:.1f} deg about z, the IMU by {turn_imu:.1f} deg;
 markers that are mistaken for others make its attitude jump. No prediction is nearer to the motion capture than this, but by
-chance. A vehicle that has seen all recordings, "{seen}", is the best that one vehicle can do; "{alone}" is a vehicle identified on the
-predicted recording alone, the best that this model can do. Where the vehicle comes to rest
-differs between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
+chance. A vehicle that has seen all recordings, "{seen}", is the best that one vehicle can do; "{alone}" is a vehicle
+identified on the predicted recording alone, the best that this model can do. Where the vehicle comes to rest differs
+between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
 
 ## Of what one vehicle could explain
 
