@@ -505,8 +505,10 @@ class Calibration(TableDisplay):
         """Channels that are predicted worse than by a vehicle that stands still, of every
         prediction that was made.
         """
-        predictions = (*self.comparisons, *self.left_out, *self.predicted)
-        return tuple(shortfall for one in predictions for shortfall in one.worse_than_still)
+        found = [shortfall for one in self.comparisons for shortfall in one.worse_than_still]
+        for recording in (*self.left_out, *self.predicted):
+            found += recording.worse_than_still
+        return tuple(found)
 
     def _table(self) -> SmallTable:
         found = (
