@@ -61,7 +61,8 @@ Fits are `100 (1 - RMSE / standard deviation)`, medians over the recordings:
 
 ## Worse than standing still
 
-Left-out predictions that err more than a vehicle that does not move, or than one at the mean of what was then seen:
+Left-out predictions that err more than a vehicle that does not move, or than one at the mean of what was then seen. Of
+recordings in which the arm is at rest too, {at_rest}, which nothing is identified on and no median holds:
 
 {worse}
 
@@ -89,6 +90,8 @@ class Session:
     """Every recording, by what the others tell."""
     alone: tuple[Predicted, ...]
     """Every recording, by what it tells itself."""
+    at_rest: dict[str, Predicted]
+    """Recordings in which the arm does not move, by name: by what all others tell."""
 
     @property
     def turn(self) -> float:
@@ -121,8 +124,10 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
     them together end.
     """
     learner = pool_learner(NOISE[sensor])
-    recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][
-        : 2 if quick else None
+    every_recording = recordings_of(folder)[sensor]
+    recordings = [one for one in every_recording if moves(one)][: 2 if quick else None]
+    resting = [
+        PreparedRecording.of(one, learner.vehicle) for one in every_recording if not moves(one)
     ]
     prepared = tuple(PreparedRecording.of(one, learner.vehicle) for one in recordings)
     everything = learner.trained(prepared, iterations=2 if quick else 25)
@@ -133,6 +138,7 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
         estimate=everything,
         left_out=tuple(_left_out(learner, prepared, held, quick=quick) for held in prepared),
         alone=tuple(_alone(learner, held, everything, quick=quick) for held in prepared),
+        at_rest={one.recording.name: learner.predicted(one, everything.shared) for one in resting},
     )
 
 
@@ -215,21 +221,25 @@ def _median_fit(rows: Sequence[Row], sensor: str, kind: str, column: str) -> flo
     return float(np.median([100.0 * (1.0 - each[column] / mean[column]) for each, mean in pairs]))
 
 
-def worse_than_still(rows: Sequence[Row]) -> list[str]:
+def worse_than_still(sessions: Sequence[Session]) -> list[str]:
     """Sentences on roll and pitch of each recording that is predicted worse than it stands
     still.
     """
     sentences = []
-    for sensor in (IMU, MOCAP):
-        kinds = (_of(rows, sensor, kind) for kind in (OTHERS, STILL, MEAN))
-        for predicted, still_row, mean in zip(*kinds, strict=True):
-            for column in COLUMNS:
+    for one in sessions:
+        names = [each.recording.name for each in one.prepared]
+        predictions = dict(zip(names, one.left_out, strict=True)) | one.at_rest
+        for name, predicted in predictions.items():
+            columns = zip(
+                ANGLES, errors(predicted), still(predicted), about_mean(predicted), strict=True
+            )
+            for angle, error, still_error, mean_error in columns:
                 shortfall = compared(
-                    recording=f"{predicted['recording']} by the {sensor}",
-                    channel=column.split()[0],
+                    recording=f"{name} by the {one.sensor}",
+                    channel=angle,
                     unit="deg",
-                    error=predicted[column],
-                    baselines={NOTHING_MOVES: still_row[column], MEAN: mean[column]},
+                    error=float(error),
+                    baselines={NOTHING_MOVES: float(still_error), MEAN: float(mean_error)},
                 )
                 if shortfall is not None:
                     sentences.append(f"- {shortfall}")
@@ -277,7 +287,8 @@ def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]
         turn_imu=imu.turn,
         rest_imu=" and ".join(f"{value:.2f}" for value in offsets),
         shares=shares(rows),
-        worse="\n".join(worse_than_still(rows)) or "None.",
+        at_rest=", ".join(imu.at_rest) or "of which there are none",
+        worse="\n".join(worse_than_still([imu, mocap])) or "None.",
         beyond=_beyond_sensors(rows),
         n_swings=len(free),
         large=LARGE,
