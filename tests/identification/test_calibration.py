@@ -347,6 +347,9 @@ def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path)
         assert data[name]["verdict"] in result.output.replace("\n", " ")
     assert [one["recording"] for one in data["predicted"]["bounds"]["recordings"]] == ["other"]
     assert text.count("### How good these predictions could be") == 2
+    assert text.count("### Numbers that recordings disagree on") == 1
+    for each in data["numbers_disagreed_on"]:
+        assert each["sentence"] in text
     assert "## Profiles" in text
     assert "### 20 s (recordings have 13" in text
     assert text.count("| added_mass surge |") == 2

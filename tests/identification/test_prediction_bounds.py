@@ -13,6 +13,7 @@ from driven import drive, known, vehicle_of
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.jackknife import disagreed_numbers
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free, Prior
@@ -27,6 +28,7 @@ from uvms_ocp.identification.prediction_verdict import (
 )
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, worse_than_still
+from uvms_ocp.identification.uncertainty import IdentifiedNumber, numbers, variance_inflation
 from uvms_ocp.identification.validation import (
     OTHERS,
     STATIC,
@@ -305,3 +307,35 @@ def test_static_predictions_themselves_are_not_called_worse() -> None:
             still = horizon.by[STATIC]
             named = worse_than_still(one.name, still, still)
             assert all(each.baseline == MEAN for each in named)
+
+
+@cache
+def left_out_of(*ballasts: float) -> tuple[tuple[IdentifiedNumber, ...], list[HeldOutRecording]]:
+    """Numbers of a vehicle from recordings with other ballasts, each then left out."""
+    one, rollout = problem()
+    prepared = tuple(
+        driven(10 + k, truth() + ballast * BALLAST) for k, ballast in enumerate(ballasts)
+    )
+    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
+    fitted = replace(identified(), prepared=prepared, estimate=estimate)
+    left = Predicted.joined(list(fitted.residuals().values()))
+    found = numbers(one, estimate, variance_inflation(left, NOISE))
+    return found, list(leave_one_out(fitted, horizons=(60.0,)))
+
+
+def test_numbers_of_one_vehicle_move_by_their_standard_errors() -> None:
+    found, left_out = left_out_of(0.0, 0.0, 0.0)
+    assert any(one.determined for one in found)
+    assert list(disagreed_numbers(problem()[0], found, left_out)) == []
+
+
+def test_a_number_called_determined_on_which_recordings_disagree_is_named() -> None:
+    found, left_out = left_out_of(1.0, 0.0, -1.0)
+    volume = next(one for one in found if one.name == "volume")
+    # As a fit that takes recordings for those of one vehicle, with white residuals, would have it.
+    certain = tuple(replace(one, sigma=min(one.sigma, 1e-4 * one.value)) for one in found)
+    named = {each.number.name: each for each in disagreed_numbers(problem()[0], certain, left_out)}
+    assert "volume" in named
+    assert named["volume"].scatter > 0.003 * volume.value
+    assert str(named["volume"]).startswith("volume is called determined to")
+    assert list(disagreed_numbers(problem()[0], certain, left_out[:1])) == []

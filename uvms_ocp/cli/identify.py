@@ -202,7 +202,7 @@ def identify(
     console.print(
         f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined"
     )
-    for line in [*result.verdicts, *map(str, result.worse_than_still)]:
+    for line in [*result.verdicts, *map(str, (*result.worse_than_still, *result.disagreed))]:
         print_line(console, line)
     print_paths(console, written)
     if not result.exported.usable:

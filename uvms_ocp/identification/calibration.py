@@ -25,6 +25,7 @@ from uvms_ocp.identification.data_quality import (
     motion_of,
 )
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
+from uvms_ocp.identification.jackknife import DisagreedNumber, disagreed_numbers
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_bounds
 from uvms_ocp.identification.prediction_text import verdict_words
@@ -501,6 +502,13 @@ class Calibration(TableDisplay):
         )
 
     @property
+    def disagreed(self) -> tuple[DisagreedNumber, ...]:
+        """Numbers called determined on which fits without one recording each disagree; none where
+        nothing was left out.
+        """
+        return tuple(disagreed_numbers(self.subject.vehicle, self.numbers, self.left_out))
+
+    @property
     def worse_than_still(self) -> tuple[WorseThanStill, ...]:
         """Channels that are predicted worse than by a vehicle that stands still, of every
         prediction that was made.
@@ -524,7 +532,7 @@ class Calibration(TableDisplay):
         head = ("number", "value", "from", "to, 95 %", "unit", "")
         return SmallTable(
             title="Calibration",
-            words=" ".join(map(str, (*self.verdicts, *self.worse_than_still))),
+            words=" ".join(map(str, (*self.verdicts, *self.worse_than_still, *self.disagreed))),
             head=head,
             rows=tuple(tuple(map(cell, row)) for row in found),
         )

@@ -335,6 +335,7 @@ def report_text(one: Calibration) -> str:
     parts += fits(one.comparisons)
     parts += left_out_tables(one.left_out)
     parts += prediction_lines(one.left_out, one.left_out_bounds)
+    parts += _disagreed(one)
     parts += left_out_tables(one.predicted, "predicted")
     parts += prediction_lines(one.predicted, one.predicted_bounds)
     parts += ["", "## Doubts about the recordings", ""]
@@ -357,9 +358,25 @@ def report_data(one: Calibration) -> dict[str, Any]:
     }
     if one.left_out:
         data["left_out"] = prediction_data(one.left_out, one.left_out_bounds)
+        data["numbers_disagreed_on"] = [
+            {"name": each.number.name, "scatter": each.scatter, "sentence": str(each)}
+            for each in one.disagreed
+        ]
     if one.predicted:
         data["predicted"] = prediction_data(one.predicted, one.predicted_bounds)
     return data
+
+
+def _disagreed(one: Calibration) -> Iterator[str]:
+    """Numbers called determined that move by more than that where a recording is left out."""
+    if not one.left_out:
+        return
+    yield _PROSE["disagreed"]
+    disagreed = one.disagreed
+    if not disagreed:
+        yield "None."
+    for each in disagreed:
+        yield f"- {each}"
 
 
 def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
