@@ -286,7 +286,18 @@ def test_what_is_missed_is_shared_out_whole() -> None:
     for predicted, together, alone in ((53, 56, 85), (57, 63, 70), (70, 76, 47), (49, 57, 69)):
         each = FitShares(channel="surge", predicted=predicted, together=together, alone=alone)
         assert sum(each.missed.values()) == pytest.approx(100.0 - predicted)
+        assert min(each.missed.values()) >= 0.0
         assert each.share == pytest.approx(100.0 * predicted / together)
+    assert not FitShares(channel="heave", predicted=70, together=76, alone=47).recordings_differ
+
+
+def test_what_predicts_better_than_the_bound_is_one_vehicle_itself() -> None:
+    each = FitShares(channel="heave", predicted=60.0, together=55.0, alone=70.0)
+    assert each.share == 100.0
+    assert list(each.missed.values()) == [0.0, 10.0, 30.0]
+
+
+def test_where_one_vehicle_explains_nothing_there_is_no_share() -> None:
     nothing = FitShares(channel="surge", predicted=-5.0, together=-1.0, alone=20.0)
     assert np.isnan(nothing.share)
     judgement = PredictionJudgement(worse=(), shares=(nothing,), unpredicted=(), compared=8)

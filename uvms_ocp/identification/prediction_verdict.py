@@ -99,23 +99,29 @@ class FitShares:
     """[%] each recording by a vehicle that was identified on it alone."""
 
     @property
+    def one_vehicle(self) -> float:
+        """[%] of the best single vehicle that is known; the one that predicts is one, too."""
+        return max(self.predicted, self.together)
+
+    @property
     def share(self) -> float:
         """[%] of what one vehicle could explain; no number where that explains nothing."""
-        if self.together <= 0.0:
+        if self.one_vehicle <= 0.0:
             return float("nan")
-        return 100.0 * self.predicted / self.together
+        return 100.0 * self.predicted / self.one_vehicle
 
     @property
     def missed(self) -> Mapping[MissCause, float]:
         """[%] of the channel that each cause accounts for; together ``100 - predicted``.
 
-        Negative where a vehicle that has seen more predicts less: fits are made in short segments,
-        predictions over long ones.
+        A vehicle of one recording alone may predict less than one of all: it was identified on few
+        samples. Then nothing is known to differ between recordings.
         """
+        apart = max(self.one_vehicle, self.alone)
         return {
-            MissCause.FIT: self.together - self.predicted,
-            MissCause.RECORDINGS: self.alone - self.together,
-            MissCause.MODEL: 100.0 - self.alone,
+            MissCause.FIT: self.one_vehicle - self.predicted,
+            MissCause.RECORDINGS: apart - self.one_vehicle,
+            MissCause.MODEL: 100.0 - apart,
         }
 
     @property
