@@ -176,12 +176,13 @@ def shares(rows: Sequence[Row], predicted: str, together: str) -> str:
     """Sentences on each channel: what of it is explained, and by what the rest is missed."""
     sentences = []
     for channel in CHANNELS:
-        fits = [_median(rows, kind, channel) for kind in (predicted, together, ALONE)]
-        if None not in fits:
-            of_channel = FitShares(
-                channel=channel, predicted=fits[0], together=fits[1], alone=fits[2]
-            )
-            sentences.append(f"- {of_channel}")
+        fit = _median(rows, predicted, channel)
+        bound = _median(rows, together, channel)
+        alone_fit = _median(rows, ALONE, channel)
+        if fit is None or bound is None or alone_fit is None:
+            continue
+        of_channel = FitShares(channel=channel, predicted=fit, together=bound, alone=alone_fit)
+        sentences.append(f"- {of_channel}")
     return "\n".join(sentences)
 
 
