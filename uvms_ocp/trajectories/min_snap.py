@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.trajectories import free_derivatives
+from uvms_ocp.trajectories import curve_judge, free_derivatives
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, read_only
 
@@ -277,7 +277,9 @@ def min_snap(
     curve, and where rounding decides it, as by pieces too short beside the others.
     """
     found, problem, pieces = _least(waypoints, times, specification)
-    _require_accurate(found, problem, pieces)
+    slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
+    _require_accurate(found, problem, slopes)
+    _require_proven(found, problem, slopes, *_fixed_bounds(problem))
     return found
 
 
@@ -289,33 +291,57 @@ def _least(
     return solution_of(problem.times, pieces, _solved(problem, pieces)), problem, pieces
 
 
-_ACCURACY = 1e-4  # relative, of the cost
-
-
-def _require_accurate(
-    found: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces
+def _require_proven(
+    found: MinSnap, problem: NodeProblem, slopes: Array, lower: Array, upper: Array
 ) -> None:
+    """Let the judge look at a curve: it keeps its conditions, and none beside it is cheaper.
+
+    slopes (k, n + 1, n_axes): of the cost by the node derivatives. lower, upper (k, n + 1, n_axes)
+    [axis/s^d]: bounds on the node derivatives.
+    """
+    pieces = free_derivatives.pieces_of(np.diff(problem.times), problem.k)
+    curvature = free_derivatives.cost_curvature(pieces)
+    gain = curve_judge.achievable_gain(slopes, curvature, found.node_derivatives, lower, upper)
+    missed = curve_judge.largest_miss(found.trajectory, lower, upper)
+    if missed > curve_judge.KEPT or gain > curve_judge.CHEAPEST * _scale_of_cost(found, problem):
+        raise InvalidInput(_rounding_decides(problem))
+
+
+def _require_accurate(found: MinSnap, problem: NodeProblem, slopes: Array) -> None:
     """Where the slope by all that is free vanishes, the cost is half the sum of slope times value
     over what is fixed.
     """
-    values = found.node_derivatives
+    cost_of_fixed = float((slopes * found.node_derivatives)[problem.fixed].sum()) / 2.0
+    scale = _scale_of_cost(found, problem)
+    if not abs(found.cost - cost_of_fixed) <= curve_judge.CHEAPEST * scale:
+        raise InvalidInput(_rounding_decides(problem))
+
+
+def _scale_of_cost(found: MinSnap, problem: NodeProblem) -> float:
+    """The cost; what ordinary pieces cost by themselves, where that is next to nothing."""
     durations = np.diff(problem.times)
-    own = ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
-    # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
-    usual = (
-        np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1))
-        * durations.size
+    steps = (np.diff(found.node_derivatives[0], axis=0) ** 2).sum(axis=1)
+    usual = np.median(steps / durations ** (2 * problem.k - 1)) * durations.size
+    return max(found.cost, float(usual))
+
+
+def _rounding_decides(problem: NodeProblem) -> str:
+    durations = np.diff(problem.times)
+    short = int(np.argmin(durations))
+    wrong = (
+        f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
+        f" {durations.sum():.3g} s in all"
     )
-    if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
-        short = int(np.argmin(durations))
-        wrong = (
-            f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
-            f" {durations.sum():.3g} s in all"
-        )
-        raise InvalidInput(
-            f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
-            " them more time."
-        )
+    return (
+        f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
+        " them more time."
+    )
+
+
+def _fixed_bounds(problem: NodeProblem) -> tuple[Array, Array]:
+    lower = np.where(problem.fixed, problem.values, -np.inf)
+    upper = np.where(problem.fixed, problem.values, np.inf)
+    return lower, upper
 
 
 def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:
@@ -382,14 +408,20 @@ def min_snap_qp(
     times (n + 1,) [s].
 
     Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver
-    finds no solution, as with bounds that contradict each other.
+    finds no solution, as with bounds that contradict each other, or none that keeps all conditions
+    at the least cost.
     """
     problem = node_problem(waypoints, times, specification)
+    pieces = free_derivatives.pieces_of(np.diff(problem.times), problem.k)
     qp = _Qp(problem.k, np.diff(problem.times), bounds)
-    values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
-    return solution_of(
-        problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values
-    )
+    limits = [qp.limits(problem, axis) for axis in range(problem.values.shape[2])]
+    lower = np.stack([low for low, _ in limits], axis=2)
+    upper = np.stack([high for _, high in limits], axis=2)
+    solved = [qp.solve(problem, axis, *limits[axis]) for axis in range(len(limits))]
+    found = solution_of(problem.times, pieces, np.stack(solved, axis=2))
+    slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
+    _require_proven(found, problem, slopes, lower, upper)
+    return found
 
 
 _QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
@@ -414,10 +446,17 @@ class _Qp:
             "min_snap", "qrqp", {"h": self.H.sparsity(), "a": self.A.sparsity()}, _QUIET
         )
 
-    def solve(self, problem: NodeProblem, axis: int) -> Array:
-        """(k, n + 1) optimal node derivatives of one axis."""
-        lower, upper = self._limits(problem.values[:, :, axis], problem.fixed[:, :, axis])
-        solution = self.solver(h=self.H, g=0, a=self.A, lba=lower, uba=upper)
+    def solve(self, problem: NodeProblem, axis: int, lower: Array, upper: Array) -> Array:
+        """(k, n + 1) optimal node derivatives of one axis within `limits`."""
+        scale = self.unit ** np.arange(self.k)[:, None]
+        continuous = np.zeros(self.k * (self.n - 1))
+        solution = self.solver(
+            h=self.H,
+            g=0,
+            a=self.A,
+            lba=np.concatenate([(lower * scale).T.ravel(), continuous]),
+            uba=np.concatenate([(upper * scale).T.ravel(), continuous]),
+        )
         if not self.solver.stats()["success"]:
             raise InvalidInput(
                 f"the QP of axis {axis} has no solution; check its bounds and constraints."
@@ -447,9 +486,12 @@ class _Qp:
         after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
         return ca.vertcat(nodes, before - after)
 
-    def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
-        scale = self.unit ** np.arange(self.k)[:, None]
-        lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
+    def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
+        """Bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
+        fixed = problem.fixed[:, :, axis]
+        values = problem.values[:, :, axis]
+        lower = np.where(fixed, values, -np.inf)
+        upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
                 wrong = (
@@ -470,11 +512,7 @@ class _Qp:
             raise InvalidInput(
                 f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one."
             )
-        continuous = np.zeros(self.k * (self.n - 1))
-        return (
-            np.concatenate([(lower * scale).T.ravel(), continuous]),
-            np.concatenate([(upper * scale).T.ravel(), continuous]),
-        )
+        return lower, upper
 
 
 # Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus
