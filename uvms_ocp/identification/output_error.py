@@ -170,13 +170,18 @@ class ProfilePenalty:
 # recording, so that a step costs little more than the simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
+_LEFT = 3.0  # of the tolerance: what the next step may be expected to gain where a search ends
 _MOST_STEPS = (
     4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
 )
 
 
 class FitStatus(AdvisedStatus):
-    """Reason for which a fit ended."""
+    """Reason for which a fit ended.
+
+    CONVERGED: neither did the last step gain more than the tolerance, nor is one without any damping
+    expected to gain more than three times as much.
+    """
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
     ITERATION_LIMIT = (
@@ -324,10 +329,43 @@ class OutputErrorProblem:
             gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
             point = after
             blocks = further
-            if gained < tolerance and (done > frozen or frozen >= iterations):
-                status = FitStatus.CONVERGED
-                break
+            is_late = done > frozen or frozen >= iterations
+            if gained < tolerance and is_late:
+                promised = self._promised(point, blocks, frozen=done <= frozen)
+                if promised < _LEFT * tolerance:
+                    status = FitStatus.CONVERGED
+                    break
         return self._estimate(point, blocks, status, done)
+
+    def _promised(
+        self, point: SearchPoint, blocks: list[NormalEquations], *, frozen: bool
+    ) -> float:
+        """Share of the cost that a step without damping is expected to gain (Gauss and Newton): a
+        damped or shortened one that gains little says nothing of how near the optimum is.
+
+        Unknowns at a bound that the cost pushes against stay there.
+        """
+        H, g, others = self._reduced(point, blocks, _NEARLY_NONE)
+        if self._pull is not None:
+            stiff, force = self._pull.normal(point.shared)
+            H = H + stiff
+            g = g + force
+        shared = self._vehicle.shared
+        at_bound = (point.shared <= shared.lower) & (g > 0.0)
+        at_bound |= (point.shared >= shared.upper) & (g < 0.0)
+        free = np.flatnonzero(~at_bound)
+        change = np.zeros(self._n)
+        if not frozen and len(free):
+            change[free] = -np.linalg.solve(H[np.ix_(free, free)], g[free])
+        slope = (point.shared - shared.start) / shared.sigma**2
+        if self._pull is not None:
+            slope = slope + self._pull.normal(point.shared)[1]
+        descent = -float(slope @ change)
+        for block, changed in zip(blocks, others, strict=True):
+            local = changed(change)
+            whole = np.concatenate([change, local[: self._m]])
+            descent -= float(block.g @ whole + block.g_starts @ local[self._m :])
+        return 0.5 * descent / self._total(point, [block.cost for block in blocks])
 
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
