@@ -25,6 +25,7 @@ from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.record.meta_values import DONE, EventMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta, read_meta, write_meta
+from uvms_ocp.report.metrics import failed_ticks
 from uvms_ocp.report.summary import cause_of_end, goal_table, summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Command, State
@@ -32,6 +33,7 @@ from uvms_ocp.scenario.cases.case1 import Thresholds, case1
 from uvms_ocp.scenario.plan_replay import replay
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.plant import KinematicPlant
+from uvms_ocp.solvers.hierarchy.solution import Status
 
 NEAR = 0.2  # [m] that the tool is to come near its goal
 BIAS = "position:bias=0.5,0,0@0"  # [m] which no other sensor contradicts
@@ -245,3 +247,12 @@ def test_a_plan_is_carried_out_where_the_plant_came_to_its_end(
     is_whole = plant is KinematicPlant
     assert meta.completed is is_whole
     assert meta.stopped == ("" if is_whole else "diverged")
+
+
+@long_without_compiler
+@pytest.mark.parametrize("status", Status, ids=lambda status: status.name)
+def test_ticks_that_are_exact_have_not_failed(status: Status, honest: Record) -> None:
+    code = honest.run_meta.statuses.index(status.value)
+    codes = np.full_like(honest["status"], code)
+    record = replace(honest, series={**honest.series, "status": codes})
+    assert failed_ticks(record) == ({} if status.exact else {status.value: len(record)})

@@ -10,17 +10,23 @@ from pathlib import Path
 
 import uvms_ocp
 
-WORDS = frozenset(
-    "accepted aborted certified clear complete completed converged determined diverged equal exact"
-    " exceeded failed feasible finished free healthy informed is kept late lost met ok passed"
-    " possible proven reachable reached refused rejected solved sound stopped succeeded success"
-    " successful truth trusted unexplained undecided undetermined unreachable usable valid verdict"
-    " verdicts viable white".split()
-)
+_WORDS = """
+accepted aborted certified complete completed converged determined diverged equal exact failed
+feasible finished healthy informed kept late lost met ok passed proven reachable reached refused
+rejected settled solved sound stopped succeeded success successful trusted undecided undetermined
+unexplained unreachable usable valid verdict verdicts viable white
+"""
+WORDS = frozenset(_WORDS.split())
 """Parts of names that promise something."""
 STATUS_BASES = frozenset({"AdvisedStatus", "Enum", "IntEnum"})
 KINDS_OF_STATUS = ("Status", "Verdict", "Severity", "Freshness", "Terminal", "Reason")
 """Ends of names of enumerations that are verdicts; others, such as of integrators, are choices."""
+NUMBERS = frozenset({"float", "Positive", "Magnitude", "Finite", "Count", "Period"})
+"""Annotations of quantities, as of the delay `late` [s], which promise nothing."""
+REQUIRE = "require_"
+"""Begins names of functions that raise, and so give no word."""
+KERNEL_MEMORY = "Layout"
+"""Base of what kernels remember from tick to tick, from which the words of others are made."""
 
 PACKAGE = Path(uvms_ocp.__file__).parent
 
@@ -38,14 +44,18 @@ def words_given() -> set[str]:
 def _names(body: list[ast.stmt], owner: str = "") -> Iterator[str]:
     for node in body:
         name = _name(node)
-        if name is None or name.startswith("_"):
+        if name is None or name.startswith(("_", REQUIRE)):
             continue
-        if isinstance(node, ast.ClassDef):
-            if _is_status(node):
-                yield from (f"{name}.{member}" for member in _members(node))
-            yield from _names(node.body, f"{name}.")
-        elif WORDS.intersection(name.lower().split("_")) and not _is_number(node):
-            yield f"{owner}{name}"
+        if not isinstance(node, ast.ClassDef):
+            if WORDS.intersection(name.lower().split("_")) and not _is_number(node):
+                yield f"{owner}{name}"
+            continue
+        bases = {base.id for base in node.bases if isinstance(base, ast.Name)}
+        if KERNEL_MEMORY in bases:
+            continue
+        if bases & STATUS_BASES and name.endswith(KINDS_OF_STATUS):
+            yield from (f"{name}.{member}" for member in _members(node))
+        yield from _names(node.body, f"{name}.")
 
 
 def _name(node: ast.stmt) -> str | None:
@@ -56,11 +66,6 @@ def _name(node: ast.stmt) -> str | None:
     return None
 
 
-def _is_status(node: ast.ClassDef) -> bool:
-    bases = {base.id for base in node.bases if isinstance(base, ast.Name)}
-    return bool(bases & STATUS_BASES) and node.name.endswith(KINDS_OF_STATUS)
-
-
 def _members(node: ast.ClassDef) -> Iterator[str]:
     for statement in node.body:
         if isinstance(statement, ast.Assign):
@@ -68,7 +73,5 @@ def _members(node: ast.ClassDef) -> Iterator[str]:
 
 
 def _is_number(node: ast.stmt) -> bool:
-    """A quantity, as the delay `late` [s]: it says how much, and promises nothing."""
     annotation = node.returns if isinstance(node, ast.FunctionDef) else node.annotation
-    text = "" if annotation is None else ast.unparse(annotation)
-    return text in ("float", "Positive", "Magnitude", "Finite", "Count", "Period")
+    return annotation is not None and ast.unparse(annotation) in NUMBERS
