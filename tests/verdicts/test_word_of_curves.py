@@ -21,7 +21,14 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.trajectories import free_derivatives
 from uvms_ocp.trajectories.curve_judge import excess_over_limits
-from uvms_ocp.trajectories.min_snap import Bound, MinSnap, _Qp, min_snap, min_snap_qp
+from uvms_ocp.trajectories.min_snap import (
+    Bound,
+    MinSnap,
+    _Qp,
+    min_snap,
+    min_snap_qp,
+    optimal_times,
+)
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 RNG = np.random.default_rng(0)
@@ -129,6 +136,15 @@ def test_how_far_a_curve_leaves_its_limits_is_what_dense_samples_find() -> None:
         found = excess_over_limits(curve, lower, upper)
         assert (found >= sampled - 1e-12).all()
         np.testing.assert_allclose(found, sampled, atol=1e-6)
+
+
+def test_times_are_optimal_or_none_are_given() -> None:
+    guess = 3.0 * TIMES
+    best = optimal_times(WAYPOINTS, guess, time_weight=1.0)
+    slopes = best.gradients().durations
+    np.testing.assert_allclose(slopes, -1.0, rtol=1e-2)
+    with pytest.raises(InvalidInput, match="raise max_iterations"):
+        optimal_times(WAYPOINTS, guess, time_weight=1.0, max_iterations=1)
 
 
 def drawn_request(seed: int) -> PlanRequest:

@@ -518,6 +518,7 @@ class _Qp:
 # Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus
 # snap.
 
+_STATIONARY = 1e-4  # largest slope of the cost, relative, by the logarithm of a duration
 _LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
 
@@ -624,8 +625,8 @@ def optimal_times(
 
     waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]:
     k_T, the cost of one second; tolerance: largest slope of the cost, as a share of its first
-    value, by the logarithm of a duration. Raises `InvalidInput` as ``min_snap``, and for a time
-    weight that is not positive.
+    value, by the logarithm of a duration. Raises `InvalidInput` as ``min_snap``, for a time weight
+    that is not positive, and where the search ends before the optimum.
     """
     from scipy.optimize import minimize  # half a second, which few need
 
@@ -659,6 +660,12 @@ def optimal_times(
         method="L-BFGS-B",
         options={"maxiter": max_iterations, "ftol": 1e-15, "gtol": tolerance, "maxcor": 20},
     )
+    cost, slopes = objective(result.x)
+    if not np.abs(slopes).max() <= _STATIONARY * cost:
+        raise InvalidInput(
+            f"after {result.nit} iterations one of the durations still changes the cost by"
+            f" {np.abs(slopes).max() / cost:.2g} of it; raise max_iterations, or give other times."
+        )
     return min_snap(waypoints, knots(result.x), specification)
 
 
