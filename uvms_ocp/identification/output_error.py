@@ -170,6 +170,7 @@ class ProfilePenalty:
 # recording, so that a step costs little more than the simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
+_ROUNDING = 1e-12  # of the largest curvature, below which there is none
 _LEFT = 3.0  # of the tolerance: what the next step may be expected to gain where a search ends
 _MOST_STEPS = (
     4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
@@ -179,8 +180,8 @@ _MOST_STEPS = (
 class FitStatus(AdvisedStatus):
     """Reason for which a fit ended.
 
-    CONVERGED: neither did the last step gain more than the tolerance, nor is one without any damping
-    expected to gain more than three times as much.
+    CONVERGED: neither did the last step gain more than the tolerance, if there was any, nor is one
+    without any damping expected to gain more than three times as much.
     """
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
@@ -321,20 +322,22 @@ class OutputErrorProblem:
         while done < iterations:
             done += 1
             self.progress(f"step {done} of at most {iterations}")
-            tried = self._step(point, blocks, damping, done <= frozen)
-            if tried is None:
-                status = FitStatus.STALLED
-                break
-            after, damping, cost, further = tried
-            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-            point = after
-            blocks = further
             is_late = done > frozen or frozen >= iterations
+            tried = self._step(point, blocks, damping, done <= frozen)
+            gained = 0.0
+            if tried is not None:
+                after, damping, cost, further = tried
+                gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
+                point = after
+                blocks = further
             if gained < tolerance and is_late:
                 promised = self._promised(point, blocks, frozen=done <= frozen)
                 if promised < _LEFT * tolerance:
                     status = FitStatus.CONVERGED
                     break
+            if tried is None:
+                status = FitStatus.STALLED
+                break
         return self._estimate(point, blocks, status, done)
 
     def _promised(
@@ -356,7 +359,8 @@ class OutputErrorProblem:
         free = np.flatnonzero(~at_bound)
         change = np.zeros(self._n)
         if not frozen and len(free):
-            change[free] = -np.linalg.solve(H[np.ix_(free, free)], g[free])
+            # What recordings do not tell at all has no curvature, and no slope either.
+            change[free] = -np.linalg.lstsq(H[np.ix_(free, free)], g[free], rcond=_ROUNDING)[0]
         slope = (point.shared - shared.start) / shared.sigma**2
         if self._pull is not None:
             slope = slope + self._pull.normal(point.shared)[1]
