@@ -170,19 +170,17 @@ class ProfilePenalty:
 # recording, so that a step costs little more than the simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
-_ROUNDING = 1e-12  # of the largest curvature, below which there is none
-_LEFT = 3.0  # of the tolerance: what the next step may be expected to gain where a search ends
+_PROMISED = 30.0
+"""Factor of the tolerance: a search that an undamped step promises to lower by more has not
+converged, however little its last step gained.
+"""
 _MOST_STEPS = (
     4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
 )
 
 
 class FitStatus(AdvisedStatus):
-    """Reason for which a fit ended.
-
-    CONVERGED: neither did the last step gain more than the tolerance, if there was any, nor is one
-    without any damping expected to gain more than three times as much.
-    """
+    """Reason for which a fit ended."""
 
     CONVERGED = "converged", "Look at what is not determined before numbers are used."
     ITERATION_LIMIT = (
@@ -322,54 +320,45 @@ class OutputErrorProblem:
         while done < iterations:
             done += 1
             self.progress(f"step {done} of at most {iterations}")
-            is_late = done > frozen or frozen >= iterations
             tried = self._step(point, blocks, damping, done <= frozen)
-            gained = 0.0
-            if tried is not None:
-                after, damping, cost, further = tried
-                gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-                point = after
-                blocks = further
-            if gained < tolerance and is_late:
-                promised = self._promised(point, blocks, frozen=done <= frozen)
-                if promised < _LEFT * tolerance:
-                    status = FitStatus.CONVERGED
-                    break
             if tried is None:
                 status = FitStatus.STALLED
                 break
+            after, damping, cost, further = tried
+            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
+            point = after
+            blocks = further
+            if gained < tolerance and (done > frozen or frozen >= iterations):
+                # A step that damping held back gains little anywhere.
+                held = frozen >= iterations
+                if held or self._promised_gain(point, blocks) < _PROMISED * tolerance:
+                    status = FitStatus.CONVERGED
+                    break
         return self._estimate(point, blocks, status, done)
 
-    def _promised(
-        self, point: SearchPoint, blocks: list[NormalEquations], *, frozen: bool
-    ) -> float:
-        """Share of the cost that a step without damping is expected to gain (Gauss and Newton): a
-        damped or shortened one that gains little says nothing of how near the optimum is.
+    def _promised_gain(self, point: SearchPoint, blocks: list[NormalEquations]) -> float:
+        """Share of the cost by which the undamped step of the shared unknowns would lower it.
 
-        Unknowns at a bound that the cost pushes against stay there.
+        By the gradient and the normal equations where the search stands (half the square of
+        Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
+        count.
         """
-        H, g, others = self._reduced(point, blocks, _NEARLY_NONE)
+        if not self._n:
+            return 0.0
+        H, g, _ = self._reduced(point, blocks, 0.0)
         if self._pull is not None:
             stiff, force = self._pull.normal(point.shared)
             H = H + stiff
             g = g + force
         shared = self._vehicle.shared
-        at_bound = (point.shared <= shared.lower) & (g > 0.0)
-        at_bound |= (point.shared >= shared.upper) & (g < 0.0)
-        free = np.flatnonzero(~at_bound)
-        change = np.zeros(self._n)
-        if not frozen and len(free):
-            # What recordings do not tell at all has no curvature, and no slope either.
-            change[free] = -np.linalg.lstsq(H[np.ix_(free, free)], g[free], rcond=_ROUNDING)[0]
-        slope = (point.shared - shared.start) / shared.sigma**2
-        if self._pull is not None:
-            slope = slope + self._pull.normal(point.shared)[1]
-        descent = -float(slope @ change)
-        for block, changed in zip(blocks, others, strict=True):
-            local = changed(change)
-            whole = np.concatenate([change, local[: self._m]])
-            descent -= float(block.g @ whole + block.g_starts @ local[self._m :])
-        return 0.5 * descent / self._total(point, [block.cost for block in blocks])
+        stopped = ((point.shared <= shared.lower) & (g > 0.0)) | (
+            (point.shared >= shared.upper) & (g < 0.0)
+        )
+        free = ~stopped
+        stiffness = H[np.ix_(free, free)] + _NEARLY_NONE * np.eye(int(free.sum()))
+        promised = 0.5 * float(g[free] @ np.linalg.solve(stiffness, g[free]))
+        cost = self._total(point, [block.cost for block in blocks])
+        return promised / max(cost, np.finfo(float).tiny)
 
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
