@@ -18,7 +18,9 @@ unexplained unreachable usable valid verdict verdicts viable white
 """
 WORDS = frozenset(_WORDS.split())
 """Parts of names that promise something."""
-STATUS_BASES = frozenset({"AdvisedStatus", "Enum", "IntEnum"})
+ADVISED = "AdvisedStatus"
+"""Base of what is a status whatever its name."""
+ENUMS = frozenset({"Enum", "IntEnum"})
 KINDS_OF_STATUS = ("Status", "Verdict", "Severity", "Freshness", "Terminal", "Reason")
 """Ends of names of enumerations that are verdicts; others, such as of integrators, are choices."""
 NUMBERS = frozenset({"float", "Positive", "Magnitude", "Finite", "Count", "Period"})
@@ -53,7 +55,7 @@ def _names(body: list[ast.stmt], owner: str = "") -> Iterator[str]:
         bases = {base.id for base in node.bases if isinstance(base, ast.Name)}
         if KERNEL_MEMORY in bases:
             continue
-        if bases & STATUS_BASES and name.endswith(KINDS_OF_STATUS):
+        if ADVISED in bases or (bases & ENUMS and name.endswith(KINDS_OF_STATUS)):
             yield from (f"{name}.{member}" for member in _members(node))
         yield from _names(node.body, f"{name}.")
 
