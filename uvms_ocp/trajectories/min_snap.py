@@ -279,7 +279,7 @@ def min_snap(
     found, problem, pieces = _least(waypoints, times, specification)
     slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
     _require_accurate(found, problem, slopes)
-    _require_proven(found, problem, slopes, *_fixed_bounds(problem))
+    _require_proven(found, problem, pieces, *_fixed_bounds(problem), slopes)
     return found
 
 
@@ -292,14 +292,18 @@ def _least(
 
 
 def _require_proven(
-    found: MinSnap, problem: NodeProblem, slopes: Array, lower: Array, upper: Array
+    found: MinSnap,
+    problem: NodeProblem,
+    pieces: free_derivatives.Pieces,
+    lower: Array,
+    upper: Array,
+    slopes: Array,
 ) -> None:
     """Let the judge look at a curve: it keeps its conditions, and none beside it is cheaper.
 
-    slopes (k, n + 1, n_axes): of the cost by the node derivatives. lower, upper (k, n + 1, n_axes)
-    [axis/s^d]: bounds on the node derivatives.
+    lower, upper (k, n + 1, n_axes) [axis/s^d]: bounds on the node derivatives. slopes (k, n + 1,
+    n_axes): of the cost by them.
     """
-    pieces = free_derivatives.pieces_of(np.diff(problem.times), problem.k)
     curvature = free_derivatives.cost_curvature(pieces)
     gain = curve_judge.achievable_gain(slopes, curvature, found.node_derivatives, lower, upper)
     missed = curve_judge.largest_miss(found.trajectory, lower, upper)
@@ -420,7 +424,7 @@ def min_snap_qp(
     solved = [qp.solve(problem, axis, *limits[axis]) for axis in range(len(limits))]
     found = solution_of(problem.times, pieces, np.stack(solved, axis=2))
     slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
-    _require_proven(found, problem, slopes, lower, upper)
+    _require_proven(found, problem, pieces, lower, upper, slopes)
     return found
 
 
