@@ -26,6 +26,7 @@ ROBOT = "bluerov2_alpha5"
 HOMES = (3.05, 1.6, 0.6, 0.0)  # [rad] of its joints
 
 
+@long_without_compiler
 def test_a_time_limit_that_cannot_be_kept_is_told_and_one_that_was_kept_is_not() -> None:
     def told(scenario: Scenario) -> bool:
         return bool(scenario.check().of_check("time"))
