@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import uvms_ocp
@@ -33,14 +34,15 @@ KERNEL_MEMORY = "Layout"
 PACKAGE = Path(uvms_ocp.__file__).parent
 
 
-def words_given() -> set[str]:
+@cache
+def words_given() -> frozenset[str]:
     """Names ``module:Class.member`` of all of them."""
     found: set[str] = set()
     for path in sorted(PACKAGE.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
         found.update(f"{module.removesuffix('.__init__')}:{name}" for name in _names(tree.body))
-    return found
+    return frozenset(found)
 
 
 def _names(body: list[ast.stmt], owner: str = "") -> Iterator[str]:
