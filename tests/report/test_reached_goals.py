@@ -144,7 +144,7 @@ def test_a_threshold_of_what_nobody_measures_is_told(
         meta=meta.model_copy(update={"thresholds": unknown, "completed": completed, "events": ()}),
     )
     report = summarize(odd)
-    assert report["cause"]["kind"] == ("completed" if completed else "stalled")
+    assert report["cause"]["kind"] == ("truth unknown" if completed else "stalled")
     assert completed or report["cause"]["text"].endswith("no task of the record measures it")
 
 

@@ -45,7 +45,7 @@ def run(known: Callable[[str], bool], estimated: float = 0.1) -> Record:
         conditions=met,
         true_quantities=truth,
     )
-    told = meta.model_copy(update={"events": (first,), "true_quantities": truth})
+    told = meta.model_copy(update={"events": (first,), "true_quantities": truth, "completed": True})
     return Record(series={**stored.series, "quantities": values}, meta=told)
 
 

@@ -28,6 +28,7 @@ from uvms_ocp.planning.request import (
     Triple,
     plan_path,
 )
+from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.record.output import RECORD, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
@@ -423,7 +424,7 @@ def _by_curve(request: PlanRequest) -> PlanOutput:
         robot=request.robot,
         report=plan_report(result),
         record=None if plan is None else motion_record(result, plan),
-        good=result.collision_free,
+        good=plan is not None and plan.status is PlanStatus.FREE,
         save=None if plan is None else save,
         show=_print_motion,
     )

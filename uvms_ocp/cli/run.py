@@ -196,8 +196,9 @@ def run(
     )
     if as_json:
         printing.print_json(report)
-    if not report["completed"]:
-        raise typer.Exit(INTERRUPTED if report["cause"]["kind"] == "stopped" else NOT_COMPLETED)
+    ending = report["cause"]["kind"]
+    if ending != "completed":
+        raise typer.Exit(INTERRUPTED if ending == "stopped" else NOT_COMPLETED)
 
 
 def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
@@ -394,10 +395,13 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
-    if report["completed"]:
+    ending = report["cause"]["kind"]
+    if not report["completed"]:
+        verdict = plain_line(f"not completed: {report['pending']}")
+    elif ending == "completed":
         verdict = "complete"
     else:
-        verdict = plain_line(f"not completed: {report['pending']}")
+        verdict = "complete by the estimate alone"
     tick = (
         f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt"
         f" {printing.cell(report['largest_tilt_rad'])} rad"
@@ -406,7 +410,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s,"
         f" {tick}"
     )
-    if not report["completed"] or report["ended_too_early"]:
+    if ending != "completed":
         console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
     printing.print_paths(console, paths)
 

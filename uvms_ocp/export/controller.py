@@ -474,9 +474,9 @@ class CController:
         self._step.restype = None
         library[f"{name}_controller_reset"](self._memory)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
-        exported_tick.write_measurement(self._inputs, measurement, t)
+        exported_tick.write_measurement(self._inputs, estimate, t)
         self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
         return exported_tick.command_in(self._outputs, self._told, forces=self._forces)
 
@@ -547,10 +547,10 @@ class RecordingController:
         self.ticks: list[list[float]] = []
         """(n,) each [in their units]."""
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
-        exported_tick.write_measurement(self._inputs, measurement, t)
-        command = self._controller(measurement, t)
+        exported_tick.write_measurement(self._inputs, estimate, t)
+        command = self._controller(estimate, t)
         _write_command(self._outputs, command)
         self.ticks.append([*numbers_in(self._inputs), *numbers_in(self._outputs)])
         return command

@@ -75,15 +75,15 @@ class ControllerOutputs(Layout):
     """[m, rad, ...] those of CONTROLLER_QUANTITIES; NAN where unknown."""
 
 
-def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None:
+def write_measurement(inputs: Any, estimate: StateEstimate, t: float) -> None:
     """Write a measurement at time t [s] into `ControllerInputs`."""
     inputs.t = t
-    inputs.altimeter_range = measurement.altimeter_range
-    inputs.age, inputs.joint_age = measurement.age, measurement.joint_age
-    view(inputs.q)[:], view(inputs.v)[:] = measurement.q, measurement.v
+    inputs.altimeter_range = estimate.altimeter_range
+    inputs.age, inputs.joint_age = estimate.age, estimate.joint_age
+    view(inputs.q)[:], view(inputs.v)[:] = estimate.q, estimate.v
     for place in range(len(CHANNELS)):
         inputs.trust[place], inputs.since[place] = Trust.GOOD, 0.0
-    for item in measurement.health:
+    for item in estimate.health:
         place = _PLACE[item.channel]
         inputs.trust[place], inputs.since[place] = item.trust, item.since
 

@@ -40,6 +40,7 @@ from uvms_ocp.trajectories import (
     scale_to_limits,
     trapezoidal_times,
 )
+from uvms_ocp.trajectories.curve_judge import excess_over_limits
 from uvms_ocp.trajectories.min_snap import min_snap, solution_of
 from uvms_ocp.types import (
     Array,
@@ -333,12 +334,20 @@ def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> t
 
 
 class PlanStatus(AdvisedStatus):
-    """Outcome of a plan."""
+    """Outcome of a plan.
+
+    FREE: `check_clearance` has proven the whole curve free of collision, and it leaves no limit of
+    position by more than a millionth of a metre or radian, anywhere.
+    """
 
     FREE = "free of collision", "none needed."
     UNDECIDED = (
         "no collision found, not certified",
         "the path all but touches something; plan again with a larger clearance.",
+    )
+    BEYOND_LIMITS = (
+        "free of collision, beyond a limit of position",
+        "give way points within the limits, more pieces or restarts.",
     )
     COLLIDING = (
         "still in collision",
@@ -422,15 +431,24 @@ def plan_soft_collision(
 
 
 def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
-    """The first plan free of collision, or else the clearest, and how many were made."""
+    """The first plan free of collision and within limits, or else the clearest, and how many were
+    made.
+    """
     best = next(plans)
     n = 1
-    for plan in plans if not best.collision_free else ():
-        best = max(best, plan, key=lambda p: (p.collision_free, p.clearance.nearest.distance))
+    if best.status is PlanStatus.FREE:
+        return best, n
+    for plan in plans:
+        best = max(best, plan, key=_rank)
         n = n + 1
-        if best.collision_free:
+        if best.status is PlanStatus.FREE:
             break
     return best, n
+
+
+def _rank(plan: CollisionPlan) -> tuple[bool, bool, float]:
+    is_free = plan.status is PlanStatus.FREE
+    return is_free, plan.collision_free, plan.clearance.nearest.distance
 
 
 def straight_guess(
@@ -600,13 +618,24 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         )
 
 
+_OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
+
+
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
     trajectory = problem.trajectory(descent.variables)
     report = check_clearance(exact, trajectory)
-    unproven = PlanStatus.UNDECIDED if report.undecided else PlanStatus.COLLIDING
+    beyond = excess_over_limits(trajectory, *exact.scene.coordinates.limits())
+    if report.undecided:
+        status = PlanStatus.UNDECIDED
+    elif not report.collision_free:
+        status = PlanStatus.COLLIDING
+    elif beyond.max(initial=0.0) > _OUTSIDE:
+        status = PlanStatus.BEYOND_LIMITS
+    else:
+        status = PlanStatus.FREE
     return CollisionPlan(
         trajectory=trajectory,
-        status=PlanStatus.FREE if report.collision_free else unproven,
+        status=status,
         clearance=report,
         cost=descent.model.parts,
         iterations=descent.iterations,

@@ -144,6 +144,9 @@ class MetConditionMeta(ConditionMeta):
 
     estimated: float
     """[m] or [rad], what the mission went by."""
+    release: Number | None = None
+    """[m] or [rad] up to where it stayed true once it was; `None`: the limit, and in older records.
+    """
 
 
 class EventMeta(MetaValue):

@@ -171,6 +171,10 @@ class RunMeta(RecordMeta):
                     f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time"
                 )
             here, t = event.target, event.t
+        is_done = here == meta_values.DONE
+        if self.events and self.completed != is_done:
+            said = "completed" if self.completed else "not completed"
+            raise ValueError(f"a mission that is {said}; its last event leads to {here[:60]!r}")
         return self
 
     @property

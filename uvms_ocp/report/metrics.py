@@ -18,6 +18,7 @@ from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import VEHICLE_V, RunMeta, joint_errors, joint_positions
 from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 from uvms_ocp.record.tables import column_units
+from uvms_ocp.solvers.hierarchy.solution import Status
 
 # Series and scalars that several reports need.
 
@@ -80,17 +81,22 @@ def mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
 
 
 def failed_ticks(record: Record) -> dict[str, int] | None:
-    """Count the ticks that the solver did not solve, by its status; `None` where some failed and
-    not every tick has a row.
+    """Count the ticks that the solver did not solve exactly, by its status; `None` where some
+    failed and not every tick has a row.
     """
     codes, counts = np.unique(record["status"], return_counts=True)
     names = [record.run_meta.statuses[code] for code in codes]
     failed = {
-        name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"
+        name: int(count)
+        for name, count in zip(names, counts, strict=True)
+        if name not in _EXACT_STATUSES
     }
     if failed and not keeps_every_tick(record):
         return None
     return failed
+
+
+_EXACT_STATUSES = frozenset(status.value for status in Status if status.exact)
 
 
 def largest_tilt(record: Record) -> float | None:

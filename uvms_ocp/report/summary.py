@@ -10,7 +10,14 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
-from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES, EventMeta, ThresholdMeta
+from uvms_ocp.record.meta_values import (
+    ABORT,
+    DONE,
+    OWN_QUANTITIES,
+    EventMeta,
+    MetConditionMeta,
+    ThresholdMeta,
+)
 from uvms_ocp.record.record import Record, keeps_every_tick, quantity
 from uvms_ocp.record.run_meta import RunMeta, level_rows, versions
 from uvms_ocp.report import metrics
@@ -21,40 +28,63 @@ from uvms_ocp.solvers.hierarchy.solution import Status
 
 
 def goal_table(record: Record) -> list[dict[str, Any]]:
-    """One row per error that had to fall below a limit for a phase to end, in order of time.
+    """One row per measured quantity that ended a phase on its side of a limit, in order of time.
 
-    ``estimated`` and ``true`` at that moment, `None` where not known, and the ``limit`` [m] or
-    [rad]; ``sensors_allow`` is the standard deviation of the estimate that the sensors allow,
-    `None` where they are ideal or it is not known; ``met`` is judged by the truth, `None` where
-    that is not known. No rows of older records, which do not tell what ended a phase.
+    That is every one that had to fall below a limit, and those that had to rise above one on the
+    way forward; not time, load and energy (`OWN_QUANTITIES`), which no goal is made of.
+
+    ``estimated`` and ``true`` at that moment, `None` where not known, the ``sign`` (< or >) and the
+    ``limit`` [m] or [rad]; ``sensors_allow`` is the standard deviation of the estimate that the
+    sensors allow, `None` where they are ideal or it is not known; ``met`` is judged by the truth,
+    `None` where that is not known. No rows of older records, which do not tell what ended a phase.
     """
-    return [
-        row
-        for event in record.run_meta.events
-        if event.target != ABORT
-        for row in _rows(record, event)
-    ]
+    rows = []
+    for event in record.run_meta.events:
+        if event.target != ABORT:
+            rows += _rows(record.run_meta, event)
+    return rows
 
 
-def _rows(record: Record, event: EventMeta) -> list[dict[str, Any]]:
-    return [
-        {
-            "phase": event.source,
-            "t": event.t,
-            "quantity": item.quantity,
-            "limit": item.limit,
-            "estimated": metrics.none_if_nan(item.estimated),
-            "true": (true := metrics.none_if_nan(event.truth.get(item.quantity))),
-            "sensors_allow": record.run_meta.allowance.get(item.quantity),
-            "met": None if true is None else true < item.limit,
-        }
-        for item in event.conditions
-        if item.sign == "<"
-    ]
+def _rows(meta: RunMeta, event: EventMeta) -> list[dict[str, Any]]:
+    rows = []
+    for item in event.conditions:
+        if item.quantity in OWN_QUANTITIES:
+            continue
+        if item.sign == ">" and not _leads_forward(meta, event):
+            continue
+        true = metrics.none_if_nan(event.truth.get(item.quantity))
+        rows.append(
+            {
+                "phase": event.source,
+                "t": event.t,
+                "quantity": item.quantity,
+                "sign": item.sign,
+                "limit": item.limit,
+                "estimated": metrics.none_if_nan(item.estimated),
+                "true": true,
+                "sensors_allow": meta.allowance.get(item.quantity),
+                "met": None if true is None else _is_true_of(item, true),
+            }
+        )
+    return rows
+
+
+def _leads_forward(meta: RunMeta, event: EventMeta) -> bool:
+    """Tell a phase that came to its end from one that was left to try again."""
+    names = [phase.name for phase in meta.phases]
+    return event.target == DONE or names.index(event.target) > names.index(event.source)
+
+
+def _is_true_of(condition: MetConditionMeta, value: float) -> bool:
+    """Judge a value by the limit, or by the release that stands in for it once a condition holds."""
+    limit = condition.limit if condition.release is None else condition.release
+    return value < limit if condition.sign == "<" else value > limit
 
 
 def ended_prematurely(record: Record) -> list[dict[str, Any]]:
-    """The rows of `goal_table` where the estimate was below the limit and the truth was not."""
+    """The rows of `goal_table` where the estimate was on its side of the limit and the truth was
+    not.
+    """
     return [row for row in goal_table(record) if row["met"] is False]
 
 
@@ -73,6 +103,7 @@ _STOPPED = {
 ENDS = (
     "completed",
     "ended too early",
+    "truth unknown",
     "aborted",
     "given up",
     "swinging",
@@ -88,9 +119,10 @@ def cause_of_end(record: Record) -> dict[str, str]:
     """``kind``: one of `ENDS`; ``text``: one sentence with the figures.
 
     A mission has ended too early where it is complete by the estimate and a true error is over its
-    limit. One that is aborted names what sent it into its abort phase, or ended it; one that swings
-    by how much, how fast, and whether it grows; one that swings, is slow or stalled the last alarm,
-    if there was any.
+    limit; of one whose true errors are not all in the record the truth is unknown. One that is
+    aborted names what sent it into its abort phase, or ended it; one that swings by how much, how
+    fast, and whether it grows; one that swings, is slow or stalled the last alarm, if there was
+    any.
 
     Raises `InvalidInput` for the record of a plan.
     """
@@ -100,6 +132,9 @@ def cause_of_end(record: Record) -> dict[str, str]:
             "kind": "ended too early",
             "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}",
         }
+    doubt = _doubt_of_completion(record) if meta.completed else ""
+    if doubt:
+        return {"kind": "truth unknown", "text": f"complete by the estimate; {doubt}"}
     if meta.completed:
         return {"kind": "completed", "text": "every phase came to its end"}
     if meta.stopped:
@@ -121,6 +156,20 @@ def cause_of_end(record: Record) -> dict[str, str]:
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
     alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
     return {**cause, "text": "".join([cause["text"], *alarms])}
+
+
+def _doubt_of_completion(record: Record) -> str:
+    """Tell what the record lacks of a proof that a mission is complete; empty where it lacks
+    nothing.
+    """
+    meta = record.run_meta
+    for row in goal_table(record):
+        if row["met"] is None:
+            return f"true {row['quantity']} at the end of phase {row['phase']} is not known"
+    is_mission = bool(meta.tasks)
+    if is_mission and not meta.events:
+        return "no event in the record ends it"
+    return ""
 
 
 def _aborted(meta: RunMeta) -> dict[str, str] | None:

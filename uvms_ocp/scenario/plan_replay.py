@@ -129,12 +129,15 @@ def _record(
     """One phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     plant = "dynamic" if "thrust" in series else "kinematic"
+    is_over = series["t"][-1] >= plan.duration - dt / 2
     known = {
         "thrusters": robot.thruster_names,
         "surroundings": plan.surroundings,
         "plant": plant,
         "dt": dt,
         "alarms": alarms,
+        "completed": bool(is_over),
+        "stopped": "" if is_over else "diverged",
     }
     meta = meta_without_mission(robot, f"plan carried out {how}", "plan", **known)
     if not robot.has_frame(TOOL):

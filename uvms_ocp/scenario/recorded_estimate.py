@@ -160,7 +160,8 @@ def estimate_recording(
         "alarms": alarms,
         "faults": tuple(map(injected_faults.fault_meta, faults)),
     }
-    meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
+    known |= {"plant": "recorded", "completed": True}
+    meta = meta_without_mission(robot, title, "recording", **known)
     record = Record(
         series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta
     )

@@ -82,12 +82,7 @@ def meta_without_mission(robot: Robot, name: str, phase: str, **known: Any) -> R
     """Metadata of a motion of one phase, without tasks. known: other fields of `RunMeta`."""
     phases = (meta_values.PhaseMeta(name=phase),)
     floating = bool(robot.n_vehicle)
-    shared: dict[str, Any] = {
-        "packages": packages(),
-        "solver": "none",
-        "floating": floating,
-        "completed": True,
-    }
+    shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating}
     return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **known)
 
 
@@ -206,7 +201,7 @@ def _events(
     found = []
     for e, truth in zip(controller.events, ending.at_events, strict=False):
         met = [
-            meta_values.MetConditionMeta(**_condition_fields(one), estimated=x)
+            meta_values.MetConditionMeta(**_condition_fields(one), estimated=x, release=one.release)
             for one, x in e.conditions
         ]
         why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}

@@ -211,6 +211,16 @@ def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
     return by_duration, onto_nodes(slope * np.tile(_powers(h[:, 0], k), (2, 1))[..., None], k)
 
 
+def cost_curvature(pieces: Pieces) -> Array:
+    """(k, n + 1, 1) [1/s^(2k - 1 - 2d)] second derivative of the cost by each node derivative of
+    one axis alone.
+    """
+    k = pieces.k
+    h = pieces.durations * pieces.unit
+    own = np.diag(hermite_cost(k))[:, None] * np.tile(_powers(h, k) ** 2, (2, 1))
+    return onto_nodes((2.0 * h ** (1 - 2 * k) * own)[:, :, None], k)
+
+
 def _powers(x: Array, k: int) -> Array:
     """(k, n): x^0, ..., x^(k-1)."""
     rows = np.ones((k, x.size))

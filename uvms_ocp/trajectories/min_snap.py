@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.trajectories import free_derivatives
+from uvms_ocp.trajectories import curve_judge, free_derivatives
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, read_only
 
@@ -178,10 +178,10 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     return knots
 
 
-def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) -> None:
-    if boundary is None:
+def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> None:
+    if given is None:
         return
-    rows = np.asarray(boundary, dtype=float)
+    rows = np.asarray(given, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
     if (
         rows.ndim not in (0, 2)
@@ -211,16 +211,16 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
         raise InvalidInput(
             f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}."
         )
-    required = np.asarray(constraint.value, dtype=float)
-    if required.shape not in ((), (len(axes),)):
+    given = np.asarray(constraint.value, dtype=float)
+    if given.shape not in ((), (len(axes),)):
         raise InvalidInput(
-            f"constraint {index} has value {required}; allowed is a number or one per axis."
+            f"constraint {index} has value {given}; allowed is a number or one per axis."
         )
-    if np.any(fixed[d, node, axes] & (values[d, node, axes] != required)):
+    if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
         raise InvalidInput(
             f"constraint {index} contradicts another on derivative {d} of way point {node}."
         )
-    values[d, node, axes] = required
+    values[d, node, axes] = given
     fixed[d, node, axes] = True
 
 
@@ -277,7 +277,9 @@ def min_snap(
     curve, and where rounding decides it, as by pieces too short beside the others.
     """
     curve, problem, pieces = _least(waypoints, times, specification)
-    _require_accurate(curve, problem, pieces)
+    slopes = free_derivatives.cost_slopes(pieces, curve.node_derivatives)[1]
+    _require_accurate(curve, problem, slopes)
+    _require_proven(curve, problem, pieces, *_fixed_bounds(problem), slopes)
     return curve
 
 
@@ -289,35 +291,61 @@ def _least(
     return solution_of(problem.times, pieces, _solved(problem, pieces)), problem, pieces
 
 
-_ACCURACY = 1e-4  # relative, of the cost
-
-
-def _require_accurate(
-    curve: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces
+def _require_proven(
+    curve: MinSnap,
+    problem: NodeProblem,
+    pieces: free_derivatives.Pieces,
+    lower: Array,
+    upper: Array,
+    slopes: Array,
 ) -> None:
+    """Let the judge look at a curve: it keeps its conditions, and none beside it is cheaper.
+
+    lower, upper (k, n + 1, n_axes) [axis/s^d]: bounds on the node derivatives. slopes (k, n + 1,
+    n_axes): of the cost by them.
+    """
+    curvature = free_derivatives.cost_curvature(pieces)
+    gain = curve_judge.achievable_gain(slopes, curvature, curve.node_derivatives, lower, upper)
+    missed = curve_judge.largest_miss(curve.trajectory, lower, upper)
+    if missed > curve_judge.KEPT or gain > curve_judge.CHEAPEST * _scale_of_cost(curve, problem):
+        raise InvalidInput(_rounding_decides(problem))
+
+
+def _require_accurate(curve: MinSnap, problem: NodeProblem, slopes: Array) -> None:
     """Where the slope by all that is free vanishes, the cost is half the sum of slope times value
     over what is fixed.
     """
-    values = curve.node_derivatives
+    cost_of_fixed = float((slopes * curve.node_derivatives)[problem.fixed].sum()) / 2.0
+    scale = _scale_of_cost(curve, problem)
+    if not abs(curve.cost - cost_of_fixed) <= curve_judge.CHEAPEST * scale:
+        raise InvalidInput(_rounding_decides(problem))
+
+
+def _scale_of_cost(curve: MinSnap, problem: NodeProblem) -> float:
+    """The cost; what ordinary pieces cost by themselves, where that is next to nothing."""
     durations = np.diff(problem.times)
-    boundary_cost = (
-        ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    steps = (np.diff(curve.node_derivatives[0], axis=0) ** 2).sum(axis=1)
+    usual = np.median(steps / durations ** (2 * problem.k - 1)) * durations.size
+    return max(curve.cost, float(usual))
+
+
+def _rounding_decides(problem: NodeProblem) -> str:
+    durations = np.diff(problem.times)
+    short = int(np.argmin(durations))
+    wrong = (
+        f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
+        f" {durations.sum():.3g} s in all"
     )
-    # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
-    usual = (
-        np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1))
-        * durations.size
+    return (
+        f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
+        " them more time."
     )
-    if not abs(curve.cost - boundary_cost) <= _ACCURACY * max(curve.cost, usual):
-        short = int(np.argmin(durations))
-        wrong = (
-            f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
-            f" {durations.sum():.3g} s in all"
-        )
-        raise InvalidInput(
-            f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
-            " them more time."
-        )
+
+
+def _fixed_bounds(problem: NodeProblem) -> tuple[Array, Array]:
+    lower = np.where(problem.fixed, problem.values, -np.inf)
+    upper = np.where(problem.fixed, problem.values, np.inf)
+    return lower, upper
 
 
 def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) -> MinSnap:
@@ -384,14 +412,20 @@ def min_snap_qp(
     times (n + 1,) [s].
 
     Raises `InvalidInput` as ``min_snap``, for a bound that does not exist, and where the solver
-    finds no solution, as with bounds that contradict each other.
+    finds no solution, as with bounds that contradict each other, or none that keeps all conditions
+    at the least cost.
     """
     problem = node_problem(waypoints, times, specification)
+    pieces = free_derivatives.pieces_of(np.diff(problem.times), problem.k)
     qp = _Qp(problem.k, np.diff(problem.times), bounds)
-    values = np.stack([qp.solve(problem, axis) for axis in range(problem.values.shape[2])], axis=2)
-    return solution_of(
-        problem.times, free_derivatives.pieces_of(np.diff(problem.times), problem.k), values
-    )
+    limits = [qp.limits(problem, axis) for axis in range(problem.values.shape[2])]
+    lower = np.stack([low for low, _ in limits], axis=2)
+    upper = np.stack([high for _, high in limits], axis=2)
+    solved = [qp.solve(problem, axis, *limits[axis]) for axis in range(len(limits))]
+    found = solution_of(problem.times, pieces, np.stack(solved, axis=2))
+    slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
+    _require_proven(found, problem, pieces, lower, upper, slopes)
+    return found
 
 
 _QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
@@ -416,10 +450,17 @@ class _Qp:
             "min_snap", "qrqp", {"h": self.H.sparsity(), "a": self.A.sparsity()}, _QUIET
         )
 
-    def solve(self, problem: NodeProblem, axis: int) -> Array:
-        """(k, n + 1) optimal node derivatives of one axis."""
-        lower, upper = self._limits(problem.values[:, :, axis], problem.fixed[:, :, axis])
-        solution = self.solver(h=self.H, g=0, a=self.A, lba=lower, uba=upper)
+    def solve(self, problem: NodeProblem, axis: int, lower: Array, upper: Array) -> Array:
+        """(k, n + 1) optimal node derivatives of one axis within `limits`."""
+        scale = self.unit ** np.arange(self.k)[:, None]
+        continuous = np.zeros(self.k * (self.n - 1))
+        solution = self.solver(
+            h=self.H,
+            g=0,
+            a=self.A,
+            lba=np.concatenate([(lower * scale).T.ravel(), continuous]),
+            uba=np.concatenate([(upper * scale).T.ravel(), continuous]),
+        )
         if not self.solver.stats()["success"]:
             raise InvalidInput(
                 f"the QP of axis {axis} has no solution; check its bounds and constraints."
@@ -440,8 +481,7 @@ class _Qp:
             for u in (0.0, 1.0)
         ]
         starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ unit_rows) for t in self.tau]
-            for unit_rows in rows
+            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows
         )
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
@@ -450,8 +490,10 @@ class _Qp:
         after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
         return ca.vertcat(nodes, before - after)
 
-    def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
-        scale = self.unit ** np.arange(self.k)[:, None]
+    def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
+        """Bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
+        fixed = problem.fixed[:, :, axis]
+        values = problem.values[:, :, axis]
         lower = np.where(fixed, values, -np.inf)
         upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
@@ -474,16 +516,13 @@ class _Qp:
             raise InvalidInput(
                 f"the bounds of way point {int(np.argmax(crossed))} leave no solution; relax one."
             )
-        continuous = np.zeros(self.k * (self.n - 1))
-        return (
-            np.concatenate([(lower * scale).T.ravel(), continuous]),
-            np.concatenate([(upper * scale).T.ravel(), continuous]),
-        )
+        return lower, upper
 
 
 # Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus
 # snap.
 
+_STATIONARY = 1e-4  # largest slope of the cost, relative, by the logarithm of a duration
 _LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
 
@@ -516,13 +555,13 @@ class MotionLimits:
         """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
         they are of other shape.
         """
-        limits = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
-        for name, limit in zip(("velocity", "acceleration", "jerk"), limits, strict=True):
+        given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
+        for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
             if limit.shape not in ((), (n_axes,)):
                 raise InvalidInput(
                     f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},)."
                 )
-        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in limits])
+        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
         """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
@@ -590,8 +629,8 @@ def optimal_times(
 
     waypoints (n + 1, n_axes) [axis]; times (n + 1,) [s]: first guess; time_weight [axis^2/s^2k]:
     k_T, the cost of one second; tolerance: largest slope of the cost, as a share of its first
-    value, by the logarithm of a duration. Raises `InvalidInput` as ``min_snap``, and for a time
-    weight that is not positive.
+    value, by the logarithm of a duration. Raises `InvalidInput` as ``min_snap``, for a time weight
+    that is not positive, and where the search ends before the optimum.
     """
     from scipy.optimize import minimize  # half a second, which few need
 
@@ -607,10 +646,10 @@ def optimal_times(
         return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        curve = _least(waypoints, knots(log_durations), specification)[0]
+        found = _least(waypoints, knots(log_durations), specification)[0]
         h = np.exp(log_durations)
-        return float(time_weight * h.sum() + curve.cost), (
-            time_weight + curve.gradients().durations
+        return float(time_weight * h.sum() + found.cost), (
+            time_weight + found.gradients().durations
         ) * h
 
     guess = min_snap(waypoints, times, specification)
@@ -625,6 +664,12 @@ def optimal_times(
         method="L-BFGS-B",
         options={"maxiter": max_iterations, "ftol": 1e-15, "gtol": tolerance, "maxcor": 20},
     )
+    cost, slopes = objective(result.x)
+    if not np.abs(slopes).max() <= _STATIONARY * cost:
+        raise InvalidInput(
+            f"after {result.nit} iterations one of the durations still changes the cost by"
+            f" {np.abs(slopes).max() / cost:.2g} of it; raise max_iterations, or give other times."
+        )
     return min_snap(waypoints, knots(result.x), specification)
 
 

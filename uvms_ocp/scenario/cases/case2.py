@@ -60,7 +60,7 @@ def case2(
         environment=replace(scenario.environment, obstacles=tuple(obstacles)),
     )
     plan = plan_arm(scenario, clearance)
-    if not plan.collision_free:
+    if plan.status is not soft_collision.PlanStatus.FREE:
         raise InvalidInput(f"the plan of the arm is {plan.status.value}; {plan.status.advice}")
     phases = tuple(
         _following(scenario, phase, plan.trajectory, with_mp) for phase in scenario.mission.phases

@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.control.velocity import goals, levels, swing
 from uvms_ocp.estimation.estimator import std_at_rest
-from uvms_ocp.mission import Below, Mission
+from uvms_ocp.mission import Above, Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
 from uvms_ocp.robot.dynamics import cached_dynamics
@@ -31,8 +31,10 @@ from uvms_ocp.scenario.preflight.setup import (
     Severity,
     Visit,
     forecast,
+    threshold_of,
 )
-from uvms_ocp.tasks.pose import PoseTask, ToolPosition
+from uvms_ocp.tasks.goals import evaluate_pose
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import TaskClass
 
 # Checks on the mission alone: phases, transitions and activations.
@@ -188,6 +190,7 @@ def check_mission(setup: Setup) -> PreflightReport:
         *check_hull(setup),
         *check_obstacles(setup, visits),
         *check_freedom(setup, visits, problem),
+        *check_time(setup, visits),
     ]
     for check in (
         forces.check_forces,
@@ -240,6 +243,47 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
             if condition.quantity in ENERGIES:
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but {why}"
                 yield Severity.ERROR.finding("energy", text, phase.name)
+
+
+def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
+    """Find a time limit that is shorter than the mission takes at least: along straight ways from
+    way point to way point at the fastest that the vehicle may move, with all that is to be held.
+    """
+    fastest = float(np.linalg.norm(setup.robot.limits.velocity[:3]))
+    place = setup.start[:3]
+    nearby = 0.0
+    least = 0.0
+    for visit in visits:
+        least += _shortest_stay(visit.phase)
+        pose = visit.active(VehiclePose)
+        if pose is None or callable(pose.goal):
+            continue
+        threshold = threshold_of(visit.phase, f"{pose.name}.position_error")
+        if threshold is None:
+            continue
+        goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
+        way = float(np.linalg.norm(goal.translation - place))
+        least += max(way - nearby - threshold, 0.0) / fastest
+        place, nearby = goal.translation, threshold
+    if least > setup.duration:
+        text = (
+            f"the phases take {least:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"
+            f" time limit is {setup.duration:.3g} s: give a longer duration"
+        )
+        yield Severity.WARNING.finding("time", text, least_s=least, duration_s=setup.duration)
+
+
+def _shortest_stay(phase: Phase) -> float:
+    """[s] that a phase lasts at least: what its transitions hold or wait for."""
+    stays = []
+    for transition in phase.transitions:
+        waits = [
+            condition.limit
+            for condition in transition.when
+            if isinstance(condition, Above) and condition.quantity == "phase.time"
+        ]
+        stays.append(max(waits, default=0.0) + transition.hold)
+    return min(stays, default=0.0)
 
 
 def check_inertia(setup: Setup) -> Iterator[Finding]:

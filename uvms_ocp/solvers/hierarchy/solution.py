@@ -75,7 +75,9 @@ class Status(AdvisedStatus):
 
     @property
     def usable(self) -> bool:
-        """True if v keeps the priorities: no level was given up for a lower one."""
+        """True if v is the best velocity that was found, always finite; that no level was given up
+        for a lower one is proven where it is `exact`, and only there.
+        """
         return self is not Status.INVALID_INPUT
 
 
