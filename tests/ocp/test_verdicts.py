@@ -14,11 +14,12 @@ import pytest
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
-from uvms_ocp.ocp.planner import Planner, impossible_start
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
+from uvms_ocp.ocp.start_checks import impossible_start
 from uvms_ocp.ocp.terms import (
     At,
     AtRest,

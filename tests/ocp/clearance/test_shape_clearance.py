@@ -13,11 +13,12 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.separating_planes import support_of
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import AtRest, Effort, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel

@@ -1,0 +1,223 @@
+"""Clearance of true shapes, as rows of an optimal control problem."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Annotated
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.ocp.plane_rows import PlaneRowGroup, ranks
+from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
+from uvms_ocp.ocp.terms import At, StageSymbols, Term
+from uvms_ocp.planning.distances import CoalDistances, Configurations, Contacts
+from uvms_ocp.planning.scene import CollisionScene
+from uvms_ocp.record.meta_values import ObstacleMeta
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
+from uvms_ocp.tasks.task import Residual, bounded_residual
+from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask, Shape
+
+_BINDING = 5e-3  # [m] beyond the margin within which a row decides
+
+Wider = Annotated[Array, Shape("n", "self.scene.n_pairs")]
+Place = Callable[[float], pin.SE3]
+"""X_WO at time t [s]."""
+
+
+@checked_dataclass(slots=False, eq=False)
+class ShapeClearance(Term):
+    """The pairs of a scene stay apart by their margins: rows of signed distance less margin [m] >=
+    0.
+
+    Rows are the planes and points of `uvms_ocp.ocp.separating_planes`, for the nearest pairs of
+    every node at the motion that a solve begins with. As a constraint they keep the distances of
+    convex shapes, wherever the planes are; in a level the squares of what is missing add up. Raises
+    `InvalidInput` for margins of the wrong number or not finite, a scene whose axes are not all
+    planned, and `NameNotFound` for the motion of an obstacle that there is not.
+    """
+
+    name = "clearance"
+    at: At = At.PATH
+    scene: CollisionScene
+    margins: Array
+    """(n_pairs,) [m] of the pairs of the scene."""
+    n_rows: AtLeastOne = 10
+    """Per node on pairs with what stands in the world."""
+    n_own_rows: AtLeastOne = 6
+    """Per node on pairs of the robot's own links."""
+    n_pair_rows: Count = 0
+    """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few
+    pairs.
+    """
+    moving: Mapping[str, Place] = field(default_factory=dict)
+    """Places of obstacles that move, by name."""
+
+    def __post_init__(self) -> None:
+        Term.__post_init__(self)
+        scene = self.scene
+        if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
+            given = f"{self.name}: margins {np.shape(self.margins)}"
+            raise InvalidInput(
+                f"{given}; give one finite number [m] for each of {scene.n_pairs} pairs"
+            )
+        if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
+            raise InvalidInput(
+                f"{self.name}: the scene plans {scene.coordinates.names}; give one that plans all"
+                " axes"
+            )
+        names = [item.name for item in scene.geometry.geometryObjects]
+        for name in self.moving:
+            require_known("moving obstacle", name, names)
+
+    @cached_property
+    def _coal(self) -> CoalDistances:
+        """With shapes of its own where it moves them."""
+        scene = self.scene
+        return CoalDistances(
+            replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene
+        )
+
+    def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
+        """Obstacles that have an end, as they are at time t [s]."""
+        shapes = [
+            item
+            for i, item in enumerate(self.scene.geometry.geometryObjects)
+            if self.scene.is_obstacle(i)
+        ]
+        places = [
+            self.moving[item.name](t) if item.name in self.moving else item.placement
+            for item in shapes
+        ]
+        pairs = zip(shapes, places, strict=True)
+        return describe_obstacles(
+            Obstacle(name=item.name, shape=item.geometry, X_WO=X) for item, X in pairs
+        )
+
+    # --- rows -------------------------------------------------------------------------------------
+
+    def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
+        ends = np.cumsum([0, *(group.n_parameters for group in self._groups)]).tolist()
+        parts = [parameters[first:stop] for first, stop in pairwise(ends)]
+        rows = [
+            group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)
+        ]
+        return bounded_residual(
+            ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0
+        )
+
+    @cached_property
+    def _groups(self) -> tuple[PlaneRowGroup, ...]:
+        """Return the row groups: with the world, between links, and of each pair of links."""
+        pairs = self.scene.pairs
+        carried = np.array(
+            [(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int
+        ).reshape(-1, 2)
+        world = carried[:, 0] == 0
+        n = self.n_pair_rows
+        groups = [(world, self.n_rows)]
+        groups += (
+            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)]
+            if n
+            else [(~world, self.n_own_rows)]
+        )
+        return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
+
+    # --- parameters -------------------------------------------------------------------------------
+
+    def n_parameters(self, robot: Robot) -> int:
+        return sum(group.n_parameters for group in self._groups)
+
+    def reference(self, t: float) -> Array:
+        """At the configuration in which the coordinates of the scene stay, at time t [s]."""
+        coordinates = self.scene.coordinates
+        return self.references([t], coordinates.configurations(coordinates.reference[None]))[0]
+
+    def references(
+        self, times: Sequence[float], q: Configurations, tightened: Wider | None = None
+    ) -> Array:
+        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened
+        (n, n_pairs) [m].
+        """
+        margins = self._margins(len(q), tightened)
+        parts = []
+        for group, found in zip(self._groups, self._chosen(times, q, margins), strict=True):
+            parts.append(np.tile(group.nothing(), (len(q), 1)))
+            group.write(parts[-1], found, found.offset + margins[found.sample, found.pair])
+        return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
+
+    def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
+        """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations
+        written (n, n_q) [m, rad], are off.
+
+        times (n,) [s].
+        """
+        poses = Poses.of(self.scene.coordinates.robot.model, q)
+        true = self.distances(times, q)
+        least = np.full(true.shape, np.inf)
+        for found in self._chosen(times, written, self._margins(len(q), None)):
+            np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
+        return float(np.abs(least - true)[least - self.margins < _BINDING].max(initial=0.0))
+
+    def _margins(self, n: int, tightened: Array | None) -> Array:
+        """(n, n_pairs) [m]"""
+        return np.broadcast_to(
+            self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs)
+        )
+
+    def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
+        """Choose in every group as many as there is room for at configurations q (n, n_q): the ones
+        least beyond their margins.
+        """
+        contacts = self._contacts(times, q)
+        poses = Poses.of(self.scene.coordinates.robot.model, q)
+        found = planes(self.scene, contacts, poses)
+        beyond = found.heights(poses) - margins[found.sample, found.pair]
+        kept = []
+        for group in self._groups:
+            rows = np.flatnonzero(group.pairs[found.pair])
+            order = rows[np.lexsort((beyond[rows], found.sample[rows]))]
+            kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
+        return kept
+
+    # --- distances --------------------------------------------------------------------------------
+
+    def distances(self, times: Sequence[float], q: Configurations) -> Array:
+        """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad],
+        by coal.
+        """
+        if not self.moving:
+            return self._coal.distances_at(q)
+        return np.concatenate(
+            [self._placed(t).distances_at(row[None]) for t, row in zip(times, q, strict=True)]
+        )
+
+    def _contacts(self, times: Sequence[float], q: Array) -> Contacts:
+        if not self.moving:
+            return self._coal.contacts(q)
+        found = [self._placed(t).contacts(row[None]) for t, row in zip(times, q, strict=True)]
+        sample = np.repeat(np.arange(len(q)), [len(one.sample) for one in found])
+        names = ("pair", "distance", "normal", "first", "second")
+        return Contacts(
+            sample=sample,
+            **{name: np.concatenate([getattr(one, name) for one in found]) for name in names},
+        )
+
+    def _placed(self, t: float) -> CoalDistances:
+        for item in self._coal.scene.geometry.geometryObjects:
+            if item.name in self.moving:
+                item.placement = self.moving[item.name](t)
+        return self._coal
+
+
+def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
+    """Return the row group of the chosen of pairs (n_pairs, 2) of joints."""
+    first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
+    return PlaneRowGroup(pairs=chosen, n=n, first=first, second=second)
