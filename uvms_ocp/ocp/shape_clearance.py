@@ -189,15 +189,36 @@ class ShapeClearance(Term):
 
     # --- distances --------------------------------------------------------------------------------
 
-    def distances(self, times: Sequence[float], q: Configurations) -> Array:
+    def distances(
+        self, times: Sequence[float], q: Configurations, chosen: Mask | None = None
+    ) -> Array:
         """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad],
-        by coal.
+        by coal; infinite for those that are not chosen (n, n_pairs).
         """
         if not self.moving:
-            return self._coal.distances_at(q)
-        return np.concatenate(
-            [self._placed(t).distances_at(row[None]) for t, row in zip(times, q, strict=True)]
-        )
+            return self._coal.distances_at(q, chosen)
+        wanted = np.ones((len(q), self.scene.n_pairs), dtype=bool) if chosen is None else chosen
+        parts = [
+            self._placed(t).distances_at(row[None], asked[None])
+            for t, row, asked in zip(times, q, wanted, strict=True)
+        ]
+        return np.concatenate([np.zeros((0, self.scene.n_pairs)), *parts])
+
+    def obstacle_motion(self, times: Array, half: Array) -> Array:
+        """(n, n_pairs) [m] How far the obstacle of each pair moves within half (n,) [s] of times
+        (n,) [s], by its places there and at both ends.
+        """
+        shapes = self.scene.geometry.geometryObjects
+        result = np.zeros((len(times), self.scene.n_pairs))
+        for name, place in self.moving.items():
+            (item,) = (item for item in shapes if item.name == name)
+            own = [k for k, pair in enumerate(self.scene.pairs) if shapes[pair.first].name == name]
+            centre = np.linalg.norm(np.array(item.geometry.aabb_center))
+            radius = float(centre + item.geometry.aabb_radius)
+            for row, t, delta in zip(result, times.tolist(), half.tolist(), strict=True):
+                here = place(t)
+                row[own] = max(_way(here, place(t + side), radius) for side in (-delta, delta))
+        return result
 
     def _contacts(self, times: Sequence[float], q: Array) -> Contacts:
         if not self.moving:
@@ -215,6 +236,12 @@ class ShapeClearance(Term):
             if item.name in self.moving:
                 item.placement = self.moving[item.name](t)
         return self._coal
+
+
+def _way(one: pin.SE3, other: pin.SE3, radius: float) -> float:
+    """[m] How far a point of a ball of that radius about the origin moves at most."""
+    turn = np.linalg.norm(pin.log3(one.rotation.T @ other.rotation))
+    return float(np.linalg.norm(other.translation - one.translation) + turn * radius)
 
 
 def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:

@@ -110,15 +110,20 @@ class CoalDistances:
         """
         return self.distances_at(self.scene.coordinates.configurations(x))
 
-    def distances_at(self, q: Configurations) -> Array:
-        """The same at configurations q (n, n_q) [m, rad]."""
-        result = np.empty((len(q), self.scene.n_pairs))
+    def distances_at(self, q: Configurations, chosen: Mask | None = None) -> Array:
+        """The same at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
+        (n, n_pairs), by default all are.
+        """
+        result = np.full((len(q), self.scene.n_pairs), np.inf)
         geometry = self.scene.geometry
         data = self._geometry_data
-        pairs = range(self.scene.n_pairs)
-        for row, configuration in zip(result, q, strict=True):
+        wanted = np.ones(result.shape, dtype=bool) if chosen is None else chosen
+        for row, configuration, asked in zip(result, q, wanted, strict=True):
+            pairs = np.flatnonzero(asked)
             self._place(configuration)
-            row[:] = [pin.computeDistance(geometry, data, k).min_distance for k in pairs]
+            row[pairs] = [
+                pin.computeDistance(geometry, data, k).min_distance for k in pairs.tolist()
+            ]
         result[result < FAILED] = -np.inf
         return result
 
