@@ -25,6 +25,10 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask, Shape
 
+_IN_TURN = 0.25
+"""[m] beyond its margin up to which a pair has its first row before any other has its second: one pair
+that is always near, with the eight corners of its shape, would leave none to those that come near.
+"""
 _BINDING = 5e-3  # [m] beyond the margin within which a row decides
 
 Wider = Annotated[Array, Shape("n", "self.scene.n_pairs")]
@@ -173,8 +177,8 @@ class ShapeClearance(Term):
         )
 
     def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
-        """Choose in every group as many as there is room for at configurations q (n, n_q): the ones
-        least beyond their margins.
+        """Choose in every group as many as there is room for at configurations q (n, n_q): pair by
+        pair the ones least beyond their margins.
         """
         contacts = self._contacts(times, q)
         poses = Poses.of(self.scene.coordinates.robot.model, q)
@@ -183,7 +187,8 @@ class ShapeClearance(Term):
         kept = []
         for group in self._groups:
             rows = np.flatnonzero(group.pairs[found.pair])
-            order = rows[np.lexsort((beyond[rows], found.sample[rows]))]
+            turn = _turns(found, rows, beyond)
+            order = rows[np.lexsort((beyond[rows], turn, found.sample[rows]))]
             kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
         return kept
 
@@ -236,6 +241,17 @@ class ShapeClearance(Term):
             if item.name in self.moving:
                 item.placement = self.moving[item.name](t)
         return self._coal
+
+
+def _turns(found: Planes, rows: Indices, beyond: Array) -> Indices:
+    """(n,) Turn in which each of the chosen rows (n,) is taken: the first for the nearest point of
+    every pair, the next ones for its further points; the last for what is far; beyond (n_all,) [m].
+    """
+    pair = found.sample[rows] * (int(found.pair.max(initial=0)) + 1) + found.pair[rows]
+    order = np.lexsort((beyond[rows], pair))
+    place = np.empty(len(rows), dtype=np.intp)
+    place[order] = ranks(pair[order])
+    return np.where(beyond[rows] < _IN_TURN, place, len(rows))
 
 
 def _way(one: pin.SE3, other: pin.SE3, radius: float) -> float:
