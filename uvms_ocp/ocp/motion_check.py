@@ -106,6 +106,14 @@ class RangeCheck:
     """(N, m) [unit of the quantity]"""
     times: Array
     """(N, m) [s] since the first node, of the larger of the two."""
+    slack: Array
+    """(N + 1, m) [unit of the quantity] how far inside it is at the nodes, negative outside;
+    infinite at those where it does not count.
+    """
+    lower: Array
+    """(m,) [unit of the quantity]"""
+    upper: Array
+    """(m,) [unit of the quantity]"""
 
     @property
     def worst(self) -> Peak:
@@ -139,6 +147,17 @@ def motion_check(problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
         ranges += [_positions(motion), _velocities(motion), _accelerations(motion)]
         ranges += _forces(motion)
     return MotionCheck(ranges=(*ranges, *constraint_checks(problem, trajectory, t0=t0)))
+
+
+def between_checks(
+    problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
+) -> tuple[RangeCheck, ...]:
+    """Check what may be left between nodes though it is kept at them: positions, forces and
+    constraints; see `motion_check`.
+    """
+    motion = _Motion(problem=problem, trajectory=trajectory, t0=t0)
+    limits = [_positions(motion), *_forces(motion)] if problem.limited else []
+    return (*limits, *constraint_checks(problem, trajectory, t0=t0))
 
 
 def constraint_checks(
@@ -284,8 +303,10 @@ class _Range:
         below: Array,
         above: Array,
         times: Array,
+        slack: Array | None = None,
         resolution: float = 0.0,
     ) -> RangeCheck:
+        """Check of quantities with these amounts (N, m) inside the steps."""
         below = np.maximum(below, 0.0)
         above = np.maximum(above, 0.0)
         return RangeCheck(
@@ -300,7 +321,16 @@ class _Range:
             below=below,
             above=above,
             times=times,
+            slack=np.full((len(below) + 1, len(self.lower)), np.inf) if slack is None else slack,
+            lower=self.lower,
+            upper=self.upper,
         )
+
+    def inside(self, motion: _Motion, nodes: Indices, values: Array) -> Array:
+        """(N + 1, m) How far values (n, m) at nodes (n,) are inside; infinite at others."""
+        slack = np.full((motion.N + 1, len(self.lower)), np.inf)
+        slack[nodes] = -np.maximum(*self.beyond(values))
+        return slack
 
     def of_nodes(self, motion: _Motion, values: Array, times: Array) -> RangeCheck:
         """Of values (n, m) at times (n,) [s], with nothing between them."""
@@ -313,7 +343,14 @@ _NO_PEAK = Peak(amount=0.0, time=0.0, quantity="")
 
 
 def _scanned(
-    motion: _Motion, scope: _Range, rows: _Rows, nodes: Peak, steps: Indices, *, inputs: bool
+    motion: _Motion,
+    scope: _Range,
+    rows: _Rows,
+    nodes: Peak,
+    steps: Indices,
+    *,
+    inputs: bool,
+    slack: Array | None = None,
 ) -> RangeCheck:
     """Look at quantities inside steps, more closely where they come near their range.
 
@@ -349,6 +386,7 @@ def _scanned(
         below=below,
         above=above,
         times=times,
+        slack=slack,
         resolution=float(np.nan_to_num(unseen, nan=np.inf).max(initial=0.0)),
     )
 
@@ -541,9 +579,7 @@ def _positions(motion: _Motion) -> RangeCheck:
     path = motion.trajectory
     lower, upper = robot.configuration_bounds
     joints = [joint for joint in robot.joints if joint.n_q == joint.n_v]
-    places = np.array(
-        [i for joint in joints for i in range(*joint.q.indices(robot.n_q))], dtype=int
-    )
+    places = robot.limited_positions
     axes = np.array([i for joint in joints for i in range(*joint.v.indices(robot.n_v))], dtype=int)
     names = _axes(robot)
     scope = _Range(
@@ -566,6 +602,7 @@ def _positions(motion: _Motion) -> RangeCheck:
     over[:1] -= own[1]
     return scope.checked(
         nodes=scope.peak(_of_nodes(motion, scope, nodes), path.t),
+        slack=scope.inside(motion, np.arange(motion.N + 1), nodes),
         below=np.where(inside, under, 0.0),
         above=np.where(inside, over, 0.0),
         times=path.t[:-1, None] + turn,
@@ -602,6 +639,7 @@ def _velocities(motion: _Motion) -> RangeCheck:
     under, over = scope.beyond(path.v[:-1] + motion.h[:, None] * path.a)
     return scope.checked(
         nodes=scope.peak(_of_nodes(motion, scope, path.v), path.t),
+        slack=scope.inside(motion, np.arange(motion.N + 1), path.v),
         below=under,
         above=over,
         times=np.broadcast_to(path.t[1:, None], under.shape),
@@ -776,7 +814,8 @@ def _term(motion: _Motion, term: Term) -> RangeCheck:
         return values(samples.t.ravel(), states, own).reshape(*samples.t.shape, m)
 
     nodes = _nodes_of(problem, term)
-    excess = scope.excess(values(path.t[nodes], (path.q[nodes], path.v[nodes]), nodes))
+    at_nodes = values(path.t[nodes], (path.q[nodes], path.v[nodes]), nodes)
+    excess = scope.excess(at_nodes)
     if problem.fixed_start and term.state_only:
         excess[nodes == 0] = 0.0
     peak = scope.peak(excess, path.t[nodes])
@@ -784,7 +823,9 @@ def _term(motion: _Motion, term: Term) -> RangeCheck:
     if not len(steps):
         none = np.zeros((motion.N, m))
         return scope.checked(nodes=peak, below=none, above=none, times=none)
-    return _scanned(motion, scope, inside, peak, steps, inputs=not term.state_only)
+    slack = scope.inside(motion, nodes, at_nodes)
+    inputs = not term.state_only
+    return _scanned(motion, scope, inside, peak, steps, inputs=inputs, slack=slack)
 
 
 def _with_none(inputs: Array) -> Array:
@@ -843,6 +884,8 @@ def _shapes(motion: _Motion, term: ShapeClearance) -> RangeCheck:
     nodes = _nodes_of(problem, term)
     times = motion.reference_times(path.t[nodes]).tolist()
     at_nodes = term.margins - term.distances(times, path.q[nodes])
+    slack = np.full((motion.N + 1, m), np.inf)
+    slack[nodes] = -at_nodes
     own = np.zeros(m)
     if problem.fixed_start and len(nodes) and nodes[0] == 0:
         own = np.maximum(at_nodes[0], 0.0)
@@ -886,5 +929,6 @@ def _shapes(motion: _Motion, term: ShapeClearance) -> RangeCheck:
         below=below,
         above=np.zeros((motion.N, m)),
         times=moments,
+        slack=slack,
         resolution=max(unseen, FINE if len(steps) and m else 0.0),
     )

@@ -16,6 +16,7 @@ from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt, raised_outside_casadi
 from uvms_ocp.ocp.clearance_certificate import certificate, shortfall
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.refinement import (
@@ -185,7 +186,7 @@ class Planner:
             ):
                 if k == _TRIED and not kept:
                     break
-                end = short._solved(guess, guess.q, {}).result
+                end = short.solved_once(guess, guess.q).result
                 if (
                     end.status.optimal
                     and not np.isclose(list(kept), seen[-1].residual, rtol=_SAME).any()
@@ -204,7 +205,7 @@ class Planner:
                 lambda _: len(best) > 1 and short._left > 0.0 and not presses, best
             ):
                 compared[seen[-1].residual] = self.transcription.unpack(
-                    long._solved(guess, guess.q, {}).result.x, given
+                    long.solved_once(guess, guess.q).result.x, given
                 )
         motions = compared if compared and len(compared) == len(best) else kept
         return motions[min(motions)] if motions else hold
@@ -303,16 +304,18 @@ class Planner:
         problem: OcpProblem | None = None,
         time_limit: Bound | None = None,
         progress: Progress | None = None,
+        tightened: Tightening = NO_TIGHTENING,
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of
         `Transcription.parameters`.
 
         problem: that of p, by default the one this planner was built from. time_limit [s]: where it
-        is to be shorter than that of the options. progress: as `plan` takes it.
+        is to be shorter than that of the options. progress: as `plan` takes it. tightened: what
+        is asked of nodes beyond their ranges, as p was made for it.
         """
         with self.transcription.turn:
-            lower, upper = self.transcription.bounds(problem)
-            ranges = self.transcription.ranges(problem)
+            lower, upper = self.transcription.bounds(problem, tightened)
+            ranges = self.transcription.ranges(problem, tightened)
             return unchecked_method(self._nlp.solve)(
                 self._start(guess),
                 p=p,
@@ -336,7 +339,9 @@ class Planner:
                 other, t0=t0, near=found.near, tightened=found.tightened
             )
             guess = hold_guess(other) if x is None else self.transcription.unpack(x, other)
-            return self.solve(numbers, guess, problem=other, time_limit=limit)
+            return self.solve(
+                numbers, guess, problem=other, time_limit=limit, tightened=found.tightened
+            )
 
         feasibility = self.options.feasibility
         return Diagnosis(

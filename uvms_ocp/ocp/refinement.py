@@ -1,25 +1,22 @@
-"""Solve a problem again where terms follow the guess, until they are written at the motion that was
-found.
-
-What their rows keep at the nodes they may miss between them: there they are tightened.
+"""Solve a problem again until its terms are written at the motion that was found, and its ranges are
+kept between nodes too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from uvms_ocp.checks import unchecked_method
-from uvms_ocp.ocp.clearance_certificate import shortfall
+from uvms_ocp.ocp.motion_check import RangeCheck, between_checks
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
-from uvms_ocp.ocp.terms import Term
+from uvms_ocp.ocp.tightening import lack, missing_between, tightened
 from uvms_ocp.ocp.trajectory import (
     Trajectory,
     admissible,
@@ -39,9 +36,6 @@ _NEAR = 5e-3
 _GAIN = 1e-3  # share of a residual that is not worth another round
 _ZERO = 1e-4  # residual of a level that is met
 USABLE = 1e-5  # violation of a point that counts
-_KEPT = 2e-4  # [m] of a margin that may be missed between nodes
-_BESIDE = 2  # nodes
-_MORE = 1.2  # share of what is missing between nodes by which these are tightened
 
 
 MotionGuess: TypeAlias = Trajectory | Plan
@@ -50,8 +44,8 @@ Guess: TypeAlias = MotionGuess | LexicographicResult
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Refinement:
-    """One problem, solved until its terms are written where its motion is, or the deadline [s] is
-    over.
+    """One problem, solved until its terms are written where its motion is and nothing is left
+    between nodes that more at the nodes would mend, or the deadline [s] is over.
     """
 
     planner: Planner
@@ -64,31 +58,60 @@ class Refinement:
     """Told every iteration."""
 
     def solved(self, guess: MotionGuess) -> RefinedResult:
-        """The last that is no worse, or usable."""
+        """The last that is no worse, or usable; of several that leave ranges between nodes the one
+        that leaves them least.
+        """
         q = (guess.trajectory if isinstance(guess, Plan) else guess).q
         if len(q) != self.given.n_steps + 1:
             q = np.tile(
                 self.given.start.q, (self.given.n_steps + 1, 1)
             )  # a guess that `solve` refuses
-        best = self._solved(guess, q, {})
+        best = self.solved_once(guess, q)
+        looked_at: list[tuple[float, RefinedResult]] = []
         gained = np.inf
-        for _ in range(_MOST_ROUNDS if self._terms else 0):
-            times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
+        for _ in range(_MOST_ROUNDS):
             path = admissible(
                 self.planner.transcription.unpack(best.result.x, self.given), self.given.robot
             )
-            off = max(term.mismatch(times, best.near, path.q) for term in self._terms)
+            off = self._mismatch(best, path)
             settled = best.result.status.optimal and (off <= AGREES or gained <= _GAIN)
-            missing = self._missing(best, path) if settled or off <= _NEAR else {}
-            tightened = {**best.tightened, **missing}
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
-            if stopped or (settled and not missing):
+            missing: list[RangeCheck] = []
+            if best.result.violation <= USABLE and (settled or off <= _NEAR):
+                checks = between_checks(self.given, path, t0=self.t0)
+                missing = missing_between(checks)
+                looked_at.append((lack(checks), best))
+            if stopped or (not missing and (settled or not self._terms)):
                 break
-            found = self._solved(best.result, path.q, tightened).after(best.result)
-            if found.result.violation > max(best.result.violation, USABLE):
+            more = tightened(best.tightened, missing, self.given, path, self.t0)
+            candidate = self.solved_once(best.result, path.q, more).after(best.result)
+            if candidate.result.violation > max(best.result.violation, USABLE):
                 break
-            best, gained = found, _gain(best.result, found.result)
-        return best
+            gained = _gain(best.result, candidate.result)
+            best = candidate
+        return _least_lacking(looked_at, best)
+
+    def solved_once(
+        self, guess: Guess, q: np.ndarray, more: Tightening = NO_TIGHTENING
+    ) -> RefinedResult:
+        """Solve with terms written at configurations q (n_nodes, n_q), and more asked of nodes."""
+        p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=more)
+        solve = unchecked_method(self.planner.solve)
+        left = max(self._left, 0.0)
+        result = solve(
+            p,
+            guess,
+            problem=self.given,
+            time_limit=left,
+            progress=self.progress,
+            tightened=more,
+        )
+        return RefinedResult(result=result, p=p, near=q, tightened=more)
+
+    def _mismatch(self, best: RefinedResult, path: Trajectory) -> float:
+        """[m] By how much rows that follow the motion are off at it."""
+        times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
+        return max((term.mismatch(times, best.near, path.q) for term in self._terms), default=0.0)
 
     @property
     def _left(self) -> float:
@@ -97,31 +120,6 @@ class Refinement:
     @property
     def _terms(self) -> list[ShapeClearance]:
         return [term for term in self.given.terms if isinstance(term, ShapeClearance)]
-
-    def _solved(
-        self, guess: Guess, q: np.ndarray, tightened: Mapping[Term, np.ndarray]
-    ) -> RefinedResult:
-        """Written at configurations q (n_nodes, n_q)."""
-        p = self.planner.transcription.parameters(
-            self.given, t0=self.t0, near=q, tightened=tightened
-        )
-        solve = unchecked_method(self.planner.solve)
-        left = max(self._left, 0.0)
-        result = solve(p, guess, problem=self.given, time_limit=left, progress=self.progress)
-        return RefinedResult(result=result, p=p, near=q, tightened=tightened)
-
-    def _missing(self, best: RefinedResult, path: Trajectory) -> dict[Term, np.ndarray]:
-        """Add the shortfall between nodes to the margins so far; nothing at the last node, whose
-        place is the goal's.
-        """
-        result: dict[Term, np.ndarray] = {}
-        for term in held_apart(self.given):
-            padded = np.pad(shortfall(term, path, self.t0), ((_BESIDE, _BESIDE), (0, 0)))
-            missing = np.asarray(sliding_window_view(padded, 2 * _BESIDE + 1, axis=0).max(axis=-1))
-            missing[[0, -1]] = 0.0
-            if missing.max(initial=0.0) > _KEPT:
-                result[term] = best.tightened.get(term, 0.0) + _MORE * missing
-        return result
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -133,13 +131,28 @@ class RefinedResult:
     """(n_p,) [unit of the parameter]"""
     near: np.ndarray
     """(n_nodes, n_q) [m, rad] where terms were written."""
-    tightened: Mapping[Term, np.ndarray]
-    """(n_nodes, n_pairs) [m] for what is missing between nodes."""
+    tightened: Tightening
+    """What was asked of nodes for what was missing between them."""
 
     def after(self, before: LexicographicResult) -> RefinedResult:
         """With the iterations of an earlier result as well."""
         spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
         return replace(self, result=replace(self.result, iterations=spent))
+
+    def after_all(self, last: RefinedResult) -> RefinedResult:
+        """With the iterations of the last result."""
+        return replace(self, result=replace(self.result, iterations=last.result.iterations))
+
+
+def _least_lacking(
+    looked_at: list[tuple[float, RefinedResult]], last: RefinedResult
+) -> RefinedResult:
+    """The last result, or where it was looked at and lacks something, the one that lacks least."""
+    if not looked_at or looked_at[-1][1] is not last:
+        return last
+    amounts = [amount for amount, _ in looked_at]
+    least = looked_at[int(np.argmin(amounts))][1]
+    return last if amounts[-1] == 0.0 else least.after_all(last)
 
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:

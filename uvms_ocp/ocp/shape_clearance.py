@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.ocp.node_margins import NodeMargins, Side
 from uvms_ocp.ocp.plane_rows import PlaneRowGroup, ranks
 from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
@@ -23,7 +24,7 @@ from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.tasks.task import Residual, bounded_residual
-from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask, Shape
+from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask
 
 _IN_TURN = 0.25
 """[m] beyond its margin up to which a pair has its first row before any other has its second: one pair
@@ -31,7 +32,6 @@ that is always near, with the eight corners of its shape, would leave none to th
 """
 _BINDING = 5e-3  # [m] beyond the margin within which a row decides
 
-Wider = Annotated[Array, Shape("n", "self.scene.n_pairs")]
 Place = Callable[[float], pin.SE3]
 """X_WO at time t [s]."""
 
@@ -48,6 +48,8 @@ class ShapeClearance(Term):
     planned, and `NameNotFound` for the motion of an obstacle that there is not.
     """
 
+    has_sides: ClassVar[bool] = True
+    rows_are_quantities: ClassVar[bool] = False
     name = "clearance"
     at: At = At.PATH
     scene: CollisionScene
@@ -145,14 +147,16 @@ class ShapeClearance(Term):
         return self.references([t], coordinates.configurations(coordinates.reference[None]))[0]
 
     def references(
-        self, times: Sequence[float], q: Configurations, tightened: Wider | None = None
+        self, times: Sequence[float], q: Configurations, tightened: NodeMargins | None = None
     ) -> Array:
-        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by tightened
-        (n, n_pairs) [m].
+        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by what is
+        asked of pairs beyond them, and planes on the sides that it says.
         """
-        margins = self._margins(len(q), tightened)
+        wider = None if tightened is None else tightened.below
+        sides = () if tightened is None else tightened.sides
+        margins = self._margins(len(q), wider)
         parts = []
-        for group, found in zip(self._groups, self._chosen(times, q, margins), strict=True):
+        for group, found in zip(self._groups, self._chosen(times, q, margins, sides), strict=True):
             parts.append(np.tile(group.nothing(), (len(q), 1)))
             group.write(parts[-1], found, found.offset + margins[found.sample, found.pair])
         return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
@@ -176,14 +180,20 @@ class ShapeClearance(Term):
             self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs)
         )
 
-    def _chosen(self, times: Sequence[float], q: Array, margins: Array) -> list[Planes]:
+    def _chosen(
+        self, times: Sequence[float], q: Array, margins: Array, sides: Sequence[Side] = ()
+    ) -> list[Planes]:
         """Choose in every group as many as there is room for at configurations q (n, n_q): pair by
-        pair the ones least beyond their margins.
+        pair the ones least beyond their margins, those of sides before others.
         """
         contacts = self._contacts(times, q)
         poses = Poses.of(self.scene.coordinates.robot.model, q)
         found = planes(self.scene, contacts, poses)
         beyond = found.heights(poses) - margins[found.sample, found.pair]
+        if sides:
+            aside = self._aside(times, sides)
+            found = Planes.joined(aside, found)
+            beyond = np.concatenate([np.full(len(aside.sample), -np.inf), beyond])
         kept = []
         for group in self._groups:
             rows = np.flatnonzero(group.pairs[found.pair])
@@ -191,6 +201,35 @@ class ShapeClearance(Term):
             order = rows[np.lexsort((beyond[rows], turn, found.sample[rows]))]
             kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
         return kept
+
+    def _aside(self, times: Sequence[float], sides: Sequence[Side]) -> Planes:
+        """Planes that part the pairs at moments between nodes, for the nodes that stay on their
+        side; an obstacle that moves takes its plane along.
+        """
+        model = self.scene.coordinates.robot.model
+        found = []
+        for side in sides:
+            q = side.q[None]
+            contacts = self._contacts([side.time], q)
+            own = planes(self.scene, contacts, Poses.of(model, q))
+            own = own.of(np.flatnonzero(own.pair == side.row))
+            found.append(
+                replace(
+                    self._carried(own, side, times[side.node]),
+                    sample=np.full(len(own.sample), side.node),
+                )
+            )
+        return Planes.joined(*found)
+
+    def _carried(self, own: Planes, side: Side, t: float) -> Planes:
+        """The planes of a side at time t [s], to where their obstacle has moved."""
+        pair = self.scene.pairs[side.row]
+        name = self.scene.geometry.geometryObjects[pair.first].name
+        if name not in self.moving:
+            return own
+        X = self.moving[name](t) * self.moving[name](side.time).inverse()
+        normal = own.normal @ X.rotation.T
+        return replace(own, normal=normal, offset=own.offset + normal @ X.translation)
 
     # --- distances --------------------------------------------------------------------------------
 
@@ -251,7 +290,8 @@ def _turns(found: Planes, rows: Indices, beyond: Array) -> Indices:
     order = np.lexsort((beyond[rows], pair))
     place = np.empty(len(rows), dtype=np.intp)
     place[order] = ranks(pair[order])
-    return np.where(beyond[rows] < _IN_TURN, place, len(rows))
+    turn = np.where(beyond[rows] < _IN_TURN, place, len(rows))
+    return np.where(np.isneginf(beyond[rows]), 0, turn)
 
 
 def _way(one: pin.SE3, other: pin.SE3, radius: float) -> float:

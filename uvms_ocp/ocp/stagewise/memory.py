@@ -310,7 +310,7 @@ class StageRanges:
         above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
         for rows, own in above:
             raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
-        forces = [places.force_lower, places.force_upper]
+        forces = places.force_ranges(bounds.x_lower, bounds.x_upper)
         z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
         """(m,) numbers of the variables that have ranges."""
@@ -451,6 +451,17 @@ class StageIndices:
         for level, own in zip(levels, layout.held, strict=True):
             kept[level.frozen] = raw[own]
         return x[:-1], kept
+
+    def force_ranges(self, x_lower: Array, x_upper: Array) -> Array:
+        """(2, n) of the limits of forces: those that are variables have bounds x_lower and x_upper
+        (n_x,) [unit of x].
+        """
+        result = np.array([self.force_lower, self.force_upper])
+        variable = self._force_x >= 0
+        rows = np.flatnonzero(self.raw < 0)[variable]
+        places = self._force_x[variable]
+        result[:, rows] = [x_lower[places], x_upper[places]]
+        return result
 
     def z_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""

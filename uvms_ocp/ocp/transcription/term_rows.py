@@ -17,6 +17,7 @@ import numpy as np
 
 from uvms_ocp.checks import unchecked_method
 from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.ocp.node_margins import NodeMargins
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts
 from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
@@ -53,8 +54,8 @@ class TermNodes:
     """(n,) False where the state is given."""
     q: np.ndarray
     """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
-    tightened: Mapping[Term, np.ndarray]
-    """(n, ...) [unit of the row] by how much more these keep; see `Term.references`."""
+    tightened: Mapping[Term, NodeMargins]
+    """What is asked of them beyond the ranges of terms; see `Term.references`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
