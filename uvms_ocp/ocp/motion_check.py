@@ -915,7 +915,7 @@ def _shapes(motion: _Motion, term: ShapeClearance) -> RangeCheck:
         reach = largest_change(term.scene.reach, stepped.bounds(middle, half))
         possible = lack + reach + term.obstacle_motion(clock, half)
         more = possible - np.maximum(below[of], 0.0)
-        open_ = open_ & (more > FINE)
+        open_ = open_ & ~(more <= FINE)
         short = half * _SHORTEST < motion.h[of]
         unseen = max(unseen, float(more[short[:, None] & open_].max(initial=0.0)))
         kept = open_.any(axis=1) & ~short

@@ -34,6 +34,8 @@ AGREES = 8e-4  # [m] between rows that decide and distances
 # elsewhere
 _NEAR = 5e-3
 _GAIN = 1e-3  # share of a residual that is not worth another round
+_PATIENCE = 3  # rounds of which one leaves so much less between nodes than the one before them
+_HELPS = 0.9
 _ZERO = 1e-4  # residual of a level that is met
 USABLE = 1e-5  # violation of a point that counts
 
@@ -81,7 +83,7 @@ class Refinement:
                 checks = between_checks(self.given, path, t0=self.t0)
                 missing = missing_between(checks)
                 looked_at.append((lack(checks), best))
-            if stopped or (not missing and (settled or not self._terms)):
+            if stopped or (not missing and (settled or not self._terms)) or _in_vain(looked_at):
                 break
             more = tightened(best.tightened, missing, self.given, path, self.t0)
             candidate = self.solved_once(best.result, path.q, more).after(best.result)
@@ -142,6 +144,12 @@ class RefinedResult:
     def after_all(self, last: RefinedResult) -> RefinedResult:
         """With the iterations of the last result."""
         return replace(self, result=replace(self.result, iterations=last.result.iterations))
+
+
+def _in_vain(looked_at: list[tuple[float, RefinedResult]]) -> bool:
+    """Check whether asking nodes for more has not helped several times over."""
+    amounts = [amount for amount, _ in looked_at]
+    return len(amounts) > _PATIENCE and min(amounts[-_PATIENCE:]) > _HELPS * amounts[-_PATIENCE - 1]
 
 
 def _least_lacking(

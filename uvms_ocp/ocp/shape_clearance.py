@@ -30,6 +30,7 @@ _IN_TURN = 0.25
 """[m] beyond its margin up to which a pair has its first row before any other has its second: one pair
 that is always near, with the eight corners of its shape, would leave none to those that come near.
 """
+_BEFORE = 1e6  # [m] so that rows of sides come first
 _BINDING = 5e-3  # [m] beyond the margin within which a row decides
 
 Place = Callable[[float], pin.SE3]
@@ -193,7 +194,8 @@ class ShapeClearance(Term):
         if sides:
             aside = self._aside(times, sides)
             found = Planes.joined(aside, found)
-            beyond = np.concatenate([np.full(len(aside.sample), -np.inf), beyond])
+            first = aside.heights(poses) - _BEFORE
+            beyond = np.concatenate([first, beyond])
         kept = []
         for group in self._groups:
             rows = np.flatnonzero(group.pairs[found.pair])
@@ -257,6 +259,7 @@ class ShapeClearance(Term):
         for name, place in self.moving.items():
             (item,) = (item for item in shapes if item.name == name)
             own = [k for k, pair in enumerate(self.scene.pairs) if shapes[pair.first].name == name]
+            item.geometry.computeLocalAABB()
             centre = np.linalg.norm(np.array(item.geometry.aabb_center))
             radius = float(centre + item.geometry.aabb_radius)
             for row, t, delta in zip(result, times.tolist(), half.tolist(), strict=True):
@@ -290,13 +293,13 @@ def _turns(found: Planes, rows: Indices, beyond: Array) -> Indices:
     order = np.lexsort((beyond[rows], pair))
     place = np.empty(len(rows), dtype=np.intp)
     place[order] = ranks(pair[order])
-    turn = np.where(beyond[rows] < _IN_TURN, place, len(rows))
-    return np.where(np.isneginf(beyond[rows]), 0, turn)
+    return np.where(beyond[rows] < _IN_TURN, place, len(rows))
 
 
 def _way(one: pin.SE3, other: pin.SE3, radius: float) -> float:
     """[m] How far a point of a ball of that radius about the origin moves at most."""
-    turn = np.linalg.norm(pin.log3(one.rotation.T @ other.rotation))
+    chord = np.linalg.norm(other.rotation - one.rotation) / np.sqrt(8.0)  # sine of half the turn
+    turn = 2.0 * np.arcsin(min(float(chord), 1.0))
     return float(np.linalg.norm(other.translation - one.translation) + turn * radius)
 
 

@@ -28,6 +28,7 @@ those at its middle.
 """
 _MORE = 1.2  # times what is missing is what nodes are asked for more
 _LEAST_EFFECT = 0.2  # of that, at which what is missing is taken to shrink
+_POOR = 0.5  # share of that, below which nodes stay on one side instead
 _BESIDE = 2  # nodes beyond both ends of a step that are asked as well, for shapes: planes change
 _SHORT = 1e-3  # of a step, after which it is seen where something goes
 
@@ -94,9 +95,11 @@ def tightened(
             parts: dict[str, Any] = {name: _asked(old, item, problem)}
             after = replace(after, **parts)
             continue
-        more = _asked(before.terms.get(item.term), item, problem)
+        old = before.terms.get(item.term)
+        more = _asked(old, item, problem)
         if item.term.has_sides:
-            sides = _new_sides(item, more, path, problem, t0)
+            in_vain = old is not None and _effect(old, item) < _POOR
+            sides = _new_sides(item, more, path, problem, t0, whatever_binds=in_vain)
             more = replace(more, sides=(*more.sides, *sides))
         after = replace(after, terms={**after.terms, item.term: more})
     return after
@@ -105,9 +108,8 @@ def tightened(
 def _asked(old: NodeMargins | None, item: RangeCheck, problem: OcpProblem) -> NodeMargins:
     """Add what is missing inside every step to what was asked of its nodes."""
     amount = _amount(item)
-    effect = 1.0
-    if old is not None:
-        effect = float(np.clip((old.missing - amount) / old.asked, _LEAST_EFFECT, 1.0))
+    has_sides = item.term is not None and item.term.has_sides
+    effect = 1.0 if old is None or has_sides else _effect(old, item)
     factor = _MORE / effect
     below, above = (factor * _at_nodes(part, item) for part in _missing(item))
     sides: tuple[Side, ...] = ()
@@ -123,6 +125,11 @@ def _asked(old: NodeMargins | None, item: RangeCheck, problem: OcpProblem) -> No
         missing=amount,
         asked=factor * amount,
     )
+
+
+def _effect(old: NodeMargins, item: RangeCheck) -> float:
+    """By how much what is missing shrank for each unit that was asked for more."""
+    return float(np.clip((old.missing - _amount(item)) / old.asked, _LEAST_EFFECT, 1.0))
 
 
 def _at_nodes(amounts: Array, item: RangeCheck) -> Array:
@@ -144,7 +151,13 @@ def _at_nodes(amounts: Array, item: RangeCheck) -> Array:
 
 
 def _new_sides(
-    item: RangeCheck, more: NodeMargins, path: Trajectory, problem: OcpProblem, t0: float
+    item: RangeCheck,
+    more: NodeMargins,
+    path: Trajectory,
+    problem: OcpProblem,
+    t0: float,
+    *,
+    whatever_binds: bool,
 ) -> list[Side]:
     """Sides for what lies between two nodes that both keep more from it than they are asked for."""
     known = {(side.node, side.row) for side in more.sides}
@@ -153,7 +166,7 @@ def _new_sides(
         ends = [k, k + 1]
         binds = any(item.slack[node, row] <= more.below[node, row] for node in ends)
         nodes = [n for n in ends if 0 < n < len(path.a) and (n, row) not in known]
-        if not binds:
+        if whatever_binds or not binds:
             result += [_side(node, k, row, item, path, problem, t0) for node in nodes]
     return result
 
