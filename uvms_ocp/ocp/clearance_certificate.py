@@ -24,6 +24,7 @@ from uvms_ocp.planning.conservative_advancement import ClearanceReport, check_mo
 from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.types import Array, Indices
 
 _PER_STEP = 2  # intervals that are looked at first
@@ -52,6 +53,7 @@ def _unproven(motion: SteppedMotion) -> ClearanceReport:
         nearest=nearest,
         n_samples=_LOOKS * len(motion.trajectory.a) + 1,
         unshaped=links_without_shape(motion.term.scene.coordinates.robot),
+        surfaces=open_surfaces(motion.term.scene.geometry),
     )
 
 

@@ -14,6 +14,7 @@ from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.planning import CoalDistances, CollisionScene
 from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.signed_distance import Body, signed_contact
 
 _ROUNDING = 1e-9
 _POINT = 1e-6  # [m] radius of a ball that stands for a point
@@ -212,8 +213,7 @@ def _distance(
     X_second: pin.SE3,
 ) -> float:
     places = [coal.Transform3s(X.rotation, X.translation) for X in (X_first, X_second)]
-    return float(
-        coal.distance(
-            first, places[0], second, places[1], coal.DistanceRequest(), coal.DistanceResult()
-        )
-    )
+    result = coal.DistanceResult()
+    coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), result)
+    bodies = (Body(first), Body(second))
+    return signed_contact(bodies, (X_first, X_second), result).distance

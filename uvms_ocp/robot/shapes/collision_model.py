@@ -21,6 +21,7 @@ from uvms_ocp.robot import kinematics, loading
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
 
 # Links of which no clearance tells.
 
@@ -83,8 +84,8 @@ def stowed_distances(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
 class CoalPairs:
     """Some pairs of the shapes of a robot and its obstacles. Not for two threads at once.
 
-    A triangle mesh has no inside: overlap with it counts as a distance of 0, and so does a depth
-    that coal does not find.
+    Closed triangle meshes are solids, open ones surfaces; a depth that coal does not find counts as
+    a distance of 0.
     """
 
     def __init__(
@@ -97,18 +98,17 @@ class CoalPairs:
         shapes = geometry.geometryObjects
         self._joints = [(int(shapes[a].parentJoint), int(shapes[b].parentJoint)) for a, b in pairs]
         self._geometry_data = distance_data(self._geometry)
+        self._signed = SignedDistances(self._geometry)
+        self._contacts: dict[int, PairContact] = {}
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, q
         )
-        found = np.array(
-            [
-                pin.computeDistance(self._geometry, self._geometry_data, int(k)).min_distance
-                for k in pairs
-            ]
-        )
+        for k in pairs:
+            self._contacts[int(k)] = self._signed.contact(self._geometry_data, int(k))
+        found = np.array([self._contacts[int(k)].distance for k in pairs])
         return np.where(found < FAILED, 0.0, found)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -122,14 +122,12 @@ class CoalPairs:
         """Both points (n, 6) [m] in W where the `pairs` (n,) are nearest, of each as it was asked
         for last.
         """
-        results = [self._geometry_data.distanceResults[int(k)] for k in pairs]
-        return np.array(
-            [[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]
-        ).reshape(-1, 6)
+        results = [self._contacts[int(k)] for k in pairs]
+        return np.array([[*result.first, *result.second] for result in results]).reshape(-1, 6)
 
     def _gradient(self, pair: int) -> np.ndarray:
-        result = self._geometry_data.distanceResults[pair]
-        (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()
+        result = self._contacts[pair]
+        (nx, ny, nz), (x, y, z) = result.normal, result.first
         wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self._model.nv)
@@ -205,9 +203,9 @@ class CollisionModel:
     Pairs of links that are neighbours, or overlap in the stowed posture, touch by design and are
     left out. Spheres, capsules, cylinders and boxes are measured in machine code, other shapes, and
     all where there is no compiler, by coal: the same to 1e-6 m while they are apart. Of shapes that
-    overlap coal tells some depth, machine code the smallest; coal takes a triangle mesh, which has
-    no inside, and a depth that it does not find for a distance of 0. Holds working memory: not for
-    two threads at once.
+    overlap coal tells some depth, machine code the smallest; a depth that coal does not find is
+    taken for a distance of 0. Closed triangle meshes are solids, open ones surfaces. Holds working
+    memory: not for two threads at once.
     """
 
     def __init__(
