@@ -258,6 +258,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
             " said of what they touch"
         )
         console.print(plain_line(text), style="yellow")
+    surfaces = report.get("open_surfaces")
+    if surfaces:
+        text = f"{', '.join(surfaces)}: open mesh, of which nothing is said behind its surface"
+        console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
         energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
         console.print(f"{energy}, thrust up to {report['peak_thrust_n']:.0f} N")

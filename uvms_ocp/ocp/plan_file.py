@@ -74,6 +74,7 @@ class ClearanceValues(MetaValue):
     """
 
     unshaped: tuple[str, ...] = ()
+    surfaces: tuple[str, ...] = ()
     collision_free: bool
     undecided: bool
     n_samples: int

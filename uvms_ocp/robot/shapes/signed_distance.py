@@ -73,12 +73,8 @@ class SignedDistances:
 
 
 def open_surfaces(geometry: pin.GeometryModel) -> tuple[str, ...]:
-    """Return the names of the shapes in pairs that are open meshes: nothing tells of what is behind
-    them.
-    """
-    used = sorted({k for pair in geometry.collisionPairs for k in (pair.first, pair.second)})
-    shapes = [geometry.geometryObjects[k] for k in used]
-    bodies = [(item.name, Body(item.geometry)) for item in shapes]
+    """Return the names of the shapes that are open meshes: nothing tells of what is behind them."""
+    bodies = [(item.name, Body(item.geometry)) for item in geometry.geometryObjects]
     return tuple(name for name, body in bodies if body.is_mesh and body.solid is None)
 
 
