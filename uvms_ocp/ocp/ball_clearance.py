@@ -9,13 +9,13 @@ from typing import ClassVar
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.node_margins import NodeMargins, Side
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
 from uvms_ocp.record.meta_values import ObstacleMeta
-from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.goals import VectorReference, evaluate_vector
 from uvms_ocp.tasks.task import Residual, TickSymbols, bounded_residual
@@ -120,9 +120,7 @@ class BallClearance(Term):
     def _way_apart(self, robot: Robot, row: int, t: float, q: np.ndarray) -> np.ndarray:
         """(3,) [m] in W from the obstacle of a pair to the robot's ball, at q (n_q,) [m, rad]."""
         ball, i = self._pairs[row]
-        kinematics = Kinematics(robot, q)
-        obstacle = self.obstacles[i].centre_in_world(kinematics, t)
-        return ball.centre_in_world(kinematics, t) - obstacle
+        return ball.centre_in_world(robot, q, t) - self.obstacles[i].centre_in_world(robot, q, t)
 
     def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
         """Return the balls that are fixed to the world, as they are at time t [s], as spheres;
@@ -165,10 +163,14 @@ class Ball:
             raise InvalidInput(f"ball: centre {centre} at t = {t} s; give three numbers [m]")
         return centre
 
-    def centre_in_world(self, kinematics: Kinematics, t: float) -> np.ndarray:
-        """(3,) [m] in W at time t [s]."""
+    def centre_in_world(self, robot: Robot, q: np.ndarray, t: float) -> np.ndarray:
+        """(3,) [m] in W at q (n_q,) [m, rad], whatever the limits of joints, and time t [s]."""
         centre = self.centre_at(t)
-        return centre if self.frame is None else kinematics.pose(self.frame).act(centre)
+        if self.frame is None:
+            return centre
+        data = robot.model.createData()
+        pin.framesForwardKinematics(robot.model, data, q)
+        return np.asarray(data.oMf[robot.frame_id(self.frame)].act(centre))
 
     def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
         """In W (3,) [m], for a centre (3,) [m] in the frame."""
