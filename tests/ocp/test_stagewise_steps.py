@@ -13,7 +13,8 @@ from reaches import PATIENCE
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.stagewise.sqp import Filter, FilterMerit, StageSqp
+from uvms_ocp.ocp.stagewise.filter import Filter, FilterMerit
+from uvms_ocp.ocp.stagewise.sqp import StageSqp
 from uvms_ocp.ocp.terms import At, Effort, residual_term
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State

@@ -7,307 +7,17 @@ that keeps them, or, where that does not help either, the proof that no small ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.ocp.problem import HessianKind
-from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
-from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
+from uvms_ocp.ocp.stagewise.filter import Filter, FilterMerit
+from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
+from uvms_ocp.ocp.stagewise.memory import StageRanges
+from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
-from uvms_ocp.solvers.stage_qp.problem import (
-    FlatSolution,
-    StageQp,
-    StageQpOptions,
-    StageQpStatus,
-    StageShape,
-    WarmStart,
-    leading,
-)
-from uvms_ocp.types import Array
-
-# Multipliers that bend the QP of the next iteration.
-
-
-class Multipliers:
-    """Multipliers of one level, where the functions of curvature read them."""
-
-    def __init__(self, memory: StageMemory, level: int) -> None:
-        n = len(memory.stages)
-        levels = range(memory.n_levels)
-        sizes = [[len(memory.residual_parts(i)[k]) for i in levels] for k in range(n)]
-        self.costates = np.zeros((n, memory.tangent.n_x))
-        """Costates of the step that leads away from each stage."""
-        rows = [sum(own[:-1]) for own in memory.group_sizes]
-        self._rows = np.zeros(sum(rows))
-        self.rows = np.split(self._rows, np.cumsum(rows)[:-1])
-        """Multipliers of rows that may be held."""
-        self._held = leading(rows, [sum(own[: level + 1]) for own in memory.group_sizes])
-        self.residuals = [np.zeros(sum(own)) for own in sizes]
-        """A residual is its own multiplier; those of other levels are 0."""
-        self._own = [
-            (whole[sum(own[:level]) : sum(own[: level + 1])], part)
-            for whole, own, part in zip(
-                self.residuals, sizes, memory.residual_parts(level), strict=True
-            )
-        ]
-
-    def update(self, found: FlatSolution) -> None:
-        """Update: the multipliers of the last QP, and the present residuals."""
-        self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
-        self._rows[self._held] = found.y[: len(self._held)]
-        for own, residual in self._own:
-            own[:] = residual
-
-
-class StageLevelQp:
-    """Linearised at `StageMemory.z`; the QP moves from there."""
-
-    def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:
-        self.memory = memory
-        self.level = level
-        self.shape = StageShape(
-            n_x=(memory.tangent.n_x,) * len(memory.stages),
-            n_u=memory.n_u,
-            n_r=tuple(len(part) for part in memory.residual_parts(level)),
-            n_c=tuple(sum(own[: level + 1]) for own in memory.group_sizes),
-        )
-        self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self.held = leading(map(sum, memory.group_sizes), self.shape.n_c)
-        self._bends = False
-        """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
-        self.most: int | None = None
-        """Iterations of a QP that is given up then, unexplained; None: those of the options."""
-        self.multipliers = Multipliers(memory, level)
-        groups = [group for own in memory.group_sizes for group in enumerate(own[: level + 1])]
-        self._above = np.concatenate(
-            [np.zeros(0, dtype=bool), *(np.full(n, i > 0) for i, n in groups)]
-        )
-        """(m,) True for rows of the QP that belong to levels above."""
-        self.linearize = self._linearization(slopes=True)
-        self.relinearize = self._linearization(
-            slopes=any(one.errors_forced[level] for one in memory.functions)
-        )
-        """The same with slopes of forces that are near, where they matter to limits alone."""
-        self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
-
-    def _linearization(self, *, slopes: bool) -> BoundCalls:
-        """One function for all stages, then the other: so each stays where code is read from.
-
-        Without `slopes` of forces those that were found last remain.
-        """
-        memory = self.memory
-        calls = BoundCalls()
-        for i, stage in enumerate(memory.stages):
-            if stage.step:
-                calls.add(
-                    memory.motion_linear,
-                    [memory.z[i], memory.z[i + 1]],
-                    [memory.gaps[i], self.qp.dynamics[i]],
-                )
-            elif i + 1 < len(memory.stages):
-                F = self.qp.dynamics[i]
-                n = self.memory.tangent.n_x
-                F[...] = np.eye(*F.shape)
-                if self.memory.tangent.free:
-                    F[n - 1, n - 1 :] = (0.0, 1.0)
-        memory.add_forces(calls, linear=slopes)
-        for i, stage in enumerate(memory.stages):
-            function = memory.function(stage)
-            if function is not None:
-                calls.add(
-                    function.linear,
-                    memory.arguments(i),
-                    [*memory.row_memory(i)[:-1], *self._jacobians(i)],
-                )
-        return calls
-
-    def _jacobians(self, i: int) -> list[Array | None]:
-        """Return the arrays that the functions of rows at stage i write: of residuals, then of rows
-        that may be held.
-        """
-        n_levels = self.memory.n_levels
-        first = 0
-        found: list[Array | None] = [
-            self.qp.J[i] if level == self.level else None for level in range(n_levels)
-        ]
-        for group in self.memory.groups(self.memory.stages[i])[: self.level + 1]:
-            found.append(self.qp.C[i][first : first + group.n])
-            first += group.n
-        return found + [None] * (n_levels - 1 - self.level)
-
-    @cached_property
-    def _curve(self) -> BoundCalls:
-        """Function by function as well, at the point where forces were linearised."""
-        memory = self.memory
-        own = self.multipliers
-        calls = BoundCalls()
-        found = [
-            (i, function)
-            for i, stage in enumerate(memory.stages)
-            if (function := memory.function(stage)) is not None
-        ]
-        tangent = memory.tangent
-        n = len(memory.stages)
-        sizes = tangent.n_v, tangent.step_curvature.numel_in(3), tangent.step_curvature.nnz_out(0)
-        weights, bent, steps = (np.zeros((n, m)) for m in sizes)
-        weighted = [(i, function.weights) for i, function in found if function.weights is not None]
-        none = np.zeros(tangent.n_x)
-        for i, function in weighted:
-            calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
-        for i, _ in weighted:
-            calls.add(
-                tangent.model.bend,
-                [memory.z[i, : tangent.model.n_motion], memory.arguments(i)[2], weights[i]],
-                [bent[i]],
-            )
-        for i in (i for i, function in found if function.bends):
-            after = memory.z[min(i + 1, n - 1)]
-            costates = own.costates[i] if memory.stages[i].step else none
-            calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])
-        for i, function in found:
-            calls.add(
-                function.curvature,
-                [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]],
-                [self.qp.H[i]],
-            )
-        return calls
-
-    def set_curvature(self, last: FlatSolution | None) -> None:
-        """Curvature with the multipliers of the last QP; none without one, and for Gauss and
-        Newton.
-        """
-        bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
-        if last is not None and bends:
-            self.multipliers.update(last)
-            self._curve()
-        elif self._bends:
-            self.qp.flat["H"][:] = 0.0
-        self._bends = bends
-
-    # --- values -----------------------------------------------------------------------------------
-
-    @property
-    def cost(self) -> float:
-        r = self.memory.residuals(self.level)
-        return float(r @ r) / 2
-
-    def solve(
-        self,
-        ranges: StageRanges,
-        damping: float,
-        give: float,
-        near: WarmStart | None,
-        *,
-        rough: float = 0.0,
-        kept: float = 0.0,
-    ) -> FlatSolution:
-        """The step, with damping [1/unit of z^2]; it stands in the memory too.
-
-        give [1/unit of the row], kept [1/unit of the row^2]: what it costs to miss levels above,
-        and the square. near: where the QP starts. rough: how exact it is at least, where that is
-        less than the tolerance asks for. Only what no curvature bends is explained where it fails.
-        """
-        flat = self.qp.flat
-        flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
-        self._load(ranges)
-        tolerance = max(rough, self._solver.options.tolerance)
-        explained = not (self._bends or self.most)
-        found = self._solver.solve_flat(
-            self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained
-        )
-        self.memory.step[:] = found.z
-        return found
-
-    def multipliers_above(self, found: FlatSolution) -> Array:
-        """Multipliers of the rows of levels above."""
-        return np.asarray(found.y[: len(self._above)][self._above])
-
-    def _load(self, ranges: StageRanges) -> None:
-        """Load values and ranges into the QP."""
-        self.qp.flat["r"][:] = self.memory.residuals(self.level)
-        ranges.write(self.qp.flat)
-
-    def error(self, ranges: StageRanges, found: FlatSolution) -> float:
-        """Return the error of the optimality conditions at the present linearisation, with the
-        multipliers of the last QP.
-        """
-        self._load(ranges)
-        return self._solver.error(self.qp, found.warm_start())
-
-    # --- products ---------------------------------------------------------------------------------
-
-    def steepest(self) -> float:
-        """Largest entry of the gradient of the cost."""
-        self.qp.flat["r"][:] = self.memory.residuals(self.level)
-        return self._solver.steepest(self.qp)
-
-
-# Which points are accepted: those that no point seen before beats in cost and violation alike
-# [Waechter2006].
-
-_SHARE = 1e-5  # of the violation by which one of both must become less
-_ARMIJO = 1e-4  # of the descent that the slope promises
-_LOUD = 1e-4  # violation, beside the first one, below which descent alone decides
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FilterMerit:
-    """Merit of a point: cost and violation."""
-
-    cost: float
-    violation: float
-    """Sum over all rows"""
-
-    @property
-    def residual(self) -> float:
-        """Norm whose half square is the cost."""
-        return float((2 * self.cost) ** 0.5)
-
-
-@dataclass(kw_only=True, slots=True)
-class Filter:
-    """Remembers what must not come again."""
-
-    first: float
-    """Violation of the first point."""
-    most: float
-    """Violation that is never accepted."""
-    entries: list[FilterMerit] = field(default_factory=list)
-    """Points that were left for less violation."""
-
-    def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
-        """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
-        if not (
-            trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)
-        ):
-            return False
-        rounding = 1e-13 * max(1.0, abs(here.cost))
-        if self.descends(here, slope, share):
-            return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
-        return _better(trial, here) or (
-            trial.violation <= 1e-12 and trial.cost <= here.cost + rounding
-        )
-
-    def descends(self, here: FilterMerit, slope: float, share: float) -> bool:
-        """Check whether a share of a step along the slope is taken for descent of the cost."""
-        if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
-            return False
-        return bool(share * (-slope) ** 2.3 > here.violation**1.1)
-
-
-def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
-    return (
-        trial.violation <= (1 - _SHARE) * entry.violation
-        or trial.cost <= entry.cost - _SHARE * entry.violation
-    )
-
-
-# Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a
-# filter where not.
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
 
 _SMALLEST_SHARE = 1e-7
 # by how much damping grows, and by how much it falls
@@ -345,19 +55,6 @@ _ROUGHEST = 1e-2
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
 _FEW_DIGITS = 1e-2  # convergence from which on curvature takes more time than it saves
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SqpOutcome:
-    """End of the iterations; the point is in the memory."""
-
-    status: NlpStatus
-    iterations: int
-    violation: float
-    """Largest."""
-    cost: float
-    solution: FlatSolution | None
-    """Solution of the last QP."""
 
 
 class StageSqp:
@@ -662,3 +359,16 @@ class StageSqp:
             cost=cost,
             solution=solution,
         )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SqpOutcome:
+    """End of the iterations; the point is in the memory."""
+
+    status: NlpStatus
+    iterations: int
+    violation: float
+    """Largest."""
+    cost: float
+    solution: FlatSolution | None
+    """Solution of the last QP."""
