@@ -203,3 +203,7 @@ class StageLevelQp:
         """Largest entry of the gradient of the cost."""
         self.qp.flat["r"][:] = self.memory.residuals(self.level)
         return self._solver.steepest(self.qp)
+
+    def largest_curvature(self) -> float:
+        """Largest diagonal entry [1/unit of z^2] of the Hessian of Gauss and Newton."""
+        return max(float((J * J).sum(axis=0).max(initial=0.0)) for J in self.qp.J)

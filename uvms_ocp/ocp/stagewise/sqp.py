@@ -22,13 +22,18 @@ from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmS
 _SMALLEST_SHARE = 1e-7
 # by how much damping grows, and by how much it falls
 _MORE = 10.0
-_LESS = 4.0
+_LESS = 10.0
 _KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-# [1/unit of z^2] from where it grows, and where steps do not lower the cost
+# [1/unit of z^2] from where damping grows, and where steps do not lower the cost
 _DAMPED = 1e-6
 _IDLE = 1e-5
+_NO_DAMPING = 1e-9  # [1/unit of z^2] what every model of the cost has: damping below is none
+# times the largest curvature of the cost: what makes steps no shorter any more, as they are those
+# that the rows ask for
+_MOST_DAMPED = 1.0
 _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
-# largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+# largest entry of the gradient of the cost at a point up to which the error of its optimality
+# conditions is not scaled: of a larger one more digits are rounding
 _STEEP = 100.0
 _GIVE = 1e4
 _MODELS = (
@@ -45,10 +50,12 @@ miss levels above [1/unit of the row]; the next where one fails.
 # iterations of the last level before a gain of this share of its cost is none
 _PATIENCE = 15
 _DIGITS = 1e-5
+_WORTH = 1e-3  # share of the cost that a step from an optimum may promise
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
 _LOUDEST = 1e4  # times the first violation
+_CORRECTED = 0.5  # share of the violation to which a correction of the second order is to bring it
 # tolerance of a QP, of how far its point is from the optimum, and at most
 _ROUGHLY = 0.1
 _ROUGHEST = 1e-2
@@ -76,24 +83,26 @@ class StageSqp:
         self._memory = level.memory
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
-        self._steepest = 0.0
         self._worst = np.inf
         self._count = 0
         self._best = (True, np.inf), self._memory.z.copy()
         self._model = int(options.convergence >= _FEW_DIGITS)
         self._damping = 0.0
+        """[1/unit of z^2] on top of that of the model, at most `_MOST_DAMPED` of the curvature."""
         self._refused = np.inf
+        self._was_whole = False
+        """The last step was neither damped nor cut."""
+        self._has_levels_below = level.level + 1 < level.memory.n_levels
         # What levels above leave open, those below decide: no step goes far there.
-        self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
+        self._least = _DAMPED if self._has_levels_below else 0.0
 
     def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
-        self._steepest = self._level.steepest()
         self._filter = Filter(first=here.violation, most=self._most(here))
         self._solution = warm
-        if warm is not None and self._is_optimal(warm):
+        if warm is not None and self._is_optimal(warm) and self._is_proven(here):
             return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not (isfinite(here.cost) and isfinite(here.violation)):
@@ -124,11 +133,6 @@ class StageSqp:
             )
         )
 
-    @property
-    def _scale(self) -> float:
-        """Return the scale of errors."""
-        return max(1.0, self._steepest / _STEEP)
-
     def _most(self, here: FilterMerit) -> float:
         """Below levels that are held where they were left no violation comes in: there may be no
         way back.
@@ -140,31 +144,63 @@ class StageSqp:
     def _iterate(self, here: FilterMerit) -> tuple[NlpStatus | None, FilterMerit]:
         """Status where it ends, and what the new point is worth."""
         self._count += 1
-        solution = self._solution = self._solved()
+        solution = self._solution = self._solved(self._damping + self._least, self._roughness())
         self._memory.z_from[:] = self._memory.z
         if solution.status is StageQpStatus.INFEASIBLE:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
-        slope = solution.products.slope
-        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(
-            here
-        ):
+        # A step that changes no gradient leads to the same multipliers: they are judged here.
+        still = solution.products.change <= self._options.convergence
+        if still and self._is_optimal(solution) and self._is_proven(here):
             return NlpStatus.SOLVED, here
-        if self._is_flat(here, slope):
-            kept = self._is_kept(here)
-            self._level.linearize()
-            return NlpStatus.SOLVED if kept and self._is_optimal(
-                solution
-            ) else NlpStatus.INEXACT, self._merit()
-        status, here = self._search(here, slope)
-        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+        if self._is_flat(here, solution.products.slope) and self._is_proven(here):
+            optimal = self._is_optimal(self._solution)
+            return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
+        status, there = self._search(here, solution.products.slope)
+        if status is None and self._is_optimal(solution):
+            last_gain = -solution.products.slope if self._was_whole else np.inf
+            if last_gain <= self._worth(there) or self._is_proven(there):
+                status = NlpStatus.SOLVED
+        return status, there
 
     def _is_optimal(self, found: FlatSolution) -> bool:
-        """Check whether its multipliers are those of the point: of the step that led there."""
+        """Check the conditions of optimality of the NLP at the point where it is linearised, with
+        these multipliers: no step, no damping and no curvature is in them.
+        """
         if self._worst > self._options.convergence:
             return False
-        return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
+        error = self._level.error(self._ranges, found)
+        if error <= self._options.convergence:
+            return True
+        scale = max(1.0, self._level.steepest() / _STEEP)
+        return error <= self._options.convergence * scale
+
+    def _worth(self, here: FilterMerit) -> float:
+        """Return the gain of cost from which on another step is worth it: of a level that others
+        follow, what its tolerance would notice.
+        """
+        unseen = self._options.tolerance**2 / 2
+        if self._has_levels_below:
+            return max(_NOTHING * self._options.tolerance * here.residual, unseen)
+        return max(_WORTH, self._options.convergence) * here.cost + unseen
+
+    def _is_proven(self, here: FilterMerit) -> bool:
+        """Check that a step without damping, of a QP solved to all digits, promises no gain that is
+        worth it; where it does, damping comes down.
+        """
+        worth = self._worth(here)
+        if here.cost <= worth:  # no step gains more than all of it
+            return True
+        proof = self._solved(0.0, 0.0)
+        if not proof.status.usable:
+            return False
+        self._solution = proof
+        if -proof.products.slope <= worth:
+            return True
+        self._least /= _LESS**2
+        self._damping = self._lowered(self._damping / _LESS)
+        return False
 
     def _is_flat(self, here: FilterMerit, slope: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance
@@ -173,32 +209,38 @@ class StageSqp:
         The last level gets some iterations first: where curvature is left out that matters, more
         would bring no more digits.
         """
-        if self._least:
+        if self._has_levels_below:
             kept = 0.1 * self._options.feasibility
-            worth = _NOTHING * self._options.tolerance * here.residual
-        else:
-            kept = self._options.feasibility
-            worth = _DIGITS * here.cost
-        return bool(
-            (self._least or self._count > _PATIENCE) and self._worst <= kept and -slope <= worth
-        )
+            return self._worst <= kept and -slope <= self._worth(here)
+        kept = self._options.feasibility
+        patient = self._count > _PATIENCE
+        return patient and self._worst <= kept and -slope <= _DIGITS * here.cost
 
-    def _solved(self) -> FlatSolution:
+    def _roughness(self) -> float:
+        """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient
+        as the last step has changed.
+
+        Where little is broken but much missed of the gradient, steps along weak curvature would
+        break rows again.
+        """
+        last = self._solution
+        if last is None:
+            return min(_ROUGHLY * self._worst, _ROUGHEST)
+        changed = last.products.change / max(self._level.steepest(), 1e-300)
+        return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
+
+    def _solved(self, damping: float, rough: float) -> FlatSolution:
         """Solve the first model of the cost that is convex where the constraints leave freedom:
-        that of the last, or coarser ones.
+        that of the last, or coarser ones; damping [1/unit of z^2] on top of theirs, rough: how
+        exact the QP is at least.
 
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves
         directions open, steps are damped.
         """
         last = self._solution
-        # Tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last
-        # step has changed. Where little is broken but much missed of the gradient, steps along weak
-        # curvature would break rows again.
-        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         near = self._near()
         solution = None
-        rough = min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
-        for damping, curved, give in _MODELS[self._model :]:
+        for least, curved, give in _MODELS[self._model :]:
             # Curvature is hardly more convex than when it was last found not to be.
             if (
                 curved
@@ -207,8 +249,7 @@ class StageSqp:
             ):
                 continue
             self._level.set_curvature(last if curved else None)
-            damping += self._least + self._damping
-            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
+            solution = self._level.solve(self._ranges, least + damping, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -226,31 +267,69 @@ class StageSqp:
         )
 
     def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
-        share = 1.0
+        """Take the largest share of the step that the filter accepts; a whole one that breaks rows
+        because they bend is corrected before it is cut.
+        """
         before = self._worst
+        share = 1.0
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
-            if self._filter.accepts(trial, here, slope, share):
+            accepted = self._filter.accepts(trial, here, slope, share)
+            corrected = not accepted and share == 1.0 and trial.violation > _KEPT * here.violation
+            if corrected:
+                trial = self._corrected(trial, here)
+                accepted = self._filter.accepts(trial, here, slope, share)
+            if accepted:
                 if not self._filter.descends(here, slope, share):
                     self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
-                # Steps that had to be cut short were too long where nothing but damping makes them
-                # shorter, and so are those that leave the rows as broken as they were before, and
-                # more so idle ones, with which no cost falls.
                 idle = -slope <= _DIGITS * here.cost
-                kept = self._options.feasibility
-                if share < 1.0 or (idle and self._worst > max(before, kept)):
-                    self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
-                elif self._worst <= max(_KEPT * before, kept):
-                    self._damping /= _LESS
+                self._was_whole = share == 1.0 and self._damping == self._least == 0.0
+                self._adapt_damping(share, before, idle)
                 return None, trial
             share /= 2
         self._back()
-        return (
-            NlpStatus.INEXACT if self._worst <= self._options.feasibility else NlpStatus.STALLED,
-            here,
-        )
+        return self._refusal(here), here
+
+    def _adapt_damping(self, share: float, before: float, idle: bool) -> None:
+        """Raise damping after steps that had to be cut, and after those that leave rows as broken
+        as `before` and lower no cost; lower it after whole ones.
+
+        It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
+        """
+        kept = self._options.feasibility
+        if share < 1.0 or (idle and self._worst > max(before, kept)):
+            self._raise_damping(_IDLE if idle else _DAMPED)
+        elif self._worst <= max(_KEPT * before, kept):
+            self._damping = self._lowered(self._damping)
+
+    def _raise_damping(self, least: float) -> None:
+        most = _MOST_DAMPED * self._level.largest_curvature()
+        self._damping = min(max(_MORE * self._damping, least), most)
+
+    @staticmethod
+    def _lowered(damping: float) -> float:
+        less = damping / _LESS
+        return less if less > _NO_DAMPING else 0.0
+
+    def _refusal(self, here: FilterMerit) -> NlpStatus | None:
+        """Tell why no share of a step was accepted: there is nothing to gain, or, where more
+        damping does not help either, none is found.
+        """
+        kept = self._worst <= self._options.feasibility
+        before = self._damping
+        if kept and self._is_proven(here):
+            return NlpStatus.INEXACT
+        self._damping = before
+        self._raise_damping(_DAMPED)
+        return None if self._damping > before else NlpStatus.STALLED
+
+    def _corrected(self, trial: FilterMerit, here: FilterMerit) -> FilterMerit:
+        """Correct a whole step to the second order: back to the rows from where it leads
+        [Fletcher1982].
+        """
+        return self._brought_back(trial, max(_CORRECTED * here.violation, 1e-12))
 
     def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
         """The point after a share of the step, brought back by the shortest ways to rows that it
@@ -261,12 +340,18 @@ class StageSqp:
         """
         if trial.violation <= self._filter.most:
             return trial
-        begin = self._memory.z_from.copy()
         if share < 1.0:
             self._level.linearize()
-        trial = self._restored(trial, self._filter.most)
-        if self._solution is not None:
-            self._memory.step[:] = self._solution.z
+        return self._brought_back(trial, self._filter.most)
+
+    def _brought_back(self, trial: FilterMerit, most: float) -> FilterMerit:
+        """The point after short steps to the rows, from a linearised one; the step that led there
+        stays in the memory.
+        """
+        begin = self._memory.z_from.copy()
+        step = self._memory.step.copy()
+        trial = self._restored(trial, most)
+        self._memory.step[:] = step
         self._memory.z_from[:] = begin
         return trial
 
@@ -320,19 +405,6 @@ class StageSqp:
         else:
             self._memory.evaluate()
         return self._merit()
-
-    def _is_kept(self, here: FilterMerit) -> bool:
-        """Check whether all rows are kept after the last step; where rounding makes that worse it
-        is not taken.
-        """
-        before = self._worst
-        self._memory.share[0] = 1.0
-        self._memory.move()
-        self._memory.evaluate()
-        if not self._merit().violation <= max(here.violation, self._options.convergence):
-            self._back()
-            self._worst = before
-        return self._worst <= self._options.convergence
 
     def _back(self) -> None:
         self._memory.z[:] = self._memory.z_from
