@@ -18,15 +18,16 @@ from uvms_ocp.ocp.stagewise.memory import StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
+from uvms_ocp.types import Array
 
 _SMALLEST_SHARE = 1e-7
-# by how much damping grows, and by how much it falls
+# ratios of what a merit lost to what the QP promised, below which damping grows, and above which it
+# falls, and by how much
+_POOR = 0.25
+_GOOD = 0.75
 _MORE = 10.0
-_LESS = 10.0
-_KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-# [1/unit of z^2] from where damping grows, and where steps do not lower the cost
-_DAMPED = 1e-6
-_IDLE = 1e-5
+_LESS = 4.0
+_DAMPED = 1e-6  # [1/unit of z^2] from where damping grows
 _NO_DAMPING = 1e-9  # [1/unit of z^2] what every model of the cost has: damping below is none
 # times the largest curvature of the cost: what makes steps no shorter any more, as they are those
 # that the rows ask for
@@ -55,6 +56,8 @@ _WORTH = 1e-3  # share of the cost that a step from an optimum may promise
 _MENDS = 3
 _STIFF = 1e6
 _LOUDEST = 1e4  # times the first violation
+# share of the violation that is left from which on a step is corrected
+_REPAIRED = 0.25
 _CORRECTED = 0.5  # share of the violation to which a correction of the second order is to bring it
 # tolerance of a QP, of how far its point is from the optimum, and at most
 _ROUGHLY = 0.1
@@ -270,12 +273,17 @@ class StageSqp:
         """Take the largest share of the step that the filter accepts; a whole one that breaks rows
         because they bend is corrected before it is cut.
         """
-        before = self._worst
+        solution = self._solution
+        assert solution is not None
+        weights = self._ranges.weights(solution)
+        excess = self._ranges.excess()
         share = 1.0
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
             accepted = self._filter.accepts(trial, here, slope, share)
-            corrected = not accepted and share == 1.0 and trial.violation > _KEPT * here.violation
+            corrected = (
+                not accepted and share == 1.0 and trial.violation > _REPAIRED * here.violation
+            )
             if corrected:
                 trial = self._corrected(trial, here)
                 accepted = self._filter.accepts(trial, here, slope, share)
@@ -284,29 +292,35 @@ class StageSqp:
                     self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
-                idle = -slope <= _DIGITS * here.cost
                 self._was_whole = share == 1.0 and self._damping == self._least == 0.0
-                self._adapt_damping(share, before, idle)
+                self._adapt_damping(share, here.cost - trial.cost, weights, excess)
                 return None, trial
             share /= 2
         self._back()
         return self._refusal(here), here
 
-    def _adapt_damping(self, share: float, before: float, idle: bool) -> None:
-        """Raise damping after steps that had to be cut, and after those that leave rows as broken
-        as `before` and lower no cost; lower it after whole ones.
+    def _adapt_damping(self, share: float, fall: float, weights: Array, before: Array) -> None:
+        """Raise damping after steps that had to be cut, and after those that gain little of what
+        the QP promised; lower it after those that keep the promise [Levenberg, Marquardt].
 
-        It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
+        fall: of the cost. weights, before (n,): what rows cost by their multipliers, and by how much
+        they were broken. Both together are the exact penalty, in which rows of any unit count as
+        what they are worth. It is bounded: where it outweighs all curvature, steps are those that
+        the rows ask for.
         """
-        kept = self._options.feasibility
-        if share < 1.0 or (idle and self._worst > max(before, kept)):
-            self._raise_damping(_IDLE if idle else _DAMPED)
-        elif self._worst <= max(_KEPT * before, kept):
+        solution = self._solution
+        assert solution is not None
+        products = solution.products
+        promised = float(weights @ before) - products.slope - products.square / 2
+        gained = fall + float(weights @ (before - self._ranges.excess()))
+        if share < 1.0 or gained < _POOR * promised:
+            self._raise_damping()
+        elif gained > _GOOD * promised:
             self._damping = self._lowered(self._damping)
 
-    def _raise_damping(self, least: float) -> None:
+    def _raise_damping(self) -> None:
         most = _MOST_DAMPED * self._level.largest_curvature()
-        self._damping = min(max(_MORE * self._damping, least), most)
+        self._damping = min(max(_MORE * self._damping, _DAMPED), most)
 
     @staticmethod
     def _lowered(damping: float) -> float:
@@ -322,7 +336,7 @@ class StageSqp:
         if kept and self._is_proven(here):
             return NlpStatus.INEXACT
         self._damping = before
-        self._raise_damping(_DAMPED)
+        self._raise_damping()
         return None if self._damping > before else NlpStatus.STALLED
 
     def _corrected(self, trial: FilterMerit, here: FilterMerit) -> FilterMerit:
