@@ -18,6 +18,7 @@ from uvms_ocp.solvers.stage_qp.problem import (
     StageShape,
     WarmStart,
     leading,
+    parts,
 )
 from uvms_ocp.types import Array
 
@@ -203,6 +204,15 @@ class StageLevelQp:
         """Largest entry of the gradient of the cost."""
         self.qp.flat["r"][:] = self.memory.residuals(self.level)
         return self._solver.steepest(self.qp)
+
+    def bend(self, solution: FlatSolution) -> float:
+        """Curvature that the multipliers of the last QP add along the whole step: twice what it
+        costs.
+        """
+        if not self._bends:
+            return 0.0
+        z = parts(solution.z, self.shape.n_z)
+        return float(sum(own @ H @ own for own, H in zip(z, self.qp.H, strict=True)))
 
     def largest_curvature(self) -> float:
         """Largest diagonal entry [1/unit of z^2] of the Hessian of Gauss and Newton."""

@@ -18,13 +18,12 @@ from uvms_ocp.ocp.stagewise.memory import StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
-from uvms_ocp.types import Array
 
 _SMALLEST_SHARE = 1e-7
 # ratios of what a merit lost to what the QP promised, below which damping grows, and above which it
 # falls, and by how much
 _POOR = 0.25
-_GOOD = 0.75
+_GOOD = 0.5
 _MORE = 10.0
 _LESS = 4.0
 _DAMPED = 1e-6  # [1/unit of z^2] from where damping grows
@@ -38,8 +37,8 @@ _NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth 
 _STEEP = 100.0
 _GIVE = 1e4
 _MODELS = (
-    (1e-9, True, np.inf),
-    (1e-9, False, np.inf),
+    (_NO_DAMPING, True, np.inf),
+    (_NO_DAMPING, False, np.inf),
     (1e-6, False, np.inf),
     (1e-6, True, _GIVE),
     (1e-4, False, _GIVE),
@@ -51,7 +50,7 @@ miss levels above [1/unit of the row]; the next where one fails.
 # iterations of the last level before a gain of this share of its cost is none
 _PATIENCE = 15
 _DIGITS = 1e-5
-_WORTH = 1e-3  # share of the cost that a step from an optimum may promise
+_WORTH = 1e-4  # share of the cost that a step from an optimum may promise
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
@@ -153,19 +152,28 @@ class StageSqp:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
+        promise = self._promise(solution)
         # A step that changes no gradient leads to the same multipliers: they are judged here.
         still = solution.products.change <= self._options.convergence
         if still and self._is_optimal(solution) and self._is_proven(here):
             return NlpStatus.SOLVED, here
-        if self._is_flat(here, solution.products.slope) and self._is_proven(here):
+        if self._is_flat(here, promise) and self._is_proven(here):
             optimal = self._is_optimal(self._solution)
             return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
-        status, there = self._search(here, solution.products.slope)
+        status, there = self._search(here, solution.products.slope, promise)
         if status is None and self._is_optimal(solution):
-            last_gain = -solution.products.slope if self._was_whole else np.inf
-            if last_gain <= self._worth(there) or self._is_proven(there):
+            settled = self._was_whole and promise <= self._worth(there)
+            if settled or self._is_proven(there):
                 status = NlpStatus.SOLVED
         return status, there
+
+    def _promise(self, solution: FlatSolution) -> float:
+        """Return the gain that the QP promises, of the cost and of what broken rows cost by their
+        multipliers: the exact penalty, in which rows of any unit count as what they are worth.
+        """
+        products = solution.products
+        missed = float(self._ranges.weights(solution) @ self._ranges.excess())
+        return missed - products.slope - products.square / 2 - self._level.bend(solution) / 2
 
     def _is_optimal(self, found: FlatSolution) -> bool:
         """Check the conditions of optimality of the NLP at the point where it is linearised, with
@@ -195,17 +203,17 @@ class StageSqp:
         worth = self._worth(here)
         if here.cost <= worth:  # no step gains more than all of it
             return True
-        proof = self._solved(0.0, 0.0)
+        proof = self._undamped()
         if not proof.status.usable:
             return False
         self._solution = proof
-        if -proof.products.slope <= worth:
+        if self._promise(proof) <= worth:
             return True
         self._least /= _LESS**2
         self._damping = self._lowered(self._damping / _LESS)
         return False
 
-    def _is_flat(self, here: FilterMerit, slope: float) -> bool:
+    def _is_flat(self, here: FilterMerit, promise: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance
         would notice.
 
@@ -214,10 +222,10 @@ class StageSqp:
         """
         if self._has_levels_below:
             kept = 0.1 * self._options.feasibility
-            return self._worst <= kept and -slope <= self._worth(here)
+            return self._worst <= kept and promise <= self._worth(here)
         kept = self._options.feasibility
         patient = self._count > _PATIENCE
-        return patient and self._worst <= kept and -slope <= _DIGITS * here.cost
+        return patient and self._worst <= kept and promise <= _DIGITS * here.cost
 
     def _roughness(self) -> float:
         """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient
@@ -244,12 +252,7 @@ class StageSqp:
         near = self._near()
         solution = None
         for least, curved, give in _MODELS[self._model :]:
-            # Curvature is hardly more convex than when it was last found not to be.
-            if (
-                curved
-                and give == np.inf
-                and self._worst > max(_NEARER * self._refused, self._options.feasibility)
-            ):
+            if curved and give == np.inf and self._is_bent_as_before:
                 continue
             self._level.set_curvature(last if curved else None)
             solution = self._level.solve(self._ranges, least + damping, give, near, rough=rough)
@@ -262,6 +265,22 @@ class StageSqp:
         assert solution is not None
         return solution
 
+    def _undamped(self) -> FlatSolution:
+        """Solve the QP without damping to all digits: with curvature where that is convex."""
+        last = self._solution
+        if not self._is_bent_as_before and self._model == 0:
+            self._level.set_curvature(last)
+            bent = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+            if bent.status is StageQpStatus.SOLVED:
+                return bent
+        self._level.set_curvature(None)
+        return self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+
+    @property
+    def _is_bent_as_before(self) -> bool:
+        """Curvature is hardly more convex than when it was last found not to be."""
+        return self._worst > max(_NEARER * self._refused, self._options.feasibility)
+
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
@@ -269,7 +288,9 @@ class StageSqp:
             last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
         )
 
-    def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
+    def _search(
+        self, here: FilterMerit, slope: float, promise: float
+    ) -> tuple[NlpStatus | None, FilterMerit]:
         """Take the largest share of the step that the filter accepts; a whole one that breaks rows
         because they bend is corrected before it is cut.
         """
@@ -293,29 +314,22 @@ class StageSqp:
                 if share < 1.0:
                     self._level.linearize()
                 self._was_whole = share == 1.0 and self._damping == self._least == 0.0
-                self._adapt_damping(share, here.cost - trial.cost, weights, excess)
+                gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
+                self._adapt_damping(share, gained, promise)
                 return None, trial
             share /= 2
         self._back()
         return self._refusal(here), here
 
-    def _adapt_damping(self, share: float, fall: float, weights: Array, before: Array) -> None:
+    def _adapt_damping(self, share: float, gained: float, promise: float) -> None:
         """Raise damping after steps that had to be cut, and after those that gain little of what
-        the QP promised; lower it after those that keep the promise [Levenberg, Marquardt].
+        the QP promised; lower it after those that keep the promise [Levenberg1944, Marquardt1963].
 
-        fall: of the cost. weights, before (n,): what rows cost by their multipliers, and by how much
-        they were broken. Both together are the exact penalty, in which rows of any unit count as
-        what they are worth. It is bounded: where it outweighs all curvature, steps are those that
-        the rows ask for.
+        It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
         """
-        solution = self._solution
-        assert solution is not None
-        products = solution.products
-        promised = float(weights @ before) - products.slope - products.square / 2
-        gained = fall + float(weights @ (before - self._ranges.excess()))
-        if share < 1.0 or gained < _POOR * promised:
+        if share < 1.0 or gained < _POOR * promise:
             self._raise_damping()
-        elif gained > _GOOD * promised:
+        elif gained > _GOOD * promise:
             self._damping = self._lowered(self._damping)
 
     def _raise_damping(self) -> None:
