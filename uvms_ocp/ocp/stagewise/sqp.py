@@ -47,10 +47,8 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
 miss levels above [1/unit of the row]; the next where one fails.
 """
-# iterations of the last level before a gain of this share of its cost is none
-_PATIENCE = 15
-_DIGITS = 1e-5
-_WORTH = 1e-4  # share of the cost that a step from an optimum may promise
+_DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
+_PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
@@ -194,7 +192,7 @@ class StageSqp:
         unseen = self._options.tolerance**2 / 2
         if self._has_levels_below:
             return max(_NOTHING * self._options.tolerance * here.residual, unseen)
-        return max(_WORTH, self._options.convergence) * here.cost + unseen
+        return max(_DIGITS, self._options.convergence) * here.cost + unseen
 
     def _is_proven(self, here: FilterMerit) -> bool:
         """Check that a step without damping, of a QP solved to all digits, promises no gain that is
