@@ -24,6 +24,7 @@ _SMALLEST_SHARE = 1e-7
 # falls, and by how much
 _POOR = 0.25
 _GOOD = 0.5
+_NOISE = 1e-10  # share of the cost below which a promise is rounding and tells nothing
 _MORE = 10.0
 _LESS = 4.0
 _DAMPED = 1e-6  # [1/unit of z^2] from where damping grows
@@ -47,6 +48,7 @@ _MODELS = (
 """Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
 miss levels above [1/unit of the row]; the next where one fails.
 """
+_DAMPED_MODELS = 2  # the first of them
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
 _PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
@@ -150,15 +152,17 @@ class StageSqp:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
-        promise = self._promise(solution)
         # A step that changes no gradient leads to the same multipliers: they are judged here.
         still = solution.products.change <= self._options.convergence
-        if still and self._is_optimal(solution) and self._is_proven(here):
-            return NlpStatus.SOLVED, here
-        if self._is_flat(here, promise) and self._is_proven(here):
-            optimal = self._is_optimal(self._solution)
-            return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
-        status, there = self._search(here, solution.products.slope, promise)
+        optimal = still and self._is_optimal(solution)
+        if optimal or self._is_flat(here, self._promise(solution)):
+            if self._is_proven(here):
+                optimal = optimal or self._is_optimal(solution)
+                return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
+            solution = self._solution
+            self._memory.step[:] = solution.z
+        promise = self._promise(solution)
+        status, there = self._search(here, solution, promise)
         if status is None and self._is_optimal(solution):
             settled = self._was_whole and promise <= self._worth(there)
             if settled or self._is_proven(there):
@@ -204,10 +208,10 @@ class StageSqp:
         proof = self._undamped()
         if not proof.status.usable:
             return False
-        self._solution = proof
         if self._promise(proof) <= worth:
             return True
-        self._least /= _LESS**2
+        self._solution = proof
+        self._least = self._lowered(self._least / _LESS)
         self._damping = self._lowered(self._damping / _LESS)
         return False
 
@@ -287,13 +291,12 @@ class StageSqp:
         )
 
     def _search(
-        self, here: FilterMerit, slope: float, promise: float
+        self, here: FilterMerit, solution: FlatSolution, promise: float
     ) -> tuple[NlpStatus | None, FilterMerit]:
         """Take the largest share of the step that the filter accepts; a whole one that breaks rows
         because they bend is corrected before it is cut.
         """
-        solution = self._solution
-        assert solution is not None
+        slope = solution.products.slope
         weights = self._ranges.weights(solution)
         excess = self._ranges.excess()
         share = 1.0
@@ -311,23 +314,27 @@ class StageSqp:
                     self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
-                self._was_whole = share == 1.0 and self._damping == self._least == 0.0
+                undamped = self._damping == self._least == 0.0 and self._model < _DAMPED_MODELS
+                self._was_whole = undamped and share == 1.0
                 gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
-                self._adapt_damping(share, gained, promise)
+                self._adapt_damping(here, share, gained, promise)
                 return None, trial
             share /= 2
         self._back()
         return self._refusal(here), here
 
-    def _adapt_damping(self, share: float, gained: float, promise: float) -> None:
+    def _adapt_damping(
+        self, here: FilterMerit, share: float, gained: float, promise: float
+    ) -> None:
         """Raise damping after steps that had to be cut, and after those that gain little of what
         the QP promised; lower it after those that keep the promise [Levenberg1944, Marquardt1963].
 
         It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
         """
-        if share < 1.0 or gained < _POOR * promise:
+        told = promise > _NOISE * here.cost
+        if share < 1.0 or (told and gained < _POOR * promise):
             self._raise_damping()
-        elif gained > _GOOD * promise:
+        elif not told or gained > _GOOD * promise:
             self._damping = self._lowered(self._damping)
 
     def _raise_damping(self) -> None:
@@ -443,9 +450,10 @@ class StageSqp:
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()
-        # What levels above lose by rounding, and by steps that were taken while little was broken,
-        # is given back.
-        if self._level.level and self._worst <= self._options.feasibility:
+        # What levels above lose by steps that were taken while little was broken is given back; a
+        # point that was judged stays where it is.
+        judged = status is NlpStatus.SOLVED
+        if not judged and self._level.level and self._worst <= self._options.feasibility:
             self._restored(here, self._options.convergence)
             self._merit()
         cost = self._level.cost
