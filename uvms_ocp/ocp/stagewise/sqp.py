@@ -309,6 +309,9 @@ class StageSqp:
             if corrected:
                 trial = self._corrected(trial, here)
                 accepted = self._filter.accepts(trial, here, slope, share)
+            gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
+            if corrected:
+                accepted = accepted and gained > _POOR * promise
             if accepted:
                 if not self._filter.descends(here, slope, share):
                     self._filter.entries.append(here)
@@ -316,7 +319,6 @@ class StageSqp:
                     self._level.linearize()
                 undamped = self._damping == self._least == 0.0 and self._model < _DAMPED_MODELS
                 self._was_whole = undamped and share == 1.0
-                gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
                 self._adapt_damping(here, share, gained, promise)
                 return None, trial
             share /= 2
