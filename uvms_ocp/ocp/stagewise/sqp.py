@@ -268,7 +268,9 @@ class StageSqp:
         return solution
 
     def _undamped(self) -> FlatSolution:
-        """Solve the QP without damping to all digits: with curvature where that is convex."""
+        """Solve the QP without damping to all digits: with curvature where that is convex, and with
+        the least damping where what nothing determines makes it singular.
+        """
         last = self._solution
         if not self._is_bent_as_before and self._model == 0:
             self._level.set_curvature(last)
@@ -276,7 +278,10 @@ class StageSqp:
             if bent.status is StageQpStatus.SOLVED:
                 return bent
         self._level.set_curvature(None)
-        return self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+        proof = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+        if proof.status.usable:
+            return proof
+        return self._level.solve(self._ranges, _DAMPED, np.inf, self._near())
 
     @property
     def _is_bent_as_before(self) -> bool:
