@@ -337,6 +337,15 @@ class StageRanges:
         y = self._values()
         return np.maximum(np.maximum(self._ends[0] - y, y - self._ends[1]), 0.0)
 
+    def weights(self, solution: FlatSolution) -> Array:
+        """Return what the rows of `excess` (n,) [1/unit of the row] cost: the size of their
+        multipliers.
+        """
+        n_x = self._memory.tangent.n_x
+        y = solution.y[: len(self._held)]
+        y_z = solution.y[len(self._held) :][self._own]
+        return np.abs(np.concatenate([solution.costate[n_x:], y, y_z]))
+
     def write(self, flat: Mapping[str, Array]) -> None:
         """Write gaps, and ranges of the step from the point in the memory, into the arrays of a
         QP.
