@@ -286,16 +286,18 @@ class ParameterLayout:
         state = start or given.problem.start
         times = t0 + nominal
         rate = 1.0 / nominal[-1]
+        last_share = 0.5 * (nominal[-1] - nominal[-2]) * rate
+        n_phases = len(given.problem.phases)
         about = np.tile(state.q, (len(times), 1)) if near is None else near
         parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
-        for block, numbers in zip(self.blocks, given.numbers, strict=True):
+        for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
             own = block.nodes
             extra = {term: more.at(own) for term, more in tightened.terms.items()}
             active = ((own > 0) | (not given.problem.fixed_start)).tolist()
             nodes = TermNodes(
                 times=times[own].tolist(), active=active, q=about[own], tightened=extra
             )
-            parts.append(numbers.parameters(nodes, rate))
+            parts.append(numbers.parameters(nodes, rate if i < n_phases else last_share))
         return np.concatenate(parts)
 
 

@@ -473,6 +473,18 @@ class Transcription:
         rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
 
+    @cached_property
+    def _rows_and_slopes(self) -> ca.Function:
+        raw = np.arange(self.row_layout.n_rows - len(self.row_layout.costs))
+        return self._horizon.derivative_functions(0, raw)["nlp_jac_g"]
+
+    def rows_and_slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[ca.DM, ca.DM]:
+        """Values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are the last, at
+        x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
+        """
+        values, slopes = self._rows_and_slopes(x, p)
+        return values, slopes
+
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT
         asks for them.
