@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.ocp.motion_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.node_margins import NodeMargins, Side, Tightening
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.types import Array
