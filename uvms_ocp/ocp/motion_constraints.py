@@ -11,7 +11,7 @@ import numpy as np
 
 from uvms_ocp.checks import unchecked_method
 from uvms_ocp.ocp.clearance_certificate import SteppedMotion
-from uvms_ocp.ocp.motion_scan import FINE, Motion, QuantityRange, Samples, scanned
+from uvms_ocp.ocp.motion_scan import FINE, Motion, QuantityRange, Samples, finite_excess, scanned
 from uvms_ocp.ocp.problem import OcpPhase, OcpProblem, counts
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
@@ -181,7 +181,7 @@ def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
     slack[nodes] = -at_nodes
     own = np.zeros(m)
     if problem.fixed_start and len(nodes) and nodes[0] == 0:
-        own = np.maximum(at_nodes[0], 0.0)
+        own = finite_excess(at_nodes[0])
         at_nodes[0] = 0.0
     peak = scope.peak(np.maximum(at_nodes, 0.0), path.t[nodes])
     steps = _steps_of(problem, term)
@@ -207,7 +207,8 @@ def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
         moments[of[row], pair] = middle[row]
         reach = largest_change(term.scene.reach, stepped.bounds(middle, half))
         possible = lack + reach + term.obstacle_motion(clock, half)
-        more = possible - np.maximum(below[of], 0.0)
+        with np.errstate(invalid="ignore"):  # overlaps whose depth coal cannot tell
+            more = possible - np.maximum(below[of], 0.0)
         open_ = open_ & ~(more <= FINE)
         short = half * _SHORTEST < motion.h[of]
         unseen = max(unseen, float(more[short[:, None] & open_].max(initial=0.0)))

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.ocp.motion_dynamics import axis_names, given_forces, required_forces
-from uvms_ocp.ocp.motion_scan import Motion, QuantityRange, Samples, scanned
+from uvms_ocp.ocp.motion_scan import Motion, QuantityRange, Samples, finite_excess, scanned
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.trajectory import has_thrusters
 from uvms_ocp.ocp.transcription.stage import ActuationModel
@@ -54,7 +54,7 @@ def less_start(motion: Motion, scope: QuantityRange, nodes: Array) -> tuple[Arra
     """(m,) What a given start breaks by itself, below and above."""
     below, above = scope.beyond(nodes[0])
     given = float(motion.problem.fixed_start)
-    return given * np.maximum(below, 0.0), given * np.maximum(above, 0.0)
+    return given * finite_excess(below), given * finite_excess(above)
 
 
 def of_nodes(motion: Motion, scope: QuantityRange, nodes: Array) -> Array:

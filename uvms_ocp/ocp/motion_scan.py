@@ -230,7 +230,8 @@ def scanned(
         times[steps] = np.take_along_axis(samples.t[:, inner, None], when[:, None], axis=1)[:, 0]
         found = np.maximum(np.maximum(below[steps], above[steps]), 0.0)
         possible = amounts.max(axis=1) + _bend(values) / 2
-        unseen[steps] = np.maximum(possible - found, 0.0)
+        with np.errstate(invalid="ignore"):  # what is no number anywhere
+            unseen[steps] = np.maximum(possible - found, 0.0)
         steps = steps[(unseen[steps] > FINE).any(axis=1)]
         if not len(steps):
             break
@@ -259,4 +260,9 @@ def _given_by_start(motion: Motion, scope: QuantityRange, rows: Rows) -> tuple[A
         return np.zeros(m), np.zeros(m)
     begin = motion.samples(np.array([0]), motion.looks)
     below, above = scope.beyond(rows(begin)[0, 0])
-    return np.maximum(below, 0.0), np.maximum(above, 0.0)
+    return finite_excess(below), finite_excess(above)
+
+
+def finite_excess(amounts: Array) -> Array:
+    """The amounts that are numbers and positive; 0 for others."""
+    return np.where(np.isfinite(amounts) & (amounts > 0.0), amounts, 0.0)
