@@ -15,10 +15,12 @@ import pytest
 
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.clearance_certificate import certificate
-from uvms_ocp.ocp.motion_check import FINE, MotionCheck, RangeKind, motion_check
+from uvms_ocp.ocp.motion_check import motion_check
+from uvms_ocp.ocp.motion_scan import FINE
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.range_check import MotionCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import (
     At,

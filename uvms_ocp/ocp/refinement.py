@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from uvms_ocp.checks import unchecked_method
-from uvms_ocp.ocp.motion_check import RangeCheck, between_checks
+from uvms_ocp.ocp.motion_check import between_checks
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.range_check import RangeCheck
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.tightening import lack, missing_between, tightened
 from uvms_ocp.ocp.trajectory import (

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.ocp.motion_check import RangeCheck, RangeKind
+from uvms_ocp.ocp.motion_scan import finite_excess
 from uvms_ocp.ocp.node_margins import NodeMargins, Side, Tightening
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.types import Array
@@ -65,12 +66,13 @@ def allowance(item: RangeCheck) -> Array:
 
 
 def _missing(item: RangeCheck) -> tuple[Array, Array]:
-    """(N, m) [unit of the quantity] Below and above, of ranges with an inside, where it is more
-    than is allowed.
+    """(N, m) [unit of the quantity] Below and above, of ranges with an inside, where it is a number
+    and more than is allowed.
     """
     has_inside = item.upper > item.lower
     counts = has_inside & (np.maximum(item.below, item.above) > allowance(item))
-    return np.where(counts, item.below, 0.0), np.where(counts, item.above, 0.0)
+    parts = (finite_excess(item.below), finite_excess(item.above))
+    return np.where(counts, parts[0], 0.0), np.where(counts, parts[1], 0.0)
 
 
 def _amount(item: RangeCheck) -> float:
