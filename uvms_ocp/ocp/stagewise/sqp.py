@@ -54,7 +54,8 @@ _PATIENCE = 15  # iterations of the last level before it ends with no more digit
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
-_LOUDEST = 1e4  # times the first violation
+# times the first violation, beyond which no point is accepted: it bounds steps and tells no end
+_LOUDEST = 1e4
 # share of the violation that is left from which on a step is corrected
 _REPAIRED = 0.25
 _CORRECTED = 0.5  # share of the violation to which a correction of the second order is to bring it
@@ -254,7 +255,7 @@ class StageSqp:
         near = self._near()
         solution = None
         for least, curved, give in _MODELS[self._model :]:
-            if curved and give == np.inf and self._is_bent_as_before:
+            if curved and give == np.inf and self._is_curvature_refused:
                 continue
             self._level.set_curvature(last if curved else None)
             solution = self._level.solve(self._ranges, least + damping, give, near, rough=rough)
@@ -272,7 +273,7 @@ class StageSqp:
         the least damping where what nothing determines makes it singular.
         """
         last = self._solution
-        if not self._is_bent_as_before and self._model == 0:
+        if not self._is_curvature_refused and self._model == 0:
             self._level.set_curvature(last)
             bent = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
             if bent.status is StageQpStatus.SOLVED:
@@ -284,7 +285,7 @@ class StageSqp:
         return self._level.solve(self._ranges, _DAMPED, np.inf, self._near())
 
     @property
-    def _is_bent_as_before(self) -> bool:
+    def _is_curvature_refused(self) -> bool:
         """Curvature is hardly more convex than when it was last found not to be."""
         return self._worst > max(_NEARER * self._refused, self._options.feasibility)
 
