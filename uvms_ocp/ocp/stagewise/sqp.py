@@ -27,8 +27,8 @@ _GOOD = 0.5
 _NOISE = 1e-10  # share of the cost below which a promise is rounding and tells nothing
 _MORE = 10.0
 _LESS = 4.0
-_DAMPED = 1e-6  # [1/unit of z^2] from where damping grows
-_NO_DAMPING = 1e-9  # [1/unit of z^2] what every model of the cost has: damping below is none
+_DAMPED = 1e-6  # times the curvature up to 1: from where damping grows
+_NO_DAMPING = 1e-9  # the same: what every model of the cost has; damping below is none
 # times the largest curvature of the cost: what makes steps no shorter any more, as they are those
 # that the rows ask for
 _MOST_DAMPED = 1.0
@@ -45,8 +45,8 @@ _MODELS = (
     (1e-4, False, _GIVE),
     (1e-2, False, _GIVE),
 )
-"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
-miss levels above [1/unit of the row]; the next where one fails.
+"""Damping in units of the largest curvature of the cost up to 1, whether the cost has the curvature
+of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
 """
 _DAMPED_MODELS = 2  # the first of them
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
@@ -98,12 +98,15 @@ class StageSqp:
         self._has_levels_below = level.level + 1 < level.memory.n_levels
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if self._has_levels_below else 0.0
+        self._unit = 1.0
+        """[1/unit of z^2] unit of the damping of models."""
 
     def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
         self._filter = Filter(first=here.violation, most=self._most(here))
+        self._unit = self._damping_unit()
         self._solution = warm
         if warm is not None and self._is_optimal(warm) and self._is_proven(here):
             return self._end(NlpStatus.SOLVED, 0)
@@ -258,7 +261,8 @@ class StageSqp:
             if curved and give == np.inf and self._is_curvature_refused:
                 continue
             self._level.set_curvature(last if curved else None)
-            solution = self._level.solve(self._ranges, least + damping, give, near, rough=rough)
+            total = self._unit * least + damping
+            solution = self._level.solve(self._ranges, total, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -273,16 +277,24 @@ class StageSqp:
         the least damping where what nothing determines makes it singular.
         """
         last = self._solution
+        self._unit = self._damping_unit()
+        least = self._unit * _NO_DAMPING
         if not self._is_curvature_refused and self._model == 0:
             self._level.set_curvature(last)
-            bent = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+            bent = self._level.solve(self._ranges, least, np.inf, self._near())
             if bent.status is StageQpStatus.SOLVED:
                 return bent
         self._level.set_curvature(None)
-        proof = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+        proof = self._level.solve(self._ranges, least, np.inf, self._near())
         if proof.status.usable:
             return proof
-        return self._level.solve(self._ranges, _DAMPED, np.inf, self._near())
+        return self._level.solve(self._ranges, self._unit * _DAMPED, np.inf, self._near())
+
+    def _damping_unit(self) -> float:
+        """Return the largest curvature of the cost, at most 1: beside small costs damping is to be
+        as small as beside others.
+        """
+        return min(1.0, self._level.largest_curvature())
 
     @property
     def _is_curvature_refused(self) -> bool:
@@ -347,12 +359,11 @@ class StageSqp:
 
     def _raise_damping(self) -> None:
         most = _MOST_DAMPED * self._level.largest_curvature()
-        self._damping = min(max(_MORE * self._damping, _DAMPED), most)
+        self._damping = min(max(_MORE * self._damping, self._unit * _DAMPED), most)
 
-    @staticmethod
-    def _lowered(damping: float) -> float:
+    def _lowered(self, damping: float) -> float:
         less = damping / _LESS
-        return less if less > _NO_DAMPING else 0.0
+        return less if less > self._unit * _NO_DAMPING else 0.0
 
     def _refusal(self, here: FilterMerit) -> NlpStatus | None:
         """Tell why no share of a step was accepted: there is nothing to gain, or, where more
