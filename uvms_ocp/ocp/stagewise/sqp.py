@@ -49,6 +49,7 @@ _MODELS = (
 of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
 """
 _DAMPED_MODELS = 2  # the first of them
+_ZERO = 1e-3  # times the tolerance of a residual's norm: what counts as no residual at all
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
 _PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
@@ -197,10 +198,10 @@ class StageSqp:
         """Return the gain of cost from which on another step is worth it: of a level that others
         follow, what its tolerance would notice.
         """
-        unseen = self._options.tolerance**2 / 2
+        tolerance = self._options.tolerance
         if self._has_levels_below:
-            return max(_NOTHING * self._options.tolerance * here.residual, unseen)
-        return max(_DIGITS, self._options.convergence) * here.cost + unseen
+            return max(_NOTHING * tolerance * here.residual, tolerance**2 / 2)
+        return max(_DIGITS, self._options.convergence) * here.cost + (_ZERO * tolerance) ** 2 / 2
 
     def _is_proven(self, here: FilterMerit) -> bool:
         """Check that a step without damping, of a QP solved to all digits, promises no gain that is
