@@ -164,6 +164,31 @@ def without_quadratic_drag(robot: Robot) -> Robot:
     return replace(robot, hydrodynamics=tuple(links))
 
 
+@pytest.mark.parametrize("duration", [8.0, 300.0])
+def test_a_cost_in_other_units_has_the_same_minimum(duration: float) -> None:
+    """Neither damping nor a tolerance may be in units in which costs are usually about 1."""
+    least = [least_cost(weight, duration) for weight in (1.0, 1e-6)]
+    assert least[1] == pytest.approx(least[0], rel=1e-3)
+
+
+def least_cost(weight: float, duration: float) -> float:
+    """Cost over its weight of a plan from standing still."""
+    robot = load_robot("bluerov2")
+    q = robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.4))
+    problem = way(
+        robot,
+        q=q,
+        duration=duration,
+        n_steps=16,
+        goal=goal_from(robot, q, np.random.default_rng(8805), turn=0.6),
+        costs=(Effort(weight=weight), Smoothness(weight=0.09 * weight)),
+    )
+    plan = Planner(problem, BY_STAGES).plan(guess=hold_guess(problem))
+    assert plan.status is OcpStatus.SOLVED
+    assert plan.result is not None
+    return float(plan.result.level_residuals[-1] ** 2) / weight
+
+
 @pytest.fixture(params=[(8805, 12), (8805, 24)])
 def damped(request: pytest.FixtureRequest) -> OcpProblem:
     """Ways whose steps from standing still have to be cut or corrected."""

@@ -8,7 +8,9 @@ from dataclasses import dataclass, field
 
 _SHARE = 1e-5  # of the violation by which one of both must become less
 _ARMIJO = 1e-4  # of the descent that the slope promises
-_LOUD = 1e-4  # violation, beside the first one, below which descent alone decides
+# violation, beside the first one, below which descent alone decides: it chooses between two rules of
+# acceptance, and no end of a search depends on it
+_LOUD = 1e-4
 
 
 @dataclass(kw_only=True, slots=True)

@@ -27,8 +27,8 @@ _GOOD = 0.5
 _NOISE = 1e-10  # share of the cost below which a promise is rounding and tells nothing
 _MORE = 10.0
 _LESS = 4.0
-_DAMPED = 1e-6  # [1/unit of z^2] from where damping grows
-_NO_DAMPING = 1e-9  # [1/unit of z^2] what every model of the cost has: damping below is none
+_DAMPED = 1e-6  # times the curvature up to 1: from where damping grows
+_NO_DAMPING = 1e-9  # the same: what every model of the cost has; damping below is none
 # times the largest curvature of the cost: what makes steps no shorter any more, as they are those
 # that the rows ask for
 _MOST_DAMPED = 1.0
@@ -45,16 +45,18 @@ _MODELS = (
     (1e-4, False, _GIVE),
     (1e-2, False, _GIVE),
 )
-"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
-miss levels above [1/unit of the row]; the next where one fails.
+"""Damping in units of the largest curvature of the cost up to 1, whether the cost has the curvature
+of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
 """
 _DAMPED_MODELS = 2  # the first of them
+_ZERO = 1e-3  # times the tolerance of a residual's norm: what counts as no residual at all
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
 _PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
-_LOUDEST = 1e4  # times the first violation
+# times the first violation, beyond which no point is accepted: it bounds steps and tells no end
+_LOUDEST = 1e4
 # share of the violation that is left from which on a step is corrected
 _REPAIRED = 0.25
 _CORRECTED = 0.5  # share of the violation to which a correction of the second order is to bring it
@@ -97,12 +99,15 @@ class StageSqp:
         self._has_levels_below = level.level + 1 < level.memory.n_levels
         # What levels above leave open, those below decide: no step goes far there.
         self._least = _DAMPED if self._has_levels_below else 0.0
+        self._unit = 1.0
+        """[1/unit of z^2] unit of the damping of models."""
 
     def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
         self._filter = Filter(first=here.violation, most=self._most(here))
+        self._unit = self._damping_unit()
         self._solution = warm
         if warm is not None and self._is_optimal(warm) and self._is_proven(here):
             return self._end(NlpStatus.SOLVED, 0)
@@ -193,10 +198,10 @@ class StageSqp:
         """Return the gain of cost from which on another step is worth it: of a level that others
         follow, what its tolerance would notice.
         """
-        unseen = self._options.tolerance**2 / 2
+        tolerance = self._options.tolerance
         if self._has_levels_below:
-            return max(_NOTHING * self._options.tolerance * here.residual, unseen)
-        return max(_DIGITS, self._options.convergence) * here.cost + unseen
+            return max(_NOTHING * tolerance * here.residual, tolerance**2 / 2)
+        return max(_DIGITS, self._options.convergence) * here.cost + (_ZERO * tolerance) ** 2 / 2
 
     def _is_proven(self, here: FilterMerit) -> bool:
         """Check that a step without damping, of a QP solved to all digits, promises no gain that is
@@ -254,10 +259,11 @@ class StageSqp:
         near = self._near()
         solution = None
         for least, curved, give in _MODELS[self._model :]:
-            if curved and give == np.inf and self._is_bent_as_before:
+            if curved and give == np.inf and self._is_curvature_refused:
                 continue
             self._level.set_curvature(last if curved else None)
-            solution = self._level.solve(self._ranges, least + damping, give, near, rough=rough)
+            total = self._unit * least + damping
+            solution = self._level.solve(self._ranges, total, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -272,19 +278,27 @@ class StageSqp:
         the least damping where what nothing determines makes it singular.
         """
         last = self._solution
-        if not self._is_bent_as_before and self._model == 0:
+        self._unit = self._damping_unit()
+        least = self._unit * _NO_DAMPING
+        if not self._is_curvature_refused and self._model == 0:
             self._level.set_curvature(last)
-            bent = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+            bent = self._level.solve(self._ranges, least, np.inf, self._near())
             if bent.status is StageQpStatus.SOLVED:
                 return bent
         self._level.set_curvature(None)
-        proof = self._level.solve(self._ranges, _NO_DAMPING, np.inf, self._near())
+        proof = self._level.solve(self._ranges, least, np.inf, self._near())
         if proof.status.usable:
             return proof
-        return self._level.solve(self._ranges, _DAMPED, np.inf, self._near())
+        return self._level.solve(self._ranges, self._unit * _DAMPED, np.inf, self._near())
+
+    def _damping_unit(self) -> float:
+        """Return the largest curvature of the cost, at most 1: beside small costs damping is to be
+        as small as beside others.
+        """
+        return min(1.0, self._level.largest_curvature())
 
     @property
-    def _is_bent_as_before(self) -> bool:
+    def _is_curvature_refused(self) -> bool:
         """Curvature is hardly more convex than when it was last found not to be."""
         return self._worst > max(_NEARER * self._refused, self._options.feasibility)
 
@@ -346,12 +360,11 @@ class StageSqp:
 
     def _raise_damping(self) -> None:
         most = _MOST_DAMPED * self._level.largest_curvature()
-        self._damping = min(max(_MORE * self._damping, _DAMPED), most)
+        self._damping = min(max(_MORE * self._damping, self._unit * _DAMPED), most)
 
-    @staticmethod
-    def _lowered(damping: float) -> float:
+    def _lowered(self, damping: float) -> float:
         less = damping / _LESS
-        return less if less > _NO_DAMPING else 0.0
+        return less if less > self._unit * _NO_DAMPING else 0.0
 
     def _refusal(self, here: FilterMerit) -> NlpStatus | None:
         """Tell why no share of a step was accepted: there is nothing to gain, or, where more
