@@ -14,13 +14,13 @@ import numpy as np
 from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor, unchecked_method
 from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt, raised_outside_casadi
-from uvms_ocp.ocp.clearance_certificate import certificate, shortfall
+from uvms_ocp.ocp.clearance_certificate import certificate
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
+from uvms_ocp.ocp.first_order_gain import level_residuals
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.refinement import (
-    AGREES,
     USABLE,
     Guess,
     MotionGuess,
@@ -41,6 +41,7 @@ from uvms_ocp.ocp.trajectory import (
     shift_guess,
 )
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.ocp.verdict import Verdict, judge_motion
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
@@ -287,13 +288,6 @@ class Planner:
             t0,
             begin,
         )
-        for term in held_apart(given) if plan.status.usable else ():
-            missed = float(shortfall(term, plan.trajectory, t0).max(initial=0.0))
-            if missed > AGREES:
-                note += (
-                    f"; between nodes {term.name} misses its margin by {missed:.2g} m: take more"
-                    " steps"
-                )
         return replace_unchecked(plan, reason=plan.reason + note)
 
     def solve(
@@ -343,6 +337,15 @@ class Planner:
                 numbers, guess, problem=other, time_limit=limit, tightened=found.tightened
             )
 
+        def judge(result: LexicographicResult) -> Verdict:
+            return judge_motion(
+                given,
+                self._motion(given, result),
+                t0=t0,
+                transcription=self.transcription,
+                tightened=found.tightened,
+            )
+
         feasibility = self.options.feasibility
         return Diagnosis(
             transcription=self.transcription,
@@ -350,11 +353,15 @@ class Planner:
             p=found.p,
             feasibility=feasibility,
             solve=solve,
+            judge=judge,
             deadline=deadline,
         )
 
+    def _motion(self, given: OcpProblem, result: LexicographicResult) -> Trajectory:
+        return admissible(self.transcription.unpack(result.x, given), given.robot)
+
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
-        trajectory = admissible(self.transcription.unpack(verdict.result.x, given), given.robot)
+        trajectory = self._motion(given, verdict.result)
         reports = (
             [certificate(term, trajectory) for term in held_apart(given)]
             if verdict.status.usable
@@ -365,8 +372,14 @@ class Planner:
             key=lambda report: (report.collision_free, report.nearest.distance),
             default=None,
         )
-        found = {"clearance": clearance, "result": verdict.result, "plugin": self.options.plugin}
-        levels = tuple(self._reports(verdict.result))
+        judged = verdict.verdict
+        found = {
+            "clearance": clearance,
+            "result": verdict.result,
+            "plugin": self.options.plugin,
+            "verdict": None if judged is None else judged.report,
+        }
+        levels = tuple(self._reports(given, verdict.result, trajectory.t))
         return _made(
             given,
             t0,
@@ -378,9 +391,11 @@ class Planner:
             **found,
         )
 
-    def _reports(self, result: LexicographicResult) -> list[LevelReport]:
+    def _reports(
+        self, given: OcpProblem, result: LexicographicResult, t: np.ndarray
+    ) -> list[LevelReport]:
         statuses = result.level_status
-        residuals = result.level_residuals.tolist()
+        residuals = level_residuals(self.transcription, given, result.values, t).tolist()
         return [
             LevelReport(
                 name=level.name,

@@ -278,9 +278,7 @@ def _term_rows(
         ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)]
     )
     step = model.z[model.layout.h] if on_path else ca.SX(1)
-    shares = [
-        step * common[1] if member.term.at is At.PATH else ca.SX(1) for member in members
-    ]
+    shares = [step * common[1] if member.term.at is At.PATH else ca.SX(1) for member in members]
     costs, errors = _costs(
         len(model.problem.levels), members, (rows, lower, upper, kinds), shares, common[0]
     )
