@@ -221,6 +221,7 @@ class LinearizedMotion:
     ) -> LevelGain:
         from scipy.sparse import identity, vstack
 
+        # What the motion leaves already may not get worse, so that no step is a step at all times.
         residual = float((2.0 * cost) ** 0.5)
         if cost <= _NOTHING:
             return LevelGain(residual=residual, gain=0.0, stationarity=0.0)
@@ -239,10 +240,10 @@ class LinearizedMotion:
             h=H,
             g=gradient / cost,
             a=A,
-            lba=np.concatenate([part for _, part, _ in held]) - _HELD,
-            uba=np.concatenate([part for _, _, part in held]) + _HELD,
-            lbx=np.maximum(low - self.x - _HELD, -_LONGEST_STEP),
-            ubx=np.minimum(up - self.x + _HELD, _LONGEST_STEP),
+            lba=np.minimum(np.concatenate([part for _, part, _ in held]), 0.0) - _HELD,
+            uba=np.maximum(np.concatenate([part for _, _, part in held]), 0.0) + _HELD,
+            lbx=np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -_LONGEST_STEP),
+            ubx=np.minimum(np.maximum(up - self.x, 0.0) + _HELD, _LONGEST_STEP),
         )
         step = np.array(solution["x"]).ravel()
         if not solver.stats()["success"] or not np.isfinite(step).all():

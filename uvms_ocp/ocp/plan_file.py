@@ -89,8 +89,8 @@ class LevelVerdict(MetaValue):
     name: str
     residual: float
     """See `LevelReport.residual`."""
-    gain: Number
-    """By how much one more step would lower it, to first order, with the levels above held; infinite
+    gain: Number | None
+    """By how much one more step would lower it, to first order, with the levels above held; `None`
     where that is not known.
     """
     missed: bool
@@ -106,8 +106,10 @@ class VerdictReport(MetaValue):
     levels: tuple[LevelVerdict, ...]
     time_resolution: float
     """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
-    unseen: Number
-    """[share of the tolerance] How much more than was seen may be left between two looks."""
+    unseen: Number | None
+    """[share of the tolerance] How much more than was seen may be left between two looks; `None` where
+    something is no number.
+    """
 
 
 class SolverValues(MetaValue):

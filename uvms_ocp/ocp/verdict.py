@@ -90,11 +90,12 @@ def judge_motion(
         for level, gain in zip(problem.levels, motion.gains(), strict=True)
     )
     looks = Motion(problem=problem, trajectory=trajectory, t0=t0).looks
+    unseen = max((_unseen(item, problem) for item in check.ranges), default=0.0)
     report = VerdictReport(
         tolerances=TOLERANCES,
         levels=levels,
         time_resolution=float(np.diff(trajectory.t).max() / looks),
-        unseen=max((_unseen(item, problem) for item in check.ranges), default=0.0),
+        unseen=unseen if np.isfinite(unseen) else None,
     )
     status, reason = _status(broken, levels)
     return Verdict(status=status, reason=reason, broken=broken, check=check, report=report)
@@ -126,7 +127,7 @@ def describe_broken(item: RangeCheck) -> str:
 
 def describe_gain(level: LevelVerdict) -> str:
     """Say by how much a level could still be lower."""
-    if not np.isfinite(level.gain):
+    if level.gain is None:
         return f"level {level.name!r}: it is not known whether a step would lower its residual"
     return (
         f"level {level.name!r}: one more step would lower its residual of {level.residual:.4g} by"
@@ -138,12 +139,13 @@ def _level_verdict(level: OcpLevel, gain: LevelGain) -> LevelVerdict:
     weights = [term.weight for term in level.terms if term.is_goal]
     allowed = TOLERANCES.goal * min(1.0, *weights, 1.0) ** 0.5
     missed = bool(weights) and not gain.residual <= allowed
+    known = bool(np.isfinite(gain.gain))
     is_met = bool(weights) and len(weights) == len(level.terms) and not missed
     enough = max(TOLERANCES.gain * gain.residual, TOLERANCES.gain_floor)
     return LevelVerdict(
         name=level.name,
         residual=gain.residual,
-        gain=gain.gain,
+        gain=gain.gain if known else None,
         missed=missed,
         optimal=is_met or bool(gain.gain <= enough),
     )
