@@ -18,8 +18,9 @@ import numpy as np
 
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import At
-from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.trajectory import Trajectory, admissible
 from uvms_ocp.ocp.transcription.term_rows import TermBlock
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.types import Array
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 _QP = "piqp"  # proximal interior point of CasADi's wheel, by which nothing here is planned
 _QP_TOLERANCE = 1e-9
 _LONGEST_STEP = 1.0  # [unit of the variable] as far as the linearization is followed
+# rounds in which planes at the end of a step are kept too, where shapes are near, and how far it goes
+_ROUNDS = 6
+_STEP_NEAR_SHAPES = 0.1  # [unit of the variable]
 _CURVATURE = 1e-9  # [share of the cost / unit^2] least one, which makes the step one
 _HELD = 1e-7  # [unit of the row] by which rows that are kept may give way: rounding of these
 _NOTHING = 1e-12  # cost of a level that has none
@@ -128,23 +132,50 @@ class LinearizedMotion:
     @cached_property
     def _rows(self) -> tuple[Array, csc_matrix]:
         """Values (n_rows,) and slopes (n_rows, n_x) of all rows but those of costs."""
+        return self._rows_near(self.trajectory.q)
+
+    def _rows_near(self, q: Array) -> tuple[Array, csc_matrix]:
+        """The same at the motion, with terms that follow it written at q (n_nodes, n_q) [m, rad]."""
         p = self.transcription.parameters(
-            self.problem, t0=self.t0, near=self.trajectory.q, tightened=self.tightened
+            self.problem, t0=self.t0, near=q, tightened=self.tightened
         )
         values, slopes = self.transcription.rows_and_slopes(self.x, p)
         return np.array(values).ravel(), slopes.sparse()
 
     @cached_property
+    def _shapes(self) -> Array:
+        """(n_constraints,) True for rows of shapes."""
+        names = {term.name for term in self.problem.constraints if isinstance(term, ShapeClearance)}
+        layout = self.transcription.row_layout
+        return np.array([layout.names[row] in names for row in layout.constraints], dtype=bool)
+
+    def _planes_after(self, step: Array) -> tuple[csc_matrix, Array, Array]:
+        """Rows of shapes as they are after a step (n_x,): edges and corners have other planes there,
+        of which the linearization at the motion knows nothing.
+        """
+        after = self.transcription.unpack(self.x + step, self.problem)
+        return self._constraints_of(
+            self._rows_near(admissible(after, self.problem.robot).q), self._shapes
+        )
+
+    @cached_property
     def _shares(self) -> Array:
         return _row_shares(self.transcription, self.problem, self.trajectory.t)
 
-    def gains(self) -> list[LevelGain]:
-        """What a step promises for each level, with those above it held."""
+    def gains(self, enough: float) -> list[LevelGain]:
+        """What a step promises for each level, with those above it held; enough: share of the residual
+        that is not looked at more closely.
+        """
         result = []
         held: list[tuple[csc_matrix, Array, Array]] = [self._constraints()]
         for level in range(len(self.problem.levels)):
             cost, gradient, jacobian = self.cost(level)
-            gain = self._gain(cost, gradient, jacobian, held)
+            gain, step = self._gain(cost, gradient, jacobian, held, _LONGEST_STEP)
+            for _ in range(_ROUNDS if self._shapes.any() else 0):
+                if gain.share <= enough or not np.isfinite(step).all():
+                    break
+                held.append(self._planes_after(step))
+                gain, step = self._gain(cost, gradient, jacobian, held, _STEP_NEAR_SHAPES)
             result.append(gain)
             held.append(self._held(level, cost, gradient, gain))
         return result
@@ -186,12 +217,18 @@ class LinearizedMotion:
         return gradient
 
     def _constraints(self) -> tuple[csc_matrix, Array, Array]:
-        values, slopes = self._rows
+        return self._constraints_of(self._rows, np.ones_like(self._shapes))
+
+    def _constraints_of(
+        self, linearized: tuple[Array, csc_matrix], chosen: Array
+    ) -> tuple[csc_matrix, Array, Array]:
+        """Those of all constraints (n_constraints,) that are chosen and have a range."""
+        values, slopes = linearized
         rows = self.transcription.row_layout.constraints
         ranges = self.transcription.ranges(self.problem, self.tightened)
         lower = ranges.lower - values[rows]
         upper = ranges.upper - values[rows]
-        bound = np.isfinite(lower) | np.isfinite(upper)
+        bound = chosen & (np.isfinite(lower) | np.isfinite(upper))
         return slopes[rows[bound]], lower[bound], upper[bound]
 
     def _held(
@@ -218,14 +255,16 @@ class LinearizedMotion:
         gradient: Array,
         jacobian: csc_matrix,
         held: list[tuple[csc_matrix, Array, Array]],
-    ) -> LevelGain:
+        longest: float,
+    ) -> tuple[LevelGain, Array]:
+        """The gain, and the step (n_x,) that promises it."""
         from scipy.sparse import identity, vstack
 
         # What the motion leaves already may not get worse, so that no step is a step at all times.
+        n = len(gradient)
         residual = float((2.0 * cost) ** 0.5)
         if cost <= _NOTHING:
-            return LevelGain(residual=residual, gain=0.0, stationarity=0.0)
-        n = len(gradient)
+            return LevelGain(residual=residual, gain=0.0, stationarity=0.0), np.zeros(n)
         low, up = self.transcription.bounds(self.problem, self.tightened)
         hessian = (jacobian.T @ jacobian) / cost + _CURVATURE * identity(n)
         rows = vstack([part for part, _, _ in held]).tocsc()
@@ -242,22 +281,23 @@ class LinearizedMotion:
             a=A,
             lba=np.minimum(np.concatenate([part for _, part, _ in held]), 0.0) - _HELD,
             uba=np.maximum(np.concatenate([part for _, _, part in held]), 0.0) + _HELD,
-            lbx=np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -_LONGEST_STEP),
-            ubx=np.minimum(np.maximum(up - self.x, 0.0) + _HELD, _LONGEST_STEP),
+            lbx=np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -longest),
+            ubx=np.minimum(np.maximum(up - self.x, 0.0) + _HELD, longest),
         )
         step = np.array(solution["x"]).ravel()
         if not solver.stats()["success"] or not np.isfinite(step).all():
-            return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf)
+            return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf), step
         bent = jacobian @ step
         left = max(cost + float(gradient @ step) + 0.5 * float(bent @ bent), 0.0)
         of_rows = np.array(solution["lam_a"]).ravel()
         of_variables = np.array(solution["lam_x"]).ravel()
         lagrangian = gradient + cost * (rows.T @ of_rows + of_variables)
-        return LevelGain(
+        found = LevelGain(
             residual=residual,
             gain=max(residual - float((2.0 * left) ** 0.5), 0.0),
             stationarity=float(np.abs(lagrangian).max(initial=0.0)),
         )
+        return found, step
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:

@@ -150,9 +150,9 @@ def plan_record(
     names: tuple[str, ...] = ()
     limits = AxisLimitsMeta(x_rate=())
     if all(joint.n_v == 1 for joint in robot.joints):
-        planned = coordinates(robot, reference=q[0])
+        planned = coordinates(robot)
         names = planned.names
-        x = np.array([planned.x(row) for row in q])
+        x = np.array([planned.x_beyond_limits(row) for row in q])
         x[:, planned.endless] = np.unwrap(x[:, planned.endless], axis=0)
         series |= axis_series(planned, x, series["v"])
         limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))

@@ -139,7 +139,7 @@ class OcpResult:
     @cached_property
     def coordinates(self) -> Array:
         """(n, n_axes) [m, rad] coordinates of the scene at the samples."""
-        return np.array([self.scene.coordinates.x(q) for q in self.samples[1]])
+        return np.array([self.scene.coordinates.x_beyond_limits(q) for q in self.samples[1]])
 
     @cached_property
     def distances(self) -> Array:

@@ -87,7 +87,7 @@ def judge_motion(
     broken = tuple(item for item in check.ranges if _excess(item, problem) > 1.0)
     levels = tuple(
         _level_verdict(level, gain)
-        for level, gain in zip(problem.levels, motion.gains(), strict=True)
+        for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True)
     )
     looks = Motion(problem=problem, trajectory=trajectory, t0=t0).looks
     unseen = max((_unseen(item, problem) for item in check.ranges), default=0.0)
