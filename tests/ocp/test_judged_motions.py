@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reaches import patient
+from reaches import patient, reach
 
 from uvms_ocp.ocp.first_order_gain import LinearizedMotion
 from uvms_ocp.ocp.plan import OcpStatus, Plan
@@ -124,17 +124,17 @@ def test_a_goal_that_is_missed_is_told_with_by_how_much(plan: Plan, planner: Pla
 def test_a_range_that_is_left_between_nodes_alone_is_broken(
     plan: Plan, planner: Planner, beyond: float
 ) -> None:
-    """The joint is fastest between the two nodes in the middle, where it passes `place`."""
+    """What the row adds to the joint is 0 at nodes and largest in the middle of steps."""
     path = plan.trajectory
     model = planner.problem.robot.model
     moments = np.linspace(0.0, path.t[-1], 50 * N + 1)
     joint = np.array([path.state_at(model, t)[0][JOINT] for t in moments])
-    rows = joint + 0.5 * np.sin(2.0 * np.pi * N * moments / path.t[-1]) ** 2
+    rows = joint + 0.5 * np.sin(np.pi * N * moments / path.t[-1]) ** 2
     limit = float(rows.max()) - beyond
     period = float(path.t[-1]) / N
 
     def wave(t: float) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([0.5 * np.sin(2.0 * np.pi * t / period) ** 2]), np.zeros(1)
+        return np.array([0.5 * np.sin(np.pi * t / period) ** 2]), np.zeros(1)
 
     term = residual_term(
         "wave",
@@ -219,3 +219,15 @@ def test_verdicts_come_back_from_files(plan: Plan, tmp_path: object) -> None:
     for name in ("plan.json", "plan.npz"):
         path = plan.save(f"{tmp_path}/{name}")
         assert Plan.load(path).verdict == plan.verdict
+
+
+@pytest.mark.slow
+def test_a_sign_of_quaternions_says_nothing(robot: Robot) -> None:
+    planner = patient(reach(robot, n_steps=N))
+    plan = planner.plan(diagnose=False)
+    q = plan.trajectory.q.copy()
+    q[N // 2 :, 3:7] *= -1.0
+    verdict = judged(planner, replace(plan.trajectory, q=q))
+    assert plan.verdict is not None
+    assert verdict.status is plan.status is OcpStatus.SOLVED
+    assert verdict.report.levels[1].gain == pytest.approx(plan.verdict.levels[1].gain, abs=1e-8)

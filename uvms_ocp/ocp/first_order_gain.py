@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
@@ -126,8 +127,13 @@ class LinearizedMotion:
 
     @cached_property
     def x(self) -> Array:
-        """(n_x,) variables."""
-        return self.transcription.pack(self.trajectory)
+        """(n_x,) variables; of the two quaternions of an attitude the nearer one to that of the node
+        before, so that rows that work on the four numbers see no turn by 360 deg.
+        """
+        q = self.trajectory.q.copy()
+        if self.problem.robot.n_vehicle:
+            q[:, 3:7] = _continuous(q[:, 3:7], self.problem.start.q[3:7])
+        return self.transcription.pack(replace_unchecked(self.trajectory, q=q))
 
     @cached_property
     def _rows(self) -> tuple[Array, csc_matrix]:
@@ -298,6 +304,13 @@ class LinearizedMotion:
             stationarity=float(np.abs(lagrangian).max(initial=0.0)),
         )
         return found, step
+
+
+def _continuous(quaternions: Array, first: Array) -> Array:
+    """Quaternions (n, 4) with the sign that is nearer to the one before, from `first` (4,) on."""
+    before = np.vstack([first, quaternions[:-1]])
+    turns = np.where((before * quaternions).sum(axis=1) < 0.0, -1.0, 1.0)
+    return quaternions * np.cumprod(turns)[:, None]
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:

@@ -355,7 +355,7 @@ ORDER = (
 """Of the pages of theory, which build on those before."""
 GUIDE = (
     *("commands_by_example", "your_robot", "your_parts", "python", "campaigns"),
-    *("mission_plans", "optimal_control", "faults", "recordings", "limitations"),
+    *("mission_plans", "plans_by_optimal_control", "faults", "recordings", "limitations"),
 )
 """Pages on how to use it, in their order."""
 _PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)
