@@ -19,7 +19,7 @@ from uvms_ocp.ocp.motion_check import motion_check
 from uvms_ocp.ocp.motion_scan import FINE
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
-from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem, single_phase
 from uvms_ocp.ocp.range_check import MotionCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import (
@@ -372,3 +372,29 @@ def test_a_motion_inside_a_closed_mesh_is_not_certified(vehicle: Robot) -> None:
     own = ShapeClearance(scene=open_scene, margins=open_scene.per_pair(0.05, None))
     assert certificate(own, hold_guess(problem)).surfaces == ("patch",)
     assert check.resolution >= FINE
+
+
+def test_a_constraint_of_one_phase_holds_to_its_end(vehicle: Robot) -> None:
+    """The last step of the phase ended beyond it."""
+    slow = residual_term(
+        "slow",
+        lambda stage: stage.tick.velocity[0],
+        lower=-0.1,
+        upper=0.1,
+        at=At.PATH,
+        phase="inspect",
+    )
+    problem = crossing(vehicle, (), n_steps=1)
+    two = replace(
+        problem,
+        constraints=(AtRest(), slow),
+        phases=(
+            OcpPhase(name="inspect", duration=10.0, n_steps=8),
+            OcpPhase(name="go", duration=7.0, n_steps=6),
+        ),
+    )
+    plan = Planner(two).plan()
+    assert_kept(two, plan)
+    speed = plan.trajectory.v[:9, 0]
+    assert speed.min() >= -1e-3  # nothing is undone to keep it
+    assert speed[-1] == pytest.approx(0.1, abs=1e-3)
