@@ -321,8 +321,12 @@ class StageSqp:
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
             accepted = self._filter.accepts(trial, here, slope, share)
+            most = here.cost - trial.cost + float(weights @ excess)  # if no row stays broken
             corrected = (
-                not accepted and share == 1.0 and trial.violation > _REPAIRED * here.violation
+                not accepted
+                and share == 1.0
+                and trial.violation > _REPAIRED * here.violation
+                and most > _POOR * promise
             )
             if corrected:
                 trial = self._corrected(trial, here)
