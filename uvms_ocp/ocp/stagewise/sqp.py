@@ -88,6 +88,9 @@ class StageSqp:
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
         self._worst = np.inf
+        """Largest violation at the point."""
+        self._excess = np.zeros(0)
+        """(n,) [unit of the row] by how much rows are broken at the point."""
         self._count = 0
         self._best = (True, np.inf), self._memory.z.copy()
         self._model = int(options.convergence >= _FEW_DIGITS)
@@ -179,7 +182,7 @@ class StageSqp:
         multipliers: the exact penalty, in which rows of any unit count as what they are worth.
         """
         products = solution.products
-        missed = float(self._ranges.weights(solution) @ self._ranges.excess())
+        missed = float(self._ranges.weights(solution) @ self._excess)
         return missed - products.slope - products.square / 2 - self._level.bend(solution) / 2
 
     def _is_optimal(self, found: FlatSolution) -> bool:
@@ -316,7 +319,7 @@ class StageSqp:
         """
         slope = solution.products.slope
         weights = self._ranges.weights(solution)
-        excess = self._ranges.excess()
+        excess = self._excess
         share = 1.0
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
@@ -331,7 +334,7 @@ class StageSqp:
             if corrected:
                 trial = self._corrected(trial, here)
                 accepted = self._filter.accepts(trial, here, slope, share)
-            gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
+            gained = here.cost - trial.cost + float(weights @ (excess - self._excess))
             if corrected:
                 accepted = accepted and gained > _POOR * promise
             if accepted:
@@ -465,9 +468,10 @@ class StageSqp:
     def _back(self) -> None:
         self._memory.z[:] = self._memory.z_from
         self._level.linearize()
+        self._merit()
 
     def _merit(self) -> FilterMerit:
-        excess = self._ranges.excess()
+        excess = self._excess = self._ranges.excess()
         self._worst = float(excess.max(initial=0.0))
         return FilterMerit(cost=self._level.cost, violation=float(excess.sum()))
 
