@@ -32,7 +32,8 @@ _NO_DAMPING = 1e-9  # the same: what every model of the cost has; damping below 
 # times the largest curvature of the cost: what makes steps no shorter any more, as they are those
 # that the rows ask for
 _MOST_DAMPED = 1.0
-_NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
+# share of the tolerance of a residual's norm that is not worth a step, and is no residual at all
+_NOTHING = 0.1
 # largest entry of the gradient of the cost at a point up to which the error of its optimality
 # conditions is not scaled: of a larger one more digits are rounding
 _STEEP = 100.0
@@ -49,7 +50,6 @@ _MODELS = (
 of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
 """
 _DAMPED_MODELS = 2  # the first of them
-_ZERO = 1e-3  # times the tolerance of a residual's norm: what counts as no residual at all
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
 _PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
@@ -88,6 +88,9 @@ class StageSqp:
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
         self._worst = np.inf
+        """Largest violation at the point."""
+        self._excess = np.zeros(0)
+        """(n,) [unit of the row] by how much rows are broken at the point."""
         self._count = 0
         self._best = (True, np.inf), self._memory.z.copy()
         self._model = int(options.convergence >= _FEW_DIGITS)
@@ -179,7 +182,7 @@ class StageSqp:
         multipliers: the exact penalty, in which rows of any unit count as what they are worth.
         """
         products = solution.products
-        missed = float(self._ranges.weights(solution) @ self._ranges.excess())
+        missed = float(self._ranges.weights(solution) @ self._excess)
         return missed - products.slope - products.square / 2 - self._level.bend(solution) / 2
 
     def _is_optimal(self, found: FlatSolution) -> bool:
@@ -201,11 +204,11 @@ class StageSqp:
         tolerance = self._options.tolerance
         if self._has_levels_below:
             return max(_NOTHING * tolerance * here.residual, tolerance**2 / 2)
-        return max(_DIGITS, self._options.convergence) * here.cost + (_ZERO * tolerance) ** 2 / 2
+        return max(_DIGITS, self._options.convergence) * here.cost + (_NOTHING * tolerance) ** 2 / 2
 
     def _is_proven(self, here: FilterMerit) -> bool:
         """Check that a step without damping, of a QP solved to all digits, promises no gain that is
-        worth it; where it does, damping comes down.
+        worth it; where it does, that of what levels below decide comes down.
         """
         worth = self._worth(here)
         if here.cost <= worth:  # no step gains more than all of it
@@ -217,7 +220,6 @@ class StageSqp:
             return True
         self._solution = proof
         self._least = self._lowered(self._least / _LESS)
-        self._damping = self._lowered(self._damping / _LESS)
         return False
 
     def _is_flat(self, here: FilterMerit, promise: float) -> bool:
@@ -317,18 +319,22 @@ class StageSqp:
         """
         slope = solution.products.slope
         weights = self._ranges.weights(solution)
-        excess = self._ranges.excess()
+        excess = self._excess
         share = 1.0
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
             accepted = self._filter.accepts(trial, here, slope, share)
+            most = here.cost - trial.cost + float(weights @ excess)  # if no row stays broken
             corrected = (
-                not accepted and share == 1.0 and trial.violation > _REPAIRED * here.violation
+                not accepted
+                and share == 1.0
+                and trial.violation > _REPAIRED * here.violation
+                and most > _POOR * promise
             )
             if corrected:
                 trial = self._corrected(trial, here)
                 accepted = self._filter.accepts(trial, here, slope, share)
-            gained = here.cost - trial.cost + float(weights @ (excess - self._ranges.excess()))
+            gained = here.cost - trial.cost + float(weights @ (excess - self._excess))
             if corrected:
                 accepted = accepted and gained > _POOR * promise
             if accepted:
@@ -462,9 +468,10 @@ class StageSqp:
     def _back(self) -> None:
         self._memory.z[:] = self._memory.z_from
         self._level.linearize()
+        self._merit()
 
     def _merit(self) -> FilterMerit:
-        excess = self._ranges.excess()
+        excess = self._excess = self._ranges.excess()
         self._worst = float(excess.max(initial=0.0))
         return FilterMerit(cost=self._level.cost, violation=float(excess.sum()))
 
