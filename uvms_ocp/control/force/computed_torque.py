@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, thruster_lag
+from uvms_ocp.control.force.allocation import AllocationResult, allocation_of
+from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.robot import Command, Robot, State, signals
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import Water
@@ -140,7 +141,10 @@ class ComputedTorque:
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
-        at = signals.unchecked_state(q=q, v=v) if self._open else state
+        if self._open:
+            at = signals.unchecked_state(q=q, v=v)
+        else:
+            at = state
         wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)

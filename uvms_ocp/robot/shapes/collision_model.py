@@ -108,8 +108,8 @@ class CoalPairs:
         )
         for k in pairs:
             self._contacts[int(k)] = self._signed.contact(self._geometry_data, int(k))
-        found = np.array([self._contacts[int(k)].distance for k in pairs])
-        return np.where(found < FAILED, 0.0, found)
+        distances = np.array([self._contacts[int(k)].distance for k in pairs])
+        return np.where(distances < FAILED, 0.0, distances)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Gradient (n, n_v) [-, m] of each of the `pairs` (n,); their values were asked for last,
@@ -127,7 +127,8 @@ class CoalPairs:
 
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._contacts[pair]
-        (nx, ny, nz), (x, y, z) = result.normal, result.first
+        (nx, ny, nz) = result.normal
+        (x, y, z) = result.first
         wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self._model.nv)
