@@ -27,6 +27,10 @@
   2011.
 - [Kuffner2000] J. J. Kuffner, S. M. LaValle, RRT-Connect: an efficient approach to single-query
   path planning, IEEE International Conference on Robotics and Automation, 2000.
+- [Levenberg1944] K. Levenberg, A method for the solution of certain non-linear problems in least
+  squares, Quarterly of Applied Mathematics 2(2), 1944.
+- [Marquardt1963] D. W. Marquardt, An algorithm for least-squares estimation of nonlinear
+  parameters, Journal of the Society for Industrial and Applied Mathematics 11(2), 1963.
 - [Mehra1972] R. K. Mehra, Approaches to adaptive filtering, IEEE Transactions on Automatic Control
   17(5), 1972.
 - [Mehrotra1992] S. Mehrotra, On the implementation of a primal-dual interior point method, SIAM

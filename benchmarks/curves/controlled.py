@@ -8,11 +8,12 @@ import numpy as np
 from recording.timing import once
 
 from curves.scenes import Problem
-from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.request import along_curve
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision

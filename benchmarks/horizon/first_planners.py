@@ -21,9 +21,9 @@ import numpy as np
 import pinocchio as pin
 from first_answer import GOAL, SPHERES, START, TURN, seconds_until_quiet
 
-from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm, residual_term
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.scene import collision_scene, coordinates

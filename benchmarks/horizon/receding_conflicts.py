@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from horizon.following import CURRENT, start_of
-from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Posture, Smoothness, StageSymbols, TaskTerm, Term
 from uvms_ocp.robot.kinematics import Kinematics

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from uvms_ocp.ocp.plan import OcpStatus
-from uvms_ocp.ocp.planner import Planner, impossible_start
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
+from uvms_ocp.ocp.start_checks import impossible_start
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

@@ -29,10 +29,11 @@ from uvms_ocp.mission_plan.terms import (
     TaskPreference,
     ZeroVelocities,
 )
-from uvms_ocp.ocp.clearance import Ball, BallClearance, ShapeClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, single_phase
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import (
     At,
     AtRest,

@@ -16,7 +16,7 @@ import pytest
 from reaches import CHEAP, patient, reach
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, Integrator, OcpLevel, OcpPhase, OcpProblem, single_phase

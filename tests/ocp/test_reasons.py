@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
-from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.diagnosis import (
     BoundGroup,
     GroupIndex,

@@ -13,7 +13,8 @@ from reaches import PATIENCE
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.stagewise.sqp import Filter, FilterMerit, StageSqp
+from uvms_ocp.ocp.stagewise.filter import Filter, FilterMerit
+from uvms_ocp.ocp.stagewise.sqp import StageSqp
 from uvms_ocp.ocp.terms import At, Effort, residual_term
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
@@ -47,13 +48,13 @@ def test_a_level_that_others_follow_ends_where_no_step_is_worth_one_and_the_last
 ):
     here = FilterMerit(cost=1.0, violation=0.0)
     above, last = (steps_of_level(level) for level in (0, 1))
-    assert above._is_flat(here, -1e-20)
-    assert not last._is_flat(here, -1e-20)
+    assert above._is_flat(here, 1e-20)
+    assert not last._is_flat(here, 1e-20)
     above._count = last._count = 10_000
-    assert above._is_flat(here, -1e-20)
-    assert last._is_flat(here, -1e-20)
-    assert not above._is_flat(here, -1.0)
-    assert not last._is_flat(here, -1.0)
+    assert above._is_flat(here, 1e-20)
+    assert last._is_flat(here, 1e-20)
+    assert not above._is_flat(here, 1.0)
+    assert not last._is_flat(here, 1.0)
 
 
 def steps_of_level(level: int) -> StageSqp:

@@ -14,11 +14,13 @@ import pytest
 from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.ocp.clearance import Ball, BallClearance
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.diagnosis import Diagnosis
+from uvms_ocp.ocp.first_order_gain import level_residuals
 from uvms_ocp.ocp.plan import OcpStatus, Plan
-from uvms_ocp.ocp.planner import Planner, impossible_start
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import Actuation, OcpLevel, single_phase
+from uvms_ocp.ocp.start_checks import impossible_start
 from uvms_ocp.ocp.terms import (
     At,
     AtRest,
@@ -33,6 +35,7 @@ from uvms_ocp.ocp.terms import (
     residual_term,
 )
 from uvms_ocp.ocp.trajectory import hold_guess
+from uvms_ocp.ocp.verdict import Verdict, judge_motion
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
@@ -267,6 +270,20 @@ def test_electrical_power_that_is_not_known_is_neither_minimised_nor_reported_as
         assert np.isnan(plan.powers()[0]).all() != known
 
 
+def judged_by_values(planner: Planner, result: LexicographicResult) -> Verdict:
+    """The verdict on its motion, with the residual of the first level by the values it claims."""
+    transcription = planner.transcription
+    motion = transcription.unpack(result.x, planner.problem)
+    verdict = judge_motion(planner.problem, motion, transcription=transcription)
+    residual = level_residuals(transcription, planner.problem, result.values, motion.t)[0]
+    if residual < 1e-3:
+        return verdict
+    first, *others = verdict.report.levels
+    first = first.model_copy(update={"residual": residual, "missed": True, "optimal": True})
+    report = verdict.report.model_copy(update={"levels": (first, *others)})
+    return replace(verdict, status=OcpStatus.MISSED, report=report)
+
+
 def judge_of(planner: Planner, *trials: LexicographicResult) -> Diagnosis:
     """That of its plans, to which longer horizons end as given; without them there is no time left
     to try any.
@@ -278,6 +295,7 @@ def judge_of(planner: Planner, *trials: LexicographicResult) -> Diagnosis:
         p=planner.transcription.parameters(),
         feasibility=1e-4,
         solve=lambda problem, start, limit: next(left),
+        judge=lambda result: judged_by_values(planner, result),
         deadline=perf_counter() + PATIENCE if trials else None,
     )
 
@@ -316,7 +334,7 @@ def test_a_longer_horizon_that_ends_badly_keeps_none_from_being_tried_that_is_lo
     turning: tuple[Planner, LexicographicResult],
 ) -> None:
     planner, met = turning
-    missed = replace(met, residuals=(np.full_like(met.residuals[0], 0.5), *met.residuals[1:]))
+    missed = replace(met, values=(met.values[0] + 0.5, *met.values[1:]))
     astray = replace(met, violation=1.0)
     found = judge_of(planner, astray, met).verdict(missed)
     assert found.status is OcpStatus.TOO_SHORT, found.reason

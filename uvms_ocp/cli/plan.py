@@ -260,6 +260,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
             " said of what they touch"
         )
         console.print(plain_line(text), style="yellow")
+    surfaces = report.get("open_surfaces")
+    if surfaces:
+        text = f"{', '.join(surfaces)}: open mesh, of which nothing is said behind its surface"
+        console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
         if report["energy_j"] is None:
             energy = "- J (not known)"
@@ -439,13 +443,15 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
         for name in ("plan.npz", "plan.json"):
             result.plan.save(folder / name)
 
+    # What breaks a constraint is drawn and saved too: that is how one sees where.
+    has_motion = result.plan.status.usable or result.plan.status is OcpStatus.BROKEN
     return PlanOutput(
         robot=request.robot,
         report=ocp_report(result),
-        record=ocp_record(result) if result.plan.status.usable else None,
+        record=ocp_record(result) if has_motion else None,
         good=result.plan.status is OcpStatus.SOLVED and result.collision_free,
         stopped=stopped,
-        save=save if result.plan.status.usable or stopped else None,
+        save=save if has_motion or stopped else None,
         show=_print_motion,
     )
 

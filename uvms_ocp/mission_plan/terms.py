@@ -17,7 +17,8 @@ from uvms_ocp.mission import Below, Condition, Mission, Phase
 from uvms_ocp.mission_plan import segments as mission_segments
 from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.ocp import OcpLevel, Trajectory
-from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import (
     At,
     Duration,

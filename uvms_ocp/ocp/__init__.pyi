@@ -1,8 +1,4 @@
-from .clearance import (
-    Ball as Ball,
-    BallClearance as BallClearance,
-    ShapeClearance as ShapeClearance,
-)
+from .ball_clearance import Ball as Ball, BallClearance as BallClearance
 from .plan import OcpStatus as OcpStatus, Plan as Plan
 from .planner import Planner as Planner, plan as plan
 from .problem import (
@@ -15,6 +11,7 @@ from .problem import (
     single_phase as single_phase,
 )
 from .request import OcpRequest as OcpRequest, OcpResult as OcpResult, solve_ocp as solve_ocp
+from .shape_clearance import ShapeClearance as ShapeClearance
 from .terms import (
     At as At,
     AtRest as AtRest,

@@ -13,10 +13,12 @@ from time import perf_counter
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.ocp.first_order_gain import level_residuals
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.transcription.layout import FIXED
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.ocp.verdict import TOLERANCES, Verdict, describe_broken, describe_gain
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.program import nlp_functions
 from uvms_ocp.types import DAY
@@ -506,9 +508,6 @@ def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
 # Judge what a result of the solver means, and why a goal is missed or no motion keeps the
 # constraints.
 
-# [unit of the row] residual of a goal level from which it counts as missed; weighted, where that is
-# more
-_MISSED = 1e-3
 _LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
 _UNHELD = "; no limit, constraint or level above holds it back: the robot does not get nearer"
 _HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
@@ -528,6 +527,8 @@ class SolveVerdict:
     """In words, with numbers."""
     result: LexicographicResult
     """Result of the solve, or of one more that was better."""
+    verdict: Verdict | None = None
+    """Of the judge, on the motion of the result; `None` where it has no numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -541,6 +542,8 @@ class Diagnosis:
     feasibility: float
     """Largest violation of a point that counts as usable."""
     solve: Solve
+    judge: Callable[[LexicographicResult], Verdict]
+    """Judges the motion of a result."""
     deadline: float | None
     """[s] by `perf_counter`, until which longer horizons are tried; `None`: nothing is tried."""
 
@@ -548,39 +551,39 @@ class Diagnosis:
         """again: one more solve is made where the search for what gives way finds a point that
         keeps all constraints.
         """
-        if NlpStatus.INTERRUPTED in result.level_status:
-            level = result.level_status.index(NlpStatus.INTERRUPTED)
-            residual = result.level_residuals[level]
-            text = (
-                f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with"
-                " constraints broken by"
-            )
-            return SolveVerdict(
-                status=OcpStatus.INTERRUPTED, reason=f"{text} {result.violation:.2g}", result=result
-            )
-        if NlpStatus.NOT_A_NUMBER in result.level_status:
+        if NlpStatus.NOT_A_NUMBER in result.level_status or not np.isfinite(result.x).all():
             return self._undefined(result)
-        if result.violation > self.feasibility:
-            return self._broken(result, again)
-        missed = self._missed(result)
-        failed = _first_failure(result)
-        if missed is not None and (failed is None or missed < failed):
-            status, text = self._why_missed(missed, result)
-            return SolveVerdict(status=status, reason=text, result=result)
-        if failed is not None:
-            text = f"level {self._name(failed)}: {result.level_status[failed].value}"
-            return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
-        return SolveVerdict(status=OcpStatus.SOLVED, reason="all goals are met", result=result)
+        verdict = self.judge(result)
+        status, reason = verdict.status, verdict.reason
+        if NlpStatus.INTERRUPTED in result.level_status:
+            status, reason = OcpStatus.INTERRUPTED, self._interrupted(result)
+        elif status is OcpStatus.BROKEN and result.violation > self.feasibility:
+            return self._broken(result, verdict, again)
+        elif status is OcpStatus.MISSED:
+            status, reason = self._missed(result, verdict)
+        return SolveVerdict(status=status, reason=reason, result=result, verdict=verdict)
+
+    def _interrupted(self, result: LexicographicResult) -> str:
+        level = result.level_status.index(NlpStatus.INTERRUPTED)
+        residual = self._residuals(result)[level]
+        return (
+            f"level {self._name(level)}: stopped by hand at a residual of {residual:.4g}, with"
+            f" constraints broken by {result.violation:.2g}"
+        )
+
+    def _residuals(self, result: LexicographicResult) -> np.ndarray:
+        """(n_levels,) see `uvms_ocp.ocp.plan_file.LevelReport.residual`."""
+        t = self.transcription.unpack(result.x, self.problem).t
+        return level_residuals(self.transcription, self.problem, result.values, t)
 
     def _name(self, level: int) -> str:
         return repr(self.problem.levels[level].name)
 
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
-        text = (
-            f"level {self._name(result.level_status.index(NlpStatus.NOT_A_NUMBER))}:"
-            f" {NlpStatus.NOT_A_NUMBER.value}"
-        )
+        wrong = [i for i, one in enumerate(result.level_status) if one is NlpStatus.NOT_A_NUMBER]
+        level = wrong[0] if wrong else len(result.level_status) - 1
+        text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
         if names:
             text += (
                 f": at the start {_listed(names)} or its slope is none; add a small number under"
@@ -590,31 +593,31 @@ class Diagnosis:
 
     # --- no motion was found --------------------------------------------------------------------------
 
-    def _broken(self, result: LexicographicResult, again: bool) -> SolveVerdict:
+    def _broken(self, result: LexicographicResult, verdict: Verdict, again: bool) -> SolveVerdict:
         groups = self.transcription.violations(result.x, self.p, self.problem)
         name = max(groups, key=lambda key: groups[key])
         failed = _first_failure(result)
         level = len(result.level_status) - 1 if failed is None else failed
         status = result.level_status[level]
         text = f"level {self._name(level)}: {status.value} with {name} broken by {groups[name]:.4g}"
+        if groups[name] <= self.feasibility:
+            text = (
+                f"level {self._name(level)}: {status.value}: {describe_broken(verdict.broken[0])}"
+            )
+        called = OcpStatus.UNFINISHED
         least = self._least(result)
         if least is not None and least.converged:
-            if least.relaxations:
-                return SolveVerdict(
-                    status=OcpStatus.INFEASIBLE,
-                    reason=f"{text}; {_describe_relaxations(least)}",
-                    result=result,
-                )
-            if again:
+            if not least.relaxations and again:
                 return self.verdict(self.solve(self.problem, least.x, self._left), again=False)
-            text += "; a motion that keeps all constraints was found, but no optimum from there"
+            if least.relaxations:
+                called = OcpStatus.INFEASIBLE
+                text += f"; {_describe_relaxations(least)}"
+            else:
+                text += "; a motion that keeps all constraints was found, but no optimum from there"
         if status is NlpStatus.INFEASIBLE and least is None:
-            return SolveVerdict(
-                status=OcpStatus.INFEASIBLE,
-                reason=f"{text}, and no small change helps",
-                result=result,
-            )
-        return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
+            called = OcpStatus.INFEASIBLE
+            text += ", and no small change helps"
+        return SolveVerdict(status=called, reason=text, result=result, verdict=verdict)
 
     def _least(self, result: LexicographicResult) -> PhaseOne | None:
         """`None` where there is no time for it, or nobody waits for it."""
@@ -627,23 +630,28 @@ class Diagnosis:
 
     # --- a goal is missed -----------------------------------------------------------------------------
 
-    def _missed(self, result: LexicographicResult) -> int | None:
-        """The first level of goals, not costs, that is not met where it is at its best."""
-        for i, status in enumerate(result.level_status):
-            if status.optimal and self._is_missed(i, float(result.level_residuals[i])):
-                return i
-        return None
+    def _missed(self, result: LexicographicResult, verdict: Verdict) -> tuple[OcpStatus, str]:
+        """Why the first goal that is missed is so, if its level and those above are at their best."""
+        missed = verdict.missed
+        assert missed is not None
+        improvable = verdict.improvable
+        if improvable is None or improvable > missed:
+            return self._why_missed(missed, result)
+        status = result.level_status[improvable]
+        ended = "" if status.optimal else f": {status.value}"
+        gain = describe_gain(verdict.report.levels[improvable])
+        return OcpStatus.UNFINISHED, f"{verdict.reason}{ended}; {gain}"
 
     def _is_missed(self, level: int, residual: float) -> bool:
         """A small weight says what a goal is worth beside others, not that it is met."""
         weights = [term.weight for term in self.problem.levels[level].terms if term.is_goal]
-        return bool(weights) and residual > _MISSED * min(1.0, *weights) ** 0.5
+        return bool(weights) and residual > TOLERANCES.goal * min(1.0, *weights) ** 0.5
 
     def _why_missed(self, missed: int, result: LexicographicResult) -> tuple[OcpStatus, str]:
         """No more than what longer horizons show until the deadline; without a deadline none is
         tried.
         """
-        residual = float(result.level_residuals[missed])
+        residual = float(self._residuals(result)[missed])
         text = f"level {self._name(missed)} is missed by {residual:.4g}"
         held = self._held(missed, result)
         failed = ""
@@ -656,7 +664,8 @@ class Diagnosis:
             if trial.violation > self.feasibility or not trial.level_status[missed].optimal:
                 failed = f"; a horizon of {_seconds(longer)} was tried in vain"
                 continue
-            rest = float(trial.level_residuals[missed])
+            t = self.transcription.unpack(trial.x, longer).t
+            rest = float(level_residuals(self.transcription, longer, trial.values, t)[missed])
             rates = "" if held == _UNHELD else held
             if not self._is_missed(missed, rest):
                 return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{rates}"

@@ -12,10 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import AdvisedStatus, InvalidInput
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import plan_file
-from uvms_ocp.ocp.plan_file import LevelReport as LevelReport
+from uvms_ocp.ocp.plan_file import LevelReport as LevelReport, VerdictReport
+from uvms_ocp.ocp.plan_status import OcpStatus as OcpStatus
 from uvms_ocp.ocp.trajectory import TOLERANCE, Trajectory, admissible_configurations
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import Coordinates, coordinates
@@ -149,9 +150,9 @@ def plan_record(
     names: tuple[str, ...] = ()
     limits = AxisLimitsMeta(x_rate=())
     if all(joint.n_v == 1 for joint in robot.joints):
-        planned = coordinates(robot, reference=q[0])
+        planned = coordinates(robot)
         names = planned.names
-        x = np.array([planned.x(row) for row in q])
+        x = np.array([planned.x_beyond_limits(row) for row in q])
         x[:, planned.endless] = np.unwrap(x[:, planned.endless], axis=0)
         series |= axis_series(planned, x, series["v"])
         limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))
@@ -184,62 +185,6 @@ def _taken(nodes: Array, power: Array, t: Array) -> Array:
 # What planning returns: a trajectory with a verdict that says what to do.
 
 
-class OcpStatus(AdvisedStatus):
-    """Verdict on a plan.
-
-    MISSED: a goal is not met, and longer horizons were not tried. UNREACHABLE: they were, up to
-    four times the time, and did not help. INFEASIBLE: the start is proven impossible, or the solver
-    ended where no small change brings the constraints any nearer. UNFINISHED and INTERRUPTED prove
-    nothing.
-    """
-
-    SOLVED = "solved", "nothing to do"
-    MISSED = (
-        "goal missed",
-        (
-            "why is not known: give it more time, move the goal, or loosen the constraints and"
-            " levels above it"
-        ),
-    )
-    TOO_SHORT = "horizon too short", "give the horizon more time, or loosen the limits"
-    UNREACHABLE = (
-        "unreachable",
-        "more time would not help: move the goal, or loosen the constraints and levels above it",
-    )
-    INFEASIBLE = (
-        "infeasible",
-        (
-            "no motion near the guess keeps the constraints: loosen limits, weaken the current, or"
-            " start slower"
-        ),
-    )
-    OBSTRUCTED = (
-        "obstructed start",
-        "the start breaks a constraint: move the start or the obstacle, or lower the margin",
-    )
-    INTERRUPTED = (
-        "interrupted",
-        "stopped by hand, at the best point so far: go on from it with guess=plan",
-    )
-    UNFINISHED = (
-        "unfinished",
-        (
-            "the solver stopped early: raise time_limit or max_iterations, loosen limits, or"
-            " improve the guess"
-        ),
-    )
-
-    @property
-    def usable(self) -> bool:
-        """True if the trajectory keeps all constraints; goals may still be missed."""
-        return self in (
-            OcpStatus.SOLVED,
-            OcpStatus.MISSED,
-            OcpStatus.TOO_SHORT,
-            OcpStatus.UNREACHABLE,
-        )
-
-
 @checked_dataclass(eq=False, repr=False)
 class Plan(TableDisplay):
     """States at nodes, inputs of steps, and how it came about."""
@@ -264,6 +209,10 @@ class Plan(TableDisplay):
     """[m/s] of the water in W that was reckoned with."""
     plugin: str = ""
     """Which of `uvms_ocp.solvers.nlp.level_solver.PLUGINS` found it; empty where none was asked."""
+    verdict: VerdictReport | None = None
+    """Tolerances and resolution of the judge that gave the status, and what a step would still gain;
+    `None` where nothing was planned.
+    """
 
     @property
     def certified_free(self) -> bool:
@@ -365,7 +314,8 @@ class Plan(TableDisplay):
         Raises `OutputError` where the file cannot be written.
         """
         values = self.summary() | {
-            name: getattr(self, name) for name in ("levels", "surroundings", "current", "plugin")
+            name: getattr(self, name)
+            for name in ("levels", "surroundings", "current", "plugin", "verdict")
         }
         values |= {
             "of_wrench": self.trajectory.of_wrench,
@@ -409,6 +359,10 @@ def _robot_of(values: plan_file.PlanValues) -> Robot:
     return load_robot(values.robot)
 
 
+_STORED = ("reason", "levels", "solve_time", "surroundings", "current", "plugin", "verdict")
+"""Fields of a plan that its file holds as they are."""
+
+
 def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:
     if robot.name != values.robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
@@ -421,10 +375,7 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
         robot=robot,
         trajectory=trajectory,
         status=OcpStatus(values.status),  # type: ignore[call-arg]
-        **{
-            name: getattr(values, name)
-            for name in ("reason", "levels", "solve_time", "surroundings", "current", "plugin")
-        },
+        **{name: getattr(values, name) for name in _STORED},
         result=result,
         clearance=None
         if values.clearance is None

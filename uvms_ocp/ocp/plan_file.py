@@ -44,7 +44,10 @@ class LevelReport:
     status: str
     advice: str
     residual: float
-    """Norm of the distances of its weighted rows to their range."""
+    """Root of twice its cost, in the root of the unit of weighted rows squared: of the squares of the
+    distances of weighted rows to their range at the ends of phases, and of the mean of these over
+    the nominal time along the path. It is that of the motion, whatever the number of steps.
+    """
     iterations: int
     prices: tuple[float, ...] = ()
     """Prices of the levels above: by how much the cost of this one, half the sum of squares of its
@@ -53,6 +56,60 @@ class LevelReport:
     unknown.
     """
     __pydantic_config__: ClassVar = MetaValue.model_config
+
+
+class VerdictTolerances(MetaValue):
+    """By how much a motion that is called solved may leave what it promises."""
+
+    motion: float = 1e-4
+    """[m, rad, m/s, rad/s] Between a node and where its predecessor leads."""
+    forces: float = 1e-3
+    """[share of the largest force] Of forces that move it, and of their limits in the middle of
+    steps.
+    """
+    force_between: float = 1e-2
+    """[share of the limit] Of thrust and torque anywhere else in a step."""
+    ranges: float = 3e-4
+    """[unit of the quantity] Of positions, velocities, accelerations and rows of constraints, at nodes
+    and between.
+    """
+    clearance: float = 1e-3
+    """[m] Of distances between shapes, at nodes and between."""
+    goal: float = 1e-3
+    """Residual of a level of goals that is met; of weights below 1 times their root."""
+    gain: float = 2e-3
+    """[share of the residual] That one more step may promise for a level."""
+    gain_floor: float = 1e-5
+    """Gain of a residual that is none."""
+
+
+class LevelVerdict(MetaValue):
+    """Verdict on one level."""
+
+    name: str
+    residual: float
+    """See `LevelReport.residual`."""
+    gain: Number | None
+    """By how much one more step would lower it, to first order, with the levels above held; `None`
+    where that is not known.
+    """
+    missed: bool
+    """It has goals, and they are not met."""
+    optimal: bool
+    """It is met, or no step promises more than the tolerance."""
+
+
+class VerdictReport(MetaValue):
+    """What the judge of a plan has found, and how closely it has looked."""
+
+    tolerances: VerdictTolerances
+    levels: tuple[LevelVerdict, ...]
+    time_resolution: float
+    """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
+    unseen: Number | None
+    """[share of the tolerance] How much more than was seen may be left between two looks; `None` where
+    something is no number.
+    """
 
 
 class SolverValues(MetaValue):
@@ -74,6 +131,7 @@ class ClearanceValues(MetaValue):
     """
 
     unshaped: tuple[str, ...] = ()
+    surfaces: tuple[str, ...] = ()
     collision_free: bool
     undecided: bool
     n_samples: int
@@ -103,6 +161,7 @@ class PlanValues(MetaValue):
     surroundings: SurroundingsMeta
     current: tuple[Number, Number, Number]
     plugin: str = ""
+    verdict: VerdictReport | None = None
     solver: SolverValues | None = None
     clearance: ClearanceValues | None = None
 

@@ -291,9 +291,13 @@ def counts(problem: OcpProblem, term: Term, phase: OcpPhase, *, at_end: bool) ->
     """True where the term has rows at the steps of the phase, or at the node that ends it.
 
     The last node of the horizon has no step of its own: path terms of the state count there as
-    well.
+    well. So do constraints of one phase at the node that ends it, which begins the next: else the
+    last step of the phase would leave their range.
     """
     last = phase is problem.phases[-1]
     if term.at is At.PATH:
-        return term.phase in (None, phase.name) and (not at_end or (last and term.state_only))
+        if term.phase not in (None, phase.name):
+            return False
+        kept = term.phase is not None and any(term is item for item in problem.constraints)
+        return not at_end or (term.state_only and (last or kept))
     return at_end and (term.phase == phase.name or (term.phase is None and last))

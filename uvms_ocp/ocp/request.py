@@ -12,10 +12,11 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.ocp.clearance import ShapeClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
-from uvms_ocp.ocp.planner import Planner, check_goal, goal_distances, start_distances
+from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
+from uvms_ocp.ocp.start_checks import check_goal, goal_distances, start_distances
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, admissible_configurations, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
@@ -138,7 +139,7 @@ class OcpResult:
     @cached_property
     def coordinates(self) -> Array:
         """(n, n_axes) [m, rad] coordinates of the scene at the samples."""
-        return np.array([self.scene.coordinates.x(q) for q in self.samples[1]])
+        return np.array([self.scene.coordinates.x_beyond_limits(q) for q in self.samples[1]])
 
     @cached_property
     def distances(self) -> Array:

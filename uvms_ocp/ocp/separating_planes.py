@@ -170,6 +170,16 @@ class Planes:
         centre = _turned(poses.R[k, b], self.centre) + poses.p[k, b] - poses.p[k, a]
         return _dot(normal, centre) - self.offset
 
+    @staticmethod
+    def joined(*parts: Planes) -> Planes:
+        """Return the rows of all parts, one after the other."""
+        return Planes(
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in Planes.__slots__
+            }
+        )
+
     def of(self, chosen: Indices) -> Planes:
         """Select the planes of the given rows."""
         return Planes(**{name: getattr(self, name)[chosen] for name in self.__slots__})

@@ -17,6 +17,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.node_margins import NodeMargins
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.limits import bounded_joints
 from uvms_ocp.robot.robot import Robot
@@ -65,6 +66,10 @@ class Term(ABC):
     costs.
     """
     minimises_time: ClassVar[bool] = False
+    has_sides: ClassVar[bool] = False
+    """Its references say on which side of a thin thing a node stays; see `NodeMargins.sides`."""
+    rows_are_quantities: ClassVar[bool] = True
+    """What its range is of are the rows themselves, not something that they stand for."""
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
     at: At = At.END
@@ -99,13 +104,13 @@ class Term(ABC):
         return np.zeros(0)
 
     def references(
-        self, times: Sequence[float], q: np.ndarray, tightened: np.ndarray | None = None
+        self, times: Sequence[float], q: np.ndarray, tightened: NodeMargins | None = None
     ) -> np.ndarray:
         """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m,
         rad].
 
-        tightened (n, ...) [unit of the row]: by how much more the rows of a term whose references
-        depend on that motion are to keep, as the term counts them.
+        tightened: what is asked of the nodes beyond the range, of terms with `has_sides`; other
+        terms have narrower bounds for it.
         """
         if type(self).reference is Term.reference:
             return np.zeros((len(times), 0))

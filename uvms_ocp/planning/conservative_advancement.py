@@ -19,6 +19,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive
 
@@ -49,6 +50,8 @@ class ClearanceReport:
     n_samples: int
     unshaped: tuple[str, ...] = ()
     """Links with a mass but no collision shape: nothing of this holds for them."""
+    surfaces: tuple[str, ...] = ()
+    """Shapes that are open meshes: of what is behind them nothing is told."""
 
 
 @checked
@@ -131,6 +134,7 @@ def check_motion(
         nearest=worst,
         n_samples=n_samples,
         unshaped=links_without_shape(scene.coordinates.robot),
+        surfaces=open_surfaces(scene.geometry),
     )
 
 

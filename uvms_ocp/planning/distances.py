@@ -16,6 +16,7 @@ from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot import kinematics, robot
 from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
+from uvms_ocp.robot.shapes.signed_distance import SignedDistances
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
 
@@ -87,7 +88,7 @@ Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 
 @checked_dataclass(check=checked_constructor, kw_only=False, eq=False)
 class CoalDistances:
-    """Distances by coal, for any shapes.
+    """Distances by coal, for any shapes; closed triangle meshes are solids, open ones surfaces.
 
     Pairs that were far at the last call with as many samples, and cannot have come near since, are
     not computed again. The pairs found do not depend on it; gradients do by about 1e-5, since coal
@@ -98,10 +99,12 @@ class CoalDistances:
     _bounds: _Bounds = field(init=False, repr=False)
     _data: pin.Data = field(init=False, repr=False)
     _geometry_data: pin.GeometryData = field(init=False, repr=False)
+    _signed: SignedDistances = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_data", self.scene.coordinates.robot.model.createData())
         object.__setattr__(self, "_geometry_data", distance_data(self.scene.geometry))
+        object.__setattr__(self, "_signed", SignedDistances(self.scene.geometry))
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     def distances(self, x: Samples) -> Array:
@@ -110,15 +113,17 @@ class CoalDistances:
         """
         return self.distances_at(self.scene.coordinates.configurations(x))
 
-    def distances_at(self, q: Configurations) -> Array:
-        """The same at configurations q (n, n_q) [m, rad]."""
-        result = np.empty((len(q), self.scene.n_pairs))
-        geometry = self.scene.geometry
+    def distances_at(self, q: Configurations, chosen: Mask | None = None) -> Array:
+        """The same at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
+        (n, n_pairs), by default all are.
+        """
+        result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data
-        pairs = range(self.scene.n_pairs)
-        for row, configuration in zip(result, q, strict=True):
+        wanted = np.ones(result.shape, dtype=bool) if chosen is None else chosen
+        for row, configuration, asked in zip(result, q, wanted, strict=True):
+            pairs = np.flatnonzero(asked)
             self._place(configuration)
-            row[:] = [pin.computeDistance(geometry, data, k).min_distance for k in pairs]
+            row[pairs] = [self._signed.distance(data, k) for k in pairs.tolist()]
         result[result < FAILED] = -np.inf
         return result
 
@@ -126,17 +131,14 @@ class CoalDistances:
         """Find where all pairs are nearest at configurations q (n, n_q) [m, rad], without those
         whose depth coal cannot compute.
         """
-        geometry = self.scene.geometry
         data = self._geometry_data
         n_pairs = self.scene.n_pairs
         found = np.empty((len(q), n_pairs, 10))
         for k, configuration in enumerate(q):
             self._place(configuration)
             for i in range(n_pairs):
-                result = pin.computeDistance(geometry, data, i)
-                row = found[k, i]
-                row[0], row[1:4] = result.min_distance, result.normal
-                row[4:7], row[7:] = result.getNearestPoint1(), result.getNearestPoint2()
+                contact = self._signed.contact(data, i)
+                found[k, i] = [contact.distance, *contact.normal, *contact.first, *contact.second]
         sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1))
         rows = found[sample, pair]
         parts = {
@@ -196,18 +198,18 @@ class CoalDistances:
         data = self._geometry_data
         lower = self._bounds.lower[sample]
         for k in pairs:
-            result = pin.computeDistance(self.scene.geometry, data, k)
-            distance = lower[k] = result.min_distance
+            contact = self._signed.contact(data, k)
+            distance = lower[k] = contact.distance
             if FAILED < distance < thresholds[k]:
-                # Results are views of memory that the next sample overwrites.
+                # A view of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
                 found.append(
                     (
                         sample,
                         k,
                         distance,
-                        result.normal.copy(),
-                        result.getNearestPoint1().copy(),
+                        contact.normal,
+                        contact.first,
                         centre,
                     )
                 )

@@ -76,7 +76,13 @@ class Coordinates:
         """(n_axes,) [m, rad] coordinates of a configuration q (n_q,) [m, rad]. Raises
         `InvalidInput` for an invalid one.
         """
-        return _axis_values(self.robot, self.robot.check_configuration(q))[self.planned]
+        return self.x_beyond_limits(self.robot.check_configuration(q))
+
+    def x_beyond_limits(self, q: Annotated[Array, Shape("self.robot.n_q")]) -> Array:
+        """(n_axes,) [m, rad] coordinates of q (n_q,) [m, rad], which may be beyond the limits, as
+        motions are that nobody should follow and everybody wants to see.
+        """
+        return _axis_values(self.robot, q)[self.planned]
 
     def velocity_map(self, x: Annotated[Array, Shape("n", "self.n_axes")]) -> Array:
         """(n, n_v, n_axes): generalized velocity v = map @ rate of x, at x (n, n_axes) [m, rad]."""

@@ -364,7 +364,8 @@ ORDER = (
 """Of the pages of theory, which build on those before."""
 GUIDE = (
     *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
-    *("campaigns", "your_variation", "mission_plans", "faults", "recordings", "limitations"),
+    *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control", "faults"),
+    *("recordings", "limitations"),
 )
 """Pages on how to use it, in their order."""
 _PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)

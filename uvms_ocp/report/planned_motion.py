@@ -32,6 +32,7 @@ from uvms_ocp.record.record import PLANNED, Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.robot import kinematics, loading, thrusters
 from uvms_ocp.robot.shapes import collision_model, obstacles
+from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
 
@@ -107,6 +108,9 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
     return {
         "robot": request.robot.name,
         "links_without_shape": list(collision_model.links_without_shape(request.robot)),
+        "open_surfaces": list(
+            open_surfaces(collision_model.shapes_among(request.robot, request.obstacles))
+        ),
         "obstacles": [
             item.model_dump(mode="json") for item in obstacles.describe_obstacles(request.obstacles)
         ],

@@ -302,6 +302,13 @@ class Robot:
         return lower, upper
 
     @property
+    def limited_positions(self) -> np.ndarray:
+        """(n,) places in q of the joints that `configuration_bounds` may limit."""
+        own = [joint.q for joint in self.joints if joint.n_q == joint.n_v]
+        places = np.arange(self.n_q)
+        return np.concatenate([np.zeros(0, dtype=int), *(places[part] for part in own)])
+
+    @property
     def joint_v(self) -> slice:
         """The joints' part of v."""
         return slice(self.n_vehicle, self.n_v)

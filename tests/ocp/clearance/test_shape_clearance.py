@@ -13,12 +13,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.ocp.clearance import ShapeClearance, SteppedMotion, certificate, shortfall
+from uvms_ocp.ocp.clearance_certificate import SteppedMotion, certificate, shortfall
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.separating_planes import support_of
-from uvms_ocp.ocp.terms import AtRest, Effort, TaskTerm, Term
+from uvms_ocp.ocp.shape_clearance import ShapeClearance
+from uvms_ocp.ocp.terms import AtRest, Effort, Smoothness, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.planning import CollisionScene, collision_scene, coordinates
@@ -29,6 +30,7 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle, seafloor
 from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
+from uvms_ocp.tasks.pose import ToolPosition
 
 TILT = pin.rpy.rpyToMatrix(0.4, 0.2, 0.1)
 CORNERS = np.random.default_rng(3).normal(size=(20, 3)) * 0.2
@@ -426,3 +428,57 @@ def test_the_term_counts_what_it_is_asked() -> None:
     _, term = planar_problem(WAYS["ball"])
     assert isinstance(term, Term)
     assert term.reference(0.0).shape == (term.n_parameters(load_robot("planar5")),)
+
+
+def test_every_pair_that_is_near_has_a_row_before_another_has_two() -> None:
+    """One pair that is always near had all rows, and others were passed through."""
+    robot = load_robot("bluerov2_alpha5")
+    scene = collision_scene(
+        coordinates(robot), [obstacle("ball", coal.Sphere(0.3), (0.7, 0.0, -5.0))]
+    )
+    term = ShapeClearance(scene=scene, margins=scene.per_pair(0.06, 0.0), n_rows=9, n_own_rows=7)
+    rng = np.random.default_rng(2)
+    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    shares = rng.uniform(0.2, 0.8, (8, robot.n_joints))
+    q = np.array(
+        [
+            robot.configuration(position=(0.0, 0.0, -5.0), joints=lower + share * (upper - lower))
+            for share in shares
+        ]
+    )
+    times = [0.0] * len(q)
+    near = term.distances(times, q) - term.margins < 0.2
+    margins = np.broadcast_to(term.margins, near.shape)
+    for group, planes in zip(term._groups, term._chosen(times, q, margins), strict=True):
+        for k in range(len(q)):
+            pairs = planes.pair[planes.sample == k]
+            asked = np.flatnonzero(group.pairs & near[k])
+            assert len(set(pairs.tolist()) & set(asked.tolist())) == min(len(asked), group.n)
+
+
+@pytest.mark.slow
+def test_a_plan_around_a_ball_keeps_the_arm_out_of_the_hull() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    start = robot.configuration(position=(0.0, 0.0, -5.0))
+    tool = Kinematics(robot, start).pose("tool")
+    goal = pin.SE3(tool.rotation, tool.translation + np.array([2.0, 0.3, -0.4]))
+    scene = collision_scene(
+        coordinates(robot), [obstacle("ball", coal.Sphere(0.3), (1.2, 0.1, -5.2))]
+    )
+    term = ShapeClearance(scene=scene, margins=scene.per_pair(0.06, 0.0))
+    problem = single_phase(
+        robot=robot,
+        start=State(q=start, v=np.zeros(robot.n_v)),
+        duration=10.0,
+        n_steps=40,
+        levels=[
+            OcpLevel(name="tool", terms=(TaskTerm(task=ToolPosition(goal=goal)),)),
+            OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
+        ],
+        constraints=(AtRest(), term),
+    )
+    plan = Planner(problem).plan()
+    assert plan.status is OcpStatus.SOLVED
+    times = np.linspace(0.0, 10.0, 400)
+    dense = [plan.trajectory.state_at(robot.model, t)[0] for t in times]
+    assert (term.distances([0.0] * len(dense), np.array(dense)) - term.margins).min() > -1e-3

@@ -310,7 +310,7 @@ class StageRanges:
         above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
         for rows, own in above:
             raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
-        forces = [places.force_lower, places.force_upper]
+        forces = places.force_ranges(bounds.x_lower, bounds.x_upper)
         z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
         """(m,) numbers of the variables that have ranges."""
@@ -336,6 +336,15 @@ class StageRanges:
         """
         y = self._values()
         return np.maximum(np.maximum(self._ends[0] - y, y - self._ends[1]), 0.0)
+
+    def weights(self, solution: FlatSolution) -> Array:
+        """Return what the rows of `excess` (n,) [1/unit of the row] cost: the size of their
+        multipliers.
+        """
+        n_x = self._memory.tangent.n_x
+        y = solution.y[: len(self._held)]
+        y_z = solution.y[len(self._held) :][self._own]
+        return np.abs(np.concatenate([solution.costate[n_x:], y, y_z]))
 
     def write(self, flat: Mapping[str, Array]) -> None:
         """Write gaps, and ranges of the step from the point in the memory, into the arrays of a
@@ -451,6 +460,17 @@ class StageIndices:
         for level, own in zip(levels, layout.held, strict=True):
             kept[level.frozen] = raw[own]
         return x[:-1], kept
+
+    def force_ranges(self, x_lower: Array, x_upper: Array) -> Array:
+        """(2, n) of the limits of forces: those that are variables have bounds x_lower and x_upper
+        (n_x,) [unit of x].
+        """
+        result = np.array([self.force_lower, self.force_upper])
+        variable = self._force_x >= 0
+        rows = np.flatnonzero(self.raw < 0)[variable]
+        places = self._force_x[variable]
+        result[:, rows] = [x_lower[places], x_upper[places]]
+        return result
 
     def z_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """(2, n) of bounds x_lower and x_upper (n_x,) [unit of x]."""

@@ -19,8 +19,9 @@ from uvms_ocp.codegen.compile import (
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
+from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
-from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageLevelQp, StageSqp
+from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import (
     STAGEWISE,

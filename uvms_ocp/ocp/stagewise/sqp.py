@@ -7,357 +7,65 @@ that keeps them, or, where that does not help either, the proof that no small ch
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BoundCalls
-from uvms_ocp.ocp.problem import HessianKind
-from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
-from uvms_ocp.solvers import NlpOptions, NlpStatus, StageQpSolver
+from uvms_ocp.ocp.stagewise.filter import Filter, FilterMerit
+from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
+from uvms_ocp.ocp.stagewise.memory import StageRanges
+from uvms_ocp.solvers import NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
-from uvms_ocp.solvers.stage_qp.problem import (
-    FlatSolution,
-    StageQp,
-    StageQpOptions,
-    StageQpStatus,
-    StageShape,
-    WarmStart,
-    leading,
-)
-from uvms_ocp.types import Array
-
-# Multipliers that bend the QP of the next iteration.
-
-
-class Multipliers:
-    """Multipliers of one level, where the functions of curvature read them."""
-
-    def __init__(self, memory: StageMemory, level: int) -> None:
-        n = len(memory.stages)
-        levels = range(memory.n_levels)
-        sizes = [[len(memory.residual_parts(i)[k]) for i in levels] for k in range(n)]
-        self.costates = np.zeros((n, memory.tangent.n_x))
-        """Costates of the step that leads away from each stage."""
-        rows = [sum(own[:-1]) for own in memory.group_sizes]
-        self._rows = np.zeros(sum(rows))
-        self.rows = np.split(self._rows, np.cumsum(rows)[:-1])
-        """Multipliers of rows that may be held."""
-        self._held = leading(rows, [sum(own[: level + 1]) for own in memory.group_sizes])
-        self.residuals = [np.zeros(sum(own)) for own in sizes]
-        """A residual is its own multiplier; those of other levels are 0."""
-        self._own = [
-            (whole[sum(own[:level]) : sum(own[: level + 1])], part)
-            for whole, own, part in zip(
-                self.residuals, sizes, memory.residual_parts(level), strict=True
-            )
-        ]
-
-    def update(self, found: FlatSolution) -> None:
-        """Update: the multipliers of the last QP, and the present residuals."""
-        self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
-        self._rows[self._held] = found.y[: len(self._held)]
-        for own, residual in self._own:
-            own[:] = residual
-
-
-class StageLevelQp:
-    """Linearised at `StageMemory.z`; the QP moves from there."""
-
-    def __init__(self, memory: StageMemory, level: int, options: StageQpOptions) -> None:
-        self.memory = memory
-        self.level = level
-        self.shape = StageShape(
-            n_x=(memory.tangent.n_x,) * len(memory.stages),
-            n_u=memory.n_u,
-            n_r=tuple(len(part) for part in memory.residual_parts(level)),
-            n_c=tuple(sum(own[: level + 1]) for own in memory.group_sizes),
-        )
-        self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
-        self.held = leading(map(sum, memory.group_sizes), self.shape.n_c)
-        self._bends = False
-        """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
-        self.most: int | None = None
-        """Iterations of a QP that is given up then, unexplained; None: those of the options."""
-        self.multipliers = Multipliers(memory, level)
-        groups = [group for own in memory.group_sizes for group in enumerate(own[: level + 1])]
-        self._above = np.concatenate(
-            [np.zeros(0, dtype=bool), *(np.full(n, i > 0) for i, n in groups)]
-        )
-        """(m,) True for rows of the QP that belong to levels above."""
-        self.linearize = self._linearization(slopes=True)
-        self.relinearize = self._linearization(
-            slopes=any(one.errors_forced[level] for one in memory.functions)
-        )
-        """The same with slopes of forces that are near, where they matter to limits alone."""
-        self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
-
-    def _linearization(self, *, slopes: bool) -> BoundCalls:
-        """One function for all stages, then the other: so each stays where code is read from.
-
-        Without `slopes` of forces those that were found last remain.
-        """
-        memory = self.memory
-        calls = BoundCalls()
-        for i, stage in enumerate(memory.stages):
-            if stage.step:
-                calls.add(
-                    memory.motion_linear,
-                    [memory.z[i], memory.z[i + 1]],
-                    [memory.gaps[i], self.qp.dynamics[i]],
-                )
-            elif i + 1 < len(memory.stages):
-                F = self.qp.dynamics[i]
-                n = self.memory.tangent.n_x
-                F[...] = np.eye(*F.shape)
-                if self.memory.tangent.free:
-                    F[n - 1, n - 1 :] = (0.0, 1.0)
-        memory.add_forces(calls, linear=slopes)
-        for i, stage in enumerate(memory.stages):
-            function = memory.function(stage)
-            if function is not None:
-                calls.add(
-                    function.linear,
-                    memory.arguments(i),
-                    [*memory.row_memory(i)[:-1], *self._jacobians(i)],
-                )
-        return calls
-
-    def _jacobians(self, i: int) -> list[Array | None]:
-        """Return the arrays that the functions of rows at stage i write: of residuals, then of rows
-        that may be held.
-        """
-        n_levels = self.memory.n_levels
-        first = 0
-        found: list[Array | None] = [
-            self.qp.J[i] if level == self.level else None for level in range(n_levels)
-        ]
-        for group in self.memory.groups(self.memory.stages[i])[: self.level + 1]:
-            found.append(self.qp.C[i][first : first + group.n])
-            first += group.n
-        return found + [None] * (n_levels - 1 - self.level)
-
-    @cached_property
-    def _curve(self) -> BoundCalls:
-        """Function by function as well, at the point where forces were linearised."""
-        memory = self.memory
-        own = self.multipliers
-        calls = BoundCalls()
-        found = [
-            (i, function)
-            for i, stage in enumerate(memory.stages)
-            if (function := memory.function(stage)) is not None
-        ]
-        tangent = memory.tangent
-        n = len(memory.stages)
-        sizes = tangent.n_v, tangent.step_curvature.numel_in(3), tangent.step_curvature.nnz_out(0)
-        weights, bent, steps = (np.zeros((n, m)) for m in sizes)
-        weighted = [(i, function.weights) for i, function in found if function.weights is not None]
-        none = np.zeros(tangent.n_x)
-        for i, function in weighted:
-            calls.add(function, [*memory.arguments(i), own.rows[i], own.residuals[i]], [weights[i]])
-        for i, _ in weighted:
-            calls.add(
-                tangent.model.bend,
-                [memory.z[i, : tangent.model.n_motion], memory.arguments(i)[2], weights[i]],
-                [bent[i]],
-            )
-        for i in (i for i, function in found if function.bends):
-            after = memory.z[min(i + 1, n - 1)]
-            costates = own.costates[i] if memory.stages[i].step else none
-            calls.add(tangent.step_curvature, [memory.z[i], after, costates, bent[i]], [steps[i]])
-        for i, function in found:
-            calls.add(
-                function.curvature,
-                [*memory.arguments(i), own.rows[i], own.residuals[i], steps[i]],
-                [self.qp.H[i]],
-            )
-        return calls
-
-    def set_curvature(self, last: FlatSolution | None) -> None:
-        """Curvature with the multipliers of the last QP; none without one, and for Gauss and
-        Newton.
-        """
-        bends = last is not None and self.memory.whole.problem.hessian is HessianKind.EXACT
-        if last is not None and bends:
-            self.multipliers.update(last)
-            self._curve()
-        elif self._bends:
-            self.qp.flat["H"][:] = 0.0
-        self._bends = bends
-
-    # --- values -----------------------------------------------------------------------------------
-
-    @property
-    def cost(self) -> float:
-        r = self.memory.residuals(self.level)
-        return float(r @ r) / 2
-
-    def solve(
-        self,
-        ranges: StageRanges,
-        damping: float,
-        give: float,
-        near: WarmStart | None,
-        *,
-        rough: float = 0.0,
-        kept: float = 0.0,
-    ) -> FlatSolution:
-        """The step, with damping [1/unit of z^2]; it stands in the memory too.
-
-        give [1/unit of the row], kept [1/unit of the row^2]: what it costs to miss levels above,
-        and the square. near: where the QP starts. rough: how exact it is at least, where that is
-        less than the tolerance asks for. Only what no curvature bends is explained where it fails.
-        """
-        flat = self.qp.flat
-        flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
-        self._load(ranges)
-        tolerance = max(rough, self._solver.options.tolerance)
-        explained = not (self._bends or self.most)
-        found = self._solver.solve_flat(
-            self.qp, near, tolerance=tolerance, max_iterations=self.most, explained=explained
-        )
-        self.memory.step[:] = found.z
-        return found
-
-    def multipliers_above(self, found: FlatSolution) -> Array:
-        """Multipliers of the rows of levels above."""
-        return np.asarray(found.y[: len(self._above)][self._above])
-
-    def _load(self, ranges: StageRanges) -> None:
-        """Load values and ranges into the QP."""
-        self.qp.flat["r"][:] = self.memory.residuals(self.level)
-        ranges.write(self.qp.flat)
-
-    def error(self, ranges: StageRanges, found: FlatSolution) -> float:
-        """Return the error of the optimality conditions at the present linearisation, with the
-        multipliers of the last QP.
-        """
-        self._load(ranges)
-        return self._solver.error(self.qp, found.warm_start())
-
-    # --- products ---------------------------------------------------------------------------------
-
-    def steepest(self) -> float:
-        """Largest entry of the gradient of the cost."""
-        self.qp.flat["r"][:] = self.memory.residuals(self.level)
-        return self._solver.steepest(self.qp)
-
-
-# Which points are accepted: those that no point seen before beats in cost and violation alike
-# [Waechter2006].
-
-_SHARE = 1e-5  # of the violation by which one of both must become less
-_ARMIJO = 1e-4  # of the descent that the slope promises
-_LOUD = 1e-4  # violation, beside the first one, below which descent alone decides
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FilterMerit:
-    """Merit of a point: cost and violation."""
-
-    cost: float
-    violation: float
-    """Sum over all rows"""
-
-    @property
-    def residual(self) -> float:
-        """Norm whose half square is the cost."""
-        return float((2 * self.cost) ** 0.5)
-
-
-@dataclass(kw_only=True, slots=True)
-class Filter:
-    """Remembers what must not come again."""
-
-    first: float
-    """Violation of the first point."""
-    most: float
-    """Violation that is never accepted."""
-    entries: list[FilterMerit] = field(default_factory=list)
-    """Points that were left for less violation."""
-
-    def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
-        """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
-        if not (
-            trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)
-        ):
-            return False
-        rounding = 1e-13 * max(1.0, abs(here.cost))
-        if self.descends(here, slope, share):
-            return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
-        return _better(trial, here) or (
-            trial.violation <= 1e-12 and trial.cost <= here.cost + rounding
-        )
-
-    def descends(self, here: FilterMerit, slope: float, share: float) -> bool:
-        """Check whether a share of a step along the slope is taken for descent of the cost."""
-        if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
-            return False
-        return bool(share * (-slope) ** 2.3 > here.violation**1.1)
-
-
-def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
-    return (
-        trial.violation <= (1 - _SHARE) * entry.violation
-        or trial.cost <= entry.cost - _SHARE * entry.violation
-    )
-
-
-# Sequential quadratic programming over stages: full steps of Gauss and Newton where they work, a
-# filter where not.
+from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
 
 _SMALLEST_SHARE = 1e-7
-# by how much damping grows, and by how much it falls
+# ratios of what a merit lost to what the QP promised, below which damping grows, and above which it
+# falls, and by how much
+_POOR = 0.25
+_GOOD = 0.5
+_NOISE = 1e-10  # share of the cost below which a promise is rounding and tells nothing
 _MORE = 10.0
 _LESS = 4.0
-_KEPT = 0.25  # share of a violation down to which a step has to bring it for less damping
-# [1/unit of z^2] from where it grows, and where steps do not lower the cost
-_DAMPED = 1e-6
-_IDLE = 1e-5
-_NOTHING = 0.1  # share of the tolerance of a residual's norm that is not worth a step
-# largest entry of the gradient at the start up to which errors are not scaled, as in IPOPT
+_DAMPED = 1e-6  # times the curvature up to 1: from where damping grows
+_NO_DAMPING = 1e-9  # the same: what every model of the cost has; damping below is none
+# times the largest curvature of the cost: what makes steps no shorter any more, as they are those
+# that the rows ask for
+_MOST_DAMPED = 1.0
+# share of the tolerance of a residual's norm that is not worth a step, and is no residual at all
+_NOTHING = 0.1
+# largest entry of the gradient of the cost at a point up to which the error of its optimality
+# conditions is not scaled: of a larger one more digits are rounding
 _STEEP = 100.0
 _GIVE = 1e4
 _MODELS = (
-    (1e-9, True, np.inf),
-    (1e-9, False, np.inf),
+    (_NO_DAMPING, True, np.inf),
+    (_NO_DAMPING, False, np.inf),
     (1e-6, False, np.inf),
     (1e-6, True, _GIVE),
     (1e-4, False, _GIVE),
     (1e-2, False, _GIVE),
 )
-"""Damping [1/unit of z^2], whether the cost has the curvature of constraints, and what it costs to
-miss levels above [1/unit of the row]; the next where one fails.
+"""Damping in units of the largest curvature of the cost up to 1, whether the cost has the curvature
+of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
 """
-# iterations of the last level before a gain of this share of its cost is none
-_PATIENCE = 15
-_DIGITS = 1e-5
+_DAMPED_MODELS = 2  # the first of them
+_DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
+_PATIENCE = 15  # iterations of the last level before it ends with no more digits than that
 # ways back to the rows, and what makes them short [1/unit of z^2]
 _MENDS = 3
 _STIFF = 1e6
-_LOUDEST = 1e4  # times the first violation
+# times the first violation, beyond which no point is accepted: it bounds steps and tells no end
+_LOUDEST = 1e4
+# share of the violation that is left from which on a step is corrected
+_REPAIRED = 0.25
+_CORRECTED = 0.5  # share of the violation to which a correction of the second order is to bring it
 # tolerance of a QP, of how far its point is from the optimum, and at most
 _ROUGHLY = 0.1
 _ROUGHEST = 1e-2
 _NEARER = 0.5  # times the violation at which curvature was not convex, from where it may be
 _FEW_DIGITS = 1e-2  # convergence from which on curvature takes more time than it saves
 _NO_HELP = 1e-6  # share of the violation that a step must take away to count as a help
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SqpOutcome:
-    """End of the iterations; the point is in the memory."""
-
-    status: NlpStatus
-    iterations: int
-    violation: float
-    """Largest."""
-    cost: float
-    solution: FlatSolution | None
-    """Solution of the last QP."""
 
 
 class StageSqp:
@@ -379,24 +87,32 @@ class StageSqp:
         self._memory = level.memory
         self._solution: FlatSolution | None = None
         self._filter = Filter(first=0.0, most=np.inf)
-        self._steepest = 0.0
         self._worst = np.inf
+        """Largest violation at the point."""
+        self._excess = np.zeros(0)
+        """(n,) [unit of the row] by how much rows are broken at the point."""
         self._count = 0
         self._best = (True, np.inf), self._memory.z.copy()
         self._model = int(options.convergence >= _FEW_DIGITS)
         self._damping = 0.0
+        """[1/unit of z^2] on top of that of the model, at most `_MOST_DAMPED` of the curvature."""
         self._refused = np.inf
+        self._was_whole = False
+        """The last step was neither damped nor cut."""
+        self._has_levels_below = level.level + 1 < level.memory.n_levels
         # What levels above leave open, those below decide: no step goes far there.
-        self._least = _DAMPED if level.level + 1 < level.memory.n_levels else 0.0
+        self._least = _DAMPED if self._has_levels_below else 0.0
+        self._unit = 1.0
+        """[1/unit of z^2] unit of the damping of models."""
 
     def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
         here = self._merit()
-        self._steepest = self._level.steepest()
         self._filter = Filter(first=here.violation, most=self._most(here))
+        self._unit = self._damping_unit()
         self._solution = warm
-        if warm is not None and self._is_optimal(warm):
+        if warm is not None and self._is_optimal(warm) and self._is_proven(here):
             return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
             if not (isfinite(here.cost) and isfinite(here.violation)):
@@ -427,11 +143,6 @@ class StageSqp:
             )
         )
 
-    @property
-    def _scale(self) -> float:
-        """Return the scale of errors."""
-        return max(1.0, self._steepest / _STEEP)
-
     def _most(self, here: FilterMerit) -> float:
         """Below levels that are held where they were left no violation comes in: there may be no
         way back.
@@ -443,75 +154,118 @@ class StageSqp:
     def _iterate(self, here: FilterMerit) -> tuple[NlpStatus | None, FilterMerit]:
         """Status where it ends, and what the new point is worth."""
         self._count += 1
-        solution = self._solution = self._solved()
+        solution = self._solution = self._solved(self._damping + self._least, self._roughness())
         self._memory.z_from[:] = self._memory.z
         if solution.status is StageQpStatus.INFEASIBLE:
             return self._restore(here, solution)
         if not solution.status.usable:
             return NlpStatus.STALLED, here
-        slope = solution.products.slope
-        if solution.products.change <= self._options.convergence * self._scale and self._is_kept(
-            here
-        ):
-            return NlpStatus.SOLVED, here
-        if self._is_flat(here, slope):
-            kept = self._is_kept(here)
-            self._level.linearize()
-            return NlpStatus.SOLVED if kept and self._is_optimal(
-                solution
-            ) else NlpStatus.INEXACT, self._merit()
-        status, here = self._search(here, slope)
-        return (NlpStatus.SOLVED if status is None and self._is_optimal(solution) else status), here
+        # A step that changes no gradient leads to the same multipliers: they are judged here.
+        still = solution.products.change <= self._options.convergence
+        optimal = still and self._is_optimal(solution)
+        if optimal or self._is_flat(here, self._promise(solution)):
+            if self._is_proven(here):
+                optimal = optimal or self._is_optimal(solution)
+                return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
+            solution = self._solution
+            self._memory.step[:] = solution.z
+        promise = self._promise(solution)
+        status, there = self._search(here, solution, promise)
+        if status is None and self._is_optimal(solution):
+            settled = self._was_whole and promise <= self._worth(there)
+            if settled or self._is_proven(there):
+                status = NlpStatus.SOLVED
+        return status, there
+
+    def _promise(self, solution: FlatSolution) -> float:
+        """Return the gain that the QP promises, of the cost and of what broken rows cost by their
+        multipliers: the exact penalty, in which rows of any unit count as what they are worth.
+        """
+        products = solution.products
+        missed = float(self._ranges.weights(solution) @ self._excess)
+        return missed - products.slope - products.square / 2 - self._level.bend(solution) / 2
 
     def _is_optimal(self, found: FlatSolution) -> bool:
-        """Check whether its multipliers are those of the point: of the step that led there."""
+        """Check the conditions of optimality of the NLP at the point where it is linearised, with
+        these multipliers: no step, no damping and no curvature is in them.
+        """
         if self._worst > self._options.convergence:
             return False
-        return self._level.error(self._ranges, found) <= self._options.convergence * self._scale
+        error = self._level.error(self._ranges, found)
+        if error <= self._options.convergence:
+            return True
+        scale = max(1.0, self._level.steepest() / _STEEP)
+        return error <= self._options.convergence * scale
 
-    def _is_flat(self, here: FilterMerit, slope: float) -> bool:
+    def _worth(self, here: FilterMerit) -> float:
+        """Return the gain of cost from which on another step is worth it: of a level that others
+        follow, what its tolerance would notice.
+        """
+        tolerance = self._options.tolerance
+        if self._has_levels_below:
+            return max(_NOTHING * tolerance * here.residual, tolerance**2 / 2)
+        return max(_DIGITS, self._options.convergence) * here.cost + (_NOTHING * tolerance) ** 2 / 2
+
+    def _is_proven(self, here: FilterMerit) -> bool:
+        """Check that a step without damping, of a QP solved to all digits, promises no gain that is
+        worth it; where it does, that of what levels below decide comes down.
+        """
+        worth = self._worth(here)
+        if here.cost <= worth:  # no step gains more than all of it
+            return True
+        proof = self._undamped()
+        if not proof.status.usable:
+            return False
+        if self._promise(proof) <= worth:
+            return True
+        self._solution = proof
+        self._least = self._lowered(self._least / _LESS)
+        return False
+
+    def _is_flat(self, here: FilterMerit, promise: float) -> bool:
         """No step promises what is worth one: of a level that others follow, what its tolerance
         would notice.
 
         The last level gets some iterations first: where curvature is left out that matters, more
         would bring no more digits.
         """
-        if self._least:
+        if self._has_levels_below:
             kept = 0.1 * self._options.feasibility
-            worth = _NOTHING * self._options.tolerance * here.residual
-        else:
-            kept = self._options.feasibility
-            worth = _DIGITS * here.cost
-        return bool(
-            (self._least or self._count > _PATIENCE) and self._worst <= kept and -slope <= worth
-        )
+            return self._worst <= kept and promise <= self._worth(here)
+        kept = self._options.feasibility
+        patient = self._count > _PATIENCE
+        return patient and self._worst <= kept and promise <= _DIGITS * here.cost
 
-    def _solved(self) -> FlatSolution:
+    def _roughness(self) -> float:
+        """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient
+        as the last step has changed.
+
+        Where little is broken but much missed of the gradient, steps along weak curvature would
+        break rows again.
+        """
+        last = self._solution
+        if last is None:
+            return min(_ROUGHLY * self._worst, _ROUGHEST)
+        changed = last.products.change / max(self._level.steepest(), 1e-300)
+        return min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
+
+    def _solved(self, damping: float, rough: float) -> FlatSolution:
         """Solve the first model of the cost that is convex where the constraints leave freedom:
-        that of the last, or coarser ones.
+        that of the last, or coarser ones; damping [1/unit of z^2] on top of theirs, rough: how
+        exact the QP is at least.
 
         Where curvature makes none, that of Gauss and Newton takes the place; where that leaves
         directions open, steps are damped.
         """
         last = self._solution
-        # Tolerance of a QP: as little of rows as the point breaks, and of the gradient as the last
-        # step has changed. Where little is broken but much missed of the gradient, steps along weak
-        # curvature would break rows again.
-        changed = 1.0 if last is None else last.products.change / max(self._steepest, 1e-300)
         near = self._near()
         solution = None
-        rough = min(_ROUGHLY * min(self._worst, changed), _ROUGHEST)
-        for damping, curved, give in _MODELS[self._model :]:
-            # Curvature is hardly more convex than when it was last found not to be.
-            if (
-                curved
-                and give == np.inf
-                and self._worst > max(_NEARER * self._refused, self._options.feasibility)
-            ):
+        for least, curved, give in _MODELS[self._model :]:
+            if curved and give == np.inf and self._is_curvature_refused:
                 continue
             self._level.set_curvature(last if curved else None)
-            damping += self._least + self._damping
-            solution = self._level.solve(self._ranges, damping, give, near, rough=rough)
+            total = self._unit * least + damping
+            solution = self._level.solve(self._ranges, total, give, near, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -521,6 +275,35 @@ class StageSqp:
         assert solution is not None
         return solution
 
+    def _undamped(self) -> FlatSolution:
+        """Solve the QP without damping to all digits: with curvature where that is convex, and with
+        the least damping where what nothing determines makes it singular.
+        """
+        last = self._solution
+        self._unit = self._damping_unit()
+        least = self._unit * _NO_DAMPING
+        if not self._is_curvature_refused and self._model == 0:
+            self._level.set_curvature(last)
+            bent = self._level.solve(self._ranges, least, np.inf, self._near())
+            if bent.status is StageQpStatus.SOLVED:
+                return bent
+        self._level.set_curvature(None)
+        proof = self._level.solve(self._ranges, least, np.inf, self._near())
+        if proof.status.usable:
+            return proof
+        return self._level.solve(self._ranges, self._unit * _DAMPED, np.inf, self._near())
+
+    def _damping_unit(self) -> float:
+        """Return the largest curvature of the cost, at most 1: beside small costs damping is to be
+        as small as beside others.
+        """
+        return min(1.0, self._level.largest_curvature())
+
+    @property
+    def _is_curvature_refused(self) -> bool:
+        """Curvature is hardly more convex than when it was last found not to be."""
+        return self._worst > max(_NEARER * self._refused, self._options.feasibility)
+
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
@@ -528,32 +311,84 @@ class StageSqp:
             last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
         )
 
-    def _search(self, here: FilterMerit, slope: float) -> tuple[NlpStatus | None, FilterMerit]:
+    def _search(
+        self, here: FilterMerit, solution: FlatSolution, promise: float
+    ) -> tuple[NlpStatus | None, FilterMerit]:
+        """Take the largest share of the step that the filter accepts; a whole one that breaks rows
+        because they bend is corrected before it is cut.
+        """
+        slope = solution.products.slope
+        weights = self._ranges.weights(solution)
+        excess = self._excess
         share = 1.0
-        before = self._worst
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
-            if self._filter.accepts(trial, here, slope, share):
+            accepted = self._filter.accepts(trial, here, slope, share)
+            most = here.cost - trial.cost + float(weights @ excess)  # if no row stays broken
+            corrected = (
+                not accepted
+                and share == 1.0
+                and trial.violation > _REPAIRED * here.violation
+                and most > _POOR * promise
+            )
+            if corrected:
+                trial = self._corrected(trial, here)
+                accepted = self._filter.accepts(trial, here, slope, share)
+            gained = here.cost - trial.cost + float(weights @ (excess - self._excess))
+            if corrected:
+                accepted = accepted and gained > _POOR * promise
+            if accepted:
                 if not self._filter.descends(here, slope, share):
                     self._filter.entries.append(here)
                 if share < 1.0:
                     self._level.linearize()
-                # Steps that had to be cut short were too long where nothing but damping makes them
-                # shorter, and so are those that leave the rows as broken as they were before, and
-                # more so idle ones, with which no cost falls.
-                idle = -slope <= _DIGITS * here.cost
-                kept = self._options.feasibility
-                if share < 1.0 or (idle and self._worst > max(before, kept)):
-                    self._damping = max(_MORE * self._damping, _IDLE if idle else _DAMPED)
-                elif self._worst <= max(_KEPT * before, kept):
-                    self._damping /= _LESS
+                undamped = self._damping == self._least == 0.0 and self._model < _DAMPED_MODELS
+                self._was_whole = undamped and share == 1.0
+                self._adapt_damping(here, share, gained, promise)
                 return None, trial
             share /= 2
         self._back()
-        return (
-            NlpStatus.INEXACT if self._worst <= self._options.feasibility else NlpStatus.STALLED,
-            here,
-        )
+        return self._refusal(here), here
+
+    def _adapt_damping(
+        self, here: FilterMerit, share: float, gained: float, promise: float
+    ) -> None:
+        """Raise damping after steps that had to be cut, and after those that gain little of what
+        the QP promised; lower it after those that keep the promise [Levenberg1944, Marquardt1963].
+
+        It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
+        """
+        told = promise > _NOISE * here.cost
+        if share < 1.0 or (told and gained < _POOR * promise):
+            self._raise_damping()
+        elif not told or gained > _GOOD * promise:
+            self._damping = self._lowered(self._damping)
+
+    def _raise_damping(self) -> None:
+        most = _MOST_DAMPED * self._level.largest_curvature()
+        self._damping = min(max(_MORE * self._damping, self._unit * _DAMPED), most)
+
+    def _lowered(self, damping: float) -> float:
+        less = damping / _LESS
+        return less if less > self._unit * _NO_DAMPING else 0.0
+
+    def _refusal(self, here: FilterMerit) -> NlpStatus | None:
+        """Tell why no share of a step was accepted: there is nothing to gain, or, where more
+        damping does not help either, none is found.
+        """
+        kept = self._worst <= self._options.feasibility
+        before = self._damping
+        if kept and self._is_proven(here):
+            return NlpStatus.INEXACT
+        self._damping = before
+        self._raise_damping()
+        return None if self._damping > before else NlpStatus.STALLED
+
+    def _corrected(self, trial: FilterMerit, here: FilterMerit) -> FilterMerit:
+        """Correct a whole step to the second order: back to the rows from where it leads
+        [Fletcher1982].
+        """
+        return self._brought_back(trial, max(_CORRECTED * here.violation, 1e-12))
 
     def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
         """The point after a share of the step, brought back by the shortest ways to rows that it
@@ -564,12 +399,18 @@ class StageSqp:
         """
         if trial.violation <= self._filter.most:
             return trial
-        begin = self._memory.z_from.copy()
         if share < 1.0:
             self._level.linearize()
-        trial = self._restored(trial, self._filter.most)
-        if self._solution is not None:
-            self._memory.step[:] = self._solution.z
+        return self._brought_back(trial, self._filter.most)
+
+    def _brought_back(self, trial: FilterMerit, most: float) -> FilterMerit:
+        """The point after short steps to the rows, from a linearised one; the step that led there
+        stays in the memory.
+        """
+        begin = self._memory.z_from.copy()
+        step = self._memory.step.copy()
+        trial = self._restored(trial, most)
+        self._memory.step[:] = step
         self._memory.z_from[:] = begin
         return trial
 
@@ -624,33 +465,22 @@ class StageSqp:
             self._memory.evaluate()
         return self._merit()
 
-    def _is_kept(self, here: FilterMerit) -> bool:
-        """Check whether all rows are kept after the last step; where rounding makes that worse it
-        is not taken.
-        """
-        before = self._worst
-        self._memory.share[0] = 1.0
-        self._memory.move()
-        self._memory.evaluate()
-        if not self._merit().violation <= max(here.violation, self._options.convergence):
-            self._back()
-            self._worst = before
-        return self._worst <= self._options.convergence
-
     def _back(self) -> None:
         self._memory.z[:] = self._memory.z_from
         self._level.linearize()
+        self._merit()
 
     def _merit(self) -> FilterMerit:
-        excess = self._ranges.excess()
+        excess = self._excess = self._ranges.excess()
         self._worst = float(excess.max(initial=0.0))
         return FilterMerit(cost=self._level.cost, violation=float(excess.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
         here = self._merit()
-        # What levels above lose by rounding, and by steps that were taken while little was broken,
-        # is given back.
-        if self._level.level and self._worst <= self._options.feasibility:
+        # What levels above lose by steps that were taken while little was broken is given back; a
+        # point that was judged stays where it is.
+        judged = status is NlpStatus.SOLVED
+        if not judged and self._level.level and self._worst <= self._options.feasibility:
             self._restored(here, self._options.convergence)
             self._merit()
         cost = self._level.cost
@@ -662,3 +492,16 @@ class StageSqp:
             cost=cost,
             solution=solution,
         )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class SqpOutcome:
+    """End of the iterations; the point is in the memory."""
+
+    status: NlpStatus
+    iterations: int
+    violation: float
+    """Largest."""
+    cost: float
+    solution: FlatSolution | None
+    """Solution of the last QP."""

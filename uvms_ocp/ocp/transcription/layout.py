@@ -13,7 +13,7 @@ dynamics      step by step: the next state, then the forces where they are varia
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -25,8 +25,8 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, NodeMargins, Tightening
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, unchecked_trajectory
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.ocp.transcription.term_rows import (
@@ -122,15 +122,18 @@ class VariableLayout:
             following=ca.horzcat(W[: self.n_state, 1:], end),
         )
 
-    def bounds(self, problem: OcpProblem) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(
+        self, problem: OcpProblem, tightened: Tightening = NO_TIGHTENING
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations of a problem of the same
-        shape.
+        shape; narrower where nodes are asked for more.
         """
         low = np.empty(self.n_x)
         up = np.empty(self.n_x)
         used = self.all_columns >= 0
         for values, bound in zip((low, up), self._step_bounds(), strict=True):
             values[self.all_columns[used]] = np.broadcast_to(bound, used.shape)[used]
+        self._narrow(tightened, low, up)
         if self.free:
             self._bound_durations(problem, low, up)
         if problem.fixed_start:
@@ -138,6 +141,24 @@ class VariableLayout:
             first = self.columns(0)[: self.model.layout.h]
             low[first], up[first] = -np.inf, np.inf
         return low, up
+
+    def _narrow(self, tightened: Tightening, low: np.ndarray, up: np.ndarray) -> None:
+        """Narrow bounds (n_x,) of what has them."""
+        layout = self.model.layout
+        actuators = self.model.actuators
+        positions = self.model.robot.limited_positions
+        parts = (
+            (tightened.positions, positions, np.ones(len(positions))),
+            (tightened.thrust, _places(layout.thrust), 1.0 / actuators.thrust_unit),
+            (tightened.torque, _places(layout.torque), 1.0 / actuators.torque_unit),
+        )
+        for more, places, unit in parts:
+            if more is None or not len(places):
+                continue
+            columns = self.all_columns[:, places]
+            used = columns >= 0
+            lower, upper = more.narrowed(low[columns], up[columns], unit)
+            low[columns[used]], up[columns[used]] = lower[used], upper[used]
 
     def _bound_durations(self, problem: OcpProblem, low: np.ndarray, up: np.ndarray) -> None:
         phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
@@ -222,6 +243,10 @@ class VariableLayout:
         return unchecked_trajectory(**parts, of_wrench=not has_thrusters(self.model.problem))
 
 
+def _places(part: slice) -> np.ndarray:
+    return np.arange(part.start, part.stop)
+
+
 # The parameters of the NLP, in this order: start, currents, lengths of the steps, and those of all
 # terms in their units.
 
@@ -251,26 +276,28 @@ class ParameterLayout:
         t0: float,
         start: State | None,
         near: np.ndarray | None = None,
-        tightened: Mapping[Term, np.ndarray] | None = None,
+        tightened: Tightening = NO_TIGHTENING,
     ) -> np.ndarray:
         """Parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`.
 
-        near (n_nodes, n_q) [m, rad], tightened (n_nodes, ...) [unit of the row].
+        near (n_nodes, n_q) [m, rad].
         """
         nominal = given.problem.nominal_times()
         state = start or given.problem.start
         times = t0 + nominal
         rate = 1.0 / nominal[-1]
+        last_share = 0.5 * (nominal[-1] - nominal[-2]) * rate
+        n_phases = len(given.problem.phases)
         about = np.tile(state.q, (len(times), 1)) if near is None else near
         parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
-        for block, numbers in zip(self.blocks, given.numbers, strict=True):
+        for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
             own = block.nodes
-            extra = {term: more[own] for term, more in (tightened or {}).items()}
+            extra = {term: more.at(own) for term, more in tightened.terms.items()}
             active = ((own > 0) | (not given.problem.fixed_start)).tolist()
             nodes = TermNodes(
                 times=times[own].tolist(), active=active, q=about[own], tightened=extra
             )
-            parts.append(numbers.parameters(nodes, rate))
+            parts.append(numbers.parameters(nodes, rate if i < n_phases else last_share))
         return np.concatenate(parts)
 
 
@@ -373,6 +400,19 @@ _START = 0.75  # stage of the first state: after the dynamics and the terms of t
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class BlockMargins:
+    """What is asked of the rows of one constraint beyond their ranges, in one block of terms."""
+
+    block: int
+    columns: np.ndarray
+    """(m,) its rows among those of the block."""
+    unit: np.ndarray
+    """(m,) root of its weight, by which they are scaled."""
+    margins: NodeMargins
+    """At the nodes of the block."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RowLayout:
     """Numbers of the raw rows of each group, and what every row is."""
 
@@ -412,18 +452,24 @@ class RowLayout:
         return len(self.names)
 
     def bounds(
-        self, numbers: Sequence[TermNumbers], longest: float
+        self,
+        numbers: Sequence[TermNumbers],
+        longest: float,
+        margins: Sequence[BlockMargins] = (),
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block
         by block.
 
-        longest [s]: of all steps together.
+        longest [s]: of all steps together. margins: what is asked of some of the rows beyond them.
         """
         lower = self.lower.copy()
         upper = self.upper.copy()
         upper[self.total] = longest
         for rows, own in zip(self.terms, numbers, strict=True):
             lower[rows], upper[rows] = own.lower, own.upper
+        for more in margins:
+            rows = self.terms[more.block][:, more.columns]
+            lower[rows], upper[rows] = more.margins.narrowed(lower[rows], upper[rows], more.unit)
         return lower, upper
 
 

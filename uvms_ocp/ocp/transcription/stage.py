@@ -30,6 +30,7 @@ from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.symbolic_model import SymbolicKinematics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.types import Keyed
@@ -452,7 +453,7 @@ class StageModel:
             kinematics=kinematics,
             q=z[layout.q],
             velocity=z[layout.v],
-            altimeter_range=self._altimeter_range(kinematics),
+            altimeter_range=altimeter_range(self.problem, kinematics),
             dt=float("nan"),
         )
         return StageSymbols(
@@ -464,16 +465,13 @@ class StageModel:
             torque_share=torque_share,
         )
 
-    def _altimeter_range(self, kinematics: object) -> ca.SX:
-        """Range over a level floor: what makes the vertical part of the beam the height above
-        it.
-        """
-        if not np.isfinite(self.problem.floor) or not self.robot.has_frame(
-            self.problem.altimeter_frame
-        ):
-            return ca.SX(ca.inf)
-        R, p = kinematics.pose(self.problem.altimeter_frame)  # type: ignore[attr-defined]
-        return (p[2] - self.problem.floor) / R[2, 2]
+
+def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.SX:
+    """Range over a level floor: what makes the vertical part of the beam the height above it."""
+    if not np.isfinite(problem.floor) or not problem.robot.has_frame(problem.altimeter_frame):
+        return ca.SX(ca.inf)
+    R, p = kinematics.pose(problem.altimeter_frame)
+    return (p[2] - problem.floor) / R[2, 2]
 
 
 def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:

@@ -1,8 +1,9 @@
 """Rows, costs and parameters of all terms that count at one kind of node.
 
-Their functions have the parameters ``[active, 1 / time, roots of weights, lower, upper, goals of
-all terms]``. `active` is 0 where the state is given, at the very first node, and 1 elsewhere;
-`time` [s] is the nominal one of the horizon; bounds that there are not stand as 0.
+Their functions have the parameters ``[active, rate, roots of weights, lower, upper, goals of all
+terms]``. `active` is 0 where the state is given, at the very first node, and 1 elsewhere; `rate` is
+1 / time [1/s] with the nominal time of the horizon for steps, and the share of half the last step in
+that time for ends of phases; bounds that there are not stand as 0.
 """
 
 from __future__ import annotations
@@ -17,15 +18,16 @@ import numpy as np
 
 from uvms_ocp.checks import unchecked_method
 from uvms_ocp.errors import InvalidInput, UvmsError
+from uvms_ocp.ocp.node_margins import NodeMargins
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpPhase, OcpProblem, counts
-from uvms_ocp.ocp.terms import Term
+from uvms_ocp.ocp.terms import At, Term
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel, derivatives
 from uvms_ocp.solvers.nlp.program import RowKinds, half_square, row_kinds, signed_excess
 from uvms_ocp.tasks.task import Residual
 
 CONSTRAINT = -1
 """Stands for the level of a constraint."""
-_N_COMMON = 2  # active, 1 / time
+_N_COMMON = 2  # active, rate
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,8 +55,8 @@ class TermNodes:
     """(n,) False where the state is given."""
     q: np.ndarray
     """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
-    tightened: Mapping[Term, np.ndarray]
-    """(n, ...) [unit of the row] by how much more these keep; see `Term.references`."""
+    tightened: Mapping[Term, NodeMargins]
+    """What is asked of them beyond the ranges of terms; see `Term.references`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -71,7 +73,7 @@ class TermNumbers:
     """(m,) weighted."""
 
     def parameters(self, nodes: TermNodes, rate: float) -> np.ndarray:
-        """Parameters of nodes, one node after the other; rate [1/s]: 1 / time."""
+        """Parameters of nodes, one node after the other; rate [1/s or -]: see the module."""
         bounds = [np.where(np.isfinite(bound), bound, 0.0) for bound in (self.lower, self.upper)]
         n = len(nodes.active)
         fixed = np.concatenate([[rate], self.roots, *bounds])
@@ -263,7 +265,9 @@ def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
 def _term_rows(
     model: StageModel, members: Sequence[TermEntry], name: str, *, on_path: bool
 ) -> TermRows:
-    """Costs on the path are integrals, as shares of the nominal time of the horizon."""
+    """Costs on the path are integrals, as shares of the nominal time of the horizon; the last node,
+    which has no step of its own, counts as half of the last one.
+    """
     own = term_numbers([member.term for member in members], [member.residual for member in members])
     kinds = row_kinds(own.lower, own.upper)
     m = len(own.lower)
@@ -273,9 +277,10 @@ def _term_rows(
     rows = ca.vertcat(
         ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)]
     )
-    share = model.z[model.layout.h] * common[1] if on_path else ca.SX(1)
+    step = model.z[model.layout.h] if on_path else ca.SX(1)
+    shares = [step * common[1] if member.term.at is At.PATH else ca.SX(1) for member in members]
     costs, errors = _costs(
-        len(model.problem.levels), members, (rows, lower, upper, kinds), share, common[0]
+        len(model.problem.levels), members, (rows, lower, upper, kinds), shares, common[0]
     )
     each_row = [member for member in members for _ in range(member.residual.n_rows)]
     return TermRows(
@@ -298,7 +303,7 @@ def _costs(
     n_levels: int,
     members: Sequence[TermEntry],
     parts: tuple[ca.SX, ca.SX, ca.SX, RowKinds],
-    share: ca.SX,
+    shares: Sequence[ca.SX],
     active: ca.SX,
 ) -> tuple[ca.SX, list[ca.SX]]:
     """Cost of every level (n_levels,), and the vectors whose half squares they are. parts: rows,
@@ -307,7 +312,7 @@ def _costs(
     costs = [ca.SX(0) for _ in range(n_levels)]
     errors = [ca.SX(0, 1) for _ in range(n_levels)]
     ends = np.cumsum([0, *(member.residual.n_rows for member in members)]).tolist()
-    for member, first, stop in zip(members, ends[:-1], ends[1:], strict=True):
+    for member, share, first, stop in zip(members, shares, ends[:-1], ends[1:], strict=True):
         if member.level != CONSTRAINT:
             scale = share * (active if member.term.state_only else 1)
             rows, lower, upper, kinds = (part[first:stop] for part in parts)

@@ -7,7 +7,7 @@ twice. Variables and rows are ordered step by step, as structure-exploiting solv
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from threading import RLock
@@ -17,8 +17,8 @@ import numpy as np
 
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.terms import Term
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription import layout as layouts, term_rows
 from uvms_ocp.ocp.transcription.stage import Derivatives, StageModel
@@ -396,32 +396,63 @@ class Transcription:
         t0: float = 0.0,
         start: State | None = None,
         near: np.ndarray | None = None,
-        tightened: Mapping[Term, np.ndarray] | None = None,
+        tightened: Tightening = NO_TIGHTENING,
     ) -> np.ndarray:
         """Parameters (n_p,).
 
         t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such
         as a measured one, which may be slightly outside the joint limits. near (n_nodes, n_q) [m,
         rad]: configurations of the nodes where terms that follow the guess are written, the start
-        by default, and tightened (n_nodes, ...) [unit of the row] by how much more each of these
-        keeps.
+        by default. tightened: what is asked of these nodes beyond the ranges.
         """
         return self.parameter_layout.values(
             self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened
         )
 
-    def bounds(self, problem: OcpProblem | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Bounds (n_x,) of the variables: limits of the robot, durations."""
+    def bounds(
+        self, problem: OcpProblem | None = None, tightened: Tightening = NO_TIGHTENING
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_x,) of the variables: limits of the robot, durations; narrower where nodes are
+        asked for more.
+        """
+        if tightened.limits:
+            return self.variables.bounds(problem or self.problem, tightened)
         return (
             self._own_bounds
             if problem is None or not problem.free_time
             else self.variables.bounds(problem)
         )
 
-    def ranges(self, problem: OcpProblem | None = None) -> RowRanges:
-        """Return the target ranges of the rows."""
+    def ranges(
+        self, problem: OcpProblem | None = None, tightened: Tightening = NO_TIGHTENING
+    ) -> RowRanges:
+        """Return the target ranges of the rows; narrower where nodes are asked for more."""
         given = self._fitted(problem)
+        if tightened.terms:
+            return self._ranges(given, self._margins_of_rows(given, tightened))
         return self._own_ranges if given is self._own else self._ranges(given)
+
+    def _margins_of_rows(
+        self, given: term_rows.ReusedProblem, tightened: Tightening
+    ) -> list[layouts.BlockMargins]:
+        """What is asked of the rows of constraints that are their quantities."""
+        result = []
+        for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
+            column = 0
+            for k, member in enumerate(block.rows.members):
+                columns = column + np.arange(member.residual.n_rows)
+                column += member.residual.n_rows
+                more = tightened.terms.get(given.problem.terms[member.place])
+                if more is None or member.level != term_rows.CONSTRAINT:
+                    continue
+                if member.term.rows_are_quantities:
+                    unit = np.full(len(columns), numbers.roots[k])
+                    result.append(
+                        layouts.BlockMargins(
+                            block=i, columns=columns, unit=unit, margins=more.at(block.nodes)
+                        )
+                    )
+        return result
 
     @cached_property
     def _own_ranges(self) -> RowRanges:
@@ -441,6 +472,18 @@ class Transcription:
     def _constraint_values(self) -> ca.Function:
         rows = self._horizon.rows[self.row_layout.constraints.tolist()]
         return ca.Function("constraints", [self._horizon.x, self._horizon.p], [rows])
+
+    @cached_property
+    def _rows_and_slopes(self) -> ca.Function:
+        raw = np.arange(self.row_layout.n_rows - len(self.row_layout.costs))
+        return self._horizon.derivative_functions(0, raw)["nlp_jac_g"]
+
+    def rows_and_slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[ca.DM, ca.DM]:
+        """Values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are the last, at
+        x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
+        """
+        values, slopes = self._rows_and_slopes(x, p)
+        return values, slopes
 
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
         """``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT
@@ -545,9 +588,11 @@ class Transcription:
             values=ca.Function("values", [x, p], y),
         )
 
-    def _ranges(self, given: term_rows.ReusedProblem) -> RowRanges:
+    def _ranges(
+        self, given: term_rows.ReusedProblem, margins: Sequence[layouts.BlockMargins] = ()
+    ) -> RowRanges:
         layout = self.row_layout
-        lower, upper = layout.bounds(given.numbers, given.problem.longest)
+        lower, upper = layout.bounds(given.numbers, given.problem.longest, margins)
         ends = np.cumsum([len(layout.constraints), *(len(rows) for rows in layout.held)]).tolist()
         return RowRanges(
             levels=tuple(

@@ -21,6 +21,7 @@ from uvms_ocp.robot import kinematics, loading
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
 
 # Links of which no clearance tells.
 
@@ -83,8 +84,8 @@ def stowed_distances(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
 class CoalPairs:
     """Some pairs of the shapes of a robot and its obstacles. Not for two threads at once.
 
-    A triangle mesh has no inside: overlap with it counts as a distance of 0, and so does a depth
-    that coal does not find.
+    Closed triangle meshes are solids, open ones surfaces; a depth that coal does not find counts as
+    a distance of 0.
     """
 
     def __init__(
@@ -97,18 +98,17 @@ class CoalPairs:
         shapes = geometry.geometryObjects
         self._joints = [(int(shapes[a].parentJoint), int(shapes[b].parentJoint)) for a, b in pairs]
         self._geometry_data = distance_data(self._geometry)
+        self._signed = SignedDistances(self._geometry)
+        self._contacts: dict[int, PairContact] = {}
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, q
         )
-        distances = np.array(
-            [
-                pin.computeDistance(self._geometry, self._geometry_data, int(k)).min_distance
-                for k in pairs
-            ]
-        )
+        for k in pairs:
+            self._contacts[int(k)] = self._signed.contact(self._geometry_data, int(k))
+        distances = np.array([self._contacts[int(k)].distance for k in pairs])
         return np.where(distances < FAILED, 0.0, distances)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
@@ -122,15 +122,13 @@ class CoalPairs:
         """Both points (n, 6) [m] in W where the `pairs` (n,) are nearest, of each as it was asked
         for last.
         """
-        results = [self._geometry_data.distanceResults[int(k)] for k in pairs]
-        return np.array(
-            [[*result.getNearestPoint1(), *result.getNearestPoint2()] for result in results]
-        ).reshape(-1, 6)
+        results = [self._contacts[int(k)] for k in pairs]
+        return np.array([[*result.first, *result.second] for result in results]).reshape(-1, 6)
 
     def _gradient(self, pair: int) -> np.ndarray:
-        result = self._geometry_data.distanceResults[pair]
+        result = self._contacts[pair]
         (nx, ny, nz) = result.normal
-        (x, y, z) = result.getNearestPoint1()
+        (x, y, z) = result.first
         wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self._model.nv)
@@ -162,10 +160,8 @@ class CompiledPairs:
         """True where there is a compiler: without, this is slower than coal."""
         distance_kernels.write_distances(self._memory, model, geometry.geometryObjects, pairs)
         self._q: Any = (ctypes.c_double * model.nq)()
-        self._configuration = view(self._q)
-        self._chosen = view(self._memory.chosen)
-        self._value = view(self._memory.value)
-        self._gradient = view(self._memory.gradient)
+        self._configuration, self._chosen = view(self._q), view(self._memory.chosen)
+        self._value, self._gradient = view(self._memory.value), view(self._memory.gradient)
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
@@ -208,9 +204,9 @@ class CollisionModel:
     Pairs of links that are neighbours, or overlap in the stowed posture, touch by design and are
     left out. Spheres, capsules, cylinders and boxes are measured in machine code, other shapes, and
     all where there is no compiler, by coal: the same to 1e-6 m while they are apart. Of shapes that
-    overlap coal tells some depth, machine code the smallest; coal takes a triangle mesh, which has
-    no inside, and a depth that it does not find for a distance of 0. Holds working memory: not for
-    two threads at once.
+    overlap coal tells some depth, machine code the smallest; a depth that coal does not find is
+    taken for a distance of 0. Closed triangle meshes are solids, open ones surfaces. Holds working
+    memory: not for two threads at once.
     """
 
     def __init__(
@@ -274,8 +270,8 @@ class CollisionModel:
         `InvalidInput` for a mesh.
         """
         if self.without_c_form:
-            problem = f"shapes {', '.join(self.without_c_form)} have no form in C"
-            raise InvalidInput(f"{problem}; give spheres, capsules, cylinders and boxes")
+            given = f"shapes {', '.join(self.without_c_form)} have no form in C"
+            raise InvalidInput(f"{given}; give spheres, capsules, cylinders and boxes")
         distance_kernels.write_distances(
             memory, self._model, self._geometry.geometryObjects, self._pairs
         )
@@ -286,10 +282,10 @@ class CollisionModel:
 
         Each index once.
         """
-        distances = np.empty(self.n_pairs if pairs is None else len(pairs))
+        found = np.empty(self.n_pairs if pairs is None else len(pairs))
         for engine, rows, places in self._shared(pairs):
-            distances[rows] = engine.values(q, places)
-        return distances
+            found[rows] = engine.values(q, places)
+        return found
 
     def distances(
         self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None
@@ -309,14 +305,11 @@ class CollisionModel:
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
-            if pairs is None:
-                requested = place
-            else:
-                requested = place[np.asarray(pairs, dtype=int)]
+            asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
             if len(self._engines) == 1:
-                yield engine, slice(None), requested
-            elif len(rows := np.flatnonzero(requested >= 0)):
-                yield engine, rows, requested[rows]
+                yield engine, slice(None), asked
+            elif len(rows := np.flatnonzero(asked >= 0)):
+                yield engine, rows, asked[rows]
 
 
 def _engines(
@@ -398,9 +391,7 @@ def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:
     unknown = sorted(set(links or ()) - set(names))
     if unknown:
         raise InvalidInput(f"shapes {unknown} to check for collision; allowed: {', '.join(names)}")
-    if links is None:
-        return names
-    return links
+    return names if links is None else links
 
 
 # Room for the pairs of collision models in the memories of a tick, whose kernels measure them where
@@ -418,13 +409,11 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
     """Sizes for `structure_of` layouts with a `DistanceMemory` for any of the models; Python
     measures those not `in_c`.
     """
-    distinct_models = list(models)
-    n_pairs = max((model.n_pairs for model in distinct_models), default=0)
-    measured = [model.n_solids for model in distinct_models if in_c(model, robot)]
+    known = list(models)
+    n_pairs = max((model.n_pairs for model in known), default=0)
+    measured = [model.n_solids for model in known if in_c(model, robot)]
     if robot is None or not measured:
-        n_v = max(
-            [model.n_v for model in distinct_models] if robot is None else [robot.n_v], default=0
-        )
+        n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
         # Room for all axes, also where none is looked at: compilers see what a kernel could read.
         return {
             "places": _nothing(),
@@ -446,9 +435,7 @@ def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
             f"distances of {', '.join(model.without_c_form)}; spheres, capsules, cylinders and"
             " boxes have"
         )
-    if robot is not None and model.is_of(robot):
-        return ""
-    return "distances of another robot"
+    return "" if robot is not None and model.is_of(robot) else "distances of another robot"
 
 
 @cache

@@ -52,7 +52,9 @@ class NlpOptions:
     constraint qualification holds.
     """
     convergence: Positive = 1e-8
-    """Largest error of the optimality conditions, as the plugin scales them."""
+    """Largest error of the optimality conditions at the point itself, without any damping; where the
+    gradient of the cost is above 100 there, in units of a hundredth of it.
+    """
     max_iterations: AtLeastOne = 150
     """For every NLP."""
     time_limit: Positive = DAY
@@ -305,6 +307,54 @@ class Deadline:
         return self._clock() > self._end
 
 
+# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
+_REDUCED = 1e3
+_STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
+
+
+class OptimalityConditions:
+    """Conditions of first order of one NLP, looked at without its solver: IPOPT scales its own by
+    the gradient at the start, and calls it an end where its steps become too small.
+    """
+
+    def __init__(self, nlp: LevelNlp) -> None:
+        self._rows = nlp.rows
+        own = nlp.functions
+        if "nlp_grad_f" in own and "nlp_jac_g" in own:
+            self._gradient, self._jacobian = own["nlp_grad_f"], own["nlp_jac_g"]
+            return
+        x, p, f, g = (nlp.nlp[name] for name in ("x", "p", "f", "g"))
+        self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
+        self._jacobian = ca.Function("jacobian", [x, p], [g, ca.jacobian(g, x)])
+
+    def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
+        """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
+        with what is left to its bound, in units of the steepest cost at the point above `_STEEP`.
+        """
+        assert point.x_multipliers is not None
+        assert point.row_multipliers is not None
+        gradient = np.array(self._gradient(point.x, p)[1]).ravel()
+        g, J = self._jacobian(point.x, p)
+        y = point.row_multipliers[self._rows]
+        slope = gradient + np.array(J.T @ y).ravel() + point.x_multipliers
+        lower, upper = bounds.lower[self._rows], bounds.upper[self._rows]
+        left = max(
+            _left(y, np.array(g).ravel(), lower, upper),
+            _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
+        )
+        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP)
+        return max(float(np.abs(slope).max(initial=0.0)), left) / scale
+
+
+def _left(y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    """Largest product of a multiplier and what is left to its bound; a bound that is none has no
+    multiplier.
+    """
+    room = np.abs(np.where(y > 0.0, upper, lower) - value)
+    pulls = np.flatnonzero(y)
+    return float(np.abs(y[pulls] * room[pulls]).max(initial=0.0))
+
+
 class LevelSolver:
     """The NLP of one level."""
 
@@ -323,6 +373,7 @@ class LevelSolver:
         self._n_rows = program.ranges.n_rows
         self._nlp: LevelNlp = program.nlps[index]
         self._stop = _Stop(self._nlp, name, deadline, watch)
+        self._conditions = OptimalityConditions(self._nlp)
         self._cold, self._warm = (
             self._solver(f"level_{index}", warm=warm) for warm in (False, True)
         )
@@ -365,18 +416,31 @@ class LevelSolver:
         multipliers = np.zeros(self._n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
         violation = bounds.violation(solution["x"], solution["g"], rows)
+        point = NlpPoint(
+            x=solution["x"],
+            x_multipliers=np.nan_to_num(solution["lam_x"]),
+            row_multipliers=multipliers,
+        )
         return NlpOutcome(
-            point=NlpPoint(
-                x=solution["x"],
-                x_multipliers=np.nan_to_num(solution["lam_x"]),
-                row_multipliers=multipliers,
-            ),
+            point=point,
             usable=violation <= self._options.feasibility,
-            status=status_of(stats),
+            status=self._judged(status_of(stats), point, p, bounds),
             iterations=iterations,
             violation=violation,
             cost=float(solution["f"][0]),
         )
+
+    def _judged(
+        self, said: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
+    ) -> NlpStatus:
+        """Status by the conditions at the point, where the solver says it is at an optimum."""
+        if not said.optimal:
+            return said
+        error = self._conditions.error(point, p, bounds)
+        if said is NlpStatus.SOLVED and error <= self._options.convergence:
+            return said
+        reduced = error <= _REDUCED * self._options.convergence
+        return NlpStatus.INEXACT if reduced else NlpStatus.STALLED
 
     def _interrupted(self, best: BestIterate) -> NlpOutcome:
         """Without multipliers: they are not those of the best iterate."""

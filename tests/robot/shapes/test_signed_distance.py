@@ -1,0 +1,139 @@
+"""Closed meshes are solids: their distances are those of the shape that they bound, wherever it is."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from uvms_ocp.robot.shapes.obstacles import mesh_shape
+from uvms_ocp.robot.shapes.signed_distance import Body, PairContact, closed_solid, signed_contact
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+FACES = np.array(
+    [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 6, 7),
+        (4, 7, 5),
+        (0, 4, 5),
+        (0, 5, 1),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+        (1, 5, 7),
+        (1, 7, 3),
+    ]
+)
+SOLIDS = {
+    "sphere": lambda: coal.Sphere(0.13),
+    "capsule": lambda: coal.Capsule(0.08, 0.2),
+    "cylinder": lambda: coal.Cylinder(0.1, 0.3),
+    "cone": lambda: coal.Cone(0.1, 0.3),
+    "box": lambda: coal.Box(0.2, 0.3, 0.16),
+    "ellipsoid": lambda: coal.Ellipsoid(0.1, 0.2, 0.15),
+    "mesh": lambda: box_mesh(np.array([0.1, 0.15, 0.08])),
+}
+
+
+def box_mesh(half: np.ndarray) -> coal.BVHModelOBBRSS:
+    return mesh_shape(CORNERS * half, FACES)
+
+
+def contact(
+    first: coal.CollisionGeometry, second: coal.CollisionGeometry, X: pin.SE3
+) -> PairContact:
+    """Of the first at the origin and the second at X."""
+    result = coal.DistanceResult()
+    places = [coal.Transform3s(), coal.Transform3s(X.rotation, X.translation)]
+    coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), result)
+    return signed_contact((Body(first), Body(second)), (pin.SE3.Identity(), X), result)
+
+
+def by_box(half: np.ndarray, second: coal.CollisionGeometry, X: pin.SE3) -> float:
+    """Distance from a box by its six planes: exact where the other shape is inside or crosses one of
+    them.
+    """
+    body = Body(second)
+    directions = np.vstack([np.eye(3), -np.eye(3)])
+    return max(
+        float(n @ X.act(body.lowest(X.rotation.T @ n))) - float(np.abs(n) @ half)
+        for n in directions
+    )
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_what_is_inside_a_closed_mesh_is_as_deep_as_in_the_box(kind: str) -> None:
+    rng = np.random.default_rng(5)
+    half = np.array([1.0, 0.8, 1.3])
+    mesh = box_mesh(half)
+    for _ in range(20):
+        place = pin.SE3(
+            pin.rpy.rpyToMatrix(*rng.uniform(-3, 3, 3)), rng.uniform(-0.6, 0.6, 3) * half
+        )
+        shape = SOLIDS[kind]()
+        found = contact(mesh, shape, place)
+        nearest_face = by_box(half, shape, place)
+        # The way out through the nearest place is a way out, and seldom longer than the least.
+        assert found.distance <= nearest_face + 1e-6
+        assert found.distance == pytest.approx(nearest_face, abs=0.25)
+        moved = pin.SE3(place.rotation, place.translation - (found.distance - 1e-4) * found.normal)
+        assert contact(mesh, shape, moved).distance == pytest.approx(1e-4, abs=1e-5)
+        other_way = contact(shape, mesh, place.inverse())
+        assert other_way.distance == pytest.approx(found.distance, abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_crossing_and_apart_are_those_of_the_box(kind: str) -> None:
+    half = np.array([1.0, 0.8, 1.3])
+    mesh = box_mesh(half)
+    box = coal.Box(*(2 * half))
+    for x in (0.9, 0.96, 1.04, 1.3, 2.0):
+        place = pin.SE3(np.eye(3), np.array([x, 0.1, -0.2]))
+        shape = SOLIDS[kind]()
+        other = coal.Box(0.2, 0.3, 0.16) if kind == "mesh" else shape
+        result = coal.DistanceResult()
+        places = [coal.Transform3s(), coal.Transform3s(place.rotation, place.translation)]
+        coal.distance(box, places[0], other, places[1], coal.DistanceRequest(), result)
+        assert contact(mesh, shape, place).distance == pytest.approx(result.min_distance, abs=1e-5)
+
+
+def test_meshes_contain_one_another_whichever_comes_first() -> None:
+    small, large = box_mesh(np.full(3, 0.1)), box_mesh(np.ones(3))
+    place = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    assert contact(large, small, place).distance == pytest.approx(-0.8)
+    assert contact(small, large, place.inverse()).distance == pytest.approx(-0.8)
+
+
+def test_an_open_patch_is_no_solid_and_a_turned_box_is_one() -> None:
+    half = np.ones(3)
+    assert closed_solid(CORNERS, FACES) is not None
+    assert closed_solid(CORNERS, FACES[:, ::-1]) is not None  # inside out
+    assert closed_solid(CORNERS, FACES[:-1]) is None
+    separate = CORNERS[FACES].reshape(-1, 3)  # as STL files have it
+    assert closed_solid(separate, np.arange(len(separate)).reshape(-1, 3)) is not None
+    patch = mesh_shape(CORNERS * half, FACES[:2])
+    below = contact(patch, coal.Sphere(0.1), pin.SE3(np.eye(3), np.array([-2.0, 0.0, 0.0])))
+    assert below.distance == pytest.approx(0.9)
+
+
+def test_the_normal_of_two_meshes_is_the_slope_of_their_distance() -> None:
+    rng = np.random.default_rng(8)
+    one, other = box_mesh(np.array([0.3, 0.2, 0.4])), box_mesh(np.array([0.1, 0.3, 0.2]))
+    for _ in range(10):
+        direction = rng.normal(size=3)
+        place = pin.SE3(
+            pin.rpy.rpyToMatrix(*rng.uniform(-3, 3, 3)),
+            1.2 * direction / np.linalg.norm(direction),
+        )
+        found = contact(one, other, place)
+        assert np.linalg.norm(found.normal) == pytest.approx(1.0)
+        for axis in np.eye(3):
+            moved = [
+                contact(one, other, pin.SE3(place.rotation, place.translation + h * axis)).distance
+                for h in (1e-5, -1e-5)
+            ]
+            slope = (moved[0] - moved[1]) / 2e-5
+            assert slope == pytest.approx(found.normal @ axis, abs=1e-3)

@@ -1,0 +1,114 @@
+"""Rows that keep a point beyond a plane.
+
+A joint that moves both bodies alike does not change their distance: it is left out of their poses,
+and so of the derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.ocp.separating_planes import Planes
+from uvms_ocp.robot.symbolic_bodies import SymbolicPose
+from uvms_ocp.tasks.task import TickSymbols
+from uvms_ocp.types import Array, Indices, Mask
+
+_PLANE = 3 + 3 + 1  # normal, point, offset
+_NOTHING_NEAR = -1.0  # [m] offset of a row without a plane
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PlaneRowGroup:
+    """Rows of one node that serve the same pairs, whichever of them are nearest."""
+
+    pairs: Mask
+    """(n_pairs,) True for those."""
+    n: int
+    """Rows."""
+    first: tuple[int, ...]
+    """Joints in ascending order of which one carries the plane; 0 is the world."""
+    second: tuple[int, ...]
+    """Joints in ascending order of which one carries the point."""
+
+    @property
+    def size(self) -> int:
+        """Parameters of a row: the shares of the joints where there are several, then the plane and
+        the point.
+        """
+        return sum(_n_shares(joints) for joints in (self.second, self.first)) + _PLANE
+
+    @property
+    def n_parameters(self) -> int:
+        return self.n * self.size
+
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> list[ca.SX]:
+        """Heights of the points over their planes [m], less offsets, for parameters
+        (n_parameters,).
+        """
+        bodies, n = self._bodies(symbols), self.size
+        first, second = (_columns(bodies, joints) for joints in (self.first, self.second))
+        return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
+
+    def _height(self, first: ca.SX, second: ca.SX, row: ca.SX) -> ca.SX:
+        n = _n_shares(self.second)
+        normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
+        plane = _mixed(first, row[n : n + _n_shares(self.first)])
+        point = _mixed(second, row[:n])
+        return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
+
+    def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
+        """Poses of all joints, relative to the last one that carries all of the group."""
+        tree = symbols.kinematics.model
+        shared = set.intersection(
+            *(set(tree.model.supports[joint]) for joint in (*self.first, *self.second))
+        ) - {0}
+        if not shared:
+            return symbols.kinematics.joint_poses
+        local = tree.local_poses(symbols.q)
+        return tree.joint_poses(
+            [SymbolicPose.identity() if i in shared else pose for i, pose in enumerate(local)]
+        )
+
+    def write(self, result: Array, found: Planes, offset: Array) -> None:
+        """Into parameters of nothing near, those of planes.
+
+        result (n_samples, n_parameters) [unit of the parameter], offset (n,) [m].
+        """
+        k = found.sample
+        slot = self.size * ranks(found.sample)
+        place = slot
+        for side, joints in ((1, self.second), (0, self.first)):
+            if _n_shares(joints):
+                result[k, place + np.searchsorted(joints, found.joints[:, side])] = 1.0
+            place = place + _n_shares(joints)
+        result[k[:, None], place[:, None] + np.arange(_PLANE)] = np.column_stack(
+            [found.normal, found.centre, offset]
+        )
+
+    def nothing(self) -> Array:
+        """(n_parameters,) of rows that are wide of their bounds."""
+        return np.tile(np.r_[np.zeros(self.size - 1), _NOTHING_NEAR], self.n)
+
+
+def ranks(sample: Indices) -> Indices:
+    """(n,) How many rows of its sample are before each; the samples are in their order."""
+    return np.arange(len(sample)) - np.searchsorted(sample, sample)
+
+
+def _n_shares(joints: Sequence[int]) -> int:
+    return len(joints) if len(joints) > 1 else 0
+
+
+def _columns(bodies: Sequence[SymbolicPose], joints: Sequence[int]) -> ca.SX:
+    """Rotation and place of each of the joints (12, n) [-, m]."""
+    return ca.horzcat(*(ca.vertcat(ca.vec(bodies[joint].R), bodies[joint].p) for joint in joints))
+
+
+def _mixed(columns: ca.SX, shares: ca.SX) -> SymbolicPose:
+    """The pose whose share is one."""
+    column = columns @ shares if shares.numel() else columns
+    return SymbolicPose(R=ca.reshape(column[:9], 3, 3), p=column[9:])

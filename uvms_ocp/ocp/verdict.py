@@ -1,0 +1,198 @@
+"""Judge a motion by its problem alone, whoever made it.
+
+What a plan is called comes from this: by how much the laws of motion, limits and constraints are
+left at the nodes and between them (`uvms_ocp.ocp.motion_check`), how far each level is from its goal,
+and by how much one more step of another library would still lower it, with levels above it held
+(`uvms_ocp.ocp.first_order_gain`). Nothing is known of the solver: neither its status, nor its
+multipliers, planes or scalings. See the guide on optimal control for what each status promises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.checks import checked
+from uvms_ocp.ocp.first_order_gain import LevelGain, LinearizedMotion
+from uvms_ocp.ocp.motion_check import motion_check
+from uvms_ocp.ocp.motion_scan import Motion
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
+from uvms_ocp.ocp.plan_file import LevelVerdict, VerdictReport, VerdictTolerances
+from uvms_ocp.ocp.plan_status import OcpStatus
+from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
+from uvms_ocp.ocp.range_check import MotionCheck, Peak, RangeCheck, RangeKind
+from uvms_ocp.ocp.stagewise.program import stagewise_or
+from uvms_ocp.ocp.trajectory import Trajectory
+from uvms_ocp.ocp.transcription.stage import ActuationModel
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.solvers.nlp.level_solver import IPOPT
+from uvms_ocp.types import Array, Finite
+
+TOLERANCES = VerdictTolerances()
+_FORCE_LIMITS = (RangeKind.THRUST, RangeKind.TORQUE)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Verdict:
+    """What a motion is called, and the evidence."""
+
+    status: OcpStatus
+    """SOLVED, IMPROVABLE, BROKEN or MISSED; why a goal is missed, or nothing keeps the constraints,
+    is found by longer searches than this.
+    """
+    reason: str
+    """In words, with numbers."""
+    broken: tuple[RangeCheck, ...]
+    """What is left by more than its tolerance."""
+    check: MotionCheck
+    report: VerdictReport
+    """What a plan keeps of it."""
+
+    @property
+    def missed(self) -> int | None:
+        """Number of the first level whose goal is missed."""
+        missed = [i for i, level in enumerate(self.report.levels) if level.missed]
+        return missed[0] if missed else None
+
+    @property
+    def improvable(self) -> int | None:
+        """Number of the first level that a step would improve by more than the tolerance."""
+        levels = [i for i, level in enumerate(self.report.levels) if not level.optimal]
+        return levels[0] if levels else None
+
+
+@checked
+def judge_motion(
+    problem: OcpProblem,
+    trajectory: Trajectory,
+    *,
+    t0: Finite = 0.0,
+    transcription: Transcription | None = None,
+    tightened: Tightening = NO_TIGHTENING,
+) -> Verdict:
+    """Judge a trajectory of as many steps as the problem has.
+
+    t0 [s]: time of the first node, for goals and obstacles that move. transcription: of a problem of
+    the same shape, which else is built; whoever shares it with a planner holds its `turn`.
+    tightened: what nodes were asked for beyond their ranges so that these are kept between nodes;
+    the gain of a step is that of motions which do so as well. Raises `InvalidInput` for another
+    number of steps.
+    """
+    rows = transcription or Transcription(problem, plugin=stagewise_or(IPOPT, problem))
+    motion = LinearizedMotion(
+        transcription=rows, problem=problem, trajectory=trajectory, t0=t0, tightened=tightened
+    )
+    check = motion_check(problem, trajectory, t0=t0)
+    broken = tuple(item for item in check.ranges if _excess(item, problem) > 1.0)
+    levels = tuple(
+        _level_verdict(level, gain)
+        for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True)
+    )
+    looks = Motion(problem=problem, trajectory=trajectory, t0=t0).looks
+    unseen = max((_unseen(item, problem) for item in check.ranges), default=0.0)
+    report = VerdictReport(
+        tolerances=TOLERANCES,
+        levels=levels,
+        time_resolution=float(np.diff(trajectory.t).max() / looks),
+        unseen=unseen if np.isfinite(unseen) else None,
+    )
+    status, reason = _status(broken, levels)
+    return Verdict(status=status, reason=reason, broken=broken, check=check, report=report)
+
+
+def _status(
+    broken: tuple[RangeCheck, ...], levels: tuple[LevelVerdict, ...]
+) -> tuple[OcpStatus, str]:
+    if broken:
+        return OcpStatus.BROKEN, "; ".join(describe_broken(item) for item in broken)
+    missed = [level for level in levels if level.missed]
+    if missed:
+        text = f"level {missed[0].name!r} is missed by {missed[0].residual:.4g}"
+        return OcpStatus.MISSED, text
+    improvable = [level for level in levels if not level.optimal]
+    if improvable:
+        return OcpStatus.IMPROVABLE, describe_gain(improvable[0])
+    return OcpStatus.SOLVED, "all goals are met"
+
+
+def describe_broken(item: RangeCheck) -> str:
+    """Say by how much a range is left, and where."""
+    at_nodes = item.at_nodes.amount >= item.between.amount
+    peak = item.worst
+    place = "at" if at_nodes else "between nodes, at"
+    name = f"{item.name} ({peak.quantity})" if peak.quantity else item.name
+    return f"{name} is broken by {peak.amount:.3g} {item.unit} {place} {peak.time:.3g} s"
+
+
+def describe_gain(level: LevelVerdict) -> str:
+    """Say by how much a level could still be lower."""
+    if level.gain is None:
+        return f"level {level.name!r}: it is not known whether a step would lower its residual"
+    return (
+        f"level {level.name!r}: one more step would lower its residual of {level.residual:.4g} by"
+        f" {level.gain / level.residual:.2%}"
+    )
+
+
+def _level_verdict(level: OcpLevel, gain: LevelGain) -> LevelVerdict:
+    weights = [term.weight for term in level.terms if term.is_goal]
+    allowed = TOLERANCES.goal * min(1.0, *weights, 1.0) ** 0.5
+    missed = bool(weights) and not gain.residual <= allowed
+    known = bool(np.isfinite(gain.gain))
+    is_met = bool(weights) and len(weights) == len(level.terms) and not missed
+    enough = max(TOLERANCES.gain * gain.residual, TOLERANCES.gain_floor)
+    return LevelVerdict(
+        name=level.name,
+        residual=gain.residual,
+        gain=gain.gain if known else None,
+        missed=missed,
+        optimal=is_met or bool(gain.gain <= enough),
+    )
+
+
+# By how much ranges may be left.
+
+
+def _excess(item: RangeCheck, problem: OcpProblem) -> float:
+    """The largest amount by which a range is left, as a multiple of its tolerance."""
+    nodes = _multiple(item, item.at_nodes, problem, between=False)
+    return max(nodes, _multiple(item, item.between, problem, between=True))
+
+
+def _multiple(item: RangeCheck, peak: Peak, problem: OcpProblem, *, between: bool) -> float:
+    if not peak.amount > 0.0:
+        return 0.0
+    row = item.quantities.index(peak.quantity)
+    return peak.amount / float(_tolerances(item, problem, between=between)[row])
+
+
+def _unseen(item: RangeCheck, problem: OcpProblem) -> float:
+    """How much more than what was seen may be left unseen, as a multiple of the tolerance."""
+    if not item.resolution > 0.0:
+        return 0.0
+    return item.resolution / float(_tolerances(item, problem, between=True).max())
+
+
+def _tolerances(item: RangeCheck, problem: OcpProblem, *, between: bool) -> Array:
+    """(m,) [unit of the quantity]"""
+    m = len(item.quantities)
+    if item.kind is RangeKind.MOTION:
+        return np.full(m, TOLERANCES.motion)
+    if item.kind is RangeKind.FORCES:
+        return TOLERANCES.forces * _force_units(problem)
+    if item.kind in _FORCE_LIMITS:
+        share = TOLERANCES.force_between if between else TOLERANCES.forces
+        largest = np.maximum(np.abs(item.lower), np.abs(item.upper))
+        return share * np.where(np.isfinite(largest) & (largest > 0.0), largest, 1.0)
+    if item.kind is RangeKind.CLEARANCE:
+        return np.full(m, TOLERANCES.clearance)
+    return np.full(m, TOLERANCES.ranges)
+
+
+def _force_units(problem: OcpProblem) -> Array:
+    """(n_v,) [N, N m] the most that actuators give on every axis."""
+    actuators = ActuationModel(problem.robot, problem.actuation)
+    largest = np.abs(actuators.matrix) @ actuators.thrust_unit
+    vehicle = np.maximum(largest, 1e-3 * largest.max(initial=1.0))
+    return np.concatenate([vehicle, actuators.torque_unit])
