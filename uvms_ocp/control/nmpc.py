@@ -111,7 +111,12 @@ class Nmpc(TableDisplay):
         )
         self._sound = LastValidEstimate(robot)
         self._law = ComputedTorque(
-            robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current)
+            robot,
+            dynamics,
+            dt=dt,
+            gains=gains,
+            water=Water(velocity=problem.current),
+            rate_limit=robot.limits.velocity if problem.limited else None,
         )
         self._now: solve_workers.TimedPlan | None = None
         self._coming: solve_workers.TimedPlan | None = None

@@ -49,8 +49,13 @@ class Actuators:
         """Generalized force (n_v,) [N, N m] now: thrusters as they follow their commands, motors as
         last asked.
         """
-        wrench = self._allocation.matrix @ self._thrust
-        return np.concatenate([wrench[: self._robot.n_vehicle], self._torque])
+        return np.concatenate([self.vehicle_force, self._torque])
+
+    @property
+    def vehicle_force(self) -> np.ndarray:
+        """Force (n_vehicle,) [N, N m] of the thrusters now, as they follow their commands."""
+        wrench: np.ndarray = self._allocation.matrix @ self._thrust
+        return wrench[: self._robot.n_vehicle]
 
     def realize(self, tau: np.ndarray) -> RealizedForce:
         """Limit tau (n_v,) [N, N m]."""
@@ -72,6 +77,12 @@ class Actuators:
         self._thrust = self._lag.after(self._thrust, command)
         self._torque = realized.torque
         return np.asarray(command)
+
+    def turn(self, torque: np.ndarray) -> np.ndarray:
+        """Ask the motors for a torque (n_joints,) [N m or N]; return it inside their limits."""
+        limit = self._robot.limits.effort
+        self._torque = np.clip(torque, -limit, limit)
+        return self._torque
 
 
 @checked_dataclass()
@@ -98,8 +109,47 @@ OPEN_LOOP = TrackingGains(
 """No feedback."""
 
 
+# Rates that pass no limit: no acceleration is asked for that would lead beyond one.
+
+_VEHICLE_BRAKING = 0.2
+_JOINTS_BRAKING = 0.04
+"""[s] over which what is left to the limit of a rate may be used up: thrusters come up to speed
+within the first, and a joint's motor follows at once.
+"""
+_BRAKING_TICKS = 2.0
+"""periods of control that it takes at least."""
+
+
+class RateLimiter:
+    """Keeps rates within their limits: ``-(v_max + v) / T <= a <= (v_max - v) / T``, a barrier that
+    brings a rate that is beyond its limit back within T, too.
+    """
+
+    def __init__(self, robot: Robot, limit: np.ndarray, dt: float) -> None:
+        """Limit (n_v,) [m/s, rad/s], infinite where there is none. dt [s]: control period."""
+        n, m = robot.n_vehicle, robot.n_joints
+        self._limit = limit
+        braking = np.repeat([_VEHICLE_BRAKING, _JOINTS_BRAKING], [n, m])
+        self._time = np.maximum(braking, _BRAKING_TICKS * dt)
+
+    def velocity(self, v: np.ndarray) -> np.ndarray:
+        """Return the reference velocity (n_v,) [m/s, rad/s] within the limits."""
+        return np.clip(v, -self._limit, self._limit)
+
+    def acceleration(self, a: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the acceleration a (n_v,) [m/s2, rad/s2] that the measured velocity v (n_v,)
+        [m/s, rad/s] leaves room for.
+        """
+        return np.clip(a, (-self._limit - v) / self._time, (self._limit - v) / self._time)
+
+
 class ComputedTorque:
-    """The law of one robot. Holds the modelled state of its actuators: build one per run."""
+    """The law of one robot. Holds the modelled state of its actuators: build one per run.
+
+    With feedback the motors of the joints are asked for what their own accelerations take while the
+    vehicle accelerates as its thrusters do push it, which is later and less than it was asked: an
+    arm would else be thrown by the vehicle's missing acceleration.
+    """
 
     def __init__(
         self,
@@ -109,8 +159,11 @@ class ComputedTorque:
         dt: float,
         gains: TrackingGains | None,
         water: Water,
+        rate_limit: np.ndarray | None = None,
     ) -> None:
-        """Dt [s]: control period. water: as far as the controller knows it."""
+        """Dt [s]: control period. water: as far as the controller knows it. rate_limit (n_v,)
+        [m/s, rad/s]: that no rate is to pass, by default none.
+        """
         chosen = gains or TrackingGains()
         self._robot = robot
         self._dynamics = dynamics
@@ -120,11 +173,19 @@ class ComputedTorque:
         self._K_p = np.repeat([chosen.vehicle_stiffness, chosen.joints_stiffness], [n, m])
         self._K_d = np.repeat([chosen.vehicle_damping, chosen.joints_damping], [n, m])
         self._actuators = Actuators(robot, lead=chosen.lead, dt=dt)
+        unlimited = np.full(robot.n_v, np.inf)
+        self._rates = RateLimiter(robot, unlimited if rate_limit is None else rate_limit, dt)
 
     @property
     def force(self) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] now, as `Actuators.force`."""
         return self._actuators.force
+
+    def correction(self, error: np.ndarray, rate_error: np.ndarray) -> np.ndarray:
+        """Acceleration (n_v,) [m/s2, rad/s2] by which the law answers an error of the
+        configuration (n_v,) [m, rad] and of the velocity (n_v,) [m/s, rad/s].
+        """
+        return self._K_p * error + self._K_d * rate_error
 
     def command(
         self,
@@ -141,9 +202,34 @@ class ComputedTorque:
         disturbance (n_v,) [N, N m]: force to work against.
         """
         at = signals.unchecked_state(q=q, v=v) if self._open else state
-        wanted = a + self._K_p * pin.difference(self._robot.model, at.q, q) + self._K_d * (v - at.v)
+        reference = self._rates.velocity(v)
+        error = pin.difference(self._robot.model, at.q, q)
+        asked = a + self.correction(error, reference - at.v)
+        wanted = self._rates.acceleration(asked, at.v)
         tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
         realized = self._actuators.realize(tau)
-        return signals.unchecked_command(
-            v=v, thrust=self._actuators.drive(realized), torque=realized.torque
-        )
+        before = self._actuators.vehicle_force
+        thrust = self._actuators.drive(realized)
+        torque = realized.torque
+        if not self._open and len(before) and len(torque):
+            pushed = (before + self._actuators.vehicle_force) / 2
+            torque = self._actuators.turn(self._joint_torque(at, wanted, pushed, disturbance))
+        return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
+
+    def _joint_torque(
+        self,
+        state: State,
+        wanted: np.ndarray,
+        pushed: np.ndarray,
+        disturbance: np.ndarray | float,
+    ) -> np.ndarray:
+        """Torque (n_joints,) [N m or N] for the wanted accelerations of the joints, of (n_v,)
+        [m/s2, rad/s2], while the thrusters push the vehicle with pushed (n_vehicle,) [N, N m].
+        """
+        vehicle = self._robot.vehicle_v
+        joints = self._robot.joint_v
+        M = self._dynamics.mass_matrix(state.q)
+        bias = self._dynamics.bias_force(state.q, state.v, self._water) - disturbance
+        coupled = M[vehicle, joints] @ wanted[joints]
+        moved = np.linalg.solve(M[vehicle, vehicle], pushed - bias[vehicle] - coupled)
+        return M[joints, vehicle] @ moved + M[joints, joints] @ wanted[joints] + bias[joints]
