@@ -103,6 +103,15 @@ class TrackingGains:
     """Thrusters are driven this many times faster than their lag."""
 
 
+def feedback_gains(robot: Robot, gains: TrackingGains) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness (n_v,) [1/s^2] and damping (n_v,) [1/s] of every axis."""
+    n = [robot.n_vehicle, robot.n_joints]
+    return (
+        np.repeat([gains.vehicle_stiffness, gains.joints_stiffness], n),
+        np.repeat([gains.vehicle_damping, gains.joints_damping], n),
+    )
+
+
 OPEN_LOOP = TrackingGains(
     vehicle_stiffness=0, vehicle_damping=0, joints_stiffness=0, joints_damping=0
 )
@@ -169,9 +178,7 @@ class ComputedTorque:
         self._dynamics = dynamics
         self._water = water
         self._open = chosen == OPEN_LOOP
-        n, m = robot.n_vehicle, robot.n_joints
-        self._K_p = np.repeat([chosen.vehicle_stiffness, chosen.joints_stiffness], [n, m])
-        self._K_d = np.repeat([chosen.vehicle_damping, chosen.joints_damping], [n, m])
+        self._K_p, self._K_d = feedback_gains(robot, chosen)
         self._actuators = Actuators(robot, lead=chosen.lead, dt=dt)
         unlimited = np.full(robot.n_v, np.inf)
         self._rates = RateLimiter(robot, unlimited if rate_limit is None else rate_limit, dt)
