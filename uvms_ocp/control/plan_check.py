@@ -16,7 +16,13 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.elementwise import interval_excess
-from uvms_ocp.control.force.computed_torque import Actuators, TrackingGains, feedback_gains
+from uvms_ocp.control.force.computed_torque import (
+    Actuators,
+    TrackingGains,
+    attained_acceleration,
+    feedback_gains,
+    undriven_axes,
+)
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
@@ -45,6 +51,7 @@ class PlannedMotion:
         chosen = gains or TrackingGains()
         self._stiffness, self._damping = feedback_gains(problem.robot, chosen)
         self._actuators = Actuators(problem.robot, lead=chosen.lead, dt=_LONGEST_STEP)
+        self._undriven = undriven_axes(problem.robot)
         self._as_thrust = has_thrusters(problem)
 
     def of(self, plan: Trajectory, start: State) -> Trajectory:
@@ -96,7 +103,8 @@ class PlannedMotion:
         # drag at the end of h, so that steps overshoot none
         inertia = dynamics.mass_matrix(q) + h * dynamics.damping_matrix(q, v, water)
         bias = dynamics.bias_force(q, v, water)
-        realized = self._actuators.realize(inertia @ wanted + bias)
+        attained = attained_acceleration(self._undriven, inertia, bias, wanted)
+        realized = self._actuators.realize(inertia @ attained + bias)
         acceleration = np.linalg.solve(inertia, realized.force - bias)
         n = self._robot.n_vehicle
         thrust = realized.allocation.thrust if self._as_thrust else realized.force[:n]

@@ -14,6 +14,7 @@ from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, t
 from uvms_ocp.robot import Command, Robot, State, signals
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.types import Lead, Magnitude
 
 # From a generalized force to what is asked of thrusters and joint motors.
@@ -118,6 +119,38 @@ OPEN_LOOP = TrackingGains(
 """No feedback."""
 
 
+# Axes that no thruster pushes.
+
+_RANK = 1e-9
+"""of a singular value of the thruster matrix, as a share of the largest."""
+
+
+def undriven_axes(robot: Robot) -> np.ndarray:
+    """Orthonormal directions (n_v, k) of a generalized force that neither thrusters nor motors
+    give, such as a moment about the pitch axis.
+    """
+    n = robot.n_vehicle
+    if not n:
+        return np.zeros((robot.n_v, 0))
+    U, sizes, _ = np.linalg.svd(thruster_matrix(robot)[:n], full_matrices=True)
+    rank = int(np.sum(sizes > _RANK * sizes.max(initial=0.0)))
+    return np.vstack([U[:, rank:], np.zeros((robot.n_joints, n - rank))])
+
+
+def attained_acceleration(
+    undriven: np.ndarray, M: np.ndarray, bias: np.ndarray, wanted: np.ndarray
+) -> np.ndarray:
+    """Return the acceleration (n_v,) [m/s2, rad/s2] that is as `wanted` but along the undriven axes
+    (n_v, k), which move as the bias force (n_v,) [N, N m] and the others make them.
+
+    M (n_v, n_v) [kg, kg m, kg m2]. Forces for `wanted` itself would make driven axes miss what the
+    undriven ones were to do for them.
+    """
+    missing = undriven.T @ (M @ wanted + bias)
+    along = np.linalg.solve(undriven.T @ M @ undriven, missing)
+    return wanted - undriven @ along
+
+
 # Rates that pass no limit: no acceleration is asked for that would lead beyond one.
 
 _VEHICLE_BRAKING = 0.2
@@ -180,6 +213,7 @@ class ComputedTorque:
         self._open = chosen == OPEN_LOOP
         self._K_p, self._K_d = feedback_gains(robot, chosen)
         self._actuators = Actuators(robot, lead=chosen.lead, dt=dt)
+        self._undriven = undriven_axes(robot)
         unlimited = np.full(robot.n_v, np.inf)
         self._rates = RateLimiter(robot, unlimited if rate_limit is None else rate_limit, dt)
 
@@ -213,30 +247,33 @@ class ComputedTorque:
         error = pin.difference(self._robot.model, at.q, q)
         asked = a + self.correction(error, reference - at.v)
         wanted = self._rates.acceleration(asked, at.v)
-        tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water) - disturbance
-        realized = self._actuators.realize(tau)
+        if self._open:
+            tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water)
+            realized = self._actuators.realize(tau - disturbance)
+            thrust = self._actuators.drive(realized)
+            return signals.unchecked_command(v=reference, thrust=thrust, torque=realized.torque)
+        M = self._dynamics.mass_matrix(at.q)
+        bias = self._dynamics.bias_force(at.q, at.v, self._water) - disturbance
+        attained = attained_acceleration(self._undriven, M, bias, wanted)
+        realized = self._actuators.realize(M @ attained + bias)
         before = self._actuators.vehicle_force
         thrust = self._actuators.drive(realized)
         torque = realized.torque
-        if not self._open and len(before) and len(torque):
+        if len(before) and len(torque):
             pushed = (before + self._actuators.vehicle_force) / 2
-            torque = self._actuators.turn(self._joint_torque(at, wanted, pushed, disturbance))
+            torque = self._actuators.turn(self._joint_torque(M, bias, wanted, pushed))
         return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
 
     def _joint_torque(
-        self,
-        state: State,
-        wanted: np.ndarray,
-        pushed: np.ndarray,
-        disturbance: np.ndarray | float,
+        self, M: np.ndarray, bias: np.ndarray, wanted: np.ndarray, pushed: np.ndarray
     ) -> np.ndarray:
         """Torque (n_joints,) [N m or N] for the wanted accelerations of the joints, of (n_v,)
         [m/s2, rad/s2], while the thrusters push the vehicle with pushed (n_vehicle,) [N, N m].
+
+        M (n_v, n_v) [kg, kg m, kg m2]; bias (n_v,) [N, N m].
         """
         vehicle = self._robot.vehicle_v
         joints = self._robot.joint_v
-        M = self._dynamics.mass_matrix(state.q)
-        bias = self._dynamics.bias_force(state.q, state.v, self._water) - disturbance
         coupled = M[vehicle, joints] @ wanted[joints]
         moved = np.linalg.solve(M[vehicle, vehicle], pushed - bias[vehicle] - coupled)
         return M[joints, vehicle] @ moved + M[joints, joints] @ wanted[joints] + bias[joints]
