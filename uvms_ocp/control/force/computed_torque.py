@@ -44,6 +44,9 @@ class Actuators:
         self._lag = thruster_lag(robot, lead=lead, dt=dt)
         self._thrust = np.zeros(len(self._lag.lower))
         self._torque = np.zeros(robot.n_joints)
+        approach = self._lag.lead * (1.0 - self._lag.decay)
+        self.lag = dt * float(np.mean(1.0 / approach - 0.5)) if len(approach) else 0.0
+        """[s] by which thrust comes later than it is asked for, driven ahead of its own lag."""
 
     @property
     def force(self) -> np.ndarray:
@@ -188,9 +191,10 @@ class RateLimiter:
 class ComputedTorque:
     """The law of one robot. Holds the modelled state of its actuators: build one per run.
 
-    With feedback the motors of the joints are asked for what their own accelerations take while the
-    vehicle accelerates as its thrusters do push it, which is later and less than it was asked: an
-    arm would else be thrown by the vehicle's missing acceleration.
+    With feedback thrusters are asked for the force of the state in which it will act, which is
+    later than now by their lag. The motors of the joints are asked for what their accelerations take
+    while the vehicle accelerates as its thrusters do push it: an arm would else be thrown by what
+    the vehicle lacks.
     """
 
     def __init__(
@@ -242,27 +246,45 @@ class ComputedTorque:
 
         disturbance (n_v,) [N, N m]: force to work against.
         """
-        at = signals.unchecked_state(q=q, v=v) if self._open else state
-        reference = self._rates.velocity(v)
-        error = pin.difference(self._robot.model, at.q, q)
-        asked = a + self.correction(error, reference - at.v)
-        wanted = self._rates.acceleration(asked, at.v)
         if self._open:
-            tau = self._dynamics.inverse_dynamics(at.q, at.v, wanted, self._water)
-            realized = self._actuators.realize(tau - disturbance)
-            thrust = self._actuators.drive(realized)
-            return signals.unchecked_command(v=reference, thrust=thrust, torque=realized.torque)
-        M = self._dynamics.mass_matrix(at.q)
-        bias = self._dynamics.bias_force(at.q, at.v, self._water) - disturbance
-        attained = attained_acceleration(self._undriven, M, bias, wanted)
-        realized = self._actuators.realize(M @ attained + bias)
+            return self._open_command(q, v, a, disturbance)
+        model = self._robot.model
+        reference = self._rates.velocity(v)
+        M = self._dynamics.mass_matrix(state.q)
+        bias = self._dynamics.bias_force(state.q, state.v, self._water) - disturbance
+
+        # the vehicle, when its thrust has come
+        lag = self._actuators.lag
+        moving = np.linalg.solve(M, self._actuators.force - bias)
+        v_then = state.v + lag * moving
+        q_then = pin.integrate(model, state.q, lag * state.v + lag * lag / 2 * moving)
+        reference_then = self._rates.velocity(v + lag * a)
+        planned_then = pin.integrate(model, q, lag * v + lag * lag / 2 * a)
+        error_then = pin.difference(model, q_then, planned_then)
+        bias_then = self._dynamics.bias_force(q_then, v_then, self._water) - disturbance
+        asked_then = a + self.correction(error_then, reference_then - v_then)
+        wanted_then = self._rates.acceleration(asked_then, v_then)
+        attained = attained_acceleration(self._undriven, M, bias_then, wanted_then)
+        realized = self._actuators.realize(M @ attained + bias_then)
         before = self._actuators.vehicle_force
         thrust = self._actuators.drive(realized)
-        torque = realized.torque
-        if len(before) and len(torque):
-            pushed = (before + self._actuators.vehicle_force) / 2
-            torque = self._actuators.turn(self._joint_torque(M, bias, wanted, pushed))
+
+        # joints now, as the vehicle is pushed now
+        pushed = (before + self._actuators.vehicle_force) / 2
+        error = pin.difference(model, state.q, q)
+        asked = a + self.correction(error, reference - state.v)
+        wanted = self._rates.acceleration(asked, state.v)
+        torque = self._actuators.turn(self._joint_torque(M, bias, wanted, pushed))
         return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
+
+    def _open_command(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, disturbance: np.ndarray | float
+    ) -> Command:
+        """Command of the planned motion, whatever the state is."""
+        tau = self._dynamics.inverse_dynamics(q, v, a, self._water) - disturbance
+        realized = self._actuators.realize(tau)
+        thrust = self._actuators.drive(realized)
+        return signals.unchecked_command(v=v, thrust=thrust, torque=realized.torque)
 
     def _joint_torque(
         self, M: np.ndarray, bias: np.ndarray, wanted: np.ndarray, pushed: np.ndarray
