@@ -6,6 +6,8 @@ from uvms_ocp.control.solve_workers import WorkerStatus
 
 _IN_A_ROW = 3
 """plans without use, or that take longer than their period, after which it is told."""
+_ROUNDING = 1e-9
+"""[s] in sums of a clock's ticks."""
 _OVERDUE = 3.0
 """periods that a plan may be overdue before it is told."""
 
@@ -47,7 +49,7 @@ class PlanningWatch:
     def on_answer(self, t: float, solve_time: float) -> None:
         """A solve for a plan has ended at t [s] after `solve_time` [s]; the first is not counted."""
         self._told_overdue = False
-        if solve_time <= self._period:
+        if solve_time <= self._period + _ROUNDING:
             self._late = 0
             return
         self.missed += 1

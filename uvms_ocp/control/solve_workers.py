@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.control.force.computed_torque import TrackingGains
+from uvms_ocp.control.force.computed_torque import TrackingGains, undriven_axes
 from uvms_ocp.control.plan_check import CheckedPlan, PlanCheck
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError, require_first_reading
 from uvms_ocp.ocp.problem import OcpProblem
@@ -71,6 +71,10 @@ _FIRST_SOLVES = 10
 """For the first plan, whose guess is to stay where the robot is."""
 _PLANNED_RATE = 0.97
 """share of the limit of a rate that plans use: tracking needs the rest."""
+_PLANNED_UNDRIVEN_RATE = 0.8
+"""The same of an axis that nothing drives, such as pitch: no tracking brings it back."""
+_UNDRIVEN = 0.5
+"""share of an axis that lies along the undriven ones, from which on it counts as one of them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -137,12 +141,15 @@ class GuessKind(Enum):
 
 def planned_bounds(transcription: Transcription) -> tuple[np.ndarray, np.ndarray]:
     """Return the bounds (n_x,) of the variables of a plan that is tracked: those of the problem,
-    with `_PLANNED_RATE` of the limits of all rates.
+    with a share of the limits of all rates.
     """
+    robot = transcription.problem.robot
+    undriven = np.linalg.norm(undriven_axes(robot), axis=1) > _UNDRIVEN
+    share = np.where(undriven, _PLANNED_UNDRIVEN_RATE, _PLANNED_RATE)
     lower, upper = (bound.copy() for bound in transcription.bounds())
     columns = transcription.variables.all_columns[1:, transcription.model.layout.v]
-    lower[columns] *= _PLANNED_RATE
-    upper[columns] *= _PLANNED_RATE
+    lower[columns] *= share
+    upper[columns] *= share
     return lower, upper
 
 

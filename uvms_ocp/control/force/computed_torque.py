@@ -163,6 +163,8 @@ within the first, and a joint's motor follows at once.
 """
 _BRAKING_TICKS = 2.0
 """periods of control that it takes at least."""
+_ASKED_RATE = 0.99
+"""share of the limit that is asked for: forces are held over a tick, in which rates go on."""
 
 
 class RateLimiter:
@@ -173,7 +175,7 @@ class RateLimiter:
     def __init__(self, robot: Robot, limit: np.ndarray, dt: float) -> None:
         """Limit (n_v,) [m/s, rad/s], infinite where there is none. dt [s]: control period."""
         n, m = robot.n_vehicle, robot.n_joints
-        self._limit = limit
+        self._limit = _ASKED_RATE * limit
         braking = np.repeat([_VEHICLE_BRAKING, _JOINTS_BRAKING], [n, m])
         self._time = np.maximum(braking, _BRAKING_TICKS * dt)
 
