@@ -215,6 +215,7 @@ class ComputedTorque:
         chosen = gains or TrackingGains()
         self._robot = robot
         self._dynamics = dynamics
+        self._dt = dt
         self._water = water
         self._open = chosen == OPEN_LOOP
         self._K_p, self._K_d = feedback_gains(robot, chosen)
@@ -276,7 +277,9 @@ class ComputedTorque:
         error = pin.difference(model, state.q, q)
         asked = a + self.correction(error, reference - state.v)
         wanted = self._rates.acceleration(asked, state.v)
-        torque = self._actuators.turn(self._joint_torque(M, bias, wanted, pushed))
+        damping = self._dynamics.damping_matrix(state.q, state.v, self._water)
+        inertia = M + self._dt * damping
+        torque = self._actuators.turn(self._joint_torque(inertia, bias, wanted, pushed))
         return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
 
     def _open_command(
@@ -294,7 +297,8 @@ class ComputedTorque:
         """Torque (n_joints,) [N m or N] for the wanted accelerations of the joints, of (n_v,)
         [m/s2, rad/s2], while the thrusters push the vehicle with pushed (n_vehicle,) [N, N m].
 
-        M (n_v, n_v) [kg, kg m, kg m2]; bias (n_v,) [N, N m].
+        M (n_v, n_v) [kg, kg m, kg m2]: with the drag that grows over a tick in which the torque is
+        held, many times the inertia of a light link; bias (n_v,) [N, N m].
         """
         vehicle = self._robot.vehicle_v
         joints = self._robot.joint_v
