@@ -18,13 +18,14 @@ import pinocchio as pin
 from uvms_ocp.codegen.elementwise import interval_excess
 from uvms_ocp.control.force.computed_torque import (
     Actuators,
+    RateLimiter,
     TrackingGains,
     attained_acceleration,
     feedback_gains,
     undriven_axes,
 )
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, hold_guess
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -51,6 +52,11 @@ class PlannedMotion:
         chosen = gains or TrackingGains()
         self._stiffness, self._damping = feedback_gains(problem.robot, chosen)
         self._actuators = Actuators(problem.robot, lead=chosen.lead, dt=_LONGEST_STEP)
+        limit = problem.robot.limits.velocity
+        unlimited = np.full(problem.robot.n_v, np.inf)
+        self._rates = RateLimiter(
+            problem.robot, limit if problem.limited else unlimited, _LONGEST_STEP
+        )
         self._undriven = undriven_axes(problem.robot)
         self._as_thrust = has_thrusters(problem)
 
@@ -84,7 +90,9 @@ class PlannedMotion:
         for part in range(n_parts):
             wanted_q, wanted_v, a = plan.state_at(model, plan.t[k] + part * h)
             error = pin.difference(model, q, wanted_q)
-            wanted = a + self._stiffness * error + self._damping * (wanted_v - v)
+            rate_error = self._rates.velocity(wanted_v) - v
+            asked = a + self._stiffness * error + self._damping * rate_error
+            wanted = self._rates.acceleration(asked, v)
             acceleration, thrust, torque = self._accelerated(q, v, wanted, h, k)
             q = pin.integrate(model, q, h * v + h * h / 2 * acceleration)
             v = v + h * acceleration
@@ -152,6 +160,9 @@ class PlanCheck:
             for block in transcription.blocks
             if (block.rows.level == CONSTRAINT).any()
         ]
+        # All functions are made before any clock runs.
+        hold = hold_guess(self._problem)
+        self.unsafe(self._motion.of(hold, self._problem.start), 0.0)
 
     def judged(self, plan: Trajectory, start: State, t0: float, violation: float) -> CheckedPlan:
         """Judge a plan that begins at t0 [s] in a start.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import pickle
 import signal
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -36,6 +37,8 @@ from uvms_ocp.types import Positive
 
 _FORGOTTEN = 0.95
 """what is left of the longest one after every shorter one: twenty solves count."""
+_RECENT = 5
+"""solves in line by which the next one is judged."""
 _SENT = 1e-3
 """[s] for question and answer on their way."""
 
@@ -45,19 +48,36 @@ class SolveDelay:
     is early has to wait.
     """
 
-    def __init__(self, first: float, sent: float) -> None:
-        """First [s]: before any solve was made. sent [s]: of question and answer on their way."""
+    def __init__(self, first: float) -> None:
+        """First [s]: before any solve was made."""
         self._longest = first
-        self._sent = sent
 
     @property
     def seconds(self) -> float:
         """Time from the request to the plan."""
-        return self._longest + self._sent
+        return self._longest + _SENT
 
     def count(self, solve_time: float) -> None:
         """One more solve took `solve_time` [s]."""
         self._longest = max(solve_time, _FORGOTTEN * self._longest)
+
+
+class LateSolves:
+    """The second longest of the last few solves: one that was slow by chance does not count, and
+    steady slowness does from the second on.
+    """
+
+    def __init__(self) -> None:
+        self._last = deque[float](maxlen=_RECENT)
+
+    @property
+    def seconds(self) -> float:
+        """Time from the request to the plan; 0 while there is none to judge by."""
+        return sorted(self._last)[-2] if len(self._last) > 1 else 0.0
+
+    def count(self, solve_time: float) -> None:
+        """One more solve took `solve_time` [s]."""
+        self._last.append(solve_time)
 
 
 # The solves of receding-horizon control, one after the other: the same in line and in a process
@@ -69,6 +89,10 @@ another.
 """
 _FIRST_SOLVES = 10
 """For the first plan, whose guess is to stay where the robot is."""
+_REMEMBERED = 30
+"""guesses that were rejected."""
+_SAME = 1e-6
+"""[unit of the variable] by which guesses differ that are the same."""
 _PLANNED_RATE = 0.97
 """share of the limit of a rate that plans use: tracking needs the rest."""
 _PLANNED_UNDRIVEN_RATE = 0.8
@@ -158,9 +182,9 @@ class Replanner:
     build one per run.
 
     Whether a plan may be flown is judged by `PlanCheck`. From a guess whose plan may not be flown no
-    solve begins again: the next one begins from what the solve has made of it, then from the plan in
-    use, then from standing still, and so on in turn, as many of them in one call as there is time
-    for.
+    solve begins again: the next one begins from what the last solve has made of its guess, then from
+    the plan in use, then from standing still, and so on in turn, as many of them in one call as there
+    is time for.
     """
 
     def __init__(
@@ -192,6 +216,8 @@ class Replanner:
         """Fit for use or not."""
         self._guess = GuessKind.NEWEST
         """With which the next solve begins."""
+        self._rejected: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
+        """What solves began with that led to no plan, since there was one."""
         self._solves = 0
 
     def __call__(self, request: ReplanningRequest) -> ReplanningResult:
@@ -233,7 +259,7 @@ class Replanner:
             if best is not None and self._clock() - began > lead > 0.0:
                 break
         if best is None:
-            self._guess = self._guess.following
+            self._newest = self._numbered(last, request.begin)
             return None, reason
         self._plans[best.number] = self._newest = best
         return best, ""
@@ -251,6 +277,9 @@ class Replanner:
         reason = ""
         for _ in GuessKind:
             guess = self._guess_of(self._guess, now, begin, start)
+            if self._was_rejected(guess, start, begin):
+                self._guess = self._guess.following
+                continue
             left = max(self._time_limit - budget.elapsed, 0.0)
             end, checked = self._solved(guess, start, begin, left)
             budget.count()
@@ -263,7 +292,17 @@ class Replanner:
             self._guess = self._guess.following
             if budget.over:
                 break
-        return None, reason
+        return None, reason or "every guess that there is was tried before"
+
+    def _was_rejected(self, guess: Trajectory, start: State, begin: float) -> bool:
+        """A solve from this guess, for the same goals, has led to no plan that may be flown."""
+        now = self._inputs(guess, start, begin)
+        return any(np.abs(now - tried).max() < _SAME for tried in self._rejected)
+
+    def _inputs(self, guess: Trajectory, start: State, begin: float) -> np.ndarray:
+        """All numbers that a solve begins with: variables, then parameters."""
+        p = self._transcription.parameters(t0=begin, start=start, near=guess.q)
+        return np.concatenate([self._transcription.pack(guess), p])
 
     def _guess_of(self, kind: GuessKind, now: TimedPlan, begin: float, start: State) -> Trajectory:
         """A guess for a plan that begins at `begin` [s] in a start."""
@@ -280,16 +319,23 @@ class Replanner:
         self, guess: Trajectory, start: State, t0: float, time_limit: float
     ) -> tuple[Trajectory, CheckedPlan]:
         """Return the end of a solve, or the guess where it has none, and what may be flown."""
+        inputs = self._inputs(guess, start, t0)
+        x, p = np.split(inputs, [self._transcription.n_x])
         result = self._sqp.solve(
-            self._transcription.pack(guess),
-            p=self._transcription.parameters(t0=t0, start=start, near=guess.q),
+            x,
+            p=p,
             x_lower=self._bounds[0],
             x_upper=self._bounds[1],
             time_limit=time_limit,
             clock=self._clock,
         )
         end = self._transcription.unpack(result.x)
-        return end, self._check.judged(end, start, t0, result.violation)
+        checked = self._check.judged(end, start, t0, result.violation)
+        if checked.motion is None:
+            self._rejected.append(inputs)
+        else:
+            self._rejected.clear()
+        return end, checked
 
     def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
         """The state in which the plan will begin: the measured one, moved as planned."""
@@ -402,7 +448,7 @@ class RunningSynchronously:
         self.lead = 0.0
         """[s] from the request for the first plan to its beginning."""
         self.status = WorkerStatus.WORKING
-        self._delay = SolveDelay(0.0, sent=0.0)
+        self._delay = LateSolves()
 
     def delay(self, period: float) -> float:
         """Time [s] from a request to the beginning of the plan: until the next request, in a period
@@ -449,7 +495,7 @@ class RunningProcess:
         self._limits = limits
         self.status = WorkerStatus.WORKING
         self._asked = 0.0
-        self._delay = SolveDelay(job.period, sent=_SENT)
+        self._delay = SolveDelay(job.period)
         self._selector = DefaultSelector()
         self._selector.register(self._connection, EVENT_READ)
         self._process.start()

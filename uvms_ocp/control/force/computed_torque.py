@@ -163,7 +163,7 @@ within the first, and a joint's motor follows at once.
 """
 _BRAKING_TICKS = 2.0
 """periods of control that it takes at least."""
-_ASKED_RATE = 0.99
+_ASKED_RATE = 0.98
 """share of the limit that is asked for: forces are held over a tick, in which rates go on."""
 
 
@@ -188,6 +188,10 @@ class RateLimiter:
         [m/s, rad/s] leaves room for.
         """
         return np.clip(a, (-self._limit - v) / self._time, (self._limit - v) / self._time)
+
+
+_DRAG_SLOPE = 2.0
+"""of quadratic drag along the velocity, in shares of the damping."""
 
 
 class ComputedTorque:
@@ -278,7 +282,7 @@ class ComputedTorque:
         asked = a + self.correction(error, reference - state.v)
         wanted = self._rates.acceleration(asked, state.v)
         damping = self._dynamics.damping_matrix(state.q, state.v, self._water)
-        inertia = M + self._dt * damping
+        inertia = M + _DRAG_SLOPE * self._dt * damping
         torque = self._actuators.turn(self._joint_torque(inertia, bias, wanted, pushed))
         return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
 
