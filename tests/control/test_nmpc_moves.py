@@ -54,7 +54,7 @@ def drawn(seed: int) -> Robot:
     horizontal = [
         (x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2)
     ]
-    vertical = [(0.0, y, 0.1, 0, 0, 1) for y in (0.15, -0.15)]
+    vertical = [(x, y, 0.1, 0, 0, 1) for x in (0.2, -0.2) for y in (0.15, -0.15)]
     places = np.array([*horizontal, *vertical], dtype=float)
     places[:, :2] += rng.uniform(-0.03, 0.03, (len(places), 2))
     limit = '<limit lower="-1.2" upper="1.2" effort="8" velocity="0.7"/>'
@@ -124,7 +124,7 @@ class Beside:
 
     clock: Callable[[], float]
     now: float = 0.0
-    lead: float = 0.0
+    lead: float = 1.0
     status: WorkerStatus = WorkerStatus.WORKING
     _delay: SolveDelay = field(default_factory=lambda: SolveDelay(PERIOD))
     _answer: tuple[float, ReplanningResult] | None = None

@@ -109,7 +109,7 @@ class PlannedMotion:
         dynamics = self._dynamics
         water = Water(velocity=self._problem.currents[step])
         # drag at the end of h, so that steps overshoot none
-        inertia = dynamics.mass_matrix(q) + h * dynamics.damping_matrix(q, v, water)
+        inertia = dynamics.mass_matrix(q) + h * dynamics.drag_slope(q, v, water)
         bias = dynamics.bias_force(q, v, water)
         attained = attained_acceleration(self._undriven, inertia, bias, wanted)
         realized = self._actuators.realize(inertia @ attained + bias)

@@ -63,8 +63,8 @@ class SolveDelay:
 
 
 class LateSolves:
-    """The second longest of the last few solves: one that was slow by chance does not count, and
-    steady slowness does from the second on.
+    """The longest of the last few solves but one, as soon as there are enough of them: one that was
+    slow by chance does not count.
     """
 
     def __init__(self) -> None:
@@ -73,7 +73,10 @@ class LateSolves:
     @property
     def seconds(self) -> float:
         """Time from the request to the plan; 0 while there is none to judge by."""
-        return sorted(self._last)[-2] if len(self._last) > 1 else 0.0
+        longest = sorted(self._last, reverse=True)
+        if len(longest) == _RECENT:
+            return longest[1]
+        return longest[0] if longest else 0.0
 
     def count(self, solve_time: float) -> None:
         """One more solve took `solve_time` [s]."""
