@@ -25,7 +25,7 @@ from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 
 _ROUNDING = 1e-9
 """[s] in sums of ticks."""
-_LATE_STEP = 1.0
+_LATE_STEP = 0.5
 """share of the limits of accelerations by which tracking may answer the step of a plan that takes
 over late.
 """
