@@ -17,7 +17,7 @@ from campaigns.case1_runs import BRIEF, VARIATIONS, brief_case1, noisy_case1
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.campaign import Campaign, campaign_report, read_table
-from uvms_ocp.campaign.report import parse_bounds
+from uvms_ocp.campaign.success_criteria import parse_bounds
 
 PROSE = """
 {runs} runs on the {plant} plant, drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the

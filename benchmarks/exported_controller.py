@@ -31,18 +31,19 @@ MISSIONS: dict[str, Callable[..., Scenario]] = {
     "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
-TOLERANCE = 1e-9
-"""That of replay.c."""
-GENERATED = ("controller.c", "initial.c", "functions.c", "solver.c")
+NAME = "controlled"
+"""Of every export."""
+GENERATED = tuple(f"{NAME}_{part}.c" for part in ("controller", "initial", "functions", "solver"))
+REPLAY = f"{NAME}_replay.c"
 TARGETS = {
     "native": ("cc", ("-O2",), ()),
     "sanitized": ("cc", ("-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"), ()),
     "64-bit ARM, emulated": ("aarch64-linux-gnu-gcc", ("-O2", "-static"), ("qemu-aarch64",)),
 }
 PROSE = """
-{missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share
-differs by more than {tolerance:g} from what Python told, or a flag, phase or status at all. All files are compiled without a
-warning ({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the
+{missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share has
+other bits than Python told, or a flag, phase or status is another. Other robots and missions: `drawn_exports.md`. All files are
+compiled without a warning ({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the
 processor, reading of the record included; of emulated and sanitized programs it says little. {largest}
 """
 COLUMNS = {
@@ -60,7 +61,7 @@ COLUMNS = {
 
 def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -> Iterator[Row]:
     """One for every build; level: of optimisation, in place of its own where one is given."""
-    export_controller(scenario, folder)
+    export_controller(scenario, folder, NAME)
     for target, (compiler, options, emulator) in TARGETS.items():
         row: Row = {"mission": name, "build": target}
         missing = [tool for tool in (compiler, *emulator) if shutil.which(tool) is None]
@@ -83,10 +84,10 @@ def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -
 def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
     """Time of the processor [s] to build the program ``replay``."""
     before = _children()
-    for name in (*GENERATED, "replay.c"):
+    for name in (*GENERATED, REPLAY):
         own = ("-Wno-unused-parameter",) if name in GENERATED else ()
         _call(folder, compiler, *STRICT, *own, *options, "-c", name)
-    objects = [Path(name).with_suffix(".o").name for name in (*GENERATED, "replay.c")]
+    objects = [Path(name).with_suffix(".o").name for name in (*GENERATED, REPLAY)]
     _call(folder, compiler, *options, *objects, "-lm", "-o", "replay")
     return _children() - before
 
@@ -95,7 +96,7 @@ def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
     """What the program tells of the recorded run."""
     before = _children()
     process = subprocess.run(
-        [*emulator, "./replay", "recorded.bin"], cwd=folder, capture_output=True, text=True
+        [*emulator, "./replay", f"{NAME}_recorded.bin"], cwd=folder, capture_output=True, text=True
     )
     spent = _children() - before
     said = process.stdout
@@ -144,7 +145,6 @@ def main() -> None:
         missions=len(names),
         ticks=sum(row["ticks"] for row in done),
         strict=" ".join(STRICT),
-        tolerance=TOLERANCE,
         largest=f"The largest difference of all is {largest:.2g}.",
     )
     run.write(

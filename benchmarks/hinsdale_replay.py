@@ -28,7 +28,7 @@ from pool.findings import (
     spread_deg,
 )
 from pool.recordings import SAMPLE_TIME, SMOOTHING, read_recordings
-from pool.scores import OFFSET_TIME, lag_of
+from pool.scores import OFFSET_TIME, lag_of, without_offset
 from pool.vehicle import (
     ADDED_INERTIA,
     BALLAST_DENSITY,
@@ -38,6 +38,8 @@ from pool.vehicle import (
     pool_vehicle,
 )
 from recording.report import Report, Table, begin, parser_of
+
+from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 
 PROSE = """
 {recordings} recordings of a BlueROV2 with a Reach Alpha 5 arm (H. Kolano, UVMS-SysID-with-EAs): the measured joint motion
@@ -65,6 +67,7 @@ times the author's.
   {pitch_period} s, damping ratios {roll_damping} and {pitch_damping}. Measured after the arm has stopped, where a damped
   swing explains {explained:.0f} % of the motion: {measured}.
 - **The fit makes worse** the pitch of {worse}.
+- **Worse than standing still** are, with the fitted centre of buoyancy: {still}
 - **Starts.** Roll and pitch spread most within the first {offset_time:g} s, whose mean is the offset, in {restless}; the
   replay starts at rest.
 - **Measurement.** Samples of the motion capture that jump by more than {jump:g} deg: {jumps}. Where the arm rests the
@@ -103,11 +106,36 @@ def prose(vehicle: PoolVehicle, all_of_them: Sequence[Evaluation]) -> str:
             for one in moving
             if _pitch_rmse(one, FITTED) > _pitch_rmse(one, REPLAY)
         ),
+        still=" ".join(worse_than_still(all_of_them)) or "none.",
         ballast=BALLAST_DENSITY,
         foam=FOAM_DENSITY,
         added=ADDED_INERTIA,
         smoothing=SMOOTHING * SAMPLE_TIME,
     )
+
+
+def worse_than_still(all_of_them: Sequence[Evaluation]) -> list[str]:
+    """Sentences on roll and pitch of each recording that the fitted replay predicts worse than a
+    vehicle that stands still.
+    """
+    sentences = []
+    for one in all_of_them:
+        seen = without_offset(one.recording.t, one.recording.attitude)
+        for i, angle in enumerate(("roll", "pitch")):
+            baselines = {
+                NOTHING_MOVES: float(np.sqrt(np.mean(seen[:, i] ** 2))),
+                MEAN: float(seen[:, i].std()),
+            }
+            shortfall = compared(
+                recording=one.recording.name,
+                channel=angle,
+                unit="deg",
+                error=one.scores[FITTED][i].rmse,
+                baselines=baselines,
+            )
+            if shortfall is not None:
+                sentences.append(str(shortfall))
+    return sentences
 
 
 def span(values: Iterable[float], form: str = ".1f") -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pool.judging import ANGLES, apart, errors, row, still, turned_back
+from pool.judging import ANGLES, about_mean, apart, errors, row, still, turned_back
 from pool.learnt import KNOWN, NOISE, Learner, pool_learner
 from pool.scores import OFFSET_TIME
 from pool.sensors import IMU, MOCAP, moves, recordings_of
@@ -23,12 +23,15 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.output_error import Estimate
+from uvms_ocp.identification.prediction_verdict import FitShares
 from uvms_ocp.identification.rollout import PreparedRecording
+from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 
 OTHERS = "left out"
 SEEN = "seen"
+ALONE = "seen alone"
 PRIOR = "the author's figures"
-STILL = "nothing moves"
+STILL = NOTHING_MOVES
 APART = "between the sensors"
 WANTED = 0.65
 PERIOD = 10.0
@@ -46,10 +49,24 @@ medians of the RMSE in roll and pitch. Asked for: {wanted:g} deg by the motion c
 The vehicle's own IMU and the motion capture see the same motion, and differ: "{apart}" is their RMS difference, with both
 turned as they were found to sit. The motion capture sits turned by {turn_mocap:.1f} deg about z, the IMU by {turn_imu:.1f} deg;
 markers that are mistaken for others make its attitude jump. No prediction is nearer to the motion capture than this, but by
-chance. A vehicle that has seen all recordings, "{seen}", is the best that this model can do. Where the vehicle comes to rest
-differs between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
+chance. A vehicle that has seen all recordings, "{seen}", is the best that one vehicle can do; "{alone}" is a vehicle
+identified on the predicted recording alone, the best that this model can do. Where the vehicle comes to rest differs
+between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
 
-Channels that are predicted worse than by "{still}": {worse}. By more than the sensors differ there: {beyond}.
+## Of what one vehicle could explain
+
+Fits are `100 (1 - RMSE / standard deviation)`, medians over the recordings:
+
+{shares}
+
+## Worse than standing still
+
+Left-out predictions that err more than a vehicle that does not move, or than one at the mean of what was then seen. Of
+recordings in which the arm is at rest too, {at_rest}, which nothing is identified on and no median holds:
+
+{worse}
+
+By more than the sensors differ there: {beyond}.
 
 ## Free swings
 
@@ -71,6 +88,10 @@ class Session:
     """From all recordings."""
     left_out: tuple[Predicted, ...]
     """Every recording, by what the others tell."""
+    alone: tuple[Predicted, ...]
+    """Every recording, by what it tells itself."""
+    at_rest: dict[str, Predicted]
+    """Recordings in which the arm does not move, by name: by what all others tell."""
 
     @property
     def turn(self) -> float:
@@ -86,12 +107,14 @@ class Session:
         start = self.learner.vehicle.shared.start
         return [
             row(one.recording.name, self.sensor, kind, rmse)
-            for one, found in zip(self.prepared, self.left_out, strict=True)
+            for one, found, alone in zip(self.prepared, self.left_out, self.alone, strict=True)
             for kind, rmse in (
                 (OTHERS, errors(found)),
                 (SEEN, errors(self.learner.predicted(one, self.estimate.shared))),
+                (ALONE, errors(alone)),
                 (PRIOR, errors(self.learner.predicted(one, start))),
                 (STILL, still(found)),
+                (MEAN, about_mean(found)),
             )
         ]
 
@@ -101,8 +124,10 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
     them together end.
     """
     learner = pool_learner(NOISE[sensor])
-    recordings = [one for one in recordings_of(folder)[sensor] if moves(one)][
-        : 2 if quick else None
+    every_recording = recordings_of(folder)[sensor]
+    recordings = [one for one in every_recording if moves(one)][: 2 if quick else None]
+    resting = [
+        PreparedRecording.of(one, learner.vehicle) for one in every_recording if not moves(one)
     ]
     prepared = tuple(PreparedRecording.of(one, learner.vehicle) for one in recordings)
     everything = learner.trained(prepared, iterations=2 if quick else 25)
@@ -112,7 +137,17 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
         prepared=prepared,
         estimate=everything,
         left_out=tuple(_left_out(learner, prepared, held, quick=quick) for held in prepared),
+        alone=tuple(_alone(learner, held, everything, quick=quick) for held in prepared),
+        at_rest={one.recording.name: learner.predicted(one, everything.shared) for one in resting},
     )
+
+
+def _alone(
+    learner: Learner, held: PreparedRecording, everything: Estimate, *, quick: bool
+) -> Predicted:
+    """Predict a recording by what it tells itself, searched from what all of them tell."""
+    estimate = learner.trained([held], everything.shared, iterations=2 if quick else 25)
+    return learner.predicted(held, estimate.shared)
 
 
 def _left_out(
@@ -162,21 +197,65 @@ def _of(rows: Sequence[Row], sensor: str, kind: str) -> list[Row]:
     return [each for each in rows if (each["sensor"], each["prediction"]) == (sensor, kind)]
 
 
-def _worse(rows: Sequence[Row], *, beyond: bool) -> str:
-    """Channels that do worse than a vehicle that does not move, by more than the sensors differ or
-    by anything.
+def shares(rows: Sequence[Row]) -> str:
+    """Sentences on roll and pitch by each sensor: what is explained, and by what the rest is
+    missed.
     """
+    sentences = []
+    for sensor in (IMU, MOCAP):
+        for column in COLUMNS:
+            fits = {kind: _median_fit(rows, sensor, kind, column) for kind in (OTHERS, SEEN, ALONE)}
+            of_channel = FitShares(
+                channel=f"{column.split()[0]} by the {sensor}",
+                predicted=fits[OTHERS],
+                together=fits[SEEN],
+                alone=fits[ALONE],
+            )
+            sentences.append(f"- {of_channel}")
+    return "\n".join(sentences)
+
+
+def _median_fit(rows: Sequence[Row], sensor: str, kind: str, column: str) -> float:
+    """[%]"""
+    pairs = zip(_of(rows, sensor, kind), _of(rows, sensor, MEAN), strict=True)
+    return float(np.median([100.0 * (1.0 - each[column] / mean[column]) for each, mean in pairs]))
+
+
+def worse_than_still(sessions: Sequence[Session]) -> list[str]:
+    """Sentences on roll and pitch of each recording that is predicted worse than it stands
+    still.
+    """
+    sentences = []
+    for one in sessions:
+        names = [each.recording.name for each in one.prepared]
+        predictions = dict(zip(names, one.left_out, strict=True)) | one.at_rest
+        for name, predicted in predictions.items():
+            columns = zip(
+                ANGLES, errors(predicted), still(predicted), about_mean(predicted), strict=True
+            )
+            for angle, error, still_error, mean_error in columns:
+                shortfall = compared(
+                    recording=f"{name} by the {one.sensor}",
+                    channel=angle,
+                    unit="deg",
+                    error=float(error),
+                    baselines={NOTHING_MOVES: float(still_error), MEAN: float(mean_error)},
+                )
+                if shortfall is not None:
+                    sentences.append(f"- {shortfall}")
+    return sentences
+
+
+def _beyond_sensors(rows: Sequence[Row]) -> str:
+    """Channels that do worse than a vehicle that does not move, by more than the sensors differ."""
     found = []
     for sensor in (IMU, MOCAP):
-        parts = zip(
-            _of(rows, sensor, OTHERS),
-            _of(rows, sensor, STILL),
-            _of(rows, MOCAP, APART),
-            strict=True,
-        )
-        for ours, null, jitter in parts:
-            bad = [name for name in COLUMNS if ours[name] > null[name] + beyond * jitter[name]]
-            found += [f"{name.split()[0]} of {ours['recording']} by the {sensor}" for name in bad]
+        kinds = (_of(rows, sensor, OTHERS), _of(rows, sensor, STILL), _of(rows, MOCAP, APART))
+        for predicted, still_row, between_sensors in zip(*kinds, strict=True):
+            for column in COLUMNS:
+                if predicted[column] > still_row[column] + between_sensors[column]:
+                    angle = column.split()[0]
+                    found.append(f"{angle} of {predicted['recording']} by the {sensor}")
     return ", ".join(found) or "none"
 
 
@@ -203,12 +282,14 @@ def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]
         wanted=WANTED,
         apart=APART,
         seen=SEEN,
-        still=STILL,
+        alone=ALONE,
         turn_mocap=mocap.turn,
         turn_imu=imu.turn,
         rest_imu=" and ".join(f"{value:.2f}" for value in offsets),
-        worse=_worse(rows, beyond=False),
-        beyond=_worse(rows, beyond=True),
+        shares=shares(rows),
+        at_rest=", ".join(imu.at_rest) or "of which there are none",
+        worse="\n".join(worse_than_still([imu, mocap])) or "None.",
+        beyond=_beyond_sensors(rows),
         n_swings=len(free),
         large=LARGE,
         periods=_span(_off(free, "period [%]", large=True)),

@@ -9,7 +9,7 @@ predictions. Writes identification_tauv.csv and identification_tauv.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,9 @@ from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent, rolle
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
+from uvms_ocp.identification.prediction_verdict import FitShares
 from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout
+from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 from uvms_ocp.identification.validation import static_baseline
 
 STEP = 0.1
@@ -33,10 +35,13 @@ STAGES = ((15.0, 8), (None, 30))
 DRIFT = {"wrench_offset": Prior(sigma=1.0, only=("heave",))}
 """What a recording has for itself while the others are identified."""
 ALL = "all of it"
+ONE_VEHICLE = "all of it, one vehicle that has seen all"
+HALF = "all of it, identified on the other half"
+HALF_SEEN = "all of it, one vehicle that has seen this half"
 OWN = "all of it, seen"
 ALONE = "all of it, seen alone"
 PRIOR = "prior"
-STILL = "nothing moves"
+STILL = NOTHING_MOVES
 FORCE = "heave force found"
 FILTER = "any filter, seen"
 TWICE = "position's derivative"
@@ -59,13 +64,33 @@ Forces in heave differ between recordings: with the same command the vehicle sin
 identified with a constant heave force for every recording besides, {forces} N; a recording that is predicted has none. Where it
 is found from the first {known:g} s too, as a part of the state, predictions say "{force}".
 
-- "{seen}": a vehicle that has seen all recordings, with these forces, the best that one vehicle can do. Over {short:g} s, with
+- "{one_vehicle}": identified on all recordings that are predicted, and predicting them in the same way, with no force of their
+  own: the best that one vehicle can do.
+- "{half}": every second recording is predicted by a vehicle identified on the others, and these by one identified on them.
+  "{half_seen}" is the bound of that: by the vehicle identified on the predicted half.
+- "{seen}": a vehicle that has seen all recordings, and is told the force and the start of each. Over {short:g} s, with
   the force found, it has no more than "{soon}".
 - "{alone}": a vehicle identified on the predicted recording alone: the best that this model can do.
 - "{filter}": no vehicle, but a linear filter for each channel with {coefficients} coefficients, of {memory:g} s of what eight
   thrusters were told and of what of it was beyond their dead zone, fitted to the very recordings that it is judged on.
 - "{twice}": the measured velocity by the derivative of the measured position, smoothed over {smoothing:g} s, at the lag at which
   both agree best: what is left is noise of the one or the other.
+
+## Of what one vehicle could explain
+
+By medians over the recordings, every recording predicted by the others:
+
+{shares}
+
+Half of the recordings predicted by the other half, beside a vehicle that has seen that half:
+
+{half_shares}
+
+## Worse than standing still
+
+Predictions by the others over whole recordings and by horizons, in surge, sway, heave and yaw rate:
+
+{worse}
 
 ## Doubts about the recordings
 
@@ -121,6 +146,72 @@ def row(name: str, kind: str, predicted: Predicted) -> Row:
 
 def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
     return fit_percent(seen, predicted) if seen.std() > MOVING[channel] else None
+
+
+def one_vehicle(one: Bench, shared: np.ndarray, kind: str) -> list[Row]:
+    """Every recording, predicted from its beginning by unknowns shared (n,) [as they are], with no
+    force of its own.
+    """
+    predictor = one.predictor(shared)
+    return [
+        row(each.recording.name, kind, predictor.of(each.stretches(STEP)[0]))
+        for each in one.prepared
+    ]
+
+
+def by_halves(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]) -> list[Row]:
+    """Every second recording by a vehicle identified on the others, and these by one identified on
+    them, each beside the vehicle that has seen what is predicted.
+    """
+    halves = [slice(0, None, 2), slice(1, None, 2)]
+    identified = [drifting.trained(drifting.prepared[half], None, stages).shared for half in halves]
+    rows = []
+    for half, seen, other in zip(halves, identified, identified[::-1], strict=True):
+        predicted = replace(one, prepared=one.prepared[half])
+        rows += one_vehicle(predicted, other, HALF) + one_vehicle(predicted, seen, HALF_SEEN)
+    return rows
+
+
+def shares(rows: Sequence[Row], predicted: str, together: str) -> str:
+    """Sentences on each channel: what of it is explained, and by what the rest is missed."""
+    sentences = []
+    for channel in CHANNELS:
+        fit = _median(rows, predicted, channel)
+        bound = _median(rows, together, channel)
+        alone_fit = _median(rows, ALONE, channel)
+        if fit is None or bound is None or alone_fit is None:
+            continue
+        of_channel = FitShares(channel=channel, predicted=fit, together=bound, alone=alone_fit)
+        sentences.append(f"- {of_channel}")
+    return "\n".join(sentences)
+
+
+def worse_than_still(rows: Sequence[Row]) -> str:
+    """Sentences on each channel of a recording that is predicted worse than it stands still.
+
+    Errors are in shares of the channel's standard deviation, about its mean.
+    """
+    kinds = [ALL, *(f"{horizon:g} s" for horizon in HORIZONS)]
+    still = {each["recording"]: each for each in rows if each["prediction"] == STILL}
+    sentences = []
+    for each in rows:
+        if each["prediction"] not in kinds:
+            continue
+        for channel in CHANNELS:
+            fit = each[channel]
+            still_fit = still[each["recording"]][channel]
+            if fit is None or still_fit is None:
+                continue
+            shortfall = compared(
+                recording=f"{each['recording']} ({each['prediction']})",
+                channel=channel,
+                unit="standard deviations",
+                error=1.0 - fit / 100.0,
+                baselines={NOTHING_MOVES: 1.0 - still_fit / 100.0, MEAN: 1.0},
+            )
+            if shortfall is not None:
+                sentences.append(f"- {shortfall}")
+    return "\n".join(sentences) or "None."
 
 
 def left_out(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]) -> list[Row]:
@@ -233,8 +324,8 @@ def _doubts(one: Bench) -> str:
     return "\n".join(told) or "None."
 
 
-def prose(one: Bench, drifting: Estimate) -> str:
-    """With the figures of a bench, and of an estimate with forces of each recording."""
+def prose(one: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
+    """With the figures of a bench, of an estimate with forces of each recording, and of rows."""
     forces = [float(own[0]) for own in drifting.own.values()]
     return PROSE.format(
         n=len(one.prepared),
@@ -252,6 +343,12 @@ def prose(one: Bench, drifting: Estimate) -> str:
         wanted=", ".join(f"{name} {least:g}" for name, least in WANTED.items()),
         short=HORIZONS[0],
         asked=WANTED_SOON,
+        one_vehicle=ONE_VEHICLE,
+        half=HALF,
+        half_seen=HALF_SEEN,
+        shares=shares(rows, ALL, ONE_VEHICLE),
+        half_shares=shares(rows, HALF, HALF_SEEN),
+        worse=worse_than_still(rows),
         seen=OWN,
         soon=f"{HORIZONS[0]:g} s, {FORCE}, seen",
         alone=ALONE,
@@ -269,7 +366,8 @@ def main() -> None:
     one = bench(given.folder, quick=run.quick)
     drifting = bench(given.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
-    rows = left_out(one, drifting, stages) + in_sample(drifting, everything, OWN)
+    rows = left_out(one, drifting, stages) + one_vehicle(one, everything.shared, ONE_VEHICLE)
+    rows += by_halves(one, drifting, stages) + in_sample(drifting, everything, OWN)
     rows += seen_soon(drifting, everything.shared) + alone(
         drifting, everything.shared, quick=run.quick
     )
@@ -279,7 +377,7 @@ def main() -> None:
         Report(
             name="identification_tauv",
             title="Identification of a driven AUV",
-            prose=prose(one, everything),
+            prose=prose(one, everything, rows),
             tables=[table],
             data={"identification_tauv": rows},
         )

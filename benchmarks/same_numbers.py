@@ -177,6 +177,7 @@ def exported_replay(setting: Setting, name: str) -> Values:
     """
     folder = exported(setting, name)
     sources = sorted(path.name for path in folder.glob("*.c"))
+    (recording,) = folder.glob("*recorded.bin")
     level = "-O0" if setting.quick else "-O1"
     subprocess.run(
         ["cc", "-std=c99", level, "-ffp-contract=off", *sources, "-lm", "-o", "replay"],
@@ -184,12 +185,12 @@ def exported_replay(setting: Setting, name: str) -> Values:
         check=True,
     )
     process = subprocess.run(
-        ["./replay", "recorded.bin", "ticks.txt"], cwd=folder, capture_output=True, text=True
+        ["./replay", recording.name, "ticks.txt"], cwd=folder, capture_output=True, text=True
     )
     counts = [
         float(number) for number in re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)
     ]
-    recorded = np.frombuffer((folder / "recorded.bin").read_bytes(), dtype="<f8")
+    recorded = np.frombuffer(recording.read_bytes(), dtype="<f8")
     return {
         "recorded": recorded,
         "told": np.loadtxt(folder / "ticks.txt", ndmin=2),

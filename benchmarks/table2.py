@@ -13,7 +13,7 @@ from recording.progress import show_runs
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.table2 import FLOORS, MARGIN, table2
 
-from uvms_ocp.sim.seafloor import RELIEFS
+from uvms_ocp.sim.rough_seafloor import RELIEFS
 
 PROSE = """
 {runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes {shortest:.0f} to
@@ -22,7 +22,7 @@ coal against a mesh of the floor; contact counts as {contact} or less, {margin:g
 `studies.table2.verdict`.
 
 {agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have protuberances of {reliefs}
-(`uvms_ocp.sim.seafloor.RELIEFS`).
+(`uvms_ocp.sim.rough_seafloor.RELIEFS`).
 """
 FORMATS = {
     "floor": "",

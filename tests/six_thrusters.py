@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import uvms_ocp as uo
-from uvms_ocp.control.force.allocation import thruster_lag
+from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick_functions import ForceLaws
 from uvms_ocp.control.force.velocity_law import VelocityLaw
 from uvms_ocp.control.velocity.goals import task_parameters

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.text import Text
 from tiny_robots import LIMIT, RIGID, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
 
-from uvms_ocp.campaign.jobs import run_metrics
+from uvms_ocp.campaign.run_metrics import run_metrics
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record

@@ -17,7 +17,7 @@ def __getattr__(name: str) -> object:
     if name not in __dir__():
         from difflib import get_close_matches
 
-        near = get_close_matches(name, __dir__(), n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
+        nearest = get_close_matches(name, __dir__(), n=1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}{hint}")
     return _load(name)

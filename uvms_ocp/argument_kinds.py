@@ -88,7 +88,9 @@ class _Pose(Kind):
     converts = True
 
     def converted(self, value: Any, keep: bool) -> Any:
-        return value.copy() if keep else value
+        if keep:
+            return value.copy()
+        return value
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,9 @@ class _Number(Kind):
 
     def converted(self, value: Any, keep: bool) -> Any:
         # NumPy cannot say of a whole number of thirty digits whether it is finite.
-        return float(value) if type(value) is int else value
+        if type(value) is int:
+            return float(value)
+        return value
 
 
 @dataclass(frozen=True)
@@ -178,7 +182,9 @@ class _Numbers(Kind):
     def converted(self, value: Any, keep: bool) -> Any:
         if keep and (self.plain or np.ndim(value)):
             return read_only(value, self.dtype)
-        return np.asarray(value, dtype=self.dtype) if self.plain else value
+        if self.plain:
+            return np.asarray(value, dtype=self.dtype)
+        return value
 
 
 def _array(value: Any) -> np.ndarray | None:
@@ -211,11 +217,13 @@ class _Either(Kind):
 
     def wrong(self, place: str, value: Any) -> _Violation:
         # An alternative that finds its fault deep inside was the one that was meant.
-        found = [kind.wrong(place, value) for kind in self.kinds]
+        violations = [kind.wrong(place, value) for kind in self.kinds]
         deeper = [
-            fault for fault in found if fault.place != place or not fault.found.startswith("=")
+            fault for fault in violations if fault.place != place or not fault.found.startswith("=")
         ]
-        return deeper[0] if deeper else super().wrong(place, value)
+        if deeper:
+            return deeper[0]
+        return super().wrong(place, value)
 
     def among(self, value: Any) -> Kind:
         return next((kind.among(value) for kind in self.kinds if kind.holds(value)), Kind())
@@ -275,8 +283,10 @@ class _Several(Kind):
 
     def fits(self, value: Any) -> bool:
         numbers = all(isinstance(kind, (_Number, _Whole)) for kind in self.kinds)
-        other = numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
-        return (isinstance(value, tuple) or other) and len(value) == len(self.kinds)
+        is_row_of_numbers = (
+            numbers and isinstance(value, (list, np.ndarray)) and getattr(value, "ndim", 1) == 1
+        )
+        return (isinstance(value, tuple) or is_row_of_numbers) and len(value) == len(self.kinds)
 
     def parts(self, place: str, value: Any) -> Iterable[tuple[str, Kind, Any]]:
         return (
@@ -289,7 +299,9 @@ class _Several(Kind):
             return tuple(
                 kind.converted(item, keep) for kind, item in zip(self.kinds, value, strict=True)
             )
-        return value if isinstance(value, tuple) else tuple(value)
+        if isinstance(value, tuple):
+            return value
+        return tuple(value)
 
 
 @dataclass(frozen=True)
@@ -358,10 +370,10 @@ def kinds_of(function: Callable[..., Any], owner: type | None = None) -> dict[st
     # constructor was made.
     generated = function.__code__.co_filename == "<string>"
     hints = _hints(owner if owner is not None and generated else function)
-    own = inspect.signature(function).parameters
-    if owner is not None and not set(own) - {"self"} <= set(hints):
+    parameters = inspect.signature(function).parameters
+    if owner is not None and not set(parameters) - {"self"} <= set(hints):
         hints |= _hints(function)
-    return {name: _kind_of(hints[name]) for name in own if name in hints}
+    return {name: _kind_of(hints[name]) for name in parameters if name in hints}
 
 
 def _kind_of(annotation: Any) -> Kind:
@@ -372,7 +384,8 @@ def _kind_of(annotation: Any) -> Kind:
         return _PLAIN_KINDS[annotation]
     if annotation is ArrayLike:
         return _numbers()
-    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    origin = typing.get_origin(annotation)
+    arguments = typing.get_args(annotation)
     if origin is Annotated:
         return _annotated(*arguments)
     if origin in (Union, types.UnionType):
@@ -380,13 +393,16 @@ def _kind_of(annotation: Any) -> Kind:
     if isinstance(annotation, TypeVar) and annotation.__constraints__:
         return _either(annotation.__constraints__)
     if origin is Literal:
-        known = _is_a(str, int, bytes, type(None))
+        is_literal_type = _is_a(str, int, bytes, type(None))
         return Kind(
-            " or ".join(map(repr, arguments)), lambda value: known(value) and value in arguments
+            " or ".join(map(repr, arguments)),
+            lambda value: is_literal_type(value) and value in arguments,
         )
     if origin is not None:
         return _generic(origin, arguments)
-    return _kind_of_class(annotation) if isinstance(annotation, type) else Kind()
+    if isinstance(annotation, type):
+        return _kind_of_class(annotation)
+    return Kind()
 
 
 def _hints(thing: Any) -> dict[str, Any]:
@@ -395,11 +411,11 @@ def _hints(thing: Any) -> dict[str, Any]:
     return {}
 
 
-def _numbers(**what: Any) -> Kind:
-    found = _Numbers(**what)
-    shape = f" {found.shape}" if found.shape else ""
-    content, _ = _OF_TYPE.get(found.dtype, _REAL)
-    return _Numbers(f"an array{shape} of {content}{found.inside or ''}", **what)
+def _numbers(**settings: Any) -> Kind:
+    kind = _Numbers(**settings)
+    shape = f" {kind.shape}" if kind.shape else ""
+    content, _ = _OF_TYPE.get(kind.dtype, _REAL)
+    return _Numbers(f"an array{shape} of {content}{kind.inside or ''}", **settings)
 
 
 def _annotated(base: Any, *extras: object) -> Kind:
@@ -410,27 +426,27 @@ def _annotated(base: Any, *extras: object) -> Kind:
         return _numbers(shape=shape, inside=inside)
     if isinstance(kind, _Numbers):
         return _numbers(dtype=kind.dtype, plain=kind.plain, shape=shape, inside=inside)
-    return (
-        type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
-        if isinstance(kind, (_Number, _Whole))
-        else kind
-    )
+    if isinstance(kind, (_Number, _Whole)):
+        return type(kind)(f"{kind.allowed}{inside or ''}", inside=inside)
+    return kind
 
 
 def _either(arguments: tuple[Any, ...]) -> Kind:
-    found: list[Kind] = []
+    choices: list[Kind] = []
     if {Path, str} <= set(arguments):
         arguments = tuple(a for a in arguments if a not in (Path, str))
-        found.append(Kind(_PATH, _is_path(Path, str)))
+        choices.append(Kind(_PATH, _is_path(Path, str)))
     if (
         set(arguments) >= _ARRAY_LIKE
     ):  # a union of unions is flat: what numpy calls array-like has come apart
         arguments = tuple(a for a in arguments if a not in _ARRAY_LIKE)
-        found.append(_numbers())
-    found += map(_kind_of, arguments)
-    if len(found) == 1:
-        return found[0]
-    return _Either(" or ".join(dict.fromkeys(kind.allowed for kind in found)), kinds=tuple(found))
+        choices.append(_numbers())
+    choices += map(_kind_of, arguments)
+    if len(choices) == 1:
+        return choices[0]
+    return _Either(
+        " or ".join(dict.fromkeys(kind.allowed for kind in choices)), kinds=tuple(choices)
+    )
 
 
 def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
@@ -441,7 +457,10 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
         kinds = tuple(map(_kind_of, arguments))
         return _Several(f"({', '.join(kind.allowed for kind in kinds)})", kinds=kinds)
     if origin is Callable:
-        n = len(arguments[0]) if isinstance(arguments[0], list) else None
+        if isinstance(arguments[0], list):
+            n = len(arguments[0])
+        else:
+            n = None
         return Kind(
             "a function" + ("" if n is None else f" of {n} arguments"),
             lambda value: _is_function(value, n),
@@ -453,7 +472,10 @@ def _generic(origin: Any, arguments: tuple[Any, ...]) -> Kind:
     if origin in (tuple, list, set, frozenset, Sequence, Iterable):
         kind = _kind_of(arguments[0])
         name = "sequence" if origin in (Sequence, Iterable) else origin.__name__
-        each = "" if kind == Kind() else f" of which each is {kind.allowed}"
+        if kind == Kind():
+            each = ""
+        else:
+            each = f" of which each is {kind.allowed}"
         return _Items(f"a {name}{each}", holder=origin, kind=kind)
     if not is_dataclass(origin):
         return _kind_of_class(origin)
@@ -485,13 +507,15 @@ def _kind_of_class(cls: type) -> Kind:
     if cls is np.ndarray:
         return _numbers(plain=True)
     if cls in (float, int):
-        return _Number("a number") if cls is float else _Whole("a whole number")
+        if cls is float:
+            return _Number("a number")
+        return _Whole("a whole number")
     if getattr(cls, "_is_protocol", False):
         parents = [base for base in cls.__mro__ if getattr(base, "_is_protocol", False)]
-        found = dict.fromkeys(
+        members = dict.fromkeys(
             name for base in parents for name in (*vars(base), *inspect.get_annotations(base))
         )
-        names = [name for name in found if not name.startswith("_") or name == "__call__"]
+        names = [name for name in members if not name.startswith("_") or name == "__call__"]
         return Kind(
             f"a value with the methods of {cls.__name__} ({', '.join(names)})",
             lambda value: (

@@ -60,7 +60,9 @@ def checked(thing: _T) -> _T:
     in one line that names the argument, and of a constructor the value, by its argument `name` or
     `to`; a name that no argument has raises `ArgumentNotFound`, with the nearest.
     """
-    return _checked_class(thing) if isinstance(thing, type) else _before(thing, None)
+    if isinstance(thing, type):
+        return _checked_class(thing)
+    return _before(thing, None)
 
 
 def checked_on_failure(thing: _T) -> _T:
@@ -102,12 +104,15 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
     for name, member in list(vars(cls).items()):
         if name.startswith("_") and name not in ("__init__", "__call__", "__getitem__"):
             continue
-        kind = type(member) if isinstance(member, (staticmethod, classmethod)) else None
+        if isinstance(member, (staticmethod, classmethod)):
+            kind = type(member)
+        else:
+            kind = None
         function = member.__func__ if kind else member
         if inspect.isfunction(function) and _takes_arguments(function):
             late = late_methods or any(
-                getattr(one, _LATE, False)
-                for one in (function, getattr(super(cls, cls), name, None))
+                getattr(method, _LATE, False)
+                for method in (function, getattr(super(cls, cls), name, None))
             )
             after = late_constructor if name == "__init__" else late
             wrapped = (_after if after else _before)(function, cls)
@@ -177,46 +182,52 @@ class _Arguments:
             raise ArgumentNotFound(
                 self.title, unknown, [name for name in self._names if name != "self"]
             )
-        given = dict(zip(self._by_place, args, strict=False)) | kwargs
-        for name, value in given.items():
+        arguments = dict(zip(self._by_place, args, strict=False)) | kwargs
+        for name, value in arguments.items():
             kind = self._kinds.get(name)
             if (
                 kind is not None
                 and not kind.holds(value)
                 and value is not self._parameters[name].default
             ):
-                place, found, allowed = kind.wrong(name, value)
+                place, problem, allowed = kind.wrong(name, value)
                 raise InvalidInput(
-                    f"{self._called(given)}: {' '.join(f'{place} {found}; give {allowed}'.split())}"
+                    f"{self._called(arguments)}: {' '.join(f'{place} {problem}; give {allowed}'.split())}"
                 )
         if self._shaped:
-            self._check_shapes(given)
+            self._check_shapes(arguments)
 
-    def _called(self, given: Mapping[str, Any]) -> str:
+    def _called(self, arguments: Mapping[str, Any]) -> str:
         """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition
         to 'B'``.
         """
         names = [
-            f" {word}{short(given[key])}"
+            f" {word}{short(arguments[key])}"
             for key, word in _NAMING
-            if isinstance(given.get(key), str)
+            if isinstance(arguments.get(key), str)
         ]
         return "".join([self.title, *names[:1]] if self._class else [self.title])
 
-    def _check_shapes(self, given: Mapping[str, Any]) -> None:
-        lengths = dict(given)
+    def _check_shapes(self, arguments: Mapping[str, Any]) -> None:
+        lengths = dict(arguments)
         givers = dict[str, str]()
-        for name, value in given.items():
-            shape = self._kinds[name].among(value).shape if name in self._shaped else None
+        for name, value in arguments.items():
+            if name in self._shaped:
+                shape = self._kinds[name].among(value).shape
+            else:
+                shape = None
             if shape is not None:
                 exact = shape.among(lengths)
                 if not exact.holds(value):
                     others = dict.fromkeys(
                         givers[length] for length in shape.names if length in givers
                     )
-                    fits = f" to go with {' and '.join(others)}" if others else ""
+                    if others:
+                        fits = f" to go with {' and '.join(others)}"
+                    else:
+                        fits = ""
                     raise InvalidInput(
-                        f"{self._called(given)}: {name} has shape {np.shape(value)}; give"
+                        f"{self._called(arguments)}: {name} has shape {np.shape(value)}; give"
                         f" {exact}{fits}"
                     )
                 lengths |= exact.named(value)
@@ -230,7 +241,9 @@ class _Arguments:
             return args, kwargs
 
         def convert(name: str, value: Any) -> Any:
-            return self._kinds[name].converted(value, keep) if name in self._converting else value
+            if name in self._converting:
+                return self._kinds[name].converted(value, keep)
+            return value
 
         first = tuple(map(convert, self._by_place, args))
         return first + args[len(first) :], {
@@ -280,11 +293,11 @@ def _doubt(function: Callable[..., Any]) -> str:
     """
     doubts = []
     for name, word in function.__annotations__.items():
-        plain, extras = (
-            _plain(word, function.__globals__)
-            if isinstance(word, str) and name != "return"
-            else ("", ())
-        )
+        if isinstance(word, str) and name != "return":
+            plain, extras = _plain(word, function.__globals__)
+        else:
+            plain = ""
+            extras = ()
         if plain in _CHECKED_BY_CLASS:
             # The one class that is nearly always found is asked for by itself: that takes half the
             # time.
@@ -300,8 +313,14 @@ def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
     an `Annotated`.
     """
     module, _, name = word.rpartition(".")
-    named = getattr(scope.get(module), name, None) if module else scope.get(word)
-    thing = eval(word, scope) if word.startswith("Annotated[") and word.endswith("]") else named
+    if module:
+        named = getattr(scope.get(module), name, None)
+    else:
+        named = scope.get(word)
+    if word.startswith("Annotated[") and word.endswith("]"):
+        thing = eval(word, scope)
+    else:
+        thing = named
     if get_origin(thing) is not Annotated:
         return word, ()
     base, *extras = get_args(thing)
@@ -356,7 +375,10 @@ def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, An
         if by_name and not starred:
             declared.append("*")
         starred = starred or by_name or mark == "*"
-        default = "" if parameter.default is parameter.empty else f"_default_{name}"
+        if parameter.default is parameter.empty:
+            default = ""
+        else:
+            default = f"_default_{name}"
         if default:
             defaults[default] = parameter.default
         declared.append(f"{mark}{name}" + (f"={default}" if default else ""))
@@ -427,16 +449,14 @@ def _open(cls: Any) -> type:
 def _field(f: Field[Any]) -> str:
     """Source of its value."""
     name = f.name
-    return (
-        name
-        if f.default_factory is MISSING
-        else f"_make_{name}() if {name} is _default_{name} else {name}"
-    )
+    if f.default_factory is MISSING:
+        return name
+    return f"_make_{name}() if {name} is _default_{name} else {name}"
 
 
 def replace_unchecked(value: _V, /, **changes: Any) -> _V:
-    """A frozen value with other values of some fields, as `dataclasses.replace`, but made as by
-    `trusted`.
+    """Return a frozen value with other values of some fields, as ``dataclasses.replace`` does, but
+    without its checks.
     """
     return _changing(type(value))(value, changes)  # type: ignore[arg-type]
 
@@ -445,10 +465,10 @@ def replace_unchecked(value: _V, /, **changes: Any) -> _V:
 def _changing(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
     """`changed` of one class."""
     names = [f.name for f in fields(cls) if f.init]
-    made = unchecked_constructor(cls)
-    kept = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
-    space = {"_made": made, "_names": frozenset(names)}
-    exec(_CHANGED.format(kept=kept), space)
+    constructor = unchecked_constructor(cls)
+    arguments = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
+    space = {"_made": constructor, "_names": frozenset(names)}
+    exec(_CHANGED.format(kept=arguments), space)
     return space["_changed"]  # type: ignore[return-value]
 
 

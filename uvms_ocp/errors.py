@@ -42,8 +42,10 @@ class UvmsError(Exception):
         return (_again, (type(self), default[1], self.args), *default[2:])
 
 
-def _again(cls: type[UvmsError], given: tuple[Any, ...], args: tuple[Any, ...]) -> UvmsError:
-    error = cls.__new__(cls, *given)
+def _again(
+    cls: type[UvmsError], constructor_arguments: tuple[Any, ...], args: tuple[Any, ...]
+) -> UvmsError:
+    error = cls.__new__(cls, *constructor_arguments)
     error.args = args
     return error
 
@@ -68,10 +70,10 @@ class NameNotFound(UvmsError, LookupError):
             names = ", ".join(self.allowed) or "none"
             super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
             return
-        near = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
+        nearest = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
         where = f"; {listed} lists them" if listed else ""
         super().__init__(
-            f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {near}{where}."
+            f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {nearest}{where}."
         )
 
 
@@ -110,8 +112,11 @@ class RobotDataError(InvalidInput):
         self.path = Path(path)
         self.problems = problems
         n_shown = max(3, sum(length <= _LONGEST for length in accumulate(map(len, problems))))
-        left = [f"{len(problems) - n_shown} more"] if len(problems) > n_shown else []
-        super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *left])}")
+        if len(problems) > n_shown:
+            hidden = [f"{len(problems) - n_shown} more"]
+        else:
+            hidden = []
+        super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *hidden])}")
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -160,7 +165,9 @@ def plain_line(text: str, longest: int | None = None) -> str:
     longest: number of characters after which it is cut.
     """
     plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
-    return plain if longest is None or len(plain) <= longest else plain[: longest - 1] + "…"
+    if longest is None or len(plain) <= longest:
+        return plain
+    return plain[: longest - 1] + "…"
 
 
 def short(value: object) -> str:
@@ -169,7 +176,9 @@ def short(value: object) -> str:
         text = " ".join(repr(value).split())
     except Exception:
         text = f"a {type(value).__name__}"
-    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+    if len(text) <= _SHOWN:
+        return text
+    return f"{text[: _SHOWN - 3]}..."
 
 
 # Outcomes that say what to do about them.

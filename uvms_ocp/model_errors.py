@@ -30,8 +30,8 @@ class FileModel(BaseModel):
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:
     """The mistakes of a file read as ``model``, the first few in full."""
     texts = problems_of(error, model)
-    left = len(texts) - _SHOWN
-    return "; and ".join(texts[:_SHOWN]) + (f"; and {left} more" if left > 0 else "")
+    n_hidden = len(texts) - _SHOWN
+    return "; and ".join(texts[:_SHOWN]) + (f"; and {n_hidden} more" if n_hidden > 0 else "")
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -62,14 +62,16 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
     """One problem per key: of the alternatives that a value does not fit, the one that it got
     furthest with.
     """
-    found: dict[str, Any] = {}
+    problems: dict[str, Any] = {}
     for problem in error.errors(include_url=False):
         key = ".".join(_keys_of(problem)) or "file"
-        if key not in found or len(problem["loc"]) > len(found[key]["loc"]):
-            found[key] = problem
+        if key not in problems or len(problem["loc"]) > len(problems[key]["loc"]):
+            problems[key] = problem
     # What is wrong inside a value is told by the deepest key.
-    above = {prefix for key in found for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)}
-    return {key: found[key] for key in found if key not in above}
+    above = {
+        prefix for key in problems for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)
+    }
+    return {key: problems[key] for key in problems if key not in above}
 
 
 def _keys_of(problem: Any) -> list[str]:
@@ -77,21 +79,26 @@ def _keys_of(problem: Any) -> list[str]:
     location = [str(part) for part in problem["loc"]]
     # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last,
     # may have some of its own.
-    own = location[-1:] if problem["type"] == "extra_forbidden" else []
-    return [*(part for part in location[: len(location) - len(own)] if "[" not in part), *own]
+    last_key = location[-1:] if problem["type"] == "extra_forbidden" else []
+    return [
+        *(part for part in location[: len(location) - len(last_key)] if "[" not in part),
+        *last_key,
+    ]
 
 
 def printable(key: object) -> str:
     """A key or a path as messages show it: as it is where it fits in a line."""
     key = str(key)
-    return key if key.isprintable() and len(key) <= _LONGEST else short(key)
+    if key.isprintable() and len(key) <= _LONGEST:
+        return key
+    return short(key)
 
 
 def _problem(problem: Any, model: type[BaseModel]) -> str:
     if problem["type"] == "missing":
         *section, key = _keys_of(problem)
-        known = _fields(section, model).get(key)
-        return f"missing; give {(known and known.description) or 'it a value'}"
+        model_field = _fields(section, model).get(key)
+        return f"missing; give {(model_field and model_field.description) or 'it a value'}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key; {_advice(_keys_of(problem), model)}"
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
@@ -100,9 +107,11 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
 
 def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
     *section, key = path
-    known = sorted(_fields(section, model))
-    close = get_close_matches(key, known, n=1)
-    return f"did you mean {close[0]!r}?" if close else f"known here: {', '.join(known)}"
+    known_keys = sorted(_fields(section, model))
+    close = get_close_matches(key, known_keys, n=1)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return f"known here: {', '.join(known_keys)}"
 
 
 def _fields(section: Sequence[str], model: type[BaseModel]) -> dict[str, FieldInfo]:

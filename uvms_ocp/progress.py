@@ -22,22 +22,22 @@ def show_progress(shown: bool = True) -> None:
     _wanted[:] = [shown]
 
 
-def progress_bar(*, shown: bool = True, **given: Any) -> Any:
+def progress_bar(*, shown: bool = True, **options: Any) -> Any:
     """Return a bar of tqdm, of which nothing stays; disabled unless shown, and where nobody looks.
     given: see `tqdm.tqdm`.
 
     Beside a display of Rich, which then tells what happens, there is none.
     """
-    wanted = shown and _wanted[0] and os.environ.get("TQDM_DISABLE", "0") in ("", "0")
+    is_wanted = shown and _wanted[0] and os.environ.get("TQDM_DISABLE", "0") in ("", "0")
     about = type(sys.stderr).__module__
     terminal = getattr(sys.stderr, "isatty", bool)() and not about.startswith("rich.")
-    if not (wanted and (terminal or about.startswith("ipykernel"))):
+    if not (is_wanted and (terminal or about.startswith("ipykernel"))):
         return _NoBar()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # in notebooks without ipywidgets bars are lines of text
         from tqdm.auto import tqdm
-    given |= {"miniters": 0, "smoothing": 0.0}  # time goes on where nothing else does
-    return tqdm(leave=False, dynamic_ncols=True, **given)
+    options |= {"miniters": 0, "smoothing": 0.0}  # time goes on where nothing else does
+    return tqdm(leave=False, dynamic_ncols=True, **options)
 
 
 class _NoBar:

@@ -38,18 +38,24 @@ class Range:
 
     def holds(self, value: float) -> bool:
         """Return whether the value [any] is inside."""
-        return self.low < value < self.high if self.open else self.low <= value <= self.high
+        if self.open:
+            return self.low < value < self.high
+        return self.low <= value <= self.high
 
     def doubt(self, name: str) -> str:
-        """Source that is true where the number `name` is not inside; `_inf` is infinity."""
+        """Source that is true where the number `name` is not inside; ``_inf`` is infinity."""
         low, high = (repr(float(end)).replace("inf", "_inf") for end in (self.low, self.high))
         return f"not {low} {'<' if self.open else '<='} {name} {'<' if self.open else '<='} {high}"
 
     def __str__(self) -> str:
         if np.isinf(self.low) and np.isinf(self.high):
-            return ", finite" if self.open else ", not NaN"
+            if self.open:
+                return ", finite"
+            return ", not NaN"
         if np.isinf(self.high):
-            return f" > {self.low:g}, finite" if self.open else f" >= {self.low:g}"
+            if self.open:
+                return f" > {self.low:g}, finite"
+            return f" >= {self.low:g}"
         return (
             f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'}"
             f" {self.high:g}"
@@ -86,12 +92,12 @@ class Shape:
         method it is.
         """
         n = len(self._sizes)
-        known = [
+        size_checks = [
             f"{name}.shape[{i - n}] != {size}"
             for i, size in enumerate(self._sizes)
             if isinstance(size, int) or size.startswith("self.")
         ]
-        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *known])
+        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *size_checks])
 
     def among(self, arguments: Mapping[str, object]) -> Shape:
         """The shape with the lengths that the arguments of a call tell."""
@@ -119,12 +125,14 @@ class Shape:
         return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
 
 
-def _length(name: str, known: Mapping[str, object]) -> int | str:
+def _length(name: str, values: Mapping[str, object]) -> int | str:
     first, *rest = name.split(".")
-    value = known.get(first if rest else f"{_OF}{name}")
+    value = values.get(first if rest else f"{_OF}{name}")
     for part in rest:
         value = getattr(value, part, None)
-    return value if isinstance(value, int) else name
+    if isinstance(value, int):
+        return value
+    return name
 
 
 # Annotations that say more than their type, by name.
@@ -181,7 +189,9 @@ class FrozenDict(dict[Any, Any]):
 
 def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
     """The same entries, for good."""
-    return items if type(items) is FrozenDict else FrozenDict(items)
+    if type(items) is FrozenDict:
+        return items
+    return FrozenDict(items)
 
 
 def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
@@ -189,10 +199,10 @@ def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
     unless it is one.
     """
     array = np.asarray(values, dtype=dtype)
-    kept = (base := memory_of(array)) is values or (
-        isinstance(base, bytes | mmap) and memoryview(base).readonly
-    )
-    if array.flags.writeable or not kept:
+    base = memory_of(array)
+    is_read_only_memory = isinstance(base, bytes | mmap) and memoryview(base).readonly
+    is_fixed = base is values or is_read_only_memory
+    if array.flags.writeable or not is_fixed:
         array = np.array(array)
         array.flags.writeable = False
     return array

@@ -17,7 +17,8 @@ from uvms_ocp.checks import replace_unchecked
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
 from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.payload import LoadEstimate, LoadLearning
+from uvms_ocp.control.load_filter import LoadLearning
+from uvms_ocp.control.payload import LoadEstimate
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.estimation.degraded_modes import FREE
@@ -32,8 +33,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, State, StateEstimate, robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from uvms_ocp.campaign.jobs import CampaignJob, Row, RunResult
-from uvms_ocp.campaign.store import CampaignManifest, types_of
+from uvms_ocp.campaign.manifest import CampaignManifest, types_of
 from uvms_ocp.version import __version__
 
 

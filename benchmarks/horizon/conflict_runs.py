@@ -18,8 +18,8 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 
 LEVELS = "levels"

@@ -11,9 +11,9 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 

@@ -38,6 +38,11 @@ def still(predicted: Predicted) -> np.ndarray:
     return _size(angles(predicted)[1])
 
 
+def about_mean(predicted: Predicted) -> np.ndarray:
+    """RMSE (2,) [deg] of a vehicle that stays at the mean of what was seen, which nobody knew."""
+    return np.asarray(angles(predicted)[1].std(axis=0))
+
+
 def _size(difference: np.ndarray) -> np.ndarray:
     return np.asarray(np.sqrt(np.mean(difference**2, axis=0)))
 

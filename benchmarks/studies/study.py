@@ -14,7 +14,8 @@ from typing import Any
 
 from uvms_ocp.campaign.cluster import Progress, Workers, run_jobs
 from uvms_ocp.campaign.jobs import COMPLETED, CampaignJob, Row, RunResult
-from uvms_ocp.campaign.store import CampaignManifest, read_table, types_of
+from uvms_ocp.campaign.manifest import CampaignManifest, types_of
+from uvms_ocp.campaign.store import read_table
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import FieldTable, SmallTable, TableDisplay, format_value

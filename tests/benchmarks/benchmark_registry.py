@@ -57,6 +57,7 @@ ALONE = tuple(
         "campaign_case1",
         "campaign_overhead",
         "campaign_resume",
+        "drawn_exports",
         "drawn_files",
         "drawn_robots",
         "exported_controller",

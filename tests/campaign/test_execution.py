@@ -10,8 +10,8 @@ import pytest
 from trivial_runs import TrivialRuns, cluster, identity_of
 
 from uvms_ocp.campaign.cluster import run_jobs
-from uvms_ocp.campaign.jobs import OverTime, time_limit
 from uvms_ocp.campaign.store import read_table
+from uvms_ocp.campaign.time_limit import OverTime, time_limit
 from uvms_ocp.errors import InvalidInput, OutputError
 
 pytestmark = pytest.mark.filterwarnings(

@@ -9,22 +9,18 @@ import pandas as pd
 import pytest
 
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.jobs import (
+from uvms_ocp.campaign.failure_causes import cause_table, outcome_table
+from uvms_ocp.campaign.paired_comparison import _pairs
+from uvms_ocp.campaign.run_metrics import (
     METRICS,
     OF_EACH_TOOL,
     distribution_table,
     metrics_among,
     tool_metrics,
 )
-from uvms_ocp.campaign.report import (
-    Rate,
-    _pairs,
-    cause_table,
-    judged,
-    outcome_table,
-    parse_bounds,
-    sensitivity_table,
-)
+from uvms_ocp.campaign.sensitivity import sensitivity_table
+from uvms_ocp.campaign.success_criteria import judged, parse_bounds
+from uvms_ocp.campaign.success_rate import Rate
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.loading import load_robot
 

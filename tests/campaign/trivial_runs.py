@@ -17,7 +17,7 @@ from pathlib import Path
 from campaigns import trivial
 
 from uvms_ocp.campaign.jobs import CampaignJob, RunResult
-from uvms_ocp.campaign.store import CampaignManifest
+from uvms_ocp.campaign.manifest import CampaignManifest
 
 
 @dataclass(frozen=True, kw_only=True)

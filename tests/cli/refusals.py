@@ -107,7 +107,7 @@ learn: {volume: {free: []}}
     "foreign/scene.html": "mine",
     "foreign/plan.npz": "mine",
     "foreign/report.md": "mine",
-    "foreign/controller.c": "mine",
+    "foreign/case1_controller.c": "mine",
     "there.py": "x = 1\n",
     "empty/readme": "",
 }
@@ -293,6 +293,8 @@ REFUSED: tuple[tuple[str, str], ...] = (
     ("export controller raises.py out", "ValueError"),
     ("export controller mission.py:no_frame out", "unknown frame"),
     ("export controller case1 out --plant wet", "unknown plant"),
+    ("export controller case1 out --name 2nd", "give an identifier of C"),
+    ("export controller case1 out --name left-arm", "give an identifier of C"),
     ("export controller case1 out --robot girona", "unknown robot"),
 )
 

@@ -220,10 +220,10 @@ def test_export_writes_the_controller_whole_or_not_at_all(tmp_path: Path) -> Non
     process = called("export", "controller", "case1", "c", "--plant", "kinematic", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert {path.name for path in (tmp_path / "c").iterdir()} >= {
-        "controller.h",
-        "controller.c",
-        "replay.c",
-        "recorded.bin",
+        "case1_controller.h",
+        "case1_controller.c",
+        "case1_replay.c",
+        "case1_recorded.bin",
         "CMakeLists.txt",
         "README.md",
     }

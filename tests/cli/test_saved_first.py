@@ -235,7 +235,7 @@ def test_metrics_that_fail_leave_the_record_of_a_run_of_a_campaign(
     records: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "uvms_ocp.campaign.jobs.run_metrics", lambda scenario, record: _fails(record)
+        "uvms_ocp.campaign.run_metrics.run_metrics", lambda scenario, record: _fails(record)
     )
     design = Design(sampler="random", runs=1, parameters=0, seed=0)
     done = MissionJob(scenario=_tiny, variations=(), names=(), design=design, records=records).make(

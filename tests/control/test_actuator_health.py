@@ -23,15 +23,9 @@ from uvms_ocp.control.faults.authority import (
     authority_sizes,
     judge_authority,
 )
-from uvms_ocp.control.faults.detection import (
-    FaultDetection,
-    JointFaultMemory,
-    WrenchBalance,
-    begin_wrench_balance,
-    detect_faults,
-    detect_joint_faults,
-    update_wrench_balance,
-)
+from uvms_ocp.control.faults.detection import FaultDetection, detect_faults
+from uvms_ocp.control.faults.fault_classification import FaultFit, classify_fault
+from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults
 from uvms_ocp.control.faults.monitor import (
     detection_sizes,
     joint_verdicts,
@@ -41,20 +35,19 @@ from uvms_ocp.control.faults.monitor import (
     write_joint_watch,
     write_thruster_watch,
 )
-from uvms_ocp.control.faults.thrusters import (
-    FaultFit,
-    ThrusterFaultMemory,
-    classify_fault,
-    detect_thruster_faults,
-)
+from uvms_ocp.control.faults.residual_filter import FilteredCommands, residual_filter_for
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import (
     ActuatorHealthTuning,
     FaultKind,
-    FilteredCommands,
     ThrusterEffectiveness,
     ThrusterVerdict,
-    residual_filter_for,
     thruster_alarm,
+)
+from uvms_ocp.control.faults.wrench_balance import (
+    WrenchBalance,
+    begin_wrench_balance,
+    update_wrench_balance,
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics

@@ -10,12 +10,12 @@ from scipy.optimize import LinearConstraint, lsq_linear, minimize
 
 from uvms_ocp.control.force.allocation import (
     Allocation,
-    ThrusterLag,
     allocate_thrust,
     allocation_of,
     apply_effectiveness,
 )
 from uvms_ocp.control.force.minimum_power import majorizing_weight
+from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
 

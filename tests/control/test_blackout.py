@@ -19,8 +19,8 @@ from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Readings, State, StateEstimate
 from uvms_ocp.scenario.cases.case1 import case1
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.loop import simulate
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.sensors import SensorSuite
 
 BLACKOUT = 6.0  # [s] when it begins

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.codegen.kernel_layout import assign, doubles, structure_of
-from uvms_ocp.control.velocity.braking import SpeedLimitMemory, limit_speed
+from uvms_ocp.control.velocity.speed_limit import SpeedLimitMemory, limit_speed
 from uvms_ocp.estimation.degraded_modes import DEGRADED_MODES, RestrictionMemory
 from uvms_ocp.estimation.fallbacks import AltimeterMemory
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, StateEstimate, Trust

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_force_tick import FULL, dynamics, laws, scene
 
-from uvms_ocp.control.force.allocation import thruster_lag
+from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.control.force.tick import ForceTick
 from uvms_ocp.control.force.tick_functions import ForceOutputs
 from uvms_ocp.control.force.velocity_law import VelocityLaw

@@ -18,12 +18,9 @@ from uvms_ocp.control.velocity.abort import (
     AbortMonitor,
     AbortReason,
     ActuationFeedback,
-    AscentMemory,
     abort_reason,
-    aim_ascent,
-    ascent_goal,
-    ascent_sizes,
 )
+from uvms_ocp.control.velocity.ascent import AscentMemory, aim_ascent, ascent_goal, ascent_sizes
 from uvms_ocp.estimation.estimator import PassThrough
 from uvms_ocp.mission.mission import write_mission
 from uvms_ocp.mission.phase import Abort
@@ -35,7 +32,7 @@ from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.sim.seafloor import HeightField
+from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.tasks import Hierarchy
 
 DT = 0.02

@@ -20,9 +20,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, State
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.loop import simulate
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions

@@ -14,12 +14,9 @@ import pinocchio as pin
 import pytest
 
 import uvms_ocp as uo
-from uvms_ocp.control.velocity.levels import (
-    build_levels,
-    common_share,
-    falling_share,
-    reachable_rows,
-)
+from uvms_ocp.control.velocity.jerk_limit import common_share, falling_share
+from uvms_ocp.control.velocity.levels import build_levels
+from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

@@ -13,7 +13,8 @@ import pinocchio as pin
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.control.velocity.abort import ActuationFeedback, ascent_goal
+from uvms_ocp.control.velocity.abort import ActuationFeedback
+from uvms_ocp.control.velocity.ascent import ascent_goal
 from uvms_ocp.control.velocity.goals import mission_parameters
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.control.velocity.tick import prepare_tick, solve_and_finish

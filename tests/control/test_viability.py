@@ -25,15 +25,13 @@ from uvms_ocp.control.velocity.braking import (
     step_stop,
     stop_sizes,
 )
-from uvms_ocp.control.velocity.viability import (
-    ViabilityMemory,
+from uvms_ocp.control.velocity.position_guards import (
     ViabilitySetup,
-    enforce_viability,
-    may_reach_limit,
     models_of,
     position_guards,
     viability_sizes,
 )
+from uvms_ocp.control.velocity.viability import ViabilityMemory, enforce_viability, may_reach_limit
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

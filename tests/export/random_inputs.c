@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "controller.h"
+#include "c_controller.h"
 
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 
@@ -34,7 +34,7 @@ static int all_finite(const double *x, size_t n) {
   return 1;
 }
 
-static void make(ControllerInputs *in, const ControllerInputs *sound, int tick) {
+static void make(c_ControllerInputs *in, const c_ControllerInputs *sound, int tick) {
   *in = *sound;
   in->t = 0.005 * tick;
   if (tick % 2 == 0) return;
@@ -50,9 +50,9 @@ static void make(ControllerInputs *in, const ControllerInputs *sound, int tick) 
 }
 
 int main(int argc, char **argv) {
-  static Controller controller;
-  static ControllerInputs sound, in;
-  static ControllerOutputs out;
+  static c_Controller controller;
+  static c_ControllerInputs sound, in;
+  static c_ControllerOutputs out;
   FILE *file = argc > 1 ? fopen(argv[1], "rb") : 0;
   double numbers[COUNT(sound.q) + 1];
   if (!file || fread(numbers, sizeof(double), COUNT(numbers), file) != COUNT(numbers)) return 2;
@@ -60,9 +60,9 @@ int main(int argc, char **argv) {
   memcpy(sound.q, numbers + 1, sizeof(sound.q));
   sound.altimeter_range = 3.0;
   for (int tick = 0; tick < 10000; tick++) {
-    if (tick % 500 == 0) controller_reset(&controller);
+    if (tick % 500 == 0) c_controller_reset(&controller);
     make(&in, &sound, tick % 500);
-    controller_step(&controller, &in, &out);
+    c_controller_step(&controller, &in, &out);
     if (!all_finite(out.v, COUNT(out.v)) || !all_finite(out.thrust, COUNT(out.thrust))) return 1;
     if (!all_finite(out.torque, COUNT(out.torque))) return 1;
   }

@@ -3,12 +3,12 @@
 #include <string.h>
 
 #define main replay
-#include "replay.c"
+#include "c_replay.c"
 #undef main
 
 int main(int argc, char **argv) {
   for (int k = 2; k + 1 < argc; k += 2) {
-    const ControllerParameter *parameter = CONTROLLER_PARAMETERS;
+    const c_ControllerParameter *parameter = c_CONTROLLER_PARAMETERS;
     while (parameter->name && strcmp(parameter->name, argv[k])) parameter++;
     if (!parameter->name) return 3;
     *parameter->value = atof(argv[k + 1]);

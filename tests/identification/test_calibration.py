@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import json
 import random
 import signal
 import sys
@@ -26,7 +28,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import DELAYS, NominalParameters, Unknowns
 from uvms_ocp.identification.recording import Recording
-from uvms_ocp.identification.results import report_text, variant_text, whole_text
+from uvms_ocp.identification.results import report_data, report_text, variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.settings import (
     CalibrationSettings,
@@ -322,24 +324,60 @@ def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path)
         write_recording(
             drive(stage_of(one), one.shared.start, seed=k, noise=NOISE, t_end=16.0), path
         )
+    other = tmp_path / "other.csv"
+    write_recording(drive(stage_of(one), one.shared.start, seed=2, noise=NOISE, t_end=16.0), other)
     words = [
         "identify",
         str(settings),
         *map(str, parts),
         "--profiles",
         "--leave-one-out",
+        "--predict",
+        str(other),
         "--out",
         str(tmp_path),
     ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
     text = (tmp_path / "report.md").read_text()
+    data = json.loads((tmp_path / "report.json").read_text())
+    for name in ("left_out", "predicted"):
+        assert data[name]["bounds"]["channels"]
+        assert f"**Predictions are {data[name]['verdict']}.**" in text
+        assert data[name]["verdict"] in result.output.replace("\n", " ")
+    assert [one["recording"] for one in data["predicted"]["bounds"]["recordings"]] == ["other"]
+    assert text.count("### How good these predictions could be") == 2
+    assert text.count("### Numbers that recordings disagree on") == 1
+    for each in data["numbers_disagreed_on"]:
+        assert each["sentence"] in text
     assert "## Profiles" in text
     assert "### 20 s (recordings have 13" in text
     assert text.count("| added_mass surge |") == 2
     assert text.count("| mass and added mass surge |") == 1
-    for name in ("profiles.png", "left_out.png"):
+    for name in ("profiles.png", "left_out.png", "predicted_others.png"):
         assert (tmp_path / "figures" / name).stat().st_size > 0
+
+
+def test_what_stands_still_is_told_of_recordings_that_were_seen_too() -> None:
+    _, _, found = case()
+    still = replace(found.comparisons[0], calibrated=found.comparisons[0].before)
+    moved = still.calibrated.rows[0] + [0.0, 2.0, 0.0]
+    lost = replace(
+        found,
+        comparisons=(
+            replace(
+                still,
+                calibrated=replace(still.calibrated, rows=(moved, *still.calibrated.rows[1:])),
+            ),
+        ),
+    )
+    sentence = next(str(each) for each in lost.worse_than_still if each.channel == "sway")
+    assert sentence.startswith('drive2: sway is predicted worse than by "nothing moves"')
+    assert sentence in report_text(lost)
+    assert sentence in html.unescape(lost._repr_html_())
+    assert sentence in [each["sentence"] for each in report_data(lost)["seen_worse_than_still"]]
+    assert report_data(found)["seen_worse_than_still"] == []
+    json.dumps(report_data(found), allow_nan=False)
 
 
 def test_one_recording_is_not_left_out() -> None:

@@ -170,6 +170,14 @@ def test_what_made_a_recording_is_found_again() -> None:
     np.testing.assert_allclose([float(x[0]) for x in found.own.values()], truth()[-1], atol=0.2)
 
 
+def test_a_step_that_damping_holds_back_is_not_called_converged() -> None:
+    one, rollout = problem()
+    error = OutputErrorProblem(one, stretches(recording(noise=0.02)), Noise(), rollout)
+    held_back = error.solve(error.start(), iterations=1, damping=1e9)
+    assert held_back.status is FitStatus.ITERATION_LIMIT
+    np.testing.assert_allclose(held_back.shared, one.shared.start, atol=1e-3)
+
+
 def test_noise_moves_the_unknowns_by_about_their_standard_errors() -> None:
     noise = Noise(velocity=0.02, rate=0.02, vertical=0.02, outliers=100.0)
     found = fit(recording(2, 0.02), recording(3, 0.02), noise=noise)

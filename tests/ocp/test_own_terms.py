@@ -29,8 +29,9 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario import replay
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
+from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.pose import ToolPosition

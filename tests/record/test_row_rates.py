@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tiny_robots import TINY, robot_of, scenario_of
 
-from uvms_ocp.campaign.jobs import run_metrics
+from uvms_ocp.campaign.run_metrics import run_metrics
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.reading import run_recording
 from uvms_ocp.record.record import MEASURED, Record, Recorder

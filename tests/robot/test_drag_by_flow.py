@@ -14,7 +14,7 @@ import pytest
 from six_thrusters import six_thrusters
 from tiny_robots import TINY, robot_of
 
-from uvms_ocp.campaign.variations import _scaled
+from uvms_ocp.campaign.machine_parameters import _scaled
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp import OcpRequest, OcpStatus, solve_ocp
 from uvms_ocp.planning import PostureGoal

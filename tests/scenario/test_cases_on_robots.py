@@ -13,7 +13,7 @@ import pytest
 from compiler import long_without_compiler
 
 import uvms_ocp as uo
-from uvms_ocp.campaign.jobs import run_metrics
+from uvms_ocp.campaign.run_metrics import run_metrics
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.shapes.obstacles import obstacle

@@ -23,7 +23,7 @@ from uvms_ocp.scenario import Scenario, case1, obstacle_field, reach
 from uvms_ocp.sim import compiled_loop
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.seafloor import HeightField, Relief
+from uvms_ocp.sim.rough_seafloor import HeightField, Relief
 from uvms_ocp.solvers import Icat
 
 CLOCKED = ("solve_time", "tick_time", "controller_time")

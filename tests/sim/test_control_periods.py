@@ -22,10 +22,10 @@ from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim import plant as dynamic_plant
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.dynamic_step import (
     CARRIED,
     INPUTS,
-    ContactModel,
     JointStops,
     StepModel,
     advance_plant,
@@ -34,8 +34,8 @@ from uvms_ocp.sim.dynamic_step import (
 )
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.seafloor_contact import ContactModel
 from uvms_ocp.sim.thrusters import Thrusters
 
 DT = 5e-3

@@ -21,10 +21,10 @@ from uvms_ocp.robot.signals import Command
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent
-from uvms_ocp.sim.dynamic_step import ContactModel
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.plant import DynamicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.seafloor_contact import ContactModel
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
 

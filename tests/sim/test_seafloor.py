@@ -9,7 +9,8 @@ import pytest
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.robot.shapes.obstacles import mesh_shape
 from uvms_ocp.sim.bathymetry import Bathymetry
-from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Relief, floor_mesh
+from uvms_ocp.sim.rough_seafloor import RELIEFS, HeightField, Relief
+from uvms_ocp.sim.seafloor import FlatSeafloor, floor_mesh
 
 FLOORS = {
     "plane": FlatSeafloor(z=-40.0),

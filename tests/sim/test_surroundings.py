@@ -23,8 +23,10 @@ from uvms_ocp.sim.currents import (
     UniformCurrent,
     water_at,
 )
-from uvms_ocp.sim.environment import Environment, EnvironmentSampler
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor, ground_at
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.environment_sampler import EnvironmentSampler
+from uvms_ocp.sim.rough_seafloor import HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor, ground_at
 
 ROBOT = load_robot("girona_maris7_full")
 DYNAMICS = robot_dynamics(ROBOT)

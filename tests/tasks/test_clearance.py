@@ -18,7 +18,8 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel, self_pairs
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, floor_obstacle
+from uvms_ocp.sim.rough_seafloor import HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
 

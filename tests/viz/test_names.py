@@ -351,8 +351,10 @@ def test_a_table_of_any_names_has_one_line_for_each_task() -> None:
 
 @pytest.mark.parametrize("name", NAMES, ids=HOSTILE)
 def test_no_name_ends_a_text_in_c_or_a_cell_of_a_table(name: str) -> None:
-    names = ControllerNames(phases=(name, name), statuses=(), quantities=(name,), channels=())
-    (text,) = set(names.texts()["CONTROLLER_QUANTITIES"])
+    names = ControllerNames(
+        export="c", phases=(name, name), statuses=(), quantities=(name,), channels=()
+    )
+    (text,) = set(names.texts()["c_CONTROLLER_QUANTITIES"])
     assert not set(text) & set('"\\?*/')
     assert text.isprintable() or not text
     assert all(row.count("|") == 3 for row in table((name, name)).splitlines())

@@ -6,7 +6,8 @@ from .distributions import (
     Triangular as Triangular,
     Uniform as Uniform,
 )
-from .report import campaign_report as campaign_report, compare_campaigns as compare_campaigns
+from .paired_comparison import compare_campaigns as compare_campaigns
+from .report import campaign_report as campaign_report
 from .store import read_table as read_table
 from .variations import (
     Variation as Variation,

@@ -11,16 +11,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from uvms_ocp.campaign import cluster, distributions, jobs
+from uvms_ocp.campaign import cluster, distributions, jobs, run_metrics
 from uvms_ocp.campaign.code_source import CodeSource
-from uvms_ocp.campaign.store import (
-    MOST_RUNS,
-    SOURCES,
-    CampaignManifest,
-    read_manifest,
-    read_table,
-    types_of,
-)
+from uvms_ocp.campaign.manifest import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, types_of
+from uvms_ocp.campaign.store import read_table
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
@@ -56,7 +50,7 @@ class MissionJob(jobs.CampaignJob):
 
     @property
     def columns(self) -> Mapping[str, type]:
-        numbers = (*self.names, *jobs.METRICS, *jobs.tool_metrics(self.base().robot))
+        numbers = (*self.names, *run_metrics.METRICS, *run_metrics.tool_metrics(self.base().robot))
         return {"seed": int, **dict.fromkeys(numbers, float), "finished": bool}
 
     def head(self, run: int) -> jobs.Row:
@@ -102,19 +96,23 @@ class MissionJob(jobs.CampaignJob):
             "finished": record.run_meta.completed,
         }
         keep = self.records == "all" or (self.records == "failures" and not success)
-        row = {**self.head(run), **jobs.run_metrics(scenario, record), **ending}
+        row = {**self.head(run), **run_metrics.run_metrics(scenario, record), **ending}
         return jobs.RunResult(row=row, attachment=_packed(record) if keep else b"")
 
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
     """The values, of a file loaded once in a process."""
-    return _made(variations) if isinstance(variations, CodeSource) else variations
+    if isinstance(variations, CodeSource):
+        return _made(variations)
+    return variations
 
 
 @lru_cache(maxsize=4)
 def _made(source: CodeSource | Callable[[], Any]) -> Any:
     """Once in a process: what runs share, such as the robot, is then known to be the same."""
-    return source.build() if isinstance(source, CodeSource) else source()
+    if isinstance(source, CodeSource):
+        return source.build()
+    return source()
 
 
 def _packed(record: Record) -> bytes:
@@ -288,7 +286,9 @@ def kept_campaign(folder: Path) -> Campaign:
 
 
 def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:
-    return CodeSource.gathered(given, options, attribute) if isinstance(given, str) else given
+    if isinstance(given, str):
+        return CodeSource.gathered(given, options, attribute)
+    return given
 
 
 def _identity(source: Any) -> dict[str, Any]:

@@ -16,7 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 
 from uvms_ocp.campaign.jobs import CampaignJob
-from uvms_ocp.campaign.store import CampaignManifest, arrow, opened
+from uvms_ocp.campaign.manifest import CampaignManifest
+from uvms_ocp.campaign.store import arrow, opened
 from uvms_ocp.codegen.compile import n_processors, warn_if_slower
 from uvms_ocp.errors import (
     InvalidInput,
@@ -152,7 +153,10 @@ def run_jobs(
     dask(), arrow()
     with ExitStack() as held:
         # Nobody at the address is found out before there is a folder.
-        client = None if scheduler is None else held.enter_context(connected(scheduler, workers))
+        if scheduler is None:
+            client = None
+        else:
+            client = held.enter_context(connected(scheduler, workers))
         folder = held.enter_context(opened(out, identity, sources or {}))
 
         begun = int(np.sum(folder.finished))

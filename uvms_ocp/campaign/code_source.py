@@ -87,7 +87,9 @@ class CodeSource:
                 " PACKAGE.MODULE:NAME"
             )
         found = code.load()
-        return found() if callable(found) else found
+        if callable(found):
+            return found()
+        return found
 
     def located(self) -> CodeSource:
         """Return it with words and options that point to files with the right contents on this
@@ -150,11 +152,9 @@ class CodeSource:
             )
 
         def placed(value: Any) -> Any:
-            return (
-                os.path.join(root, value[2:])
-                if isinstance(value, str) and value.startswith("./")
-                else value
-            )
+            if isinstance(value, str) and value.startswith("./"):
+                return os.path.join(root, value[2:])
+            return value
 
         source = CodeSource(
             words=placed(identity["words"]),
@@ -172,11 +172,15 @@ class CodeSource:
 
     def _below(self, value: Any) -> Any:
         inside = isinstance(value, str) and self.root and value.startswith(self.root + os.sep)
-        return "./" + value[len(self.root) + 1 :] if inside else value
+        if inside:
+            return "./" + value[len(self.root) + 1 :]
+        return value
 
     def _moved(self, words: Any, folder: Path) -> Any:
         below = self._below(words)
-        return str(folder / below[2:]) if below is not words else words
+        if below is not words:
+            return str(folder / below[2:])
+        return words
 
 
 @lru_cache(maxsize=8)
@@ -227,7 +231,9 @@ def _contents(paths: set[Path]) -> dict[str, bytes]:
 
 def _common(paths: set[Path]) -> str:
     own = [path.parent for path in paths if not path.is_relative_to(robots_folder().resolve())]
-    return os.path.commonpath(own) if own else ""
+    if own:
+        return os.path.commonpath(own)
+    return ""
 
 
 def _copy(path: Path) -> bytes:
@@ -243,15 +249,15 @@ def _each(value: Any, change: Callable[[Any], Any]) -> Any:
     """The value with everything in it changed."""
     if isinstance(value, Mapping):
         return {name: _each(item, change) for name, item in value.items()}
-    return [_each(item, change) for item in value] if isinstance(value, list) else change(value)
+    if isinstance(value, list):
+        return [_each(item, change) for item in value]
+    return change(value)
 
 
 def _absolute(value: Any) -> Any:
-    return (
-        str(Path(value).resolve())
-        if isinstance(value, str | Path) and Path(value).exists()
-        else value
-    )
+    if isinstance(value, str | Path) and Path(value).exists():
+        return str(Path(value).resolve())
+    return value
 
 
 def _placed(words: str, folder: Path) -> str:

@@ -89,7 +89,7 @@ class Dispatch:
         limit: float = math.inf,
         exclusive: bool = False,
     ) -> None:
-        """client: a `distributed.Client`. limit [s] of a run. exclusive: whether workers have one
+        """client: a ``distributed.Client``. limit [s] of a run. exclusive: whether workers have one
         at a time, alone to blame.
         """
         self._client = client
@@ -129,14 +129,12 @@ class Dispatch:
             self._stop()
 
     def _fill(self, todo: Any) -> None:
-        workers = (
-            self._client.scheduler_info(n_workers=-1)["workers"].values() if self._running else ()
-        )
-        counts = (
-            [worker["nthreads"] for worker in workers]
-            if self._running
-            else self._client.nthreads().values()
-        )
+        if self._running:
+            workers = self._client.scheduler_info(n_workers=-1)["workers"].values()
+            counts = [worker["nthreads"] for worker in workers]
+        else:
+            workers = ()
+            counts = self._client.nthreads().values()
         threads = max(1, sum(counts))
         while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
             self._send(chunk)
@@ -201,7 +199,10 @@ class Dispatch:
         """A task that gave no rows: several runs are tried one by one, one that ended its processes
         is a row.
         """
-        error = future.exception() if future.status == "error" else None
+        if future.status == "error":
+            error = future.exception()
+        else:
+            error = None
         if error is None or len(chunk) > 1:
             self._require_cluster()
             self._alone.extend(chunk)
@@ -214,11 +215,10 @@ class Dispatch:
             self._suspects.append(chunk[0])
         else:
             outcome = KILLED if isinstance(error, dask().KilledWorker) else ERROR
-            text = (
-                f"the process of the run ended: {error}"
-                if outcome == KILLED
-                else f"{type(error).__name__}: {error}"
-            )
+            if outcome == KILLED:
+                text = f"the process of the run ended: {error}"
+            else:
+                text = f"{type(error).__name__}: {error}"
             self._folder.add(RunResult(row=failed_row(self._work, chunk[0], outcome, text)))
 
     def _give_up(self) -> None:

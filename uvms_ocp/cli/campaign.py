@@ -13,15 +13,11 @@ from rich.console import Console
 
 from uvms_ocp.campaign.campaign import Campaign, kept_campaign
 from uvms_ocp.campaign.distributions import SAMPLERS
-from uvms_ocp.campaign.jobs import metric_values, metrics_among
-from uvms_ocp.campaign.report import (
-    MetricBound,
-    compare_campaigns,
-    parse_bounds,
-    report_of,
-    table_with_success,
-)
-from uvms_ocp.campaign.store import FILE
+from uvms_ocp.campaign.manifest import FILE
+from uvms_ocp.campaign.paired_comparison import compare_campaigns
+from uvms_ocp.campaign.report import report_of, table_with_success
+from uvms_ocp.campaign.run_metrics import metric_values, metrics_among
+from uvms_ocp.campaign.success_criteria import MetricBound, parse_bounds
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, options as opt, printing
 from uvms_ocp.cli.run import run_and_write
@@ -246,9 +242,10 @@ def _print_table(
     most: int = _SHOWN,
 ) -> None:
     if rows:
-        part = (
-            f" (the first {most} of {len(rows)}; report.html has all)" if len(rows) > most else ""
-        )
+        if len(rows) > most:
+            part = f" (the first {most} of {len(rows)}; report.html has all)"
+        else:
+            part = ""
         console.print(printing.table_of(title + part, rows[:most], columns))
 
 

@@ -216,7 +216,10 @@ def main() -> None:
         _drop_stdout()
         sys.exit(1)
     except (Exception, SystemExit) as error:
-        text = str(error) if isinstance(error, UvmsError | OSError) else _failure_of_own_code(error)
+        if isinstance(error, UvmsError | OSError):
+            text = str(error)
+        else:
+            text = _failure_of_own_code(error)
         if isinstance(error, MemoryError):
             text = (
                 f"out of memory ({error}): give less at a time, such as shorter recordings or fewer"
@@ -239,7 +242,9 @@ def main() -> None:
 
 def _failure_of_own_code(error: BaseException) -> str:
     own_code = sys.modules.get("uvms_ocp.scenario.own_code")
-    return "" if own_code is None else str(own_code.own_failure(error))
+    if own_code is None:
+        return ""
+    return str(own_code.own_failure(error))
 
 
 def _drop_stdout() -> None:

@@ -83,7 +83,10 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     folder, reason = cache_folder()
     if folder is None:
         raise InvalidInput(f"{reason}; set UVMS_OCP_CACHE to a folder that can be written")
-    paths = shrink_cache(folder, 0.0) if clear else cached_libraries(folder)
+    if clear:
+        paths = shrink_cache(folder, 0.0)
+    else:
+        paths = cached_libraries(folder)
     found = paths.values()
     n = sum(path.suffix == ".so" for path in paths)
     days = (time.time() - min((one.st_mtime for one in found), default=time.time())) / 86400.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +37,13 @@ from uvms_ocp.identification.recording import (
     split_at_gaps,
     unit_named,
 )
-from uvms_ocp.identification.results import excitation_text, report_text, variant_text, whole_text
+from uvms_ocp.identification.results import (
+    excitation_text,
+    report_data,
+    report_text,
+    variant_text,
+    whole_text,
+)
 from uvms_ocp.identification.settings import (
     CalibratedRobot,
     CalibrationSettings,
@@ -100,7 +107,10 @@ def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
     """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and
     NotInstalled.
     """
-    given = None if mapping is None else read_mapping(mapping)
+    if mapping is None:
+        given = None
+    else:
+        given = read_mapping(mapping)
     return [read_recording(path, given) for path in paths]
 
 
@@ -134,6 +144,7 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
 VARIANT = "calibrated.yaml"
 WHOLE = "hydrodynamics.yaml"
 IDENTIFY_REPORT = "report.md"
+IDENTIFY_DATA = "report.json"
 FIGURES = "figures"
 
 
@@ -150,13 +161,17 @@ def identify(
     leave_one_out: Annotated[
         bool, typer.Option("--leave-one-out", help=HELP["leave_one_out"])
     ] = False,
+    predict: Annotated[
+        list[Path] | None, typer.Option(metavar="RECORDING", help=HELP["predict"])
+    ] = None,
+    bounds: Annotated[bool, typer.Option("--bounds/--no-bounds", help=HELP["bounds"])] = True,
     axes: Annotated[list[str] | None, typer.Option(metavar="AXIS", help=HELP["axes"])] = None,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
     calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the
     robot's file with these in their places, for --hydrodynamics of other commands. Where the search
-    does not converge neither is written.
+    does not converge neither is written. report.json has numbers and verdicts of report.md.
     """
     given = read_settings(settings)
     if axes:
@@ -164,15 +179,24 @@ def identify(
     subject = calibrated_robot(given, settings.parent)
     subject.coefficients()  # or it is refused
     found = split_at_gaps(read_recordings(recordings, mapping))
+    others = read_recordings(predict or [], mapping)
     console = console_of()
-    with claim_folder(out, _names(len(found), profiles, leave_one_out)) as claim:
+    names = _names(len(found), profiles, leave_one_out, predicted=bool(others))
+    with claim_folder(out, names) as claim:
         with busy(console, "identifying") as show:
             voices = {
                 "progress": show,
                 "warn": lambda doubt: print_line(console, f"doubtful: {doubt}"),
             }
             result = calibrate(
-                subject, given, found, profiled=profiles, leave_one_out=leave_one_out, **voices
+                subject,
+                given,
+                found,
+                profiled=profiles,
+                leave_one_out=leave_one_out,
+                predict=others,
+                bounds=bounds,
+                **voices,
             )
         with claim.staged() as staging:
             _write(result, [one.name for one in found], staging)
@@ -181,21 +205,28 @@ def identify(
     console.print(
         f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined"
     )
+    for line in [*result.verdicts, *map(str, (*result.worse_than_still, *result.disagreed))]:
+        print_line(console, line)
     print_paths(console, written)
     if not result.exported.usable:
         print_line(console, f"no robot file is written: {result.exported.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _names(n: int, profiles: bool, leave_one_out: bool) -> list[str]:
+def _names(n: int, profiles: bool, leave_one_out: bool, predicted: bool) -> list[str]:
     pictures = [
         "intervals",
         *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals")),
     ]
-    pictures += [
-        name for name, wanted in (("profiles", profiles), ("left_out", leave_one_out)) if wanted
+    optional = {"profiles": profiles, "left_out": leave_one_out, "predicted_others": predicted}
+    pictures += [name for name, wanted in optional.items() if wanted]
+    return [
+        VARIANT,
+        WHOLE,
+        IDENTIFY_REPORT,
+        IDENTIFY_DATA,
+        *(f"{FIGURES}/{name}.png" for name in pictures),
     ]
-    return [VARIANT, WHOLE, IDENTIFY_REPORT, *(f"{FIGURES}/{name}.png" for name in pictures)]
 
 
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
@@ -205,6 +236,8 @@ def _write(result: Calibration, names: list[str], staging: Path) -> None:
         (staging / VARIANT).write_text(variant_text(result, names), encoding="utf-8")
         (staging / WHOLE).write_text(whole_text(result, staging / VARIANT), encoding="utf-8")
     (staging / IDENTIFY_REPORT).write_text(report_text(result), encoding="utf-8")
+    data = json.dumps(report_data(result), indent=2, allow_nan=False)
+    (staging / IDENTIFY_DATA).write_text(data + "\n", encoding="utf-8")
     write_identification_figures(result, staging / FIGURES)
 
 

@@ -83,13 +83,19 @@ class NewMission:
         )
         swim = "swim to a way point"
         if not self.robot.n_vehicle:
-            return bring if self.tools else "hold the posture"
-        return f"{swim}, then {bring}" if self.tools else swim
+            if self.tools:
+                return bring
+            return "hold the posture"
+        if self.tools:
+            return f"{swim}, then {bring}"
+        return swim
 
     @property
     def tools(self) -> tuple[str, ...]:
         """Frames of the tools that joints move, or the vehicle."""
-        return self.robot.tools if self.robot.n_joints else ()
+        if self.robot.n_joints:
+            return self.robot.tools
+        return ()
 
     @property
     def held(self) -> Mapping[str, limits.Joint]:
@@ -103,7 +109,9 @@ class NewMission:
         """
         R = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation
         root = self.robot.frame_names[1]
-        return "" if np.allclose(R, np.eye(3), atol=1e-6) else f"frame={_quoted(root)}"
+        if np.allclose(R, np.eye(3), atol=1e-6):
+            return ""
+        return f"frame={_quoted(root)}"
 
     @property
     def has_forces(self) -> bool:
@@ -164,7 +172,9 @@ class NewMission:
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:
             return (x, _WAY_POINT[1], z), round(float(np.arctan2(_WAY_POINT[1], x)), 3)
-        return ((x, 0.0, z), 0.0) if {0, 1, 2} & set(self.missing) else (_WAY_POINT, _YAW)
+        if {0, 1, 2} & set(self.missing):
+            return ((x, 0.0, z), 0.0)
+        return (_WAY_POINT, _YAW)
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
         """Positions [m] in W that the tools can reach."""
@@ -207,19 +217,15 @@ class NewMission:
             target[2] for target in targets
         ]
         lowest = min(heights) - _OVER
-        return (
-            min(_FLOOR, float(np.floor(lowest)))
-            if self.robot.n_vehicle
-            else float(np.floor(lowest - 1.0))
-        )
+        if self.robot.n_vehicle:
+            return min(_FLOOR, float(np.floor(lowest)))
+        return float(np.floor(lowest - 1.0))
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
         """Names of what there is one of for each tool: the name itself for a single tool."""
-        return (
-            [name]
-            if len(self.tools) == 1
-            else [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
-        )
+        if len(self.tools) == 1:
+            return [name]
+        return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Lines, each with the name of its task, if it is one."""
@@ -243,7 +249,10 @@ class NewMission:
         for name, tool, target in zip(
             self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
         ):
-            which = "" if len(self.tools) == 1 else f'name="{name}", frame={_quoted(tool)}, '
+            if len(self.tools) == 1:
+                which = ""
+            else:
+                which = f'name="{name}", frame={_quoted(tool)}, '
             yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
             yield (
@@ -350,11 +359,10 @@ def loading_line(
     parts = [f'urdf=ROBOT / "{urdf.name}"']
     if water is not None:
         inside = Path(water).resolve().parent == urdf.resolve().parent
-        where = (
-            f"ROBOT / {_quoted(Path(water).name)}"
-            if inside
-            else f"HERE / {_quoted(beside(Path(water)))}"
-        )
+        if inside:
+            where = f"ROBOT / {_quoted(Path(water).name)}"
+        else:
+            where = f"HERE / {_quoted(beside(Path(water)))}"
         parts.append(f"hydrodynamics={where}")
     for key, value in loading.items():
         if key == "package_dirs":

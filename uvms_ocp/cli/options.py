@@ -316,7 +316,9 @@ def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
 
 def _word(name: str, value: Any) -> str:
     if isinstance(value, bool):
-        return name if value else f"no_{name}"
+        if value:
+            return name
+        return f"no_{name}"
     if name == "faults":
         return "-".join(
             re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value
@@ -325,11 +327,9 @@ def _word(name: str, value: Any) -> str:
         return name + "_".join(map(str, value))
     if name in ("robot", "hydrodynamics"):
         return label(str(value))
-    return (
-        label("-".join(f"{key}_{word}" for key, word in value.items()))
-        if name == "loading"
-        else f"{name}{value}"
-    )
+    if name == "loading":
+        return label("-".join(f"{key}_{word}" for key, word in value.items()))
+    return f"{name}{value}"
 
 
 def label(words: str) -> str:

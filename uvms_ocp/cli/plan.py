@@ -237,9 +237,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
     report = made.report
     if made.record is not None:
         least = report["min_clearance_m"]
-        near = (
-            "" if least is None else f", {least:.3g} m between {report['min_clearance_between']} "
-        )
+        if least is None:
+            near = ""
+        else:
+            near = f", {least:.3g} m between {report['min_clearance_between']} "
         near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
         each = [
             f"{d:.3g} m to {name}"
@@ -259,7 +260,10 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
         )
         console.print(plain_line(text), style="yellow")
     if report.get("peak_thrust_n") is not None:
-        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        if report["energy_j"] is None:
+            energy = "- J (not known)"
+        else:
+            energy = f"{report['energy_j']:.0f} J"
         console.print(f"{energy}, thrust up to {report['peak_thrust_n']:.0f} N")
 
 
@@ -315,7 +319,10 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
     report = made.report
     if made.save is not None:
         console.print(table_of(f"{report['scenario']} as one problem", report["phases"], _COLUMNS))
-        energy = "- J (not known)" if report["energy_j"] is None else f"{report['energy_j']:.0f} J"
+        if report["energy_j"] is None:
+            energy = "- J (not known)"
+        else:
+            energy = f"{report['energy_j']:.0f} J"
         greedy = f"greedy {report['greedy_duration_s']:.1f} s"
         console.print(
             f"{report['duration_s']:.1f} s ({greedy}), {energy}, thrust up to"
@@ -328,8 +335,10 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
 # control.
 
 _PERIOD = 0.02  # [s] between rows of plan.csv
-_CURVE, _OCP = opt.defaults_of(PlanRequest), opt.defaults_of(OcpRequest)
-_MOTION, _AS_WRITTEN = opt.defaults_of(MotionOptions), opt.PlannedRobotFiles()
+_CURVE = opt.defaults_of(PlanRequest)
+_OCP = opt.defaults_of(OcpRequest)
+_MOTION = opt.defaults_of(MotionOptions)
+_AS_WRITTEN = opt.PlannedRobotFiles()
 _Axes = Annotated[
     str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")
 ]

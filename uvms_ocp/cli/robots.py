@@ -57,11 +57,9 @@ def schema() -> None:
 def _files(robot: str) -> Path:
     """The path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
-    return (
-        robot_folder(robot)
-        if robot == path.name and not path.suffix and not path.exists()
-        else path
-    )
+    if robot == path.name and not path.suffix and not path.exists():
+        return robot_folder(robot)
+    return path
 
 
 def _print_robot(report: robot_check.RobotReport) -> None:
@@ -135,7 +133,8 @@ def new_robot(
     loading = {
         key: value for key, value in files.loading.items() if key in ("mimic", "lock", "drop")
     }
-    loading |= {} if files.meshes is None else {"meshes": "yes" if files.meshes else "no"}
+    if files.meshes is not None:
+        loading["meshes"] = "yes" if files.meshes else "no"
     found = proposal.propose(
         urdf,
         base=files.base,
@@ -223,6 +222,13 @@ def controller(
     plant: Annotated[str | None, typer.Option(help=opt.HELP["plant"])] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            help="C identifier before all names of the export, for several in one program; by"
+            " default that of the mission."
+        ),
+    ] = None,
 ) -> None:
     """Write the whole controller as C source that needs libm only, with a recorded run to compare
     with.
@@ -230,6 +236,8 @@ def controller(
     console = console_of()
     with busy(console, "running the scenario once"):
         paths = export_controller(
-            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)), out
+            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)),
+            out,
+            name,
         )
     print_paths(console, paths)

@@ -178,7 +178,10 @@ def run(
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 
-    plan = None if follow is None else _plan_of(scenario, follow)
+    if follow is None:
+        plan = None
+    else:
+        plan = _plan_of(scenario, follow)
     parts = (
         opt.label(name),
         plant_name(scenario.plant),
@@ -229,7 +232,9 @@ def run_and_write(
     """
     running = out / RUNNING
     names = (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
-    wanted = (SCENE, *RUN_NAMES) if drawn is None else tuple(drawn)
+    wanted: tuple[str, ...] = (SCENE, *RUN_NAMES)
+    if drawn is not None:
+        wanted = tuple(drawn)
     with claim_folder(out, names) as claim, drawer(wanted=bool(wanted)) as draw:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
@@ -245,9 +250,10 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            ghosts = (
-                {"plan": plan.to_record(scenario)} if plan is not None and SCENE in wanted else None
-            )
+            if plan is not None and SCENE in wanted:
+                ghosts = {"plan": plan.to_record(scenario)}
+            else:
+                ghosts = None
             drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
             missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
@@ -290,7 +296,10 @@ def _simulate(
     as it came.
     """
     with printing.busy(console, "building the controller"):
-        controller = scenario.controller() if plan is None else plan.controller(scenario)
+        if plan is None:
+            controller = scenario.controller()
+        else:
+            controller = plan.controller(scenario)
     try:
         return scenario.run(None, controller, observer, folder)
     except Interrupted as stop:
@@ -348,7 +357,10 @@ def _write(
     module: str, function: str, record: Record | Path, *given: object, **named: object
 ) -> None:
     """Load what draws, and a record of which the path is given, where it is called."""
-    whole = Record.load(record) if isinstance(record, Path) else record
+    if isinstance(record, Path):
+        whole = Record.load(record)
+    else:
+        whole = record
     getattr(import_module(f"uvms_ocp.viz.{module}"), function)(whole, *given, **named)
 
 
@@ -382,9 +394,10 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
     whole = f", whole controller {times['p50']:.0f} us" if times else ""
-    verdict = (
-        "complete" if report["completed"] else plain_line(f"not completed: {report['pending']}")
-    )
+    if report["completed"]:
+        verdict = "complete"
+    else:
+        verdict = plain_line(f"not completed: {report['pending']}")
     tick = (
         f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt"
         f" {printing.cell(report['largest_tilt_rad'])} rad"
@@ -401,7 +414,10 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
     """Faults that were asked for, and what the robot said; a line each."""
     for fault in report["faults"]:
-        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
+        if fault["end"] is None:
+            until = ""
+        else:
+            until = f" to {fault['end']:g} s"
         console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
     for alarm in report["alarms"]:
         console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
@@ -432,7 +448,10 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
         if task in phase["tasks"] and "error" in quantity:
             allowed = phase["sensors_allow"].get(name)
             true = printing.cell(phase["true_errors"].get(name))
-            beside = "" if allowed is None else f", true {true}, sensors allow {allowed:.2g}"
+            if allowed is None:
+                beside = ""
+            else:
+                beside = f", true {true}, sensors allow {allowed:.2g}"
             yield f"{name} {printing.cell(value)}{beside}"
 
 

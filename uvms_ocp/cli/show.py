@@ -40,6 +40,7 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.faults import parse_faults
 
 if TYPE_CHECKING:
+    from uvms_ocp.identification.recording import Recording
     from uvms_ocp.viz.scene.page import ScenePage
 
 # ``check`` and ``mission``: look at a mission without running it.
@@ -174,11 +175,11 @@ def estimate(
     console = console_of(stderr=as_json)
     own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
-    given = (
-        Record.load(_file_at(path, (RECORD,), "the folder of a run"))
-        if is_run
-        else read_recordings([path], mapping)[0]
-    )
+    given: Record | Recording
+    if is_run:
+        given = Record.load(_file_at(path, (RECORD,), "the folder of a run"))
+    else:
+        given = read_recordings([path], mapping)[0]
     if own is None:
         if not isinstance(given, Record):
             raise InvalidInput(f"{path} does not say of which robot it is; give --robot")
@@ -334,7 +335,10 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
     recover_folder(path if path.is_dir() else path.parent)
     if (path / RUNNING / row_files.META).is_file():
         return path / RUNNING
-    found = [path / name for name in names if (path / name).is_file()] if path.is_dir() else [path]
+    if path.is_dir():
+        found = [path / name for name in names if (path / name).is_file()]
+    else:
+        found = [path]
     if not found:
         raise InvalidInput(f"{path}: holds no {' or '.join(names)}; give {advice}")
     return found[0]
@@ -342,8 +346,6 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
 
 def _name_of(path: Path) -> str:
     """Return the name of a run: that of its folder."""
-    return (
-        (path if path.is_dir() else path.parent if path.stem in ("record", "plan") else path)
-        .resolve()
-        .name
-    )
+    is_file_of_run = not path.is_dir() and path.stem in ("record", "plan")
+    named = path.parent if is_file_of_run else path
+    return named.resolve().name

@@ -191,6 +191,8 @@ def c_macros(values: Mapping[str, object]) -> str:
 # C source to shared library, compiled once and cached, several at once on the cores there are.
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
+# Behind flags of the user's, so that numbers are the same with them: see exact.c.
+_EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
 # Code without loops gains nothing from more optimisation but the time that takes: half of it with
 # the first two for long code.
 # [bytes]
@@ -199,12 +201,12 @@ _LONG_CODE = 200_000
 _STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
 # fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
 # where one of both is.
-MATH, PARTS, WIDE_MACROS = (
+MATH, PARTS, WIDE_MACROS, EXACT = (
     (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
-    for name in ("math", "parts", "wide")
+    for name in ("math", "parts", "wide", "exact")
 )
-"""Before the code of CasADi functions, also where these are in parts, and before what is marked
-WIDE or INLINE.
+"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
+INLINE, and before what others compile.
 """
 # they stay while code runs
 _KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
@@ -253,8 +255,8 @@ def compile_library(
 
     The path is inside the user's cache, or inside ``UVMS_OCP_CACHE`` if that is set. A compiler is
     stopped after ``UVMS_OCP_COMPILE_TIMEOUT`` seconds, 300 by default. Raises `InvalidInput` where
-    that is no time. Flags of ``UVMS_OCP_CFLAGS`` come last: with ``-O0`` compilation takes half the
-    time, and what runs two to five times as long.
+    that is no time. Flags of ``UVMS_OCP_CFLAGS`` come after ours: with ``-O0`` compilation takes
+    half the time, and what runs two to five times as long. Those that change numbers are undone.
     """
     compiler = _compiler()
     if compiler is None or compiler in _HUNG:
@@ -263,7 +265,8 @@ def compile_library(
     if directory is None:
         _warn_once(reason)
         return None
-    flags = (*_FLAGS, *flags, *os.environ.get("UVMS_OCP_CFLAGS", "").split())
+    requested = os.environ.get("UVMS_OCP_CFLAGS", "").split()
+    flags = (*_FLAGS, *flags, *requested, *(_EXACT if requested else ()))
     try:
         sources = (source, *others)
         library = directory / f"{_key(sources, flags, compiler)}.so"

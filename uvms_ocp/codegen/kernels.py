@@ -29,6 +29,7 @@ from typing import Any, get_type_hints
 
 import casadi as ca
 
+from uvms_ocp.codegen.casadi_code import with_variable, without_numbers
 from uvms_ocp.codegen.compile import MATH, library_from, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
 from uvms_ocp.codegen.kernel_layout import (
@@ -175,16 +176,28 @@ class CLibrary:
     kernels: str
     """Kernels, under their names behind ``k_``; after the types."""
     functions: str
-    """CasADi functions: a file of its own, without those that are made of other C already."""
+    """CasADi functions: a file of its own, without those that are made of other C already. Their
+    numbers are data of another file, as in the libraries that Python calls: what a compiler knows
+    it computes itself, and not to the last bit as libm does.
+    """
+    numbers: str
+    """Definition of these numbers, ``const double numbers[]``."""
     declarations: str
     """Declarations of these functions."""
     initial: str
     """Function that initialises memory; after types and declarations."""
 
 
-def c_library(kernels: Kernels, memory: Layout, others: Sequence[type[Layout]] = ()) -> CLibrary:
-    """The `kernels`, which work on a `memory` such as this and on `others`. Raises `InvalidInput`,
-    as `c_program`.
+def c_library(
+    kernels: Kernels,
+    memory: Layout,
+    others: Sequence[type[Layout]] = (),
+    variable: tuple[str, Sequence[float]] | None = None,
+) -> CLibrary:
+    """The `kernels`, which work on a `memory` such as this and on `others`.
+
+    variable: name of an array of C that a program may change, and the values of the constants of
+    the CasADi functions whose place it takes. Raises `InvalidInput`, as `c_program`.
     """
     types, code = c_program(kernels, (type(memory), *others))
     functions = dict.fromkeys(part.function for part in functions_in(memory))
@@ -192,10 +205,17 @@ def c_library(kernels: Kernels, memory: Layout, others: Sequence[type[Layout]] =
     for function in functions:
         if function.class_name() != "External":
             generator.add(function)
+    written = str(generator.dump())
+    if variable is not None:
+        written = with_variable(written, *variable)
+    form, values = without_numbers(written)
+    n = max(1, len(values))
+    listed = ", ".join(number(value) or "0" for value in values.tolist()) or "0"
     return CLibrary(
         types=types,
         kernels=code,
-        functions=MATH + str(generator.dump()),
+        functions=f"{MATH}extern const double numbers[{n}];\n{form}",
+        numbers=f"extern const double numbers[{n}];\nconst double numbers[{n}] = {{{listed}}};\n",
         declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),
     )

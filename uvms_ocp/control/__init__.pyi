@@ -2,8 +2,8 @@ import uvms_ocp.estimation.estimator
 import uvms_ocp.estimation.filter_memory
 
 from .force.dynamic import DynamicController as DynamicController, VelocityGains as VelocityGains
+from .load_filter import LoadLearning as LoadLearning
 from .nmpc import Nmpc as Nmpc
-from .payload import LoadLearning as LoadLearning
 from .solve_workers import (
     ProcessWorker as ProcessWorker,
     SynchronousWorker as SynchronousWorker,

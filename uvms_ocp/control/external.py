@@ -67,13 +67,13 @@ class SupervisedController(TableDisplay):
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant
         cannot take.
         """
-        watched = self.kinematic.command(self.kinematic.observe(measurement, t))
+        watched = self.kinematic.command(self.kinematic.observe(estimate, t))
         begin = perf_counter()
-        command = self._wrapped(measurement, t)
+        command = self._wrapped(estimate, t)
         spent = perf_counter() - begin
         self._require(command, watched)
         self.kinematic.follow(command)
@@ -126,7 +126,10 @@ def require_numbers(
     shape: that it has to have.
     """
     if value is None or value.shape != shape:
-        given = "None" if value is None else f"of shape {value.shape}"
+        if value is None:
+            given = "None"
+        else:
+            given = f"of shape {value.shape}"
     elif value.dtype != float:  # of which the record would keep the whole part alone
         given = f"of type {value.dtype}"
     elif not np.isfinite(value).all():

@@ -10,7 +10,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked_dataclass, replace_unchecked
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.velocity.abort import ActuationFeedback
-from uvms_ocp.control.velocity.kinematic import GuideOutput
+from uvms_ocp.control.velocity.guide import GuideOutput
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation import degraded_modes, fallbacks
 from uvms_ocp.mission.mission import Mission
@@ -47,12 +47,12 @@ class PlanTracker:
         self._end = float(trajectory.t[-1]) - 0.5 * dt
         self._sound = fallbacks.LastValidEstimate(robot)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s] of the trajectory; finished at its end."""
-        measurement = self._sound(measurement, t)
+        estimate = self._sound(estimate, t)
         q, v, a = self._trajectory.state_at(self._model, t)
         command = self._law.command(
-            signals.unchecked_state(q=measurement.q, v=measurement.v), q=q, v=v, a=a
+            signals.unchecked_state(q=estimate.q, v=estimate.v), q=q, v=v, a=a
         )
         return replace_unchecked(command, finished=t > self._end)
 
@@ -145,7 +145,9 @@ class PlanGuide:
     @property
     def bandwidth(self) -> float:
         """Bandwidth of the velocity loop, all of it once the plan is left."""
-        return 1.0 if self._left else self._tuning.bandwidth
+        if self._left:
+            return 1.0
+        return self._tuning.bandwidth
 
     def __call__(
         self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
@@ -196,29 +198,25 @@ class PlanGuide:
     def _away(self, error: np.ndarray) -> str:
         beyond = np.abs(error) / self._bounds
         worst = int(np.argmax(beyond))
-        return (
-            f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
-            if beyond[worst] > 1.0
-            else ""
-        )
+        if beyond[worst] > 1.0:
+            return f"{abs(error[worst]):.2g} away from it along axis {worst} of the velocities"
+        return ""
 
     def _too_late(self, waiting: Callable[[], str]) -> str:
         phase = self._phases[self._at]
         if self._clock >= phase.end:
             self._late += self._dt
         name = self._mission.phase_names[phase.phase]
-        return f"phase {name!r} does not end: {waiting()}" if self._late > self._tuning.late else ""
+        if self._late > self._tuning.late:
+            return f"phase {name!r} does not end: {waiting()}"
+        return ""
 
     def _rate(self, tick: TickInputs) -> float:
         """Speed of the plan's clock."""
-        now, following = (
-            self._phases[self._at],
-            self._phases[min(self._at + 1, len(self._phases) - 1)],
-        )
+        now = self._phases[self._at]
+        following = self._phases[min(self._at + 1, len(self._phases) - 1)]
         if following.moves and following is not now and self._clock >= now.end:
             return 0.0
-        return (
-            _CATCH_UP
-            if now.moves and self._clock < now.begin + tick.t - tick.mission.since
-            else 1.0
-        )
+        if now.moves and self._clock < now.begin + tick.t - tick.mission.since:
+            return _CATCH_UP
+        return 1.0

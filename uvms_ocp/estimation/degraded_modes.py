@@ -218,9 +218,9 @@ def write_modes(memory: RestrictionMemory) -> None:
 
 def write_channels(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> None:
     """Write the trust of all channels into a `RestrictionMemory`; those not in `bad` are good."""
-    found = {item.channel: item for item in bad}
+    health_of = {item.channel: item for item in bad}
     for c, channel in enumerate(CHANNELS):
-        item = found.get(channel)
+        item = health_of.get(channel)
         memory.level[c] = Trust.GOOD if item is None else item.trust
         memory.since[c] = 0.0 if item is None else item.since
 

@@ -79,7 +79,10 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
     vehicle_model.predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
     has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
     m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
-    m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1] if has_floor else math.nan
+    if has_floor:
+        m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1]
+    else:
+        m.range[1] = math.nan
 
 
 # Which channels an estimate needs, and how old they are.
@@ -102,16 +105,16 @@ def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[
     """Age [s] at time t [s] of the oldest of the channels' readings, inf where one is missing, and
     which channel that is.
     """
-    taken = t
+    oldest_stamp = t
     oldest = ""
     for name in channels:
         reading = getattr(readings, name)
         if reading is None:
             return math.inf, name
-        if reading.t < taken:
-            taken = reading.t
+        if reading.t < oldest_stamp:
+            oldest_stamp = reading.t
             oldest = name
-    return t - taken, oldest
+    return t - oldest_stamp, oldest
 
 
 def needed_channels(
@@ -165,7 +168,8 @@ class AltimeterMount:
         q[self._robot.joint_q] = joints
         pin.forwardKinematics(model, self._data, q)
         X_BS = pin.updateFramePlacement(model, self._data, self._frame)
-        memory.beam_at[:], memory.beam_up[:] = X_BS.translation, X_BS.rotation[:, 2]
+        memory.beam_at[:] = X_BS.translation
+        memory.beam_up[:] = X_BS.rotation[:, 2]
 
 
 # Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter.
@@ -266,7 +270,10 @@ class Estimator(TableDisplay):
         specs = specs or SensorSpecs()
         tuning = tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
-        frame = None if specs.altimeter_range is None or not robot.n_vehicle else altimeter_frame
+        if specs.altimeter_range is None or not robot.n_vehicle:
+            frame = None
+        else:
+            frame = altimeter_frame
         self._n_vehicle = robot.n_vehicle
         self.structure = filtering.filter_memory(robot.n_joints)
         """Memory of the kernels, a `FilterMemory`."""
@@ -277,7 +284,10 @@ class Estimator(TableDisplay):
             memory.needed[NUMBER[name]] = 1.0
         self.has_range = frame is not None
         """There is an altimeter."""
-        self._beam = None if frame is None else AltimeterMount(robot, frame, memory)
+        if frame is None:
+            self._beam = None
+        else:
+            self._beam = AltimeterMount(robot, frame, memory)
         self._chart = JointChart(robot, memory)
         self._joints = self._chart.configuration()
         (self.tick,) = kernels.bind_kernels(
@@ -337,11 +347,9 @@ class Estimator(TableDisplay):
         channel.
         """
         t, squared, degrees, accepted = self.memory.outcome[_number(channel)].tolist()
-        return (
-            None
-            if math.isnan(t)
-            else _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
-        )
+        if math.isnan(t):
+            return None
+        return _outcome(t=t, squared=squared, degrees=int(degrees), accepted=bool(accepted))
 
     @property
     def outcomes(self) -> Array:
@@ -401,18 +409,20 @@ class Estimator(TableDisplay):
         return dt
 
     def _take_in(self, readings: Readings) -> None:
-        memory, seen = self.memory, self._seen
+        memory, last_readings = self.memory, self._seen
         for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
-            if reading is None or reading is seen[name] or name in self._refused:
+            if reading is None or reading is last_readings[name] or name in self._refused:
                 continue
-            seen[name], c = reading, NUMBER[name]
+            last_readings[name] = reading
+            c = NUMBER[name]
             if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
                 memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(
                     name, reading.value
                 )
-            memory.fresh[c], memory.stamp[c] = 1.0, reading.t
+            memory.fresh[c] = 1.0
+            memory.stamp[c] = reading.t
 
     @property
     def is_plain(self) -> bool:
@@ -431,11 +441,12 @@ class Estimator(TableDisplay):
         v = self.memory.joint_x[:, 1]
         q = self._joints = self._chart.configuration()
         if self._n_vehicle:
-            q, v = (
-                np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q]),
-                np.concatenate([memory.twist, v]),
-            )
-        echo, echo_std = memory.range.tolist() if self.has_range else (math.nan, math.nan)
+            q = np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q])
+            v = np.concatenate([memory.twist, v])
+        if self.has_range:
+            echo, echo_std = memory.range.tolist()
+        else:
+            echo, echo_std = (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return signals.unchecked_estimate(
             q=q,
@@ -473,10 +484,10 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
-        taken = {name: _taken(spec, t) for name, spec in channels.items()}
+        stamps = {name: _taken(spec, t) for name, spec in channels.items()}
         readings = {
             name: signals.unchecked_reading(value=truth[name], t=at)
-            for name, at in taken.items()
+            for name, at in stamps.items()
             if at >= 0.0
         }
         estimator(signals.unchecked_readings(**readings), t)
@@ -501,7 +512,9 @@ def _taken(spec: SensorSpec, t: float) -> float:
     Losses make it rarer.
     """
     rate = min(spec.rate * (1.0 - spec.dropout), _RATE)
-    return math.floor((t - spec.delay) * rate + 1e-6) / rate if rate > 0.0 else -math.inf
+    if rate > 0.0:
+        return math.floor((t - spec.delay) * rate + 1e-6) / rate
+    return -math.inf
 
 
 def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
@@ -511,9 +524,12 @@ def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     channels = [("joint_positions", robot.n_joints)]
     if robot.n_vehicle:
         channels = [("position", 3), ("attitude", 3), *channels]
-    given = ((getattr(specs, name), n) for name, n in channels)
+    channel_specs = ((getattr(specs, name), n) for name, n in channels)
     return np.concatenate(
-        [np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,)) for spec, n in given]
+        [
+            np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,))
+            for spec, n in channel_specs
+        ]
     )
 
 

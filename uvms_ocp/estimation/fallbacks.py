@@ -66,8 +66,10 @@ class Watchdog:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_after) and 0 < self.hold_after < self.stop_after):
-            given = f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s"
-            raise InvalidInput(f"{given}; give 0 < hold_after < stop_after")
+            problem = (
+                f"watchdog: hold_after = {self.hold_after} s, stop_after = {self.stop_after} s"
+            )
+            raise InvalidInput(f"{problem}; give 0 < hold_after < stop_after")
 
     @property
     def verdict(self) -> Freshness:
@@ -98,13 +100,11 @@ def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     """The `Freshness` of a measurement of `age` [s], by `hold_after` [s] and `stop_after` [s] of a
     `Watchdog`. A kernel.
     """
-    return (
-        Freshness.FRESH
-        if age <= hold_after
-        else Freshness.STALE
-        if age <= stop_after
-        else Freshness.LOST
-    )
+    if age <= hold_after:
+        return Freshness.FRESH
+    if age <= stop_after:
+        return Freshness.STALE
+    return Freshness.LOST
 
 
 _TEXTS = {
@@ -161,7 +161,10 @@ def hold_last_valid(
         m.q[:] = q
         m.v[:] = v
         m.since = t
-        m.was[0], m.was[1], m.age, m.joint_age = age, joint_age, age, joint_age
+        m.was[0] = age
+        m.was[1] = joint_age
+        m.age = age
+        m.joint_age = joint_age
         return
     q[: len(m.q)] = m.q[: len(m.q)]
     v[: len(m.v)] = m.v[: len(m.v)]
@@ -194,11 +197,10 @@ class LastValidEstimate:
 
     def __init__(self, robot: Robot, memory: LastValidMemory | None = None) -> None:
         """memory: a `LastValidMemory` of the caller's, who asks the kernel."""
-        self.memory = (
-            structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
-            if memory is None
-            else memory
-        )
+        if memory is None:
+            self.memory = structure_of(LastValidMemory, n_q=robot.n_q, n_v=robot.n_v)()
+        else:
+            self.memory = memory
         self._last = StateEstimate(
             q=robot.configuration(), v=np.zeros(robot.n_v), altimeter_range=np.nan
         )
@@ -213,18 +215,18 @@ class LastValidEstimate:
         if units:
             assign(self.memory, unit=units)
 
-    def __call__(self, measurement: StateEstimate, t: float) -> StateEstimate:
+    def __call__(self, estimate: StateEstimate, t: float) -> StateEstimate:
         """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
-        self.check(measurement)
-        q = doubles(measurement.q)
-        v = doubles(measurement.v)
-        hold_last_valid(self.memory, t, q, v, measurement.age, measurement.joint_age)
-        return self.substitute(measurement)
+        self.check(estimate)
+        q = doubles(estimate.q)
+        v = doubles(estimate.v)
+        hold_last_valid(self.memory, t, q, v, estimate.age, estimate.joint_age)
+        return self.substitute(estimate)
 
-    def check(self, measurement: StateEstimate) -> None:
+    def check(self, estimate: StateEstimate) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
-        if (measurement.q.shape, measurement.v.shape) != self._shapes:
-            pairs = zip("qv", (measurement.q, measurement.v), self._shapes, strict=True)
+        if (estimate.q.shape, estimate.v.shape) != self._shapes:
+            pairs = zip("qv", (estimate.q, estimate.v), self._shapes, strict=True)
             wrong = [
                 (name, value.shape, right) for name, value, right in pairs if value.shape != right
             ]
@@ -235,20 +237,20 @@ class LastValidEstimate:
                 )
             )
 
-    def substitute(self, measurement: StateEstimate) -> StateEstimate:
+    def substitute(self, estimate: StateEstimate) -> StateEstimate:
         """The measurement that the kernel was asked with, if it is sound, or what stands in for
         it.
         """
         if self.memory.is_valid:
-            self._last = measurement
-            return measurement
+            self._last = estimate
+            return estimate
         return replace_unchecked(
             self._last,
-            altimeter_range=measurement.altimeter_range,
+            altimeter_range=estimate.altimeter_range,
             age=self.memory.age,
-            oldest=measurement.oldest,
+            oldest=estimate.oldest,
             joint_age=self.memory.joint_age,
-            health=measurement.health,
+            health=estimate.health,
         )
 
 
@@ -282,20 +284,28 @@ def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
 def echo_range(
     m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool
 ) -> float:
-    """Compute `LastFloorRange.range` at t [s], of the echo [m] along the beam in memory, or
+    """Compute the range to the floor at t [s], of the echo [m] along the beam in memory, or
     `unknown` [m]. A kernel.
     """
     if distrusted and m.exists:
         x = m.beam[0] - m.place[0]
         y = m.beam[1] - m.place[1]
         m.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
-        m.floor, m.place[0], m.place[1] = m.highest, m.beam[0], m.beam[1]
+        m.floor = m.highest
+        m.place[0] = m.beam[0]
+        m.place[1] = m.beam[1]
     if distrusted or not has_altitude(m, echo):
         return range_to_last_floor(m, unknown)
     floor = m.beam[2] - m.beam[3] * echo
     faded = m.highest - _FORGETTING * (t - m.since)
-    m.since, m.floor, m.place[0], m.place[1] = t, floor, m.beam[0], m.beam[1]
-    m.highest = max(floor, faded) if math.isfinite(faded) else floor
+    m.since = t
+    m.floor = floor
+    m.place[0] = m.beam[0]
+    m.place[1] = m.beam[1]
+    if math.isfinite(faded):
+        m.highest = max(floor, faded)
+    else:
+        m.highest = floor
     return echo
 
 
@@ -310,7 +320,10 @@ def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
     """
     if not m.exists:
         return 0.0
-    height = max(0.0, m.beam[2] - m.floor) if math.isfinite(m.floor) else unknown
+    if math.isfinite(m.floor):
+        height = max(0.0, m.beam[2] - m.floor)
+    else:
+        height = unknown
     return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
 
 
@@ -333,25 +346,22 @@ class LastFloorRange:
 
         memory: an `AltimeterMemory` of the caller's, of the `echo_sizes` of the frame.
         """
-        self.memory = (
-            structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
-            if memory is None
-            else memory
-        )
+        if memory is None:
+            self.memory = structure_of(AltimeterMemory, **echo_sizes(robot, frame))()
+        else:
+            self.memory = memory
         self.memory.exists = frame is not None and robot.has_frame(frame)
         self.memory.floor = self.memory.highest = math.nan
 
-    def at(self, measurement: StateEstimate) -> tuple[float, bool]:
+    def at(self, estimate: StateEstimate) -> tuple[float, bool]:
         """Range [m], always finite, at a measurement that is not remembered, and whether its echo
         tells the altitude.
         """
-        point_altimeter(self.memory, doubles(measurement.q))
-        measured = has_altitude(self.memory, measurement.altimeter_range)
-        return (
-            (measurement.altimeter_range, True)
-            if measured
-            else (range_to_last_floor(self.memory, 0.0), False)
-        )
+        point_altimeter(self.memory, doubles(estimate.q))
+        measured = has_altitude(self.memory, estimate.altimeter_range)
+        if measured:
+            return (estimate.altimeter_range, True)
+        return (range_to_last_floor(self.memory, 0.0), False)
 
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
@@ -368,7 +378,8 @@ def _beam(robot: Robot, frame: str | None) -> ca.Function:
     (n_v,) [m, or 1].
     """
     q = ca.SX.sym("q", robot.n_q)
-    beam, height_jacobian = ca.SX.zeros(4), ca.SX.zeros(robot.n_v)
+    beam = ca.SX.zeros(4)
+    height_jacobian = ca.SX.zeros(robot.n_v)
     if frame is not None:
         kinematics = SymbolicModel(robot.model).forward_kinematics(q)
         R_WS, p_WS = kinematics.pose(frame)

@@ -46,7 +46,9 @@ N_CHANNELS = len(ChannelIndex)
 
 def rows_of(c: int) -> int:
     """Entries of one reading of a channel; of one joint. A kernel, as the next."""
-    return 3 if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH else 1
+    if c <= ChannelIndex.SPECIFIC_FORCE and c != ChannelIndex.DEPTH:
+        return 3
+    return 1
 
 
 def orders_of(c: int) -> int:
@@ -54,7 +56,9 @@ def orders_of(c: int) -> int:
     if c == ChannelIndex.SPECIFIC_FORCE:
         return 0
     velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
-    return 1 if velocity or c == ChannelIndex.JOINT_VELOCITIES else 2
+    if velocity or c == ChannelIndex.JOINT_VELOCITIES:
+        return 1
+    return 2
 
 
 class Part(IntEnum):
@@ -371,35 +375,34 @@ def initialise(
         memory.sigma[NUMBER[name]] = max(0.0 if spec is None else spec.sigma, _SMALLEST_SIGMA)
         memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
         memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
-        memory.gate[NUMBER[name]], memory.recovery[NUMBER[name]] = (
-            _GATES[rows_of(NUMBER[name])],
-            _RECOVERY,
-        )
+        memory.gate[NUMBER[name]] = _GATES[rows_of(NUMBER[name])]
+        memory.recovery[NUMBER[name]] = _RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
     memory.gravity[:] = robot.model.gravity.linear
-    memory.beam_up[2], memory.agility[:], memory.jolt[:] = 1.0, _agility(robot), JOLTS
+    memory.beam_up[2] = 1.0
+    memory.agility[:] = _agility(robot)
+    memory.jolt[:] = JOLTS
     structure.floating = robot.n_vehicle > 0
     structure.guided = specs.specific_force is None
     structure.echo_memory = _ECHO_MEMORY
     structure.echo = -math.inf
     structure.jerk_share = 1.0
     noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
-    structure.least_jerk_share = _LEAST_JERK_SHARE if structure.guided and noisy else 1.0
-    memory.drive[ProcessNoise.JERK], memory.drive[ProcessNoise.ANGULAR_JERK] = (
-        tuning.jerk,
-        tuning.angular_jerk,
-    )
+    if structure.guided and noisy:
+        structure.least_jerk_share = _LEAST_JERK_SHARE
+    else:
+        structure.least_jerk_share = 1.0
+    memory.drive[ProcessNoise.JERK] = tuning.jerk
+    memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.angular_jerk
     (
         memory.drive[ProcessNoise.GYRO],
         memory.drive[ProcessNoise.DVL],
         memory.drive[ProcessNoise.FORCE],
     ) = BIAS_DRIFTS
-    memory.drive[ProcessNoise.ROUGHNESS], memory.drive[ProcessNoise.SETTLING] = (
-        tuning.floor_roughness,
-        ALTITUDE_DRIFT,
-    )
+    memory.drive[ProcessNoise.ROUGHNESS] = tuning.floor_roughness
+    memory.drive[ProcessNoise.SETTLING] = ALTITUDE_DRIFT
     memory.drive[ProcessNoise.JOINT] = tuning.joint_acceleration
     memory.drive[ProcessNoise.REPLY] = _RESPONSE_UNCERTAINTY * math.sqrt(2.0 * RESPONSE_TIME)
     _set_first(memory, specs, tuning)
@@ -411,7 +414,10 @@ def _agility(robot: Robot) -> np.ndarray:
     """
     limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
-    linear, angular = (limits[:3].max(), limits[3:6].max()) if robot.n_vehicle else (0.0, 0.0)
+    if robot.n_vehicle:
+        linear, angular = (limits[:3].max(), limits[3:6].max())
+    else:
+        linear, angular = (0.0, 0.0)
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
 
 

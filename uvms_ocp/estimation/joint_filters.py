@@ -53,20 +53,20 @@ def _active(m: FilterMemory) -> int:
 
 def _bound(m: FilterMemory, j: int, i: int) -> None:
     """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
-    most = m.joint_limit[i] * m.joint_limit[i]
+    largest_variance = m.joint_limit[i] * m.joint_limit[i]
     lost = not math.isfinite(m.joint_x[j][i])
     P = m.joint_P[j][i][i]
-    if not lost and vehicle_model.is_determined(P, most):
+    if not lost and vehicle_model.is_determined(P, largest_variance):
         return
     if i == 1 and not lost and P > 0.0 and math.isfinite(P):
-        share = math.sqrt(most / P)
+        share = math.sqrt(largest_variance / P)
         for k in range(JOINT_STATES):
             m.joint_P[j][1][k] *= share
         for k in range(JOINT_STATES):
             m.joint_P[j][k][1] *= share
-        m.joint_P[j][1][1] = most
+        m.joint_P[j][1][1] = largest_variance
     else:
-        _clear(m, j, i, most)
+        _clear(m, j, i, largest_variance)
     if lost or i == 1:
         m.joint_x[j][i] = 0.0
 
@@ -123,18 +123,24 @@ def _ingest(m: FilterMemory, c: int) -> None:
 
 def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return the predicted measurement of channel k at the clone, -1 for now."""
-    return m.joint_x[j][k] if slot < 0 else m.joint_h[j][slot]
+    if slot < 0:
+        return m.joint_x[j][k]
+    return m.joint_h[j][slot]
 
 
 def _rate(m: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return how fast that changes [per s]."""
-    now = 0.0 if k != 0 else m.joint_x[j][1]
-    return now if slot < 0 else m.joint_rate[j][slot]
+    present_rate = 0.0 if k != 0 else m.joint_x[j][1]
+    if slot < 0:
+        return present_rate
+    return m.joint_rate[j][slot]
 
 
 def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
-    now = 0.0 if k != 0 else m.joint_P[j][1][1]
-    return now if slot < 0 else m.joint_rate_variance[j][slot]
+    present_variance = 0.0 if k != 0 else m.joint_P[j][1][1]
+    if slot < 0:
+        return present_variance
+    return m.joint_rate_variance[j][slot]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
@@ -156,9 +162,9 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         variance = _rate_variance(m, j, k, slot)
         h = _predicted(m, j, k, slot)
         rate = _rate(m, j, k, slot)
-        own = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
+        R = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
         nu = m.joint_value[k][j] - h - delta * rate
-        S = m.joint_P[j][state][state] + own
+        S = m.joint_P[j][state][state] + R
         # Beside what accelerations can do, a joint with a rate may stop.
         stop = abs(h if k != 0 else rate) * (
             update.time_since_accepted(m, c) if c == _FIRST else 1.0
@@ -173,11 +179,11 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
             if nu * nu / S > m.gate[c]:
                 surprise = max(surprise, abs(nu))
                 _inflate_surprised(m, j, c, nu * nu)
-        elif _is_consistent(m, c, j, nu, S + own + granted):
+        elif _is_consistent(m, c, j, nu, S + R + granted):
             believed = True
             _relax(m, j, c, nu * nu)
         if believed:
-            _correct(m, j, state, nu, own, n)
+            _correct(m, j, state, nu, R, n)
         accepted = accepted and believed
     m.surprise[c] = surprise if accepted else m.surprise[c]
     update.record_outcome(m, c, total, degrees, accepted)
@@ -236,12 +242,14 @@ def _inflate_own(m: FilterMemory, j: int, c: int, variance: float) -> None:
 
 def _is_of(m: FilterMemory, c: int, state: int) -> bool:
     """Return whether a channel sees a state, or saw the clone that it is."""
-    return m.joint_owner[state - 2] == c if state >= 2 else state == c - _FIRST
+    if state >= 2:
+        return m.joint_owner[state - 2] == c
+    return state == c - _FIRST
 
 
-def _correct(m: FilterMemory, j: int, state: int, nu: float, own: float, n: int) -> None:
+def _correct(m: FilterMemory, j: int, state: int, nu: float, R: float, n: int) -> None:
     """The Kalman update."""
-    S = m.joint_P[j][state][state] + own
+    S = m.joint_P[j][state][state] + R
     gain = zeros(JOINT_STATES)
     row = zeros(JOINT_STATES)
     for a in range(n):

@@ -44,28 +44,32 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
     """Share the slots among the late ones of channels first to last: where all their readings do
     not fit, none has many.
     """
-    most = _MOST_CLONES
+    n_clones = _MOST_CLONES
     total = slots + 1.0
-    while most > 2.0:
+    while n_clones > 2.0:
         total = 0.0
         for c in range(first, last):
             if m.lag[c] > 0.0:
                 # Clones at a time if every reading of channel c has one that is near enough.
                 apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
-                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, most)
+                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, n_clones)
         if total <= slots:
             break
-        most -= 1.0
+        n_clones -= 1.0
     for c in range(first, last):
         if m.lag[c] > 0.0:
-            m.apart[c] = max((m.lag[c] + 2.0 * m.dt) / (most - 1.0), max(_least(c), m.period[c]))
+            m.apart[c] = max(
+                (m.lag[c] + 2.0 * m.dt) / (n_clones - 1.0), max(_least(c), m.period[c])
+            )
 
 
 def _least(c: int) -> float:
     """[s] between two clones at least: motion is smooth enough in between. Joints have no need to
     save.
     """
-    return _SPACING * filtering.orders_of(c) if c < filtering.N_VEHICLE else 0.0
+    if c < filtering.N_VEHICLE:
+        return _SPACING * filtering.orders_of(c)
+    return 0.0
 
 
 def is_of_now(m: FilterMemory, c: int) -> bool:
@@ -82,7 +86,7 @@ def update_lag(m: FilterMemory, c: int) -> None:
         m.lag[c] = min(filtering.LONGEST_LAG, age)
 
 
-def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> int:
+def nearest_clone(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> int:
     """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is
     not near enough.
 
@@ -92,12 +96,14 @@ def nearest_clone(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: 
     nearest = abs(m.stamp[c] - m.now)
     reach = 1.5 * m.dt + EARLY
     for slot in range(slots):
-        if owner[slot] == c and abs(m.stamp[c] - taken[slot]) < nearest:
+        if owner[slot] == c and abs(m.stamp[c] - clone_times[slot]) < nearest:
             best = slot
-            nearest = abs(m.stamp[c] - taken[slot])
+            nearest = abs(m.stamp[c] - clone_times[slot])
     if best >= 0:
         reach += m.apart[c]
-    return best if nearest <= reach else NONE
+    if nearest <= reach:
+        return best
+    return NONE
 
 
 def is_due(m: FilterMemory, c: int) -> bool:
@@ -119,14 +125,14 @@ def is_due(m: FilterMemory, c: int) -> bool:
     return True
 
 
-def free_expired(m: FilterMemory, c: int, owner: Vector, taken: Vector, slots: int) -> None:
+def free_expired(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     for slot in range(slots):
-        lost = m.now - taken[slot] > m.lag[c] + 2.0 * m.dt + EARLY
-        if owner[slot] == c and (lost or taken[slot] <= m.last[c] + EARLY):
+        lost = m.now - clone_times[slot] > m.lag[c] + 2.0 * m.dt + EARLY
+        if owner[slot] == c and (lost or clone_times[slot] <= m.last[c] + EARLY):
             owner[slot] = -1.0
 
 
@@ -144,7 +150,10 @@ def time_since_accepted(m: FilterMemory, c: int) -> float:
 
     Of depths, since the last of a fix, too: both tell the height.
     """
-    used = max(m.used[c], m.used[ChannelIndex.POSITION]) if c == ChannelIndex.DEPTH else m.used[c]
+    if c == ChannelIndex.DEPTH:
+        used = max(m.used[c], m.used[ChannelIndex.POSITION])
+    else:
+        used = m.used[c]
     return min(filtering.LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
 
 
@@ -169,7 +178,9 @@ def jolt_allowance(m: FilterMemory, c: int) -> float:
     """
     grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
     moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), filtering.JOLT_TIME)))
-    return moved * moved / 25.0 if m.jolt[c] > 0.0 else 0.0
+    if m.jolt[c] > 0.0:
+        return moved * moved / 25.0
+    return 0.0
 
 
 def _moved(c: int, acceleration: float, time: float) -> float:
@@ -196,7 +207,9 @@ def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believ
     """
     outcome = m.outcome[c]
     outcome[0] = m.stamp[c]
-    outcome[1], outcome[2], outcome[3] = squared, degrees, believed
+    outcome[1] = squared
+    outcome[2] = degrees
+    outcome[3] = believed
     if believed:
         m.used[c] = m.stamp[c]
 
@@ -234,13 +247,11 @@ def _corrected_by(c: int) -> int:
         return Part.SPEED
     if c == ChannelIndex.SPECIFIC_FORCE:
         return Part.ACCELERATION
-    return (
-        Part.FLOOR
-        if c == ChannelIndex.ALTIMETER_RANGE
-        else Part.PLACE
-        if c == ChannelIndex.POSITION
-        else Part.PLACE + 2
-    )
+    if c == ChannelIndex.ALTIMETER_RANGE:
+        return Part.FLOOR
+    if c == ChannelIndex.POSITION:
+        return Part.PLACE
+    return Part.PLACE + 2
 
 
 def _is_blind(m: FilterMemory, c: int) -> bool:
@@ -346,14 +357,15 @@ def _set_floor(m: FilterMemory, age: float, n: int) -> None:
     late = vehicle.process_variance(m, c, age)
     moved = age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
     m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
-    own = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
+    floor_variance = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
     for j in range(n):  # of the height of the altimeter
         row[j] += m.P[j][at] if j < at else m.P[at][j]
     for j in range(at):
         m.P[j][at] = row[j]
     for j in range(at, n):
         m.P[at][j] = row[j]
-    m.P[at][at], m.echo = own + noise * noise + late, m.stamp[c]
+    m.P[at][at] = floor_variance + noise * noise + late
+    m.echo = m.stamp[c]
 
 
 def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
@@ -365,11 +377,11 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
         return
     _innovation(m, c, delta, nu)
-    own = _noise(m, c, delta)
+    noise = _noise(m, c, delta)
     granted = max(planned_allowance(m, c), jolt_allowance(m, c))
-    squared = _squared_innovation(m, own, rows, nu)
+    squared = _squared_innovation(m, noise, rows, nu)
     size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
-    believed = _squared_innovation(m, own + granted, rows, nu) <= m.gate[c]
+    believed = _squared_innovation(m, noise + granted, rows, nu) <= m.gate[c]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
     # tell too.
     not_by_fixes = (
@@ -377,7 +389,10 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     )
     if believed:
         m.since[c] = math.nan
-        m.surprise[c] = math.sqrt(size) if squared > m.gate[c] else 0.0
+        if squared > m.gate[c]:
+            m.surprise[c] = math.sqrt(size)
+        else:
+            m.surprise[c] = 0.0
         if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             vehicle.recall_measurement(m, c, slot, vehicle.active(m))
@@ -385,7 +400,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         not_by_fixes
         and math.isfinite(squared)
         and math.isfinite(size)
-        and _is_consistent(m, c, 2.0 * own + granted, nu)
+        and _is_consistent(m, c, 2.0 * noise + granted, nu)
     ):
         believed = True
         _relax(m, c, size)
@@ -400,7 +415,7 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
             m.echo = m.stamp[c]
-        _correct(m, c, nu, own)
+        _correct(m, c, nu, noise)
 
 
 def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
@@ -426,7 +441,10 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
     for i in range(4):
         error[i] *= scale
     sine = math.sqrt(error[0] * error[0] + error[1] * error[1] + error[2] * error[2])
-    share = 2.0 * math.atan2(sine, error[3]) / sine if sine > 1e-6 else 2.0
+    if sine > 1e-6:
+        share = 2.0 * math.atan2(sine, error[3]) / sine
+    else:
+        share = 2.0
     for i in range(3):
         nu[i] = share * error[i]
 
@@ -498,8 +516,14 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
     The bias of DVLs is not in doubt by their own readings: fixes are too rough to find it again
     soon.
     """
-    time = time_since_accepted(m, c) if filtering.orders_of(c) > 1 else 1.0
-    bias = int(Part.GYRO_BIAS) if c <= ChannelIndex.ANGULAR_VELOCITY else int(Part.DVL_BIAS)
+    if filtering.orders_of(c) > 1:
+        time = time_since_accepted(m, c)
+    else:
+        time = 1.0
+    if c <= ChannelIndex.ANGULAR_VELOCITY:
+        bias = int(Part.GYRO_BIAS)
+    else:
+        bias = int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
     _inflate_own(m, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(m, c) else 0.0)
@@ -536,8 +560,11 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
         if m.owner[slot] == c:
             for i in range(rows):
                 for j in range(rows):
-                    own = 0.0 if i != j else -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
-                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else own
+                    if i != j:
+                        correlation = 0.0
+                    else:
+                        correlation = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else correlation
     u = s.HP[0]
     v = s.HP[1]
     w = s.HP[2]
@@ -546,7 +573,7 @@ def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
             m.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
-def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
+def _correct(m: FilterMemory, c: int, nu: Vector, noise: float) -> None:
     """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell
     where the vehicle is.
     """
@@ -557,7 +584,7 @@ def _correct(m: FilterMemory, c: int, nu: Vector, own: float) -> None:
     u = s.HP[0]
     v = s.HP[1]
     w = s.HP[2]
-    vehicle.factorise(s, own, rows)
+    vehicle.factorise(s, noise, rows)
     vehicle.divide(s, rows, nu)
     for j in range(n):
         u[j] /= s.L[0][0]
@@ -632,7 +659,8 @@ def _clone(m: FilterMemory, c: int) -> None:
         return
     at = MAIN + 3 * slot
     vehicle.predict_measurement(m, c, before)
-    m.owner[slot], m.taken[slot] = c, m.now
+    m.owner[slot] = c
+    m.taken[slot] = m.now
     m.rate_variance[slot] = s.rate_variance
     m.h[slot][:] = s.h
     m.rate[slot][:] = s.rate

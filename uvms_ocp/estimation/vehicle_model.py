@@ -30,10 +30,14 @@ def rotation(q: Vector, R: Vector) -> None:
     y = q[1]
     z = q[2]
     w = q[3]
-    R[0], R[1] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z)
-    R[2], R[3] = 2.0 * (x * z + w * y), 2.0 * (x * y + w * z)
-    R[4], R[5] = 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
-    R[6], R[7] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+    R[0] = 1.0 - 2.0 * (y * y + z * z)
+    R[1] = 2.0 * (x * y - w * z)
+    R[2] = 2.0 * (x * z + w * y)
+    R[3] = 2.0 * (x * y + w * z)
+    R[4] = 1.0 - 2.0 * (x * x + z * z)
+    R[5] = 2.0 * (y * z - w * x)
+    R[6] = 2.0 * (x * z - w * y)
+    R[7] = 2.0 * (y * z + w * x)
     R[8] = 1.0 - 2.0 * (x * x + y * y)
 
 
@@ -56,7 +60,10 @@ def multiply(a: Vector, b: Vector, c: Vector) -> None:
     y = a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2]
     z = a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0]
     w = a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
-    c[0], c[1], c[2], c[3] = x, y, z, w
+    c[0] = x
+    c[1] = y
+    c[2] = z
+    c[3] = w
 
 
 def norm(q: Vector) -> float:
@@ -78,7 +85,10 @@ def turn_by(q: Vector, by: Vector) -> None:
     squared = by[0] * by[0] + by[1] * by[1] + by[2] * by[2]
     angle = math.sqrt(squared)
     e = zeros(4)
-    share = math.sin(angle / 2.0) / angle if angle > 1e-4 else 0.5 - squared / 48.0
+    if angle > 1e-4:
+        share = math.sin(angle / 2.0) / angle
+    else:
+        share = 0.5 - squared / 48.0
     for i in range(3):
         e[i] = share * by[i]
     e[3] = math.cos(angle / 2.0)
@@ -109,9 +119,9 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
     for i in range(3):
         for j in range(3):
             K2 = angle[i] * angle[j] - (squared if i == j else 0.0)
-            one = 1.0 if i == j else 0.0
-            E[3 * i + j] = one - sine * K[3 * i + j] + cosine * K2
-            J[3 * i + j] = one - cosine * K[3 * i + j] + third * K2
+            identity = 1.0 if i == j else 0.0
+            E[3 * i + j] = identity - sine * K[3 * i + j] + cosine * K2
+            J[3 * i + j] = identity - cosine * K[3 * i + j] + third * K2
 
 
 # The covariance: its entries, and what is done to one of them.
@@ -150,10 +160,10 @@ def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
 
 def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is."""
-    found = False
+    unknown = False
     for i in range(first, first + n):
-        found = found or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
-    return found
+        unknown = unknown or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
+    return unknown
 
 
 def mean_variance(m: FilterMemory, first: int) -> float:
@@ -161,11 +171,11 @@ def mean_variance(m: FilterMemory, first: int) -> float:
     return (m.P[first][first] + m.P[first + 1][first + 1] + m.P[first + 2][first + 2]) / 3.0
 
 
-def is_determined(variance: float, most: float) -> bool:
+def is_determined(variance: float, largest: float) -> bool:
     """Return whether a variance [square of a unit] is within `most` [the same]; below zero rounding
     has eaten it.
     """
-    return 0.0 <= variance <= most
+    return 0.0 <= variance <= largest
 
 
 def response_variance(m: FilterMemory, change: float) -> float:
@@ -176,7 +186,9 @@ def response_variance(m: FilterMemory, change: float) -> float:
     to the asked acceleration: a share of a step, however it is divided into ticks.
     """
     drive = m.drive[ProcessNoise.REPLY] * change
-    return drive * drive / m.dt if m.dt > 0.0 else 0.0
+    if m.dt > 0.0:
+        return drive * drive / m.dt
+    return 0.0
 
 
 # The process model: constant jerk, in the W of positions and the B of rotations.
@@ -288,8 +300,11 @@ def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
     third = zeros(
         9
     )  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
-    third[0], third[1] = dt2 * dt2 * dt / 20.0, dt2 * dt2 / 8.0
-    third[2], third[4], third[5] = dt2 * dt / 6.0, dt2 * dt / 3.0, dt2 / 2.0
+    third[0] = dt2 * dt2 * dt / 20.0
+    third[1] = dt2 * dt2 / 8.0
+    third[2] = dt2 * dt / 6.0
+    third[4] = dt2 * dt / 3.0
+    third[5] = dt2 / 2.0
     third[8] = dt
     jerk *= jerk
     spin *= spin
@@ -334,9 +349,9 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
     part.
     """
     for i in range(MAIN):
-        most = m.limit[i] * m.limit[i]
+        largest_variance = m.limit[i] * m.limit[i]
         lost = not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
-        if not lost and is_determined(m.P[i][i], most):
+        if not lost and is_determined(m.P[i][i], largest_variance):
             continue
         if (
             not lost
@@ -344,9 +359,9 @@ def _forget_unknown(m: FilterMemory, n: int) -> None:
             and m.P[i][i] > 0.0
             and math.isfinite(m.P[i][i])
         ):
-            _limit_to(m, i, n, most)
+            _limit_to(m, i, n, largest_variance)
         else:
-            clear(m, i, n, most)
+            clear(m, i, n, largest_variance)
         if i >= Part.PLACE and (lost or Part.SPEED <= i < Part.GYRO_BIAS):
             m.x[i] = 0.0
     if not math.isfinite(norm(m.turn)):
@@ -362,7 +377,7 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
     rests: it was right until its readings ended; from here on it and the acceleration are taken for
     zero, as what is carried on without readings leads ever farther astray.
     """
-    known = filtering.EXPOSED * filtering.EXPOSED
+    variance = filtering.EXPOSED * filtering.EXPOSED
     way = filtering.EXPOSED_FOR
     for k in range(len(m.owner)):
         m.owner[k] = -1.0
@@ -370,13 +385,13 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
         place = Part.PLACE + i
         speed = Part.SPEED + i
         acceleration = Part.ACCELERATION + i
-        m.P[speed][speed] += known
+        m.P[speed][speed] += variance
         if rests:
-            m.P[acceleration][acceleration] += known
+            m.P[acceleration][acceleration] += variance
             m.x[speed] = m.x[acceleration] = 0.0
         else:
-            m.P[place][speed] += way * known
-            m.P[place][place] += way * way * known
+            m.P[place][speed] += way * variance
+            m.P[place][place] += way * way * variance
 
 
 # What each channel of the vehicle sees of the estimate.
@@ -423,7 +438,8 @@ def _model(m: FilterMemory, s: PredictedMeasurement, c: int) -> None:
             s.h[i] = m.x[Part.PLACE + i]
         _see(m, s, Part.PLACE, Part.SPEED)
     elif c == ChannelIndex.DEPTH:
-        s.h[0], s.rate[0] = m.x[Part.PLACE + 2], m.x[Part.SPEED + 2]
+        s.h[0] = m.x[Part.PLACE + 2]
+        s.rate[0] = m.x[Part.SPEED + 2]
         s.H[0][Part.PLACE + 2] = 1.0
         s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
     elif c == ChannelIndex.ALTIMETER_RANGE:
@@ -436,13 +452,18 @@ def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None
     """A part of the state, whose rate is another one."""
     s.rate_variance = mean_variance(m, rate)
     for i in range(3):
-        s.rate[i], s.H[i][part + i] = m.x[rate + i], 1.0
+        s.rate[i] = m.x[rate + i]
+        s.H[i][part + i] = 1.0
 
 
 def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     """The velocity in B, or the specific force."""
-    own = int(Part.ACCELERATION) if force else int(Part.SPEED)
-    bias = int(Part.FORCE_BIAS) if force else int(Part.DVL_BIAS)
+    if force:
+        velocity_part = int(Part.ACCELERATION)
+        bias = int(Part.FORCE_BIAS)
+    else:
+        velocity_part = int(Part.SPEED)
+        bias = int(Part.DVL_BIAS)
     R = zeros(9)
     v = zeros(3)
     in_B = zeros(3)
@@ -450,7 +471,7 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     turning = zeros(3)
     rotation(m.turn, R)
     for i in range(3):
-        v[i] = m.x[own + i] - (m.gravity[i] if force else 0.0)
+        v[i] = m.x[velocity_part + i] - (m.gravity[i] if force else 0.0)
     rotate_back(R, v, 0, in_B)
     rotate_back(R, m.x, Part.ACCELERATION, rate)
     cross(m.x, Part.SPIN, in_B, turning)
@@ -462,14 +483,15 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     s.H[2][Part.TURN + 1] = in_B[0]
     for i in range(3):
         for j in range(3):
-            s.H[i][own + j] = R[3 * j + i]
+            s.H[i][velocity_part + j] = R[3 * j + i]
         s.H[i][bias + i] = 1.0
         s.h[i] = in_B[i] + m.x[bias + i]
         s.rate[i] = (0.0 if force else rate[i]) - turning[i]
     size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2]
-    s.rate_variance = (
-        mean_variance(m, Part.SPIN) * size if force else mean_variance(m, Part.ACCELERATION)
-    )
+    if force:
+        s.rate_variance = mean_variance(m, Part.SPIN) * size
+    else:
+        s.rate_variance = mean_variance(m, Part.ACCELERATION)
 
 
 def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
@@ -491,8 +513,11 @@ def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
         s.H[0][Part.TURN + i] = arm[i] - (
             altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0
         )
-    s.H[0][Part.PLACE + 2], s.H[0][Part.FLOOR], s.h[0] = 1.0, -1.0, altitude
-    s.h[1], s.rate[0] = cosine, m.x[Part.SPEED + 2]
+    s.H[0][Part.PLACE + 2] = 1.0
+    s.H[0][Part.FLOOR] = -1.0
+    s.h[0] = altitude
+    s.h[1] = cosine
+    s.rate[0] = m.x[Part.SPEED + 2]
     s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
 
 

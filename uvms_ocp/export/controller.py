@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.casadi_code import with_variable
-from uvms_ocp.codegen.compile import compile_library, loaded_library
-from uvms_ocp.codegen.kernel_layout import Layout, structure_of, view
+from uvms_ocp.codegen.compile import EXACT, compile_library, loaded_library
+from uvms_ocp.codegen.kernel_layout import Layout, arrays_of, structure_of, view
 from uvms_ocp.codegen.kernels import CLibrary, c_library, number
 from uvms_ocp.control import DynamicController, KinematicController, build_levels
 from uvms_ocp.control.force.tick_functions import column_sizes
-from uvms_ocp.control.velocity import tick, viability
+from uvms_ocp.control.velocity import position_guards, tick
 from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.degraded_modes import CHANNELS
 from uvms_ocp.export import tick as exported_tick
+from uvms_ocp.export.names import export_name, functions_in, structures_in, with_prefix
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.robot import Robot
@@ -42,13 +42,26 @@ from uvms_ocp.version import __version__
 
 # The files of a controller in C.
 
-TEMPLATES = ("replay.c", "CMakeLists.txt")
+SOURCES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
+"""What is compiled, each name behind that of the export."""
+FILES = (*SOURCES, "replay.c", "recorded.bin")
+"""Files of an export whose names begin with its own."""
+COMMON_FILES = ("CMakeLists.txt", "README.md")
+"""Those whose names are the same for every export, as other programs look for them."""
+_PLACEHOLDER = "NAME_"  # for the name of the export, in templates
+
+
+def file_names(name: str) -> dict[str, str]:
+    """Return the files of the export of that name, by what they are called without it."""
+    return {file: f"{name}_{file}" for file in FILES} | {file: file for file in COMMON_FILES}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ControllerNames:
-    """Names of the controller's phases, statuses and quantities."""
+    """Name of the export, and those of the controller's phases, statuses and quantities."""
 
+    export: str
+    """What stands before every identifier, behind a ``_``."""
     phases: tuple[str, ...]
     """In the order of `ControllerOutputs.phase`."""
     statuses: tuple[str, ...]
@@ -58,24 +71,74 @@ class ControllerNames:
     channels: tuple[str, ...]
     """In that of `ControllerInputs.trust`."""
 
+    @property
+    def prefix(self) -> str:
+        """What stands before every identifier."""
+        return f"{self.export}_"
+
     def texts(self) -> dict[str, list[str]]:
         """Return them by the names of their arrays in C, as far as they can stand in a text there;
         never empty.
         """
         found = {
             name: [_plain(text) for text in getattr(self, name)]
-            for name in self.__dataclass_fields__
+            for name in ("phases", "statuses", "quantities", "channels")
         }
-        return {f"CONTROLLER_{name.upper()}": texts or [""] for name, texts in found.items()}
+        return {
+            f"{self.prefix}CONTROLLER_{name.upper()}": texts or [""]
+            for name, texts in found.items()
+        }
 
 
-def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NamedSources:
+    """Texts of a `CLibrary` and a solver with the name of the export before all that other files
+    can see.
+    """
+
+    types: str
+    """Structures."""
+    kernels: str
+    """Kernels, after types and declarations."""
+    functions: str
+    """CasADi functions, a file of its own."""
+    numbers: str
+    """Definition of their numbers, in another file."""
+    declarations: str
+    """Declarations of these functions, and of the solver."""
+    initial: str
+    """What initialises the memory."""
+    solver: str
+    """The solver, a file of its own."""
+
+    @classmethod
+    def of(cls, library: CLibrary, solver: str, prefix: str) -> NamedSources:
+        """Name the texts: structures where kernels use them, functions where they are defined."""
+        structures = structures_in(library.types)
+        kernels = functions_in(library.kernels)
+        defined = functions_in(library.functions) | functions_in(solver)
+        declared = functions_in(library.declarations)
+        written = {name for name in defined | declared if not name.startswith("casadi_")}
+        # CasADi gives what all its functions share the name of their file.
+        functions = {*written, "functions_", "numbers"}
+        return cls(
+            types=with_prefix(library.types, prefix, structures),
+            kernels=with_prefix(library.kernels, prefix, structures | kernels),
+            functions=with_prefix(library.functions, prefix, functions),
+            numbers=with_prefix(library.numbers, prefix, functions),
+            declarations=with_prefix(library.declarations, prefix, functions),
+            initial=with_prefix(library.initial, prefix, functions),
+            solver=with_prefix(solver, prefix, functions),
+        )
+
+
+def header(sources: NamedSources, names: ControllerNames, memory: str) -> str:
     """Controller.h; memory: the name of the type of all that is remembered."""
-    return Template(template("controller.h")).substitute(
-        types=library.types,
-        memory=memory,
-        inputs=_documented(ControllerInputs),
-        outputs=_documented(ControllerOutputs),
+    return Template(template("controller.h", names.export)).substitute(
+        types=sources.types,
+        memory=f"{names.prefix}{memory}",
+        inputs=_documented(ControllerInputs, names.prefix),
+        outputs=_documented(ControllerOutputs, names.prefix),
         names="\n".join(
             f"extern const char *const {name}[{len(texts)}];"
             for name, texts in names.texts().items()
@@ -84,7 +147,7 @@ def header(library: CLibrary, names: ControllerNames, memory: str) -> str:
 
 
 def source(
-    library: CLibrary,
+    sources: NamedSources,
     names: ControllerNames,
     kernel: str,
     numbers: list[float],
@@ -96,16 +159,32 @@ def source(
         f'const char *const {name}[] = {{"{quoted.join(texts)}"}};'
         for name, texts in names.texts().items()
     )
-    parts = {
-        "declarations": library.declarations,
-        "kernels": library.kernels,
-        "names": "\n".join(texts),
-    }
-    parts["values"] = ", ".join(number(value) or "0" for value in numbers)
-    parts["parameters"] = "".join(
-        f'{{"{_plain(name)}", {_NUMBERS} + {k}}}, ' for name, k in places.items()
+    parameters = (
+        f'{{"{_plain(name)}", {names.prefix}{_NUMBERS} + {k}}}, ' for name, k in places.items()
     )
-    return Template(template("controller.c")).substitute(parts, kernel=kernel)
+    return Template(template("controller.c", names.export)).substitute(
+        exact=EXACT,
+        declarations=sources.declarations,
+        kernels=sources.kernels,
+        kernel=kernel,
+        names="\n".join(texts),
+        values=", ".join(number(value) or "0" for value in numbers),
+        parameters="".join(parameters),
+    )
+
+
+def initial(sources: NamedSources, names: ControllerNames) -> str:
+    """Initial.c: what is remembered at first, and the numbers of `functions.c`.
+
+    A file of its own, as compilers that see megabytes of it look for what follows from them for
+    minutes.
+    """
+    return Template(template("initial.c", names.export)).substitute(
+        exact=EXACT,
+        declarations=sources.declarations,
+        numbers=sources.numbers,
+        value=sources.initial,
+    )
 
 
 _NUMBERS = "controller_numbers"
@@ -140,11 +219,10 @@ def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
     return rules[0] == rules[1]
 
 
-def template(name: str) -> str:
-    """The text of a file that is the same for all controllers, or of one with what is to be filled
-    in.
-    """
-    return files("uvms_ocp.export").joinpath("templates", name).read_text(encoding="utf-8")
+def template(file: str, name: str) -> str:
+    """The text of a file for the export of that name, in some with what is to be filled in."""
+    text = files("uvms_ocp.export").joinpath("templates", file).read_text(encoding="utf-8")
+    return text.replace(_PLACEHOLDER, f"{name}_")
 
 
 def table(names: Sequence[str]) -> str:
@@ -162,11 +240,13 @@ def _plain(name: str) -> str:
     return "".join(c for c in plain_line(name) if c.isascii() and c not in '"\\?*/|')
 
 
-def _documented(layout: type[Layout]) -> str:
-    lines = [f"   {name}: {text}" for name, text in field_docs(layout).items()]
-    return "\n".join(
-        [f"/* {layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}", *lines, "*/"]
-    )
+def _documented(layout: type[Layout], prefix: str) -> str:
+    lines = [
+        f"   {name}: {text.replace('CONTROLLER_', f'{prefix}CONTROLLER_')}"
+        for name, text in field_docs(layout).items()
+    ]
+    heading = f"/* {prefix}{layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}"
+    return "\n".join([heading, *lines, "*/"])
 
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
@@ -226,57 +306,58 @@ def kernel_of(memory: Any) -> Callable[..., None]:
     )
 
 
-def controller_library(memory: Any, sizes: dict[str, int]) -> CLibrary:
-    """Texts of a `controller_memory`, with these `sizes_of`."""
-    return c_library((kernel_of(memory),), memory, interface_types(sizes))
+def controller_library(
+    memory: Any, sizes: dict[str, int], variable: tuple[str, Sequence[float]] | None = None
+) -> CLibrary:
+    """Texts of a `controller_memory`, with these `interface_sizes`; variable: as for
+    `c_library`.
+    """
+    return c_library((kernel_of(memory),), memory, interface_types(sizes), variable)
 
 
 # Export the controller of a scenario as files of C, and fly one of these in a scenario.
 
-FILES = (
-    "controller.h",
-    "controller.c",
-    "initial.c",
-    "functions.c",
-    "solver.c",
-    "recorded.bin",
-    "README.md",
-    *TEMPLATES,
-)
-"""Files that `export_controller` writes."""
-
 
 @checked
-def export_controller(scenario: Scenario, folder: Path | str) -> list[Path]:
+def export_controller(
+    scenario: Scenario, folder: Path | str, name: str | None = None
+) -> list[Path]:
     """Write the controller of a scenario into `folder` as C99 that needs libm only, with a run to
     compare with.
 
-    The scenario is run for that. Returns the files. Raises `InvalidInput` for what has no form in
-    C, by its name, and `OutputError` where the folder cannot be written.
+    name: an identifier of C that stands before every identifier, target and file of it, so that
+    several exports can be parts of one program; that of the scenario by default. The scenario is
+    run for that. Returns the files. Raises `InvalidInput` for what has no form in C, by its name,
+    for a name that is no identifier, and `OutputError` where the folder cannot be written.
     """
-    with claim_folder(Path(folder), FILES) as claim:
+    prefix = export_name(name, scenario.name)
+    called = file_names(prefix)
+    with claim_folder(Path(folder), called.values()) as claim:
         _require_c_form(scenario)
-        texts, recorded = _texts_controller(scenario)
+        texts, recorded = _texts_controller(scenario, prefix)
         with claim.staged() as staging:
-            for name, text in texts.items():
-                (staging / name).write_text(text, encoding="utf-8")
-            (staging / "recorded.bin").write_bytes(recorded)
+            for file, text in texts.items():
+                (staging / called[file]).write_text(text, encoding="utf-8")
+            (staging / called["recorded.bin"]).write_bytes(recorded)
         return claim.written()
 
 
 @checked
-def exported_controller(folder: Path | str) -> Callable[[Scenario], CController]:
+def exported_controller(
+    folder: Path | str, name: str | None = None
+) -> Callable[[Scenario], CController]:
     """Load the files of `export_controller`, for
     ``Scenario(controller=exported_controller(folder))``; needs a C compiler.
 
-    Where it begins to run it raises `InvalidInput` for a folder without a controller, or with that
-    of another mission.
+    name: of the export, where files of several are in the folder. Where it begins to run it raises
+    `InvalidInput` for a folder without a controller, or with that of another mission.
     """
 
     def exported(scenario: Scenario) -> CController:
         kinematic = scenario.kinematic_controller()
         return CController(
             Path(folder),
+            name or _only_name(Path(folder)),
             interface_sizes(kinematic, _n_thrusters(scenario)),
             forces=scenario.takes_forces,
         )
@@ -284,12 +365,13 @@ def exported_controller(folder: Path | str) -> Callable[[Scenario], CController]
     return exported
 
 
-def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
-    """Return the text of each file, and the recorded run."""
+def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], bytes]:
+    """Return the text of each file of the export of that name, and the recorded run."""
     controller = our_controller(scenario)
     kinematic = controller.kinematic
     sizes = interface_sizes(kinematic, _n_thrusters(scenario))
     names = ControllerNames(
+        export=name,
         phases=tuple(phase.name for phase in scenario.mission.all_phases),
         statuses=tuple(status.name for status in solution.Status),
         quantities=tuple(kinematic.problem.quantity_names),
@@ -300,8 +382,10 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
     core = solver.core_source(kinematic.problem.function.size2_out(0), kinematic.problem.sizes)
     memory = controller_memory(controller, core)
     run = _recorded(scenario, sizes)
-    library = controller_library(memory, sizes)
-    readme = template("README.md").format(
+    variable = (f"{names.prefix}{_NUMBERS}", numbers) if places else None
+    library = controller_library(memory, sizes, variable)
+    sources = NamedSources.of(library, core, names.prefix)
+    readme = template("README.md", name).format(
         scenario=literal(scenario.name),
         robot=literal(scenario.robot.name),
         version=__version__,
@@ -309,28 +393,24 @@ def _texts_controller(scenario: Scenario) -> tuple[dict[str, str], bytes]:
         size=ctypes.sizeof(memory),
         period=scenario.dt,
         bound=(
-            f"iterations of the solver (`MOST_OF_ALL` or `TURNS` in `solver.c`), {ROUNDS} rounds"
-            " for every distance"
+            f"iterations of the solver (`MOST_OF_ALL` or `TURNS` in `{name}_solver.c`), {ROUNDS}"
+            " rounds for every distance"
         ),
         channels=table(names.channels),
         phases=table(names.phases),
-        parameters=table([f"{name} = {numbers[place]:g}" for name, place in places.items()]),
+        parameters=table([f"{key} = {numbers[place]:g}" for key, place in places.items()]),
     )
-    made = {
-        "controller.h": header(library, names, type(memory).__name__),
-        "controller.c": source(library, names, kernel_of(memory).__name__, numbers, places),
-        # A file of its own, as compilers that see megabytes of it look for what follows from them
-        # for minutes.
-        "initial.c": Template(template("initial.c")).substitute(
-            declarations=library.declarations, value=library.initial
-        ),
-        "functions.c": with_variable(library.functions, _NUMBERS, numbers)
-        if places
-        else library.functions,
-        "solver.c": core,
+    texts = {
+        "controller.h": header(sources, names, type(memory).__name__),
+        "controller.c": source(sources, names, kernel_of(memory).__name__, numbers, places),
+        "initial.c": initial(sources, names),
+        "functions.c": EXACT + sources.functions,
+        "solver.c": EXACT + sources.solver,
+        "replay.c": template("replay.c", name),
+        "CMakeLists.txt": template("CMakeLists.txt", name),
         "README.md": readme,
     }
-    return made | {name: template(name) for name in TEMPLATES}, run.as_bytes()
+    return texts, run.as_bytes()
 
 
 def _recorded(scenario: Scenario, sizes: dict[str, int]) -> RecordingController:
@@ -357,7 +437,7 @@ def _require_c_form(scenario: Scenario) -> None:
         found.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
     if scenario.takes_forces and scenario.load is not None:
         found.append("load LoadLearning; a controller that learns none has")
-    tasks = viability.without_c_form(
+    tasks = position_guards.without_c_form(
         scenario.robot, scenario.mission, scenario.dt, problem.quantity_names
     )
     found += [f"task {name}: {why}" for name, why in tasks.items()]
@@ -367,40 +447,38 @@ def _require_c_form(scenario: Scenario) -> None:
 
 # A controller in C run from Python, and a record of what a controller of Python gets and gives.
 
-_FILES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
-_INCLUDE = '#include "controller.h"\n'
-
 
 class CController:
     """Exported controller, a callable ``(StateEstimate, t) -> Command``, at the beginning of its
     mission.
     """
 
-    def __init__(self, folder: Path, sizes: dict[str, int], *, forces: bool) -> None:
-        """folder: where the files of C are. sizes: of `interface_types`.
+    def __init__(self, folder: Path, name: str, sizes: dict[str, int], *, forces: bool) -> None:
+        """folder: where the files of C are. name: of the export. sizes: of `interface_types`.
 
         forces: its commands have thrust and torque. Raises `InvalidInput` where the files cannot be
         compiled, or are of a controller for another robot or mission.
         """
         types: Any = interface_types(sizes)
         self._inputs, self._outputs = (kind() for kind in types)
+        self._told = arrays_of(self._outputs)
         self._forces = forces
-        library = _library(folder)
-        size, *compiled = (ctypes.c_ulong * 3).in_dll(library, "CONTROLLER_SIZES")
+        library = _library(folder, name)
+        size, *compiled = (ctypes.c_ulong * 3).in_dll(library, f"{name}_CONTROLLER_SIZES")
         if compiled != [ctypes.sizeof(kind) for kind in types]:
             raise InvalidInput(
                 f"{folder} is of a controller for another robot or mission; export this one"
             )
         self._memory = ctypes.create_string_buffer(size)
-        self._step = library["controller_step"]
+        self._step = library[f"{name}_controller_step"]
         self._step.restype = None
-        library["controller_reset"](self._memory)
+        library[f"{name}_controller_reset"](self._memory)
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
         """Return the command for the tick at time t [s]."""
         exported_tick.write_measurement(self._inputs, measurement, t)
         self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
-        return exported_tick.command_in(self._outputs, forces=self._forces)
+        return exported_tick.command_in(self._outputs, self._told, forces=self._forces)
 
 
 def interface_types(
@@ -412,14 +490,31 @@ def interface_types(
     return structure_of(ControllerInputs, **sizes), structure_of(ControllerOutputs, **sizes)
 
 
-def _library(folder: Path) -> ctypes.CDLL:
+def _only_name(folder: Path) -> str:
+    """Return the name of the export in a folder. Raises `InvalidInput` for none, and for several."""
+    names = sorted(
+        path.name.removesuffix("_controller.h") for path in folder.glob("*_controller.h")
+    )
+    if not names:
+        raise InvalidInput(f"{folder} has no controller; `uvms-ocp export controller` writes one")
+    if len(names) > 1:
+        raise InvalidInput(
+            f"{folder} has {len(names)} controllers; give the name of one: {', '.join(names)}"
+        )
+    return names[0]
+
+
+def _library(folder: Path, name: str) -> ctypes.CDLL:
+    called = file_names(name)
     try:
-        header, *files = ((folder / name).read_text(encoding="utf-8") for name in _FILES)
+        header, *files = ((folder / called[file]).read_text(encoding="utf-8") for file in SOURCES)
     except OSError as error:
         raise InvalidInput(
-            f"{folder} has no controller: {error.strerror}; `uvms-ocp export controller` writes one"
+            f"{folder} has no controller {name}: {error.strerror}; `uvms-ocp export controller`"
+            " writes one"
         ) from None
-    source, *others = (text.replace(_INCLUDE, header) for text in files)
+    include = f'#include "{called["controller.h"]}"\n'
+    source, *others = (text.replace(include, header) for text in files)
     path = compile_library(source, name="the exported controller", others=others)
     if path is None:
         raise InvalidInput(

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
-
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, view
 from uvms_ocp.control.force.tick import ForceMemory, ask_forces, force_step, hear_forces
 from uvms_ocp.control.velocity.tick import (
@@ -90,11 +88,13 @@ def write_measurement(inputs: Any, measurement: StateEstimate, t: float) -> None
         inputs.trust[place], inputs.since[place] = item.trust, item.since
 
 
-def command_in(outputs: Any, *, forces: bool) -> Command:
-    """Read the command in `ControllerOutputs`, without thrust and torque unless there are
-    forces.
+def command_in(outputs: Any, arrays: Any, *, forces: bool) -> Command:
+    """Read the command in `ControllerOutputs`, without thrust and torque unless there are forces.
+
+    arrays: `arrays_of` the outputs, of the sizes that the robot has; in C an array of none has one
+    entry.
     """
-    v, thrust, torque = (np.array(getattr(outputs, name)) for name in ("v", "thrust", "torque"))
+    v, thrust, torque = (array.copy() for array in (arrays.v, arrays.thrust, arrays.torque))
     flags: dict[str, Any] = {
         name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")
     }
@@ -125,10 +125,20 @@ def control_velocity(
 
 
 def control_force(c: ForceController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
-    """Run one tick down to thrust and torque; a force that is not finite cuts the thrust."""
+    """Run one tick down to thrust and torque; a force that is not finite cuts the thrust.
+
+    The order is that of `DynamicController` and `CompiledLoop`: what the force layer met in the
+    tick before is told between `prepare_tick` and the hierarchy, or what `prepare_tick` smooths of
+    it would be a tick ahead.
+    """
     m = c.velocity.tick
     f = c.force
-    control_velocity(c.velocity, inputs, outputs)
+    _read_inputs(m, inputs)
+    prepare_tick(m)
+    hear_forces(m, f)
+    outputs.phase = m.mission.phase
+    outputs.status = solve_and_finish(c.velocity)
+    _write_outputs(m, outputs)
     ask_forces(m, f)
     possible = force_step(f)
     for i in range(f.allocation.count):
@@ -137,7 +147,6 @@ def control_force(c: ForceController, inputs: ControllerInputs, outputs: Control
         outputs.torque[i] = f.outputs.torque[i] if possible else 0.0
     outputs.stop = outputs.stop or not possible
     outputs.brakes = f.locks
-    hear_forces(m, f)
 
 
 def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:

@@ -19,6 +19,7 @@ from .reading import (
 from .recording import Channel as Channel, Recording as Recording
 from .results import (
     excitation_text as excitation_text,
+    report_data as report_data,
     report_text as report_text,
     variant_text as variant_text,
     whole_text as whole_text,

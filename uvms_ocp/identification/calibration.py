@@ -25,11 +25,15 @@ from uvms_ocp.identification.data_quality import (
     motion_of,
 )
 from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
+from uvms_ocp.identification.jackknife import DisagreedNumber, disagreed_numbers
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
+from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_bounds
+from uvms_ocp.identification.prediction_text import verdict_words
 from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold, split_at_gaps
 from uvms_ocp.identification.rollout import COMMANDS, POSE_INTERVAL, PreparedRecording, Rollout
 from uvms_ocp.identification.sample_checks import QualityIssue
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
+from uvms_ocp.identification.still_comparison import WorseThanStill, worse_than_still
 from uvms_ocp.interrupts import raised_outside_casadi
 from uvms_ocp.progress import progress_bar
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
@@ -449,6 +453,11 @@ class Comparison:
     whiteness: tuple[uncertainty.Whiteness, ...]
     """Whiteness of the residuals."""
 
+    @property
+    def worse_than_still(self) -> tuple[WorseThanStill, ...]:
+        """Channels in which the calibrated vehicle errs more than one that stands still."""
+        return tuple(worse_than_still(self.name, self.calibrated, self.static))
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class Calibration(TableDisplay):
@@ -477,6 +486,37 @@ class Calibration(TableDisplay):
     """Profiles of the determined numbers, if asked for."""
     left_out: tuple[validation.HeldOutRecording, ...] = ()
     """Predictions of every recording by a fit to the others, if asked for."""
+    left_out_bounds: PredictionBounds | None = None
+    """Vehicles that have seen what is left out, which bound its predictions."""
+    predicted: tuple[validation.HeldOutRecording, ...] = ()
+    """Predictions of other recordings, on which nothing was identified, if any were given."""
+    predicted_bounds: PredictionBounds | None = None
+    """Vehicles that have seen those, which bound their predictions."""
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """One line on each set of predictions that was asked for: what they are worth."""
+        sets = {"left out": self.left_out, "predicted": self.predicted}
+        return tuple(
+            verdict_words(name, recordings) for name, recordings in sets.items() if recordings
+        )
+
+    @property
+    def disagreed(self) -> tuple[DisagreedNumber, ...]:
+        """Numbers called determined on which fits without one recording each disagree; none where
+        nothing was left out.
+        """
+        return tuple(disagreed_numbers(self.subject.vehicle, self.numbers, self.left_out))
+
+    @property
+    def worse_than_still(self) -> tuple[WorseThanStill, ...]:
+        """Channels that are predicted worse than by a vehicle that stands still, of every
+        prediction that was made.
+        """
+        found = [shortfall for one in self.comparisons for shortfall in one.worse_than_still]
+        for recording in (*self.left_out, *self.predicted):
+            found += recording.worse_than_still
+        return tuple(found)
 
     def _table(self) -> SmallTable:
         found = (
@@ -491,7 +531,10 @@ class Calibration(TableDisplay):
         )
         head = ("number", "value", "from", "to, 95 %", "unit", "")
         return SmallTable(
-            title="Calibration", head=head, rows=tuple(tuple(map(cell, row)) for row in found)
+            title="Calibration",
+            words=" ".join(map(str, (*self.verdicts, *self.worse_than_still, *self.disagreed))),
+            head=head,
+            rows=tuple(tuple(map(cell, row)) for row in found),
         )
 
 
@@ -503,43 +546,36 @@ def calibrate(
     *,
     profiled: bool = False,
     leave_one_out: bool = False,
+    predict: Sequence[Recording] = (),
+    bounds: bool = True,
     progress: Callable[[str], None] | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Calibration:
     """Identify; with profiles and leave-one-out, which take longer, if wanted. progress: gets a
     line at each step, not a bar.
 
+    predict: other recordings, on which nothing is identified and which are predicted. bounds: False
+    saves the fits that bound predictions, one to all that are predicted and one to each of them.
     warn gets every issue before anything is searched. Recordings with silences are cut there.
     Raises InvalidInput for no recordings, one alone to be left out, equal names, a channel that is
     missing, or a current that is recorded and not learnt.
     """
-    if settings.commands == "propeller_commands":
-        free = len(subject.vehicle.axes) == len(
-            parameters.AXES
-        )  # others may have no commands, as decay tests
-        recordings = [
-            with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one
-            for one in recordings
-        ]
-    recordings = split_at_gaps(recordings)
+    recordings = _with_commands(subject, settings, recordings)
+    others = _with_commands(subject, settings, predict)
     names = [one.name for one in recordings]
-    if not names or len(set(names)) < len(names):
+    every_name = [*names, *(one.name for one in others)]
+    if not names or len(set(every_name)) < len(every_name):
         raise InvalidInput(
-            f"recordings {names} given; allowed: one at least, each with a name of its own"
+            f"recordings {every_name} given; allowed: one at least, each with a name of its own"
         )
     if leave_one_out and len({one.source for one in recordings}) < 2:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
     at_once = all(one.at_once for one in recordings)
     subject = with_delays(subject, settings, at_once=at_once)
-    n = subject.vehicle.actuators.allocation.shape[1]
-    prepared = tuple(
-        PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings
-    )
-    for one in prepared:
-        one.stretches(settings.step, settings.stretch)  # or it is too short
-        require_current(subject, one.recording)
+    prepared = _prepared(subject, settings, recordings)
+    prepared_others = _prepared(subject, settings, others)
     doubtful = []
-    for recording in recordings:
+    for recording in (*recordings, *others):
         for doubt in (
             *check_data_quality(recording),
             *check_settings(subject, settings, recording),
@@ -573,6 +609,12 @@ def calibrate(
             progress("what constants would change")
             estimate, constants = held_constants(fitted, settings, inflation)
             fitted = replace(fitted, estimate=estimate)
+        left_out_bounds = (
+            fit_bounds(fitted, prepared, progress) if leave_one_out and bounds else None
+        )
+        predicted_bounds = None
+        if prepared_others and bounds:
+            predicted_bounds = fit_bounds(fitted, prepared_others, progress)
         white = uncertainty.whiteness(left, fitted.noise)
         identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, white)
         balance = validation.StaticBalance(subject.vehicle)
@@ -592,10 +634,50 @@ def calibrate(
             profiles=tuple(validation.profiles(fitted, identified, inflation, progress))
             if profiled
             else (),
-            left_out=tuple(validation.leave_one_out(fitted, progress=progress))
+            left_out=tuple(
+                validation.leave_one_out(fitted, progress=progress, bounds=left_out_bounds)
+            )
             if leave_one_out
             else (),
+            left_out_bounds=left_out_bounds,
+            predicted=tuple(
+                validation.predict_others(
+                    fitted, prepared_others, progress=progress, bounds=predicted_bounds
+                )
+            ),
+            predicted_bounds=predicted_bounds,
         )
+
+
+def _with_commands(
+    subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
+) -> tuple[Recording, ...]:
+    """Recordings, cut at silences, with thrust in the place of propeller commands."""
+    if settings.commands == "propeller_commands":
+        free = len(subject.vehicle.axes) == len(
+            parameters.AXES
+        )  # others may have no commands, as decay tests
+        recordings = [
+            with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one
+            for one in recordings
+        ]
+    return split_at_gaps(recordings)
+
+
+def _prepared(
+    subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
+) -> tuple[PreparedRecording, ...]:
+    """Recordings, prepared for the vehicle. Raises InvalidInput for one that is too short, or in a
+    current that is not learnt.
+    """
+    n = subject.vehicle.actuators.allocation.shape[1]
+    prepared = tuple(
+        PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings
+    )
+    for one in prepared:
+        one.stretches(settings.step, settings.stretch)  # or it is too short
+        require_current(subject, one.recording)
+    return prepared
 
 
 def with_thrust(robot: Robot, recording: Recording) -> Recording:

@@ -170,6 +170,10 @@ class ProfilePenalty:
 # recording, so that a step costs little more than the simulation.
 
 _NEARLY_NONE = 1e-9  # of damping
+_PROMISED = 30.0
+"""Factor of the tolerance: a search that an undamped step promises to lower by more has not
+converged, however little its last step gained.
+"""
 _MOST_STEPS = (
     4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
 )
@@ -325,9 +329,36 @@ class OutputErrorProblem:
             point = after
             blocks = further
             if gained < tolerance and (done > frozen or frozen >= iterations):
-                status = FitStatus.CONVERGED
-                break
+                # A step that damping held back gains little anywhere.
+                held = frozen >= iterations
+                if held or self._promised_gain(point, blocks) < _PROMISED * tolerance:
+                    status = FitStatus.CONVERGED
+                    break
         return self._estimate(point, blocks, status, done)
+
+    def _promised_gain(self, point: SearchPoint, blocks: list[NormalEquations]) -> float:
+        """Share of the cost by which the undamped step of the shared unknowns would lower it.
+
+        By the gradient and the normal equations where the search stands (half the square of
+        Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
+        count.
+        """
+        if not self._n:
+            return 0.0
+        H, g, _ = self._reduced(point, blocks, 0.0)
+        if self._pull is not None:
+            stiff, force = self._pull.normal(point.shared)
+            H = H + stiff
+            g = g + force
+        shared = self._vehicle.shared
+        stopped = ((point.shared <= shared.lower) & (g > 0.0)) | (
+            (point.shared >= shared.upper) & (g < 0.0)
+        )
+        free = ~stopped
+        stiffness = H[np.ix_(free, free)] + _NEARLY_NONE * np.eye(int(free.sum()))
+        promised = 0.5 * float(g[free] @ np.linalg.solve(stiffness, g[free]))
+        cost = self._total(point, [block.cost for block in blocks])
+        return promised / max(cost, np.finfo(float).tiny)
 
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool

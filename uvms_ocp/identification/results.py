@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,6 +26,12 @@ from uvms_ocp.identification import (
     uncertainty,
 )
 from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.prediction_text import (
+    prediction_data,
+    prediction_lines,
+    shortfall_data,
+    still_lines,
+)
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import (
     OTHERS,
@@ -223,6 +230,8 @@ def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
             f"| {each.name} | {' | '.join(cells)} | {after:.2g}"
             f" ({'; '.join(f'{x:.2g}' for x in others)}) |"
         )
+    yield ""
+    yield from still_lines([worse for each in comparisons for worse in each.worse_than_still])
 
 
 def _by_axis(predicted: fit.Predicted) -> list[str]:
@@ -232,11 +241,14 @@ def _by_axis(predicted: fit.Predicted) -> list[str]:
     return [f"{fit.fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
-def left_out_tables(one: Sequence[HeldOutRecording]) -> Iterator[str]:
-    """Table of predictions of held-out recordings, by horizons; nothing where none was left out."""
+def left_out_tables(one: Sequence[HeldOutRecording], heading: str = "left_out") -> Iterator[str]:
+    """Table of predictions of held-out recordings, by horizons; nothing where none was predicted.
+
+    heading: text before it, ``left_out`` or ``predicted``.
+    """
     if not one:
         return
-    yield _PROSE["left_out"]
+    yield _PROSE[heading]
     for asked in sorted({each.asked for left in one for each in left.horizons}):
         yield from _horizon(
             asked, [each for left in one for each in left.horizons if each.asked == asked]
@@ -321,8 +333,62 @@ def report_text(one: Calibration) -> str:
         *_white(one),
     ]
     parts += fits(one.comparisons)
-    parts += [*left_out_tables(one.left_out), "", "## Doubts about the recordings", ""]
+    parts += left_out_tables(one.left_out)
+    parts += prediction_lines(one.left_out, one.left_out_bounds)
+    parts += _disagreed(one)
+    parts += left_out_tables(one.predicted, "predicted")
+    parts += prediction_lines(one.predicted, one.predicted_bounds)
+    parts += ["", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
+
+
+def report_data(one: Calibration) -> dict[str, Any]:
+    """The numbers and verdicts of the report, for JSON; what is not finite is `None`."""
+    data: dict[str, Any] = {
+        "status": one.estimate.status.value,
+        "advice": one.estimate.status.advice,
+        "file_usable": one.exported.usable,
+        "numbers": [_number_data(number) for number in one.numbers],
+        "seen_worse_than_still": [
+            shortfall_data(shortfall)
+            for each in one.comparisons
+            for shortfall in each.worse_than_still
+        ],
+        "doubts": list(one.issues),
+    }
+    if one.left_out:
+        data["left_out"] = prediction_data(one.left_out, one.left_out_bounds)
+        data["numbers_disagreed_on"] = [
+            {"name": each.number.name, "scatter": each.scatter, "sentence": str(each)}
+            for each in one.disagreed
+        ]
+    if one.predicted:
+        data["predicted"] = prediction_data(one.predicted, one.predicted_bounds)
+    return data
+
+
+def _disagreed(one: Calibration) -> Iterator[str]:
+    """Numbers called determined that move by more than that where a recording is left out."""
+    if not one.left_out:
+        return
+    yield _PROSE["disagreed"]
+    disagreed = one.disagreed
+    if not disagreed:
+        yield "None."
+    for each in disagreed:
+        yield f"- {each}"
+
+
+def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
+    low, high = number.interval
+    return {
+        "name": number.name,
+        "unit": number.unit,
+        "value": number.value,
+        "standard_error": number.sigma if np.isfinite(number.sigma) else None,
+        "interval": [low if np.isfinite(low) else None, high if np.isfinite(high) else None],
+        "determined": number.determined,
+    }
 
 
 def _number_table(one: Calibration) -> Iterator[str]:

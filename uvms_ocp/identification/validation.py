@@ -1,5 +1,5 @@
-"""Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, and static
-baselines.
+"""Validate a fit: profile-likelihood intervals, leave-one-out cross-validation, predictions of
+recordings it has not seen, and static baselines.
 
 The deviance of the best fit with a number held, twice the cost beyond the optimum's, gives the
 interval: its signed root is where a standard normal variable would be. Where everything is linear
@@ -26,7 +26,13 @@ from uvms_ocp.identification.output_error import (
     ProfilePenalty,
     SearchPoint,
 )
+from uvms_ocp.identification.prediction_bounds import PredictionBounds
 from uvms_ocp.identification.rollout import PreparedRecording, Segment
+from uvms_ocp.identification.still_comparison import (
+    NOTHING_MOVES,
+    WorseThanStill,
+    worse_than_still,
+)
 from uvms_ocp.identification.uncertainty import (
     INTERVAL,
     IdentifiedNumber,
@@ -302,7 +308,7 @@ HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
 OTHERS = "identified on the others"
 BEFORE = "before"
-STATIC = "nothing moves"
+STATIC = NOTHING_MOVES
 BALANCE = "static balance"
 """Names of predictors; the last two predict zero velocities."""
 _DRAWS = 12  # of the unknowns, from what is known of them
@@ -318,6 +324,10 @@ class HorizonPrediction:
     """[s] what the recording has of it."""
     by: Mapping[str, Predicted]
     """The same samples, by what predicts."""
+    bounds: Mapping[str, Predicted]
+    """The same samples, by vehicles that have seen them: `TOGETHER` and `ALONE`; empty without
+    bounds.
+    """
     open_error: np.ndarray
     """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave
     open of the unknowns.
@@ -360,31 +370,78 @@ class HeldOutRecording:
     horizons: tuple[HorizonPrediction, ...]
     """Horizons over which that prediction stays finite."""
 
+    @property
+    def worse_than_still(self) -> tuple[WorseThanStill, ...]:
+        """Channels in which it is predicted worse than by a vehicle that stands still, horizon by
+        horizon.
+        """
+        found = list[WorseThanStill]()
+        for each in self.horizons:
+            found += worse_than_still(self.name, each.by[OTHERS], each.by[STATIC], each.asked)
+        return tuple(found)
+
 
 def leave_one_out(
     fitted: FitContext,
     horizons: Sequence[float] = HORIZONS,
     progress: Callable[[str], None] = lambda _: None,
+    bounds: PredictionBounds | None = None,
 ) -> Iterator[HeldOutRecording]:
     """Hold out and predict each recording; horizons [s]; progress gets a line for each.
 
-    The search on the others begins where the vehicle is declared: nothing of the recording that is
-    left out is known to it. Raises `InvalidInput` where there is one recording alone.
+    bounds: vehicles that have seen all recordings, whose predictions stand beside. The search on
+    the others begins where the vehicle is declared: nothing of the recording that is left out is
+    known to it. Raises `InvalidInput` where there is one recording alone.
     """
     if len({one.recording.source for one in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
     balance = StaticBalance(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
         progress(f"left out {k} of {len(fitted.prepared)}: {held.recording.name}")
-        others = without(fitted, held)
-        asked = _lengths(held, fitted.search.step, others.predictor().start_window, horizons)
-        predicted = tuple(_horizons(others, balance, held, asked))
-        yield HeldOutRecording(
-            name=held.recording.name,
-            estimate=others.estimate,
-            predictor=others.predictor(),
-            horizons=tuple(each for each in predicted if each.by[OTHERS].finite),
-        )
+        yield _held_out(without(fitted, held), balance, held, horizons, bounds)
+
+
+def predict_others(
+    fitted: FitContext,
+    recordings: Sequence[PreparedRecording],
+    horizons: Sequence[float] = HORIZONS,
+    progress: Callable[[str], None] = lambda _: None,
+    bounds: PredictionBounds | None = None,
+) -> Iterator[HeldOutRecording]:
+    """Predict recordings that a fit has not seen; horizons [s]; progress gets a line for each.
+
+    bounds: vehicles that have seen these recordings, whose predictions stand beside. Raises
+    `InvalidInput` for a recording that the fit has seen.
+    """
+    seen = {one.recording.source for one in fitted.prepared}
+    balance = StaticBalance(fitted.vehicle)
+    for k, held in enumerate(recordings, start=1):
+        if held.recording.source in seen:
+            raise InvalidInput(
+                f"{held.recording.name}: the vehicle was identified on it; give recordings to"
+                " predict that are not among those to identify on"
+            )
+        progress(f"predicted {k} of {len(recordings)}: {held.recording.name}")
+        yield _held_out(fitted, balance, held, horizons, bounds)
+
+
+def _held_out(
+    others: FitContext,
+    balance: StaticBalance,
+    held: PreparedRecording,
+    horizons: Sequence[float],
+    bounds: PredictionBounds | None,
+) -> HeldOutRecording:
+    """Predict a recording by a fit to others."""
+    predictor = others.predictor()
+    asked = _lengths(held, others.search.step, predictor.start_window, horizons)
+    predicted = tuple(_horizons(others, balance, held, asked, bounds))
+    return HeldOutRecording(
+        name=held.recording.name,
+        estimate=others.estimate,
+        predictor=predictor,
+        horizons=tuple(each for each in predicted if each.by[OTHERS].finite),
+    )
 
 
 def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
@@ -416,8 +473,10 @@ def _horizons(
     balance: StaticBalance,
     held: PreparedRecording,
     asked: Iterable[tuple[float, float]],
+    bounds: PredictionBounds | None,
 ) -> Iterator[HorizonPrediction]:
     step = others.search.step
+    bounding = {} if bounds is None else bounds.predictors(held)
     predictor = others.predictor()
     before = others.predictor(others.vehicle.shared.start)
     left = Predicted.joined(list(others.residuals().values()))
@@ -448,5 +507,10 @@ def _horizons(
             )
         )
         yield HorizonPrediction(
-            asked=horizon, length=length, by=by, open_error=spread, seen_error=seen
+            asked=horizon,
+            length=length,
+            by=by,
+            bounds={name: each.over(held, step, length) for name, each in bounding.items()},
+            open_error=spread,
+            seen_error=seen,
         )

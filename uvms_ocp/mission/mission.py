@@ -112,10 +112,10 @@ _WORDS = (
 
 
 def _state(name: str, index: int) -> str:
-    taken = name.lower() in _WORDS or name.startswith(_NUMBERED)
-    return (
-        name if name.isascii() and name.isidentifier() and not taken else f"{_NUMBERED}{index + 1}"
-    )
+    is_reserved = name.lower() in _WORDS or name.startswith(_NUMBERED)
+    if name.isascii() and name.isidentifier() and not is_reserved:
+        return name
+    return f"{_NUMBERED}{index + 1}"
 
 
 def _text(text: str) -> str:
@@ -129,7 +129,10 @@ def _text(text: str) -> str:
 def _label(transition: Transition) -> str:
     conditions = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
     held = f" for {transition.hold:g} s" if transition.hold else ""
-    retries = "" if transition.retries is None else f" (at most {transition.retries} times)"
+    if transition.retries is None:
+        retries = ""
+    else:
+        retries = f" (at most {transition.retries} times)"
     return f"{conditions}{held}{retries}"
 
 
@@ -255,11 +258,16 @@ class Mission(TableDisplay):
         # phase's own.
         since = t - state.since
         elapsed = t - state.began
-        return [reference(since if own else elapsed) for reference, own in self.goals(state)]
+        return [
+            reference(since if from_phase_start else elapsed)
+            for reference, from_phase_start in self.goals(state)
+        ]
 
     def goals(self, state: MissionState) -> GoalFunctions:
         """Goals of all tasks in a state, highest priority first."""
-        return self._references[state.phase] if state.goals is None else state.goals
+        if state.goals is None:
+            return self._references[state.phase]
+        return state.goals
 
     def references_of(self, phase: int) -> GoalFunctions:
         """Goals of all tasks in a phase, highest priority first, but for one that is made as the
@@ -292,10 +300,10 @@ class Mission(TableDisplay):
         here.
         """
         names = progress.quantities_read(self.all_phases)
-        found = [math.nan] * len(names)
-        progress.measure_own(self._memory(state), t, math.nan, math.nan, found)
+        values = [math.nan] * len(names)
+        progress.measure_own(self._memory(state), t, math.nan, math.nan, values)
         return {
-            name: value for name, value in zip(names, found, strict=True) if name in OWN_QUANTITIES
+            name: value for name, value in zip(names, values, strict=True) if name in OWN_QUANTITIES
         }
 
     def _memory(self, state: MissionState) -> Any:
@@ -319,7 +327,9 @@ class Mission(TableDisplay):
         """
         memory = self._memory(state)
         progress.abort_mission(memory, t, ascent_pose is not None)
-        goals = () if ascent_pose is None else self.ascent_goals(ascent_pose)
+        goals: tuple[Any, ...] = ()
+        if ascent_pose is not None:
+            goals = self.ascent_goals(ascent_pose)
         return progress.state_after_abort(self.all_phases, state, memory, t, reason, goals)
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
@@ -353,19 +363,20 @@ class Mission(TableDisplay):
         waits = " or ".join(
             tr.describe(quantities) for tr in self.all_phases[state.phase].transitions
         )
-        return f"giving up, {state.abort_reason}; {waits}" if state.abort_reason else waits
+        if state.abort_reason:
+            return f"giving up, {state.abort_reason}; {waits}"
+        return waits
 
     def describe(self, state: MissionState) -> dict[str, str]:
         """Return tasks, phases and where it is now, each in a few words."""
-        now = (
-            "completed"
-            if state.completed
-            else state.aborted or f"in phase {self.phase_names[state.phase]}"
-        )
+        if state.completed:
+            situation = "completed"
+        else:
+            situation = state.aborted or f"in phase {self.phase_names[state.phase]}"
         return {
             "tasks": ", ".join(self.hierarchy.names),
             "phases": ", ".join(self.phase_names),
-            "now": now,
+            "now": situation,
         }
 
     def table(self) -> TableRows:
@@ -441,7 +452,10 @@ def write_mission(memory: progress.MissionMemory, mission: Mission, names: Seque
     with.
     """
     memory.ramp = mission.ramp
-    memory.abort_phase = progress.NONE if mission.abort is None else len(mission.phases)
+    if mission.abort is None:
+        memory.abort_phase = progress.NONE
+    else:
+        memory.abort_phase = len(mission.phases)
     view(memory.targets)[:, : mission.n_tasks] = mission._targets
     progress.write_conditions(memory, mission.all_phases, names)
 

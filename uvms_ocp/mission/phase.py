@@ -53,9 +53,9 @@ class _Threshold:
             math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)
         ):
             return
-        least = "at least" if self.is_below else "at most"
+        allowed = "at least" if self.is_below else "at most"
         raise InvalidInput(
-            f"release of {self.quantity} = {self.release}; give {least} the limit {self.limit:g}"
+            f"release of {self.quantity} = {self.release}; give {allowed} the limit {self.limit:g}"
         )
 
     @property
@@ -69,7 +69,10 @@ class _Threshold:
 
         Raises `NameNotFound` where they lack its own.
         """
-        limit = self.limit if self.release is None or not held else self.release
+        if self.release is None or not held:
+            limit = self.limit
+        else:
+            limit = self.release
         return is_met(measured(self.quantity, quantities), limit, self.is_below)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
@@ -77,7 +80,10 @@ class _Threshold:
         value = measured(self.quantity, quantities)
         if math.isnan(value):
             return f"{self.quantity} is not known, asked {self.sign} {self.limit:g}"
-        sign = self.sign if self.holds(quantities) else f"not {self.sign}"
+        if self.holds(quantities):
+            sign = self.sign
+        else:
+            sign = f"not {self.sign}"
         return f"{self.quantity} = {value:.4g} {sign} {self.limit:g}"
 
 
@@ -146,7 +152,9 @@ def is_met(value: float, limit: float, below: bool) -> bool:
     """Check that a value is on the desired side of a limit [its unit]: below it, or above. A
     kernel.
     """
-    return value < limit if below else value > limit
+    if below:
+        return value < limit
+    return value > limit
 
 
 def measured(quantity: str, quantities: Mapping[str, float]) -> float:
@@ -311,5 +319,5 @@ class Abort:
                 f" {ABORT!r} alone"
             )
         if self.ascent_task not in self.phase.on:
-            given = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
-            raise InvalidInput(f"{given}; name a task that is on in it")
+            problem = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
+            raise InvalidInput(f"{problem}; name a task that is on in it")

@@ -120,11 +120,10 @@ def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
     if 0.0 < passed < m.ramp:
         blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
     for i in range(len(m.activations_before)):
-        activations[i] = (
-            target[i]
-            if passed >= m.ramp
-            else (1.0 - blend) * m.activations_before[i] + blend * target[i]
-        )
+        if passed >= m.ramp:
+            activations[i] = target[i]
+        else:
+            activations[i] = (1.0 - blend) * m.activations_before[i] + blend * target[i]
 
 
 def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantities: Vector) -> None:
@@ -137,7 +136,10 @@ def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantitie
     if m.own[1] != NONE:
         quantities[m.own[1]] = t - m.since
     if m.own[2] != NONE:
-        visits = 1.0 if m.phase == 0 or m.given_up else 0.0
+        if m.phase == 0 or m.given_up:
+            visits = 1.0
+        else:
+            visits = 0.0
         for i in range(len(m.to)):
             visits += m.fired[i] if m.to[i] == m.phase else 0.0
         quantities[m.own[2]] = visits
@@ -251,10 +253,8 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
         memory.first[index] = transitions
         for transition in phase.transitions:
             memory.first_condition[transitions] = conditions
-            memory.hold[transitions], memory.to[transitions] = (
-                transition.hold,
-                leads_to[transition.to],
-            )
+            memory.hold[transitions] = transition.hold
+            memory.to[transitions] = leads_to[transition.to]
             memory.retries[transitions] = -1 if transition.retries is None else transition.retries
             for condition in transition.when:
                 _write_condition(memory, conditions, condition, names)
@@ -267,10 +267,8 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
 def _write_condition(
     memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]
 ) -> None:
-    memory.quantity[at], memory.below[at] = (
-        names.index(condition.quantity),
-        isinstance(condition, Below),
-    )
+    memory.quantity[at] = names.index(condition.quantity)
+    memory.below[at] = isinstance(condition, Below)
     memory.limit[at] = condition.limit
     memory.release[at] = condition.limit if condition.release is None else condition.release
 
@@ -355,11 +353,8 @@ def _after(
     phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str
 ) -> MissionState:
     if is_over(memory):
-        return replace_unchecked(
-            state,
-            completed=bool(memory.completed),
-            aborted=(state.abort_reason or reason) * bool(memory.aborted),
-        )
+        aborted = (state.abort_reason or reason) if memory.aborted else ""
+        return replace_unchecked(state, completed=bool(memory.completed), aborted=aborted)
     counted = {
         (k, i): memory.fired[memory.first[k] + i]
         for k, phase in enumerate(phases)

@@ -370,7 +370,9 @@ class MissionProblem:
         times = np.arange(0.0, _AHEAD, _LOOK)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
         changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
-        return float(times[np.argmax(changed) - 1]) if changed.any() else np.inf
+        if changed.any():
+            return float(times[np.argmax(changed) - 1])
+        return np.inf
 
     def keeping(self, links: Mask) -> MissionProblem:
         """With a constraint on pairs of links (n_pairs,) too."""
@@ -499,9 +501,10 @@ def plan_mission(
     except Interrupted as interrupted:
         stop = interrupted
         plan = interrupted.result
-    proof = (
-        None if posed.shapes is None else surroundings.certify_along(posed.shapes, plan.trajectory)
-    )
+    if posed.shapes is None:
+        proof = None
+    else:
+        proof = surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
     found = MissionPlan(
@@ -574,7 +577,9 @@ class _Search:
             if plan.status.usable:
                 return self._apart(plan, limit)
         quickest = self._plan(self._freely, self._posed, _HURRY, self._posed.guess, DAY)
-        return quickest if quickest.status.usable else plan
+        if quickest.status.usable:
+            return quickest
+        return plan
 
     @cached_property
     def _freely(self) -> Planner:
@@ -591,7 +596,9 @@ class _Search:
         if not easier.status.usable:
             return plan
         other = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
-        return other if other.status.usable else plan
+        if other.status.usable:
+            return other
+        return plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
         """Near a plan, one that keeps links apart, with rows for those alone that come near; else

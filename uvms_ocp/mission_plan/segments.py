@@ -119,7 +119,9 @@ def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> boo
     one waits for it.
     """
     established = task.name not in asked or task.name in before
-    return established if is_prerequisite(task) else task.task_class <= TaskClass.SAFETY
+    if is_prerequisite(task):
+        return established
+    return task.task_class <= TaskClass.SAFETY
 
 
 def _kept_otherwise(task: Task) -> bool:
@@ -136,11 +138,9 @@ def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
         return replace(
             task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle)
         )
-    return (
-        replace(task, threshold=task.threshold + margins.altitude)
-        if isinstance(task, MinimumAltitude)
-        else task
-    )
+    if isinstance(task, MinimumAltitude):
+        return replace(task, threshold=task.threshold + margins.altitude)
+    return task
 
 
 # The greedy mission on the kinematic plant: where a search for something better begins; and what is
@@ -299,7 +299,10 @@ def horizon_segments(
         before = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
         hold = out.hold
-        every = min(step, _FOLLOWED) if moving else step
+        if moving:
+            every = min(step, _FOLLOWED)
+        else:
+            every = step
         begin = greedy.begins[k]
         entered = _entered(greedy, k, kept)
         end = greedy.begins[k + 1]
@@ -350,7 +353,9 @@ def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
     """
     for row in greedy.rows(k):
         if not any(is_violated(task, greedy.at(row)) for task in kept):
-            return float(greedy.t[row]) if row > greedy.rows(k)[0] else float(greedy.begins[k])
+            if row > greedy.rows(k)[0]:
+                return float(greedy.t[row])
+            return float(greedy.begins[k])
     return float(greedy.begins[k + 1])
 
 
@@ -379,8 +384,6 @@ def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
 def delay_task(task: Task, phase: Phase, begin: float) -> Task:
     """A task of a phase that begins at `begin` [s] on the horizon."""
     goal = getattr(task, "goal", None)
-    return (
-        task.with_goal(partial(_delayed, goal, begin))
-        if task.name in phase.goals and callable(goal)
-        else task
-    )
+    if task.name in phase.goals and callable(goal):
+        return task.with_goal(partial(_delayed, goal, begin))
+    return task

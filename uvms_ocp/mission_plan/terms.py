@@ -163,12 +163,19 @@ def _heights(
     task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool
 ) -> tuple[float, float]:
     """Range of the residual [m] for an altitude below the limit [m], or above."""
-    level = mission_segments.tightened_limit(limit, margin) if below else limit + margin
+    if below:
+        level = mission_segments.tightened_limit(limit, margin)
+    else:
+        level = limit + margin
     if isinstance(task, LandingAltitude):
         # Its residual is the altitude of rest less the altitude.
         gap = task.rest_altitude - level
-        return (gap, np.inf) if below else (-np.inf, gap)
-    return (-np.inf, level) if below else (level, np.inf)
+        if below:
+            return (gap, np.inf)
+        return (-np.inf, gap)
+    if below:
+        return (-np.inf, level)
+    return (level, np.inf)
 
 
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
@@ -502,7 +509,9 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
     kept = np.minimum(
         np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room
     )
-    return ShapeClearance(scene=scene, margins=kept) if scene.pairs else None
+    if scene.pairs:
+        return ShapeClearance(scene=scene, margins=kept)
+    return None
 
 
 def _links(scene: CollisionScene) -> Mask:

@@ -55,10 +55,16 @@ class SmallTable:
 
     def html(self) -> str:
         """The same as a table; names are text, whatever they hold."""
-        head = f"<thead>{_row('th', self.head)}</thead>" if self.head else ""
+        if self.head:
+            head = f"<thead>{_row('th', self.head)}</thead>"
+        else:
+            head = ""
         rows = "".join(_row("td", row) for row in self._shown())
         rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
-        words = f"<p>{escape(plain_line(self.words))}</p>" if self.words else ""
+        if self.words:
+            words = f"<p>{escape(plain_line(self.words))}</p>"
+        else:
+            words = ""
         return f"<b>{escape(self.title)}</b>{words}<table>{head}<tbody>{rows}</tbody></table>{rest}"
 
     def _shown(self) -> Sequence[tuple[str, ...]]:
@@ -66,7 +72,9 @@ class SmallTable:
 
     def _rest(self) -> tuple[str, ...]:
         more = len(self.rows) - _MOST_ROWS
-        return (f"{_GAP}and {more} more",) if more > 0 else ()
+        if more > 0:
+            return (f"{_GAP}and {more} more",)
+        return ()
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -78,12 +86,16 @@ def cell(value: Any) -> str:
     """A value as a table shows it: a number in four digits, a dash for none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
-    return f"{value:.4g}" if isinstance(value, float) else plain_line(str(value))
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return plain_line(str(value))
 
 
 def _cut(line: str) -> str:
     plain = "".join(letter if letter.isprintable() else " " for letter in line)
-    return plain if len(plain) <= WIDTH else plain[: WIDTH - 1] + "…"
+    if len(plain) <= WIDTH:
+        return plain
+    return plain[: WIDTH - 1] + "…"
 
 
 def _row(cell: str, row: Sequence[str]) -> str:
@@ -114,7 +126,10 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        head = tuple(self[0]) if self else ()
+        if self:
+            head = tuple(self[0])
+        else:
+            head = ()
         rows = tuple(tuple(cell(row.get(name)) for name in head) for row in self)
         return SmallTable(
             title=f"{len(self)} rows",
@@ -159,22 +174,23 @@ def format_value(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         if any(isinstance(item, Mapping) for item in value):
             return f"{len(value)} rows"
-        more = f" and {len(value) - _FEW} more" if len(value) > _FEW else ""
+        if len(value) > _FEW:
+            more = f" and {len(value) - _FEW} more"
+        else:
+            more = ""
         return (", ".join(map(format_value, value[:_FEW])) or "none") + more
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
     # Describe it by its own words, where these are few; else by its kind.
-    words = (
-        f"{value:.4g}"
-        if isinstance(value, float)
-        else str(value)
-        if isinstance(value, str)
-        else repr(value)
-    )
-    return (
-        type(value).__name__
-        if "\n" in words or " at 0x" in words or len(words) > _LONGEST
-        else words
-    )
+    if isinstance(value, float):
+        words = f"{value:.4g}"
+    else:
+        if isinstance(value, str):
+            words = str(value)
+        else:
+            words = repr(value)
+    if "\n" in words or " at 0x" in words or len(words) > _LONGEST:
+        return type(value).__name__
+    return words

@@ -170,7 +170,10 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
     blocks = [np.tile(_HEAD, (n, 1))]
     size = 0
     for part in parts:
-        text = np.frombuffer(part.encode() + b"\0", dtype="u1") if isinstance(part, str) else None
+        if isinstance(part, str):
+            text = np.frombuffer(part.encode() + b"\0", dtype="u1")
+        else:
+            text = None
         for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
             rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
             gap = -size % rows.itemsize if rows.shape[1] else 0
@@ -201,7 +204,10 @@ def field_names(columns: Sequence[str]) -> list[str]:
     found: list[str] = []
     for column in columns:
         plain = re.sub(r"\W+|__+", "_", column, flags=re.ASCII).strip("_")
-        plain = plain if plain[:1].isalpha() else f"c{plain}"
+        if plain[:1].isalpha():
+            plain = plain
+        else:
+            plain = f"c{plain}"
         found.append(plain if plain not in found else f"{plain}_{len(found) + 1}")
     return found
 
@@ -224,7 +230,9 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
         fields = [field.name for field in messages[0].DESCRIPTOR.fields]
         rows = [[getattr(message, field) for field in fields] for message in messages]
     found = np.array(rows, dtype=stored).astype(wanted)
-    return found[:, 0] if n_axes == 1 else found
+    if n_axes == 1:
+        return found[:, 0]
+    return found
 
 
 # What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints,
@@ -314,7 +322,10 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
         if floating and q in series and v in series:
             pose = series[q][:, :_POSE]
             known = series.get(std)
-            spread = np.zeros(_SIX**2) if known is None else _covariance(pose, known)
+            if known is None:
+                spread = np.zeros(_SIX**2)
+            else:
+                spread = _covariance(pose, known)
             states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := run_meta.joint_positions(series, meta)) is not None:
@@ -404,9 +415,10 @@ def to_mcap(
             *topics(series, meta, times, urdf),
         ]
         channels = [(_channel(writer, topic), topic) for topic in found]
-        log = (
-            _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=())) if said else 0
-        )
+        if said:
+            log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=()))
+        else:
+            log = 0
         for first in range(0, len(t), _BLOCK):
             rows = slice(first, first + _BLOCK)
             encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
@@ -486,11 +498,10 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     for schema, channel, message in mcap_messages(path):
         if "series" in channel.metadata:
             metadata[channel.metadata["series"]] = channel.metadata
-            decode = (
-                bytes
-                if version == VERSION
-                else decoders.decoder_for(channel.message_encoding, schema)
-            )
+            if version == VERSION:
+                decode = bytes
+            else:
+                decode = decoders.decoder_for(channel.message_encoding, schema)
             found[channel.metadata["series"]].append(decode(message.data))
     series = {
         name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))

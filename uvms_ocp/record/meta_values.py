@@ -277,7 +277,8 @@ class FrameMeta(MetaValue):
 
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:
-        if abs((norm := math.hypot(*self.pose[3:])) - 1.0) > UNIT_NORM_TOLERANCE:
+        norm = math.hypot(*self.pose[3:])
+        if abs(norm - 1.0) > UNIT_NORM_TOLERANCE:
             raise ValueError(
                 f"the quaternion of a pose, its last four numbers, has norm 1, not {norm:g}"
             )

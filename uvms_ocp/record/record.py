@@ -87,13 +87,13 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
         _check_kind(name, array, series["t"])
     for name, (least, most) in _widths(series, meta).items():
         if name in series and not least <= series[name].shape[1] <= most:
-            columns = (
-                f"{least}"
-                if most == least
-                else f"{least} or more"
-                if most == np.inf
-                else f"{least} to {most:g}"
-            )
+            if most == least:
+                columns = f"{least}"
+            else:
+                if most == np.inf:
+                    columns = f"{least} or more"
+                else:
+                    columns = f"{least} to {most:g}"
             shape = series[name].shape
             raise InvalidInput(
                 f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of"
@@ -127,15 +127,18 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
     """Raise `InvalidInput` for the wrong shape or type, and for what is not finite but is always
     known.
     """
-    allowed = (
-        (1,)
-        if name in (*_COLUMNS, "saturated", "brakes")
-        else (2,)
-        if name in _REAL and name not in _LOAD
-        else (1, 2)
-    )
+    allowed: tuple[int, ...]
+    if name in (*_COLUMNS, "saturated", "brakes"):
+        allowed = (1,)
+    elif name in _REAL and name not in _LOAD:
+        allowed = (2,)
+    else:
+        allowed = (1, 2)
     if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
-        wanted = f"{len(t)} rows of numbers" if allowed == (2,) else f"numbers for {len(t)} times"
+        if allowed == (2,):
+            wanted = f"{len(t)} rows of numbers"
+        else:
+            wanted = f"numbers for {len(t)} times"
         raise InvalidInput(
             f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}"
         )
@@ -148,13 +151,13 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
 
 def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
     there = np.isfinite(array)
-    allowed = (
-        np.isnan(array)
-        if name in _UNKNOWN
-        else ~there
-        if name in _ENDLESS
-        else np.zeros_like(there)
-    )
+    if name in _UNKNOWN:
+        allowed = np.isnan(array)
+    else:
+        if name in _ENDLESS:
+            allowed = ~there
+        else:
+            allowed = np.zeros_like(there)
     if not (there | allowed).all():
         raise InvalidInput(
             f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s;"
@@ -256,7 +259,10 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
     if "health" not in series:
         return
     values = series["health"]
-    n = len(meta.channels) if isinstance(meta, RunMeta) else 0
+    if isinstance(meta, RunMeta):
+        n = len(meta.channels)
+    else:
+        n = 0
     columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
     if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
         given = f"series 'health' is {values.dtype} of shape {values.shape}"
@@ -300,9 +306,10 @@ class Record(display.TableDisplay):
         t = self.series["t"]
         meta = self.meta
         span = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time"
-        ending = (
-            "" if meta.kind != "run" else ", completed" if meta.completed else ", not completed"
-        )
+        if meta.kind != "run":
+            ending = ""
+        else:
+            ending = ", completed" if meta.completed else ", not completed"
         return display.SmallTable(
             title=(
                 f"Record of a {meta.kind}, {meta.scenario}, {meta.robot}: {len(t)} rows,"
@@ -365,7 +372,10 @@ class Record(display.TableDisplay):
         ):
             for name, array in {_META_KEY: text, **self.series}.items():
                 whole = np.atleast_1d(array)
-                archive.compression = ZIP_DEFLATED if small and _packs_well(whole) else ZIP_STORED
+                if small and _packs_well(whole):
+                    archive.compression = ZIP_DEFLATED
+                else:
+                    archive.compression = ZIP_STORED
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     header = np.lib.format.header_data_from_array_1_0(array) | {
                         "fortran_order": False
@@ -427,7 +437,10 @@ class Record(display.TableDisplay):
             require_known("series", name, self.series)
         t = self.series["t"]
         wanted = self.series if series is None else ("t", *series)
-        due = np.arange(len(t)) if rate is None else np.floor((t - t[:1]) * rate + _ROUNDING)
+        if rate is None:
+            due = np.arange(len(t))
+        else:
+            due = np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique(
             [*np.unique(due, return_index=True)[1], len(t) - 1]
         )  # the last has what the run came to
@@ -436,13 +449,15 @@ class Record(display.TableDisplay):
             name: row_rates.newest_readings(self.series[name], rows)
             for name in chosen.keys() & {*MEASURED}
         }
-        period = (
-            {"dt": float(np.ptp(t)) / (len(rows) - 1)}
-            if self.meta.kind == "run" and 1 < len(rows) < len(t)
-            else {}
-        )
+        if self.meta.kind == "run" and 1 < len(rows) < len(t):
+            period = {"dt": float(np.ptp(t)) / (len(rows) - 1)}
+        else:
+            period = {}
         with as_input_errors(Path(urdf or "")):
-            text = None if urdf is None else read_text(Path(urdf), SMALL)
+            if urdf is None:
+                text = None
+            else:
+                text = read_text(Path(urdf), SMALL)
         mcap.to_mcap(chosen, self.meta.model_copy(update=period), Path(path), text)
 
     @staticmethod
@@ -472,12 +487,17 @@ class Record(display.TableDisplay):
                     return _fitting(
                         meta=read_text(described, 16 << 20), series=read_row_files(Path(path))
                     )  # which may grow
-            path = held if (held := Path(path, output.RECORD)).is_file() else path
-            wanted = (
-                None
-                if only is None
-                else {"t", _META_KEY, *only, *(old for old, new in _RENAMED.items() if new in only)}
-            )
+            held = Path(path, output.RECORD)
+            path = held if held.is_file() else path
+            if only is None:
+                wanted = None
+            else:
+                wanted = {
+                    "t",
+                    _META_KEY,
+                    *only,
+                    *(old for old, new in _RENAMED.items() if new in only),
+                }
             arrays = _renamed(read_arrays(path, wanted))
             return _fitting(arrays, _text_of(arrays))
         except InvalidInput as error:
@@ -534,7 +554,9 @@ def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | 
     of: which series of the record has it, such as ``quantities_most``.
     """
     names = record.meta.quantities
-    return record[of][:, names.index(name)] if name in names else None
+    if name in names:
+        return record[of][:, names.index(name)]
+    return None
 
 
 def keeps_every_tick(record: Record) -> bool:
@@ -622,7 +644,9 @@ class Recorder:
     @property
     def room(self) -> int:
         """Rows that may be written there before they are `filled` in."""
-        return 1 if self._n == 0 and self._every > 1 else self._capacity - self.place
+        if self._n == 0 and self._every > 1:
+            return 1
+        return self._capacity - self.place
 
     def filled(self, n: int) -> None:
         """Add so many rows, at most `room`, that were written into the block."""
@@ -690,4 +714,7 @@ class Recorder:
             for name, kind in kinds.items()
         }
         # A getter of one name would give its value in place of a tuple.
-        self._pick = itemgetter(*kinds) if len(kinds) > 1 else lambda row: (row[next(iter(kinds))],)
+        if len(kinds) > 1:
+            self._pick = itemgetter(*kinds)
+        else:
+            self._pick = lambda row: (row[next(iter(kinds))],)

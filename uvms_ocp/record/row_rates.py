@@ -51,10 +51,8 @@ def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, 
         if name.startswith("measured_"):
             found[name] = newest_readings(part, last)
         if name in EXTREMES:
-            found[f"{name}_least"], found[f"{name}_most"] = (
-                np.fmin.reduceat(part, first),
-                np.fmax.reduceat(part, first),
-            )
+            found[f"{name}_least"] = np.fmin.reduceat(part, first)
+            found[f"{name}_most"] = np.fmax.reduceat(part, first)
         if name in MEANS:
             sums = np.add.reduceat(np.abs(part * 1.0), first)
             found[f"{name}_mean"] = (sums.T / (last - first + 1)).T

@@ -231,8 +231,8 @@ def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
 
 
 def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: str = "q") -> Any:
-    """One number per joint (n, n_joints) [rad or m], without jumps, from the series `q` or
-    `q_estimated` of a record.
+    """One number per joint (n, n_joints) [rad or m], without jumps, from the series ``q``
+    or ``q_estimated`` of a record.
 
     `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
     """
@@ -327,7 +327,10 @@ def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
 
 def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     """The same in this format; what is damaged stays as it is and is refused later."""
-    kind = "run" if "completed" in values else "plan" if "min_clearance" in values else "none"
+    if "completed" in values:
+        kind = "run"
+    else:
+        kind = "plan" if "min_clearance" in values else "none"
     named = {
         "markers": "position",
         "frames": "pose",
@@ -348,11 +351,9 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
 
 def _named(values: Any, field: str) -> Any:
     """Entries with a name, from a mapping."""
-    return (
-        [{"name": name, field: value} for name, value in values.items()]
-        if isinstance(values, dict)
-        else values
-    )
+    if isinstance(values, dict):
+        return [{"name": name, field: value} for name, value in values.items()]
+    return values
 
 
 def _nearest(values: Any) -> Any:
@@ -360,4 +361,6 @@ def _nearest(values: Any) -> Any:
     if not (isinstance(values, list) and len(values) == 3):
         return values
     nearest = dict(zip(("t", "distance", "between"), values, strict=True))
-    return None if nearest["distance"] == float("inf") else nearest
+    if nearest["distance"] == float("inf"):
+        return None
+    return nearest

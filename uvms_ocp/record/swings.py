@@ -41,18 +41,14 @@ class Swing:
     """Its periods are alike."""
 
     def __str__(self) -> str:
-        how = (
-            "growing"
-            if self.growth > 1.02
-            else "dying away"
-            if self.growth < 0.98
-            else "neither growing nor dying away"
-        )
-        every = (
-            f"every {self.period:.2g} s"
-            if self.regular
-            else f"irregularly, every {self.period:.2g} s or so"
-        )
+        if self.growth > 1.02:
+            how = "growing"
+        else:
+            how = "dying away" if self.growth < 0.98 else "neither growing nor dying away"
+        if self.regular:
+            every = f"every {self.period:.2g} s"
+        else:
+            every = f"irregularly, every {self.period:.2g} s or so"
         return f"{self.what} swings by +-{self.amplitude:.2g} {every}, {how}"
 
 
@@ -174,7 +170,10 @@ class SwingWatch:
             return []
         known = np.array(self._errors)
         waiting = {name: (known[:, k], limit) for k, (name, limit) in limits.items()}
-        tilts = tilts_of(np.array(self._q)) if self._floating else {}
+        if self._floating:
+            tilts = tilts_of(np.array(self._q))
+        else:
+            tilts = {}
         new = [
             swing
             for swing in swings_among(waiting, tilts, self._dt)

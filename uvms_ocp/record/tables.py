@@ -5,7 +5,7 @@ them.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -107,7 +107,10 @@ def unit_of(name: str, part: str = "", meta: Any = None) -> str:
     if name not in SERIES:
         return of_joints(QUANTITIES.get(name.rpartition(".")[2], "-"), _slides(meta))
     units = SERIES[name].units
-    found = [units[part]] if part in units else [*units.values()]
+    if part in units:
+        found = [units[part]]
+    else:
+        found = [*units.values()]
     return ", ".join(of_joints(unit, _slides(meta)) for unit in found)
 
 
@@ -116,29 +119,35 @@ def of_joints(unit: str, slides: Sequence[bool]) -> str:
     or where nobody says.
     """
     turning, _, sliding = unit.partition(" or ")
-    return unit if not sliding or len(set(slides)) != 1 else sliding if slides[0] else turning
+    if not sliding or len(set(slides)) != 1:
+        return unit
+    if slides[0]:
+        return sliding
+    return turning
 
 
 def _slides(meta: Any, *joints: str) -> list[bool]:
     """Whether each of the joints slides, by default of all; empty where a record does not say."""
     sliding = None if meta is None else meta.sliding
-    return [] if sliding is None else [name in sliding for name in joints or meta.joints]
+    if sliding is None:
+        return []
+    return [name in sliding for name in joints or meta.joints]
 
 
 def meaning_of(name: str) -> str:
     """Return the meaning of a series; empty where nobody says."""
-    return SERIES[name].meaning if name in SERIES else ""
+    if name in SERIES:
+        return SERIES[name].meaning
+    return ""
 
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
     """Names of the columns of a series of that name with so many columns (width); meta: of its
     record.
     """
-    return (
-        [*meta.quantities]
-        if name == "quantities"
-        else [f"{name}.{column}" for column in _columns(name, width, meta)]
-    )
+    if name == "quantities":
+        return [*meta.quantities]
+    return [f"{name}.{column}" for column in _columns(name, width, meta)]
 
 
 def column_units(name: str, width: int, meta: Any) -> list[str]:
@@ -160,17 +169,23 @@ def _columns(name: str, width: int, meta: Any) -> list[str]:
     found = list[str]()
     words = SERIES[name].columns if name in SERIES else ()
     for word in words:
-        several = (
-            _joint_entries(meta)
-            if word == "@entries"
-            else getattr(meta, word[1:], ())
-            if word[0] == "@"
-            else [word]
-        )
+        several: Iterable[Any]
+        if word == "@entries":
+            several = _joint_entries(meta)
+        elif word.startswith("@"):
+            several = getattr(meta, word[1:], ())
+        else:
+            several = [word]
         found += [getattr(one, "name", one) for one in several]
     if len(found) != width:  # such as a fixed base, whose configuration is its joints
-        joints = _joint_entries(meta) if name in _OF_Q else [*meta.joints]
-        found = joints if len(joints) == width else [str(k + 1) for k in range(width)]
+        if name in _OF_Q:
+            joints = _joint_entries(meta)
+        else:
+            joints = [*meta.joints]
+        if len(joints) == width:
+            found = joints
+        else:
+            found = [str(k + 1) for k in range(width)]
     return found
 
 
@@ -178,7 +193,13 @@ def _part(column: str, units: Mapping[str, str]) -> str:
     """The part of a series that a column of that name is of."""
     if "" in units:
         return ""
-    family = _FIRST if column in _LINEAR else _SECOND if column in _TURNING else ("joints", column)
+    family: tuple[str, ...]
+    if column in _LINEAR:
+        family = _FIRST
+    elif column in _TURNING:
+        family = _SECOND
+    else:
+        family = ("joints", column)
     return next((part for part in units if part in family), [*units][-1])
 
 
@@ -221,7 +242,7 @@ _NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
 
 
 def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
-    """Raise `InvalidInput` where these columns of a `pyarrow.parquet.ParquetFile` are none of
+    """Raise `InvalidInput` where these columns of a ``pyarrow.parquet.ParquetFile`` are none of
     numbers, or far larger than it.
 
     Raises `NameNotFound` for a column that there is not.

@@ -185,7 +185,10 @@ def read_arrays(
                 one.compress_type == ZIP_STORED and one.file_size > _LARGE
                 for one in chosen.values()
             )
-            whole = np.memmap(file, np.uint8, "r") if large else None
+            if large:
+                whole = np.memmap(file, np.uint8, "r")
+            else:
+                whole = None
             return MappingProxyType(
                 {name: _array(archive, member, name, whole) for name, member in chosen.items()}
             )
@@ -244,12 +247,19 @@ def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | Non
         first += head + 4 + sum(struct.unpack("<HH", whole[head : head + 4].tobytes()))
         content = whole[first : first + there]
     numbers = np.frombuffer(content, dtype=dtype)
-    return numbers.reshape(shape[::-1]).T if fortran else numbers.reshape(shape)
+    if fortran:
+        return numbers.reshape(shape[::-1]).T
+    return numbers.reshape(shape)
 
 
 def _short(shape: tuple[int, ...]) -> str:
-    text = str(tuple(shape[:4]))[:60] if all(abs(n) < 1 << 63 for n in shape[:4]) else "(too large)"
-    return text if len(shape) <= 4 else f"{text[:-1]}, ...)"
+    if all(abs(n) < 1 << 63 for n in shape[:4]):
+        text = str(tuple(shape[:4]))[:60]
+    else:
+        text = "(too large)"
+    if len(shape) <= 4:
+        return text
+    return f"{text[:-1]}, ...)"
 
 
 # JSON that is an object.
@@ -318,13 +328,10 @@ def read_xml_text(path: Path) -> str:
     """
     content = _content(path, LARGEST_XML)
     declared = _ENCODING.match(content)
-    encoding = (
-        declared[1].decode()
-        if declared
-        else "UTF-16"
-        if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE)
-        else "UTF-8"
-    )
+    if declared:
+        encoding = declared[1].decode()
+    else:
+        encoding = "UTF-16" if content[:2] in (BOM_UTF16_LE, BOM_UTF16_BE) else "UTF-8"
     return _decoded(content, encoding)
 
 
@@ -427,5 +434,8 @@ def read_yaml_as(path: Path, model: type[_M]) -> _M:
     try:
         return model.model_validate(read_yaml(path))
     except (OSError, ValueError) as error:
-        text = one_line(error, model) if isinstance(error, ValidationError) else str(error)
+        if isinstance(error, ValidationError):
+            text = one_line(error, model)
+        else:
+            text = str(error)
         raise InvalidInput(f"{path}: {text}") from None

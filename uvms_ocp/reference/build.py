@@ -180,7 +180,10 @@ def _command(path: tuple[str, ...], command: Any) -> str:
         (_name_of(parameter), str(getattr(parameter, "help", "") or ""))
         for parameter in command.params
     )
-    table = _table(("name", "meaning"), rows) if command.params else ""
+    if command.params:
+        table = _table(("name", "meaning"), rows)
+    else:
+        table = ""
     return (
         f"## {' '.join(path)}\n\n    {' '.join((*path, *options, *arguments))}\n\n{text}\n\n{table}"
     )
@@ -193,7 +196,10 @@ def _value_of(parameter: Any) -> str:
 def _name_of(parameter: Any) -> str:
     if parameter.param_type_name != "option":
         return f"`{_value_of(parameter)}`"
-    value = "" if getattr(parameter, "is_flag", False) else f" {_value_of(parameter)}"
+    if getattr(parameter, "is_flag", False):
+        value = ""
+    else:
+        value = f" {_value_of(parameter)}"
     return f"`{', '.join([*parameter.opts, *parameter.secondary_opts])}{value}`"
 
 
@@ -289,10 +295,13 @@ def address_of(name: str, modules: Collection[str]) -> str:
     Raises `NameNotFound`.
     """
     module, rest = place_of(name)
-    page = (
-        f"{module.__name__.replace('.', '/')}.html" if module.__name__ in modules else "index.html"
-    )
-    return f"{page}#{rest}" if rest else page
+    if module.__name__ in modules:
+        page = f"{module.__name__.replace('.', '/')}.html"
+    else:
+        page = "index.html"
+    if rest:
+        return f"{page}#{rest}"
+    return page
 
 
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.
@@ -354,8 +363,8 @@ ORDER = (
 )
 """Of the pages of theory, which build on those before."""
 GUIDE = (
-    *("commands_by_example", "your_robot", "your_parts", "python", "campaigns"),
-    *("mission_plans", "faults", "recordings", "limitations"),
+    *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
+    *("campaigns", "your_variation", "mission_plans", "faults", "recordings", "limitations"),
 )
 """Pages on how to use it, in their order."""
 _PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)

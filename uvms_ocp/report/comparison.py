@@ -79,11 +79,9 @@ def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
 
 
 def _change(a: Any, b: Any) -> float | None:
-    return (
-        None
-        if isinstance(a, (bool, str)) or a is None or b is None or a == 0
-        else 100.0 * (b - a) / abs(a)
-    )
+    if isinstance(a, (bool, str)) or a is None or b is None or a == 0:
+        return None
+    return 100.0 * (b - a) / abs(a)
 
 
 # How smoothly a run changes from phase to phase, and what the higher levels pay for it.

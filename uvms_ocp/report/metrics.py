@@ -41,14 +41,18 @@ def none_if_nan(value: float | None) -> float | None:
     """The value [in its unit]; `None` for what is no number, such as an altitude without an
     echo.
     """
-    return None if value is None or np.isnan(value) else value
+    if value is None or np.isnan(value):
+        return None
+    return value
 
 
 def largest_or_none(values: np.ndarray | None) -> float | None:
     """Return the largest of the values (n,) [in their unit] that are finite; `None` where none
     is.
     """
-    return None if values is None or np.isnan(values).all() else float(np.nanmax(values))
+    if values is None or np.isnan(values).all():
+        return None
+    return float(np.nanmax(values))
 
 
 def extremes_of(record: Record, name: str) -> tuple[str, ...]:
@@ -56,14 +60,18 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     every tick has a row.
     """
     both = (f"{name}_least", f"{name}_most")
-    return both if both[0] in record.series else (name,)
+    if both[0] in record.series:
+        return both
+    return (name,)
 
 
 def least_altimeter_range(record: Record) -> float | None:
     """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
     ranges = record[extremes_of(record, "altimeter_range")[0]]
     known = ranges[np.isfinite(ranges)]
-    return float(known.min()) if known.size else None
+    if known.size:
+        return float(known.min())
+    return None
 
 
 def mean_sizes(record: Record, name: str, index: Any) -> np.ndarray:
@@ -80,14 +88,17 @@ def failed_ticks(record: Record) -> dict[str, int] | None:
     failed = {
         name: int(count) for name, count in zip(names, counts, strict=True) if name != "solved"
     }
-    return None if failed and not keeps_every_tick(record) else failed
+    if failed and not keeps_every_tick(record):
+        return None
+    return failed
 
 
 def largest_tilt(record: Record) -> float | None:
     """Return the largest tilt [rad] while a task on it is on, `None` where it never is; without
     such a task the vehicle's.
     """
-    meta, (*_, most) = record.run_meta, extremes_of(record, "quantities")
+    meta = record.run_meta
+    (*_, most) = extremes_of(record, "quantities")
     tilts = [(k, quantity(record, f"{task.name}.tilt", most)) for k, task in enumerate(meta.tasks)]
     on = [
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
@@ -187,7 +198,10 @@ def estimate_table(record: Record) -> list[dict[str, Any]]:
     floating = record.run_meta.floating
     errors = joint_errors({"q": q, "q_estimated": measured}, record.meta)
     n = 0 if errors is None else errors.shape[1]
-    slides = _slides(record.run_meta) if n else np.zeros(0, dtype=bool)
+    if n:
+        slides = _slides(record.run_meta)
+    else:
+        slides = np.zeros(0, dtype=bool)
     kinds = {"joints": ~slides, "sliding joints": slides}
     rows = [
         _row(name, errors[:, of], spread[:, -n:][:, of]) for name, of in kinds.items() if of.any()
@@ -285,7 +299,10 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     joints = _gain(record, "joint_energy", rows)
     meta = record.run_meta
     of_joints = rows, slice(VEHICLE_V if meta.floating else 0, None)
-    saturated = mean_sizes(record, "saturated", rows) if "saturated" in record.series else None
+    if "saturated" in record.series:
+        saturated = mean_sizes(record, "saturated", rows)
+    else:
+        saturated = None
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
@@ -331,7 +348,9 @@ def energy_of_quick_thrust(record: Record) -> float | None:
         sums = np.cumsum(np.pad(thrust, (width // 2 + 1, (width - 1) // 2), "edge"))
         steady = np.interp((sums[width:] - sums[:-width]) / width, thrust[order], power[order])
         excess += dt * float(np.sum(power - steady))
-    return excess if np.isfinite(excess) else None
+    if np.isfinite(excess):
+        return excess
+    return None
 
 
 # shares of a joint's limit of velocity that are kept, and while a fault is new
@@ -361,7 +380,11 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     over = rates - bounds * np.where(struck, _STRUCK, _PASSED)[:, None]
     worst = over.argmax(axis=0)
     joints = np.arange(len(bounds))
-    names = meta.joints if len(meta.joints) == len(bounds) else [f"axis {j + 1}" for j in joints]
+    names: Sequence[str]
+    if len(meta.joints) == len(bounds):
+        names = meta.joints
+    else:
+        names = [f"axis {j + 1}" for j in joints]
     units = column_units("v", record["v"].shape[1], meta)[first:]
     return [
         {
@@ -380,9 +403,14 @@ def _gain(record: Record, name: str, rows: slice) -> float | None:
     """Increase of a running total; of thrusters only where the power of each is known."""
     if name not in record.series:
         return None
-    total = record[name] if record[name].ndim == 1 else record[name].sum(axis=1)
+    if record[name].ndim == 1:
+        total = record[name]
+    else:
+        total = record[name].sum(axis=1)
     gain = float(total[rows.stop - 1] - total[rows.start])
-    return None if np.isnan(gain) else gain
+    if np.isnan(gain):
+        return None
+    return gain
 
 
 def path_length(points: np.ndarray) -> float:
@@ -406,11 +434,10 @@ def _by_kind(
     (n_joints,), or (0,).
     """
     slides = _slides(meta)
-    chosen = (
-        {"rad": values[~slides], "m": values[slides]}
-        if slides.any() and len(values) == len(slides)
-        else {"rad": values}
-    )
+    if slides.any() and len(values) == len(slides):
+        chosen = {"rad": values[~slides], "m": values[slides]}
+    else:
+        chosen = {"rad": values}
     figures = {unit: float(of(found)) for unit, found in chosen.items()}
     return {
         f"{name}_{unit}": value if np.isfinite(value) else None for unit, value in figures.items()
@@ -427,7 +454,8 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
     meta = record.run_meta
     if meta.limits is None or joint_positions({"q": record["q"][:1]}, meta) is None:
         return np.empty(0)
-    lower, upper = np.array(meta.limits.position_lower), np.array(meta.limits.position_upper)
+    lower = np.array(meta.limits.position_lower)
+    upper = np.array(meta.limits.position_upper)
     least = [np.full(lower.shape, np.inf)]
     for q in (record[name][rows] for name in extremes_of(record, "q")):
         found = (

@@ -64,9 +64,9 @@ class PlannedMotion:
         """
         robot, goal = self.request.robot, self.request.goal
         frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
-        return (
-            kinematics.Kinematics(robot, self.q[-1]).pose(frame) if robot.has_frame(frame) else None
-        )
+        if robot.has_frame(frame):
+            return kinematics.Kinematics(robot, self.q[-1]).pose(frame)
+        return None
 
     def tool_error(self) -> dict[str, float] | None:
         """Distance [m] and angle [rad] of the frame from its goal at the end; `None` for the goal
@@ -201,7 +201,9 @@ def plan_report(result: PlanResult) -> dict[str, Any]:
         "n_pairs": scene.n_pairs,
         "seed": request.seed,
     }
-    return report if result.plan is None else report | _of_plan(result, result.plan)
+    if result.plan is None:
+        return report
+    return report | _of_plan(result, result.plan)
 
 
 def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:

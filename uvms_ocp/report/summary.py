@@ -131,26 +131,25 @@ def _aborted(meta: RunMeta) -> dict[str, str] | None:
         direct = (
             last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
         )
-        return (
-            {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
-            if last and direct
-            else None
-        )
-    ended = (
-        last.reason
-        if last is not None and last.target == ABORT
-        else f"time is over, {meta.pending}"
-    )
+        if last and direct:
+            return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
+        return None
+    if last is not None and last.target == ABORT:
+        ended = last.reason
+    else:
+        ended = f"time is over, {meta.pending}"
     return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
 
 
 def _missed(row: dict[str, Any]) -> str:
-    allowed = (
-        ""
-        if row["sensors_allow"] is None
-        else f", and the sensors allow {row['sensors_allow']:.2g}"
-    )
-    estimated = "-" if row["estimated"] is None else f"{row['estimated']:.3g}"
+    if row["sensors_allow"] is None:
+        allowed = ""
+    else:
+        allowed = f", and the sensors allow {row['sensors_allow']:.2g}"
+    if row["estimated"] is None:
+        estimated = "-"
+    else:
+        estimated = f"{row['estimated']:.3g}"
     was = f"estimated at {estimated} but truly {row['true']:.3g}"
     return (
         f"phase {row['phase']}: {row['quantity']} was {was} against a limit of"
@@ -212,7 +211,10 @@ def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
     """The value now, and the share of the distance to the limit that the last seconds brought."""
     series = quantity(record, condition.quantity)
-    values = np.zeros(1) if series is None else series
+    if series is None:
+        values = np.zeros(1)
+    else:
+        values = series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before = float(values[-n])
     now = float(values[-1])
@@ -232,13 +234,15 @@ def _obstruction(record: Record, name: str) -> str:
     active = [
         task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0
     ]
-    above = f"active above it: {', '.join(active)}" if active else "nothing above it is active"
+    if active:
+        above = f"active above it: {', '.join(active)}"
+    else:
+        above = "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
-    full = (
-        float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
-        if "saturated" in record.series
-        else 0.0
-    )
+    if "saturated" in record.series:
+        full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
+    else:
+        full = 0.0
     damped = record.run_meta.statuses[int(record["status"][-1])] == Status.REGULARISED.value
     limits = f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else ""
     return (
@@ -274,11 +278,10 @@ def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
 
 def format_load(load: dict[str, float | None], tool: str) -> str:
     """In words; load [N, kg]: one of `load_estimates`."""
-    mass = (
-        "undetermined"
-        if load["mass_kg"] is None
-        else f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
-    )
+    if load["mass_kg"] is None:
+        mass = "undetermined"
+    else:
+        mass = f"{load['mass_kg']:.2f} kg +- {load['mass_error_kg']:.2f}"
     return (
         f"load at {tool}: net weight {load['weight_n']:.1f} N +- {load['weight_error_n']:.1f}, mass"
         f" {mass}"
@@ -305,7 +308,10 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
     rows = []
     for channel, codes in zip(meta.channels, record["health"].T, strict=True):
         suspect, lost = (meta.dt * int((codes == code).sum()) for code in (_SUSPECT, _LOST))
-        first = float(record["t"][np.argmax(codes != 0)]) if codes.any() else None
+        if codes.any():
+            first = float(record["t"][np.argmax(codes != 0)])
+        else:
+            first = None
         texts = [
             alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9
         ]
@@ -500,9 +506,10 @@ def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
 
 def _drift_in_last_phase(record: Record) -> float | None:
     phase, t = record["phase"], record["t"]
-    start = (
-        len(phase) - int(np.argmax(phase[::-1] != phase[-1])) if (phase != phase[-1]).any() else 0
-    )
+    if (phase != phase[-1]).any():
+        start = len(phase) - int(np.argmax(phase[::-1] != phase[-1]))
+    else:
+        start = 0
     settled = t >= t[start] + _SETTLING
     if not settled.any() or not record.run_meta.floating or not keeps_every_tick(record):
         return None
@@ -512,8 +519,6 @@ def _drift_in_last_phase(record: Record) -> float | None:
 
 def _percentiles_us(record: Record, name: str) -> dict[str, float]:
     """Percentiles of the rows, and the largest of all ticks."""
-    (p50, p99), top = (
-        np.percentile(record[name], [50, 99]),
-        record[metrics.extremes_of(record, name)[-1]].max(),
-    )
+    (p50, p99) = np.percentile(record[name], [50, 99])
+    top = record[metrics.extremes_of(record, name)[-1]].max()
     return {"p50": 1e6 * float(p50), "p99": 1e6 * float(p99), "max": 1e6 * float(top)}

@@ -71,19 +71,19 @@ def box_around(
     """
     index = model.getFrameId(frame)
     X_JF = model.frames[index].placement
-    own = [
+    frame_shapes = [
         s
         for s in shapes.geometryObjects
         if (s.parentFrame == index if joint is None else s.parentJoint == joint)
     ]
     corners = [
-        X_JF.actInv(s.placement.act(corner)) for s in own for corner in box_corners(s.geometry)
+        X_JF.actInv(s.placement.act(corner))
+        for s in frame_shapes
+        for corner in box_corners(s.geometry)
     ]
-    return (
-        np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
-        if corners
-        else np.full((2, 3), np.nan)
-    )
+    if corners:
+        return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
+    return np.full((2, 3), np.nan)
 
 
 def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:
@@ -97,7 +97,8 @@ def cylinder_in(corners: np.ndarray) -> Cylinder | None:
     """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat
     one.
     """
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    low = corners.min(axis=0)
+    high = corners.max(axis=0)
     sides = high - low
     axis = int(np.argmax(sides))
     radius = float(np.delete(sides, axis).mean()) / 2.0
@@ -138,7 +139,10 @@ def mount(
         )
     if arm.n_vehicle:
         raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
-    prefix = f"{arm.name}_" if prefix is None else prefix
+    if prefix is None:
+        prefix = f"{arm.name}_"
+    else:
+        prefix = prefix
     joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
@@ -159,14 +163,14 @@ def without_arm(robot: Robot) -> Robot:
         raise InvalidInput(
             f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle"
         )
-    kept = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
+    vehicle_links = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
     before = robot.description
-    links = {name: link for name, link in before.links.items() if name in kept}
-    trim = tuple(body for body in before.trim if body.link in kept)
-    sensors = {
-        key: name if (name := getattr(before, key)) in kept else None
-        for key in ("altimeter", "dvl")
-    }
+    links = {name: link for name, link in before.links.items() if name in vehicle_links}
+    trim = tuple(body for body in before.trim if body.link in vehicle_links)
+    sensors: dict[str, str | None] = {"altimeter": before.altimeter, "dvl": before.dvl}
+    for key, link in sensors.items():
+        if link not in vehicle_links:
+            sensors[key] = None
     alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
     return loading.robot_of(_base_only(robot), alone, robot.name)
 
@@ -205,10 +209,10 @@ def _check_names(vehicle: Robot, arm: pin.Model) -> None:
 
 
 def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
-    taken = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
-    if taken:
+    existing = [name for name in ("flange", "tool") if vehicle.has_frame(name)]
+    if existing:
         raise InvalidInput(
-            f"vehicle {vehicle.name!r} already has {', '.join(taken)}; use the arm's frames by name"
+            f"vehicle {vehicle.name!r} already has {', '.join(existing)}; use the arm's frames by name"
         )
     if model.existFrame("tool"):  # of the arm alone
         model.frames[model.getFrameId("tool")].name = "tool_of_arm"
@@ -263,13 +267,13 @@ def _base_only(robot: Robot) -> UrdfModels:
 
 
 def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.GeometryModel:
-    kept = pin.GeometryModel()
+    remaining = pin.GeometryModel()
     for shape in shapes.geometryObjects:
         if shape.parentFrame in old_to_new:
             copy = shape.copy()
             copy.parentFrame = old_to_new[shape.parentFrame]
-            kept.addGeometryObject(copy)
-    return kept
+            remaining.addGeometryObject(copy)
+    return remaining
 
 
 # Trim: the static balance of weight and buoyancy, and the floats and ballast that make it zero.

@@ -36,26 +36,28 @@ def links_in_water(
 
 
 def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamics:
-    given = next(
+    source = next(
         way for way in (link.coefficients, link.cylinder, link.box, link.sphere) if way is not None
     )
-    if isinstance(given, data.LinkCoefficients):
-        return _from_coefficients(name, given)
-    if isinstance(given, data.Cylinder):
-        return _cylinder(name, given, rho)
-    return _box(name, given, rho) if isinstance(given, data.Box) else _sphere(name, given, rho)
+    if isinstance(source, data.LinkCoefficients):
+        return _from_coefficients(name, source)
+    if isinstance(source, data.Cylinder):
+        return _cylinder(name, source, rho)
+    if isinstance(source, data.Box):
+        return _box(name, source, rho)
+    return _sphere(name, source, rho)
 
 
-def _from_coefficients(name: str, given: data.LinkCoefficients) -> LinkHydrodynamics:
+def _from_coefficients(name: str, coefficients: data.LinkCoefficients) -> LinkHydrodynamics:
     return LinkHydrodynamics(
         frame=name,
-        X_FL=placement_of(given.pose),
-        added_mass=data.as_matrix6(given.added_mass),
-        linear_drag=data.as_matrix6(given.linear_drag),
-        quadratic_drag=data.as_matrix6(given.quadratic_drag),
-        by_flow=given.drag_by == "flow",
-        volume=given.volume,
-        centre_of_buoyancy=np.array(given.centre_of_buoyancy or (0.0, 0.0, 0.0)),
+        X_FL=placement_of(coefficients.pose),
+        added_mass=data.as_matrix6(coefficients.added_mass),
+        linear_drag=data.as_matrix6(coefficients.linear_drag),
+        quadratic_drag=data.as_matrix6(coefficients.quadratic_drag),
+        by_flow=coefficients.drag_by == "flow",
+        volume=coefficients.volume,
+        centre_of_buoyancy=np.array(coefficients.centre_of_buoyancy or (0.0, 0.0, 0.0)),
     )
 
 

@@ -169,10 +169,10 @@ class LinkDescription(_Section):
 
     @model_validator(mode="after")
     def _exactly_one_way(self) -> LinkDescription:
-        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        if len(given) != 1:
+        sources = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(sources) != 1:
             raise ValueError(
-                f"give exactly one of coefficients, cylinder, box, sphere; given: {given}"
+                f"give exactly one of coefficients, cylinder, box, sphere; given: {sources}"
             )
         return self
 
@@ -238,13 +238,12 @@ class Thruster(_Section):
     ) -> tuple[tuple[float, float], ...]:
         if not value:
             return value
-        (command, thrust), n = np.transpose(value), len(value)
+        (command, thrust) = np.transpose(value)
+        n = len(value)
         wrong = np.flatnonzero((np.diff(command) <= 0.0) | (np.diff(thrust) < 0.0))
         if len(wrong):
-            given = "curve needs increasing commands and thrust that never falls"
-            raise ValueError(
-                f"{given}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not"
-            )
+            rule = "curve needs increasing commands and thrust that never falls"
+            raise ValueError(f"{rule}; point {wrong[0] + 2}, {list(value[wrong[0] + 1])}, does not")
         if n < 2 or thrust[0] == thrust[-1]:
             raise ValueError("curve needs two or more points of different thrust")
         return value
@@ -362,7 +361,9 @@ class RobotDescription(_Section):
 def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
     """Return (6, 6) from a diagonal or a full matrix."""
     array = np.array(value, dtype=float)
-    return np.diag(array) if array.ndim == 1 else array
+    if array.ndim == 1:
+        return np.diag(array)
+    return array
 
 
 def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
@@ -375,7 +376,8 @@ def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
     if array.ndim == 1 or (array == array.T).all():
         return value
     units = np.array([[_last_digit(number) for number in row] for row in array.tolist()])
-    difference, size = np.abs(array - array.T), np.minimum(np.abs(array), np.abs(array.T))
+    difference = np.abs(array - array.T)
+    size = np.minimum(np.abs(array), np.abs(array.T))
     allowed = np.minimum(1.001 * np.maximum(units, units.T), _ROUNDED * size)
     symmetric = np.where(difference <= allowed, array / 2 + array.T / 2, array)
     return tuple(tuple(row) for row in symmetric.tolist())  # type: ignore[return-value]
@@ -414,9 +416,9 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
     except ValidationError as error:
         raise RobotDataError(variant or path, *problems_of(error, RobotDescription)) from None
     for name, link in description.links.items():
-        given = content["links"][name].get("coefficients", {}) or {}
+        written = content["links"][name].get("coefficients", {}) or {}
         if link.coefficients and not np.array_equal(
-            given.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
+            written.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
         ):
             _log.warning(
                 "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of"
@@ -444,11 +446,10 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
     merged = dict(below)
     for key, value in above.items():
-        merged[key] = (
-            _overlaid(below[key], value)
-            if isinstance(value, dict) and isinstance(below.get(key), dict)
-            else value
-        )
+        if isinstance(value, dict) and isinstance(below.get(key), dict):
+            merged[key] = _overlaid(below[key], value)
+        else:
+            merged[key] = value
     return merged
 
 
@@ -516,6 +517,6 @@ def _turned(value: Any, name: str = "") -> Any:
         return (x, -y, -z)
     if name in _MATRICES and np.ndim(value) == 2:
         return tuple(tuple(row) for row in (_TURN6 @ np.array(value) @ _TURN6).tolist())
-    return (
-        tuple(map(_turned, value)) if isinstance(value, tuple) and name not in _MATRICES else value
-    )
+    if isinstance(value, tuple) and name not in _MATRICES:
+        return tuple(map(_turned, value))
+    return value

@@ -107,18 +107,18 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
     bears no couplings at all.
     """
     S = linear_drag / 2 + linear_drag.T / 2  # halves first: their sum is finite
-    own = np.diag(S)
+    diagonal = np.diag(S)
     couplings = S - np.diag(np.diag(S))
-    worst = int(np.argmin(own))
-    if own[worst] < 0.0 or not couplings.any():
-        return np.eye(6)[worst], float(own[worst])
-    root = np.sqrt(own)
+    worst = int(np.argmin(diagonal))
+    if diagonal[worst] < 0.0 or not couplings.any():
+        return np.eye(6)[worst], float(diagonal[worst])
+    root = np.sqrt(diagonal)
     fed = np.argwhere(np.abs(couplings) > (1.0 + _ROUNDING) * np.outer(root, root))
     if len(fed):  # of these two axes alone; what is left below has couplings of at most 1
-        i, j = sorted(fed[0], key=lambda axis: own[axis])
-        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(own[j], abs(S[i, j]))
+        i, j = sorted(fed[0], key=lambda axis: diagonal[axis])
+        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(diagonal[j], abs(S[i, j]))
         return nu, float(nu @ S @ nu)
-    units = 1.0 / np.where(own > 0.0, root, 1.0)
+    units = 1.0 / np.where(diagonal > 0.0, root, 1.0)
     values, axes = np.linalg.eigh(units[:, None] * S * units)
     nu = units * axes[:, 0] / np.abs(units * axes[:, 0]).max()
     return nu, float(nu @ S @ nu) if values[0] < -_ROUNDING else 0.0
@@ -163,7 +163,9 @@ def amplified_velocity(
     candidates /= np.abs(candidates).max(axis=1, keepdims=True)
     gains = -((candidates @ quadratic_drag) * np.abs(candidates) * candidates).sum(axis=1)
     best = int(np.argmax(gains))
-    return _rounded(candidates[best], linear_drag, quadratic_drag) if gains[best] > 0.0 else None
+    if gains[best] > 0.0:
+        return _rounded(candidates[best], linear_drag, quadratic_drag)
+    return None
 
 
 def _rounded(
@@ -177,7 +179,9 @@ def _rounded(
     speed = 1.0 if slow + fast < 0.0 else 2.0 * slow / -fast
     nu = np.array([float(f"{speed * entry:.4g}") for entry in nu]) + 0.0  # without -0
     power = -float(nu @ linear @ nu + nu @ quadratic @ (np.abs(nu) * nu))
-    return (nu, power) if power > 0.0 else None
+    if power > 0.0:
+        return (nu, power)
+    return None
 
 
 def _units(quadratic_drag: np.ndarray, least: float) -> np.ndarray:
@@ -256,7 +260,10 @@ class LinkHydrodynamics:
     def __post_init__(self) -> None:
         for name in ("added_mass", "linear_drag", "quadratic_drag"):
             value = getattr(self, name)
-            matrix = np.diag(value) if np.shape(value) == (6,) else value
+            if np.shape(value) == (6,):
+                matrix = np.diag(value)
+            else:
+                matrix = value
             object.__setattr__(self, name, finite_array(f"{self.frame}: {name}", matrix, (6, 6)))
         centre = finite_array(f"{self.frame}: centre_of_buoyancy", self.centre_of_buoyancy, (3,))
         object.__setattr__(self, "centre_of_buoyancy", centre)
@@ -329,7 +336,8 @@ def added_mass_wrench(M_A: Array, nu_r: Array, nu_r_dot: Array) -> Array:
     """
     momentum = M_A @ nu_r
     rate = M_A @ nu_r_dot
-    linear, angular = nu_r[:3], nu_r[3:]
+    linear = nu_r[:3]
+    angular = nu_r[3:]
     force = rate[:3] + cross(angular, momentum[:3])
     return column(force, rate[3:] + cross(angular, momentum[3:]) + cross(linear, momentum[:3]))
 
@@ -342,11 +350,9 @@ def flow_speeds(nu_r: Array, by_flow: bool) -> Array:
     ``-q_i |u| u_i``: the same on the axes, an ellipsoid between them. Rotation has no flow with a direction: each of its axes
     has its own rate either way.
     """
-    return (
-        abs(nu_r)
-        if not by_flow
-        else column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
-    )
+    if not by_flow:
+        return abs(nu_r)
+    return column((nu_r[:3].T @ nu_r[:3] + _STILL**2) ** 0.5 + 0 * nu_r[:3], abs(nu_r[3:]))
 
 
 def damping_matrix(
@@ -407,10 +413,10 @@ def check_added_mass(matrix: np.ndarray, where: str = "") -> None:
 
 def check_linear_drag(matrix: np.ndarray, where: str = "") -> None:
     """Raise `InvalidInput` where linear drag (6, 6) [N/(m/s), N m/(rad/s)] feeds energy."""
-    axis, least = least_dissipation(matrix)
-    if least < 0.0:
+    axis, power = least_dissipation(matrix)
+    if power < 0.0:
         raise InvalidInput(
-            f"{where}{_feeding((axis, -least))}; allowed: no eigenvalue below 0 in its symmetric"
+            f"{where}{_feeding((axis, -power))}; allowed: no eigenvalue below 0 in its symmetric"
             " part"
         )
 
@@ -423,13 +429,13 @@ def check_quadratic_drag(linear: np.ndarray, quadratic: np.ndarray, where: str =
     """
     worst = int(np.argmin(np.diag(quadratic)))
     if quadratic[worst, worst] < 0.0:
-        found = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
-        raise InvalidInput(f"{where}{found}; allowed: a diagonal of 0 or more")
+        problem = _feeding(amplified_velocity(linear, quadratic, np.eye(6)[worst]))
+        raise InvalidInput(f"{where}{problem}; allowed: a diagonal of 0 or more")
     factor, d = overload(quadratic)
     if factor > 1.0 + _TOLERANCE:
-        found = _feeding(amplified_velocity(linear, quadratic, d))
+        problem = _feeding(amplified_velocity(linear, quadratic, d))
         raise InvalidInput(
-            f"{where}{found}; allowed: couplings at most {1 / factor:.3g} times as large"
+            f"{where}{problem}; allowed: couplings at most {1 / factor:.3g} times as large"
         )
 
 
@@ -443,8 +449,8 @@ def check_flow_drag(quadratic: np.ndarray, by_flow: bool, where: str = "") -> No
         )
 
 
-def _feeding(known: tuple[np.ndarray, float] | None) -> str:
-    if known is None:
+def _feeding(proof: tuple[np.ndarray, float] | None) -> str:
+    if proof is None:
         return "may feed energy: its diagonal does not outweigh its couplings"
-    nu, power = known
+    nu, power = proof
     return f"feeds {power:.3g} W at nu = ({', '.join(f'{entry:.4g}' for entry in nu)}) m/s, rad/s"

@@ -33,9 +33,9 @@ def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
 
 def point_reach(robot: Robot, frame: str) -> np.ndarray:
     """(n_v,) as `shape_reach`, for the origin of a frame. Raises FrameNotFound."""
-    found = robot.model.frames[robot.frame_id(frame)]
+    point_frame = robot.model.frames[robot.frame_id(frame)]
     return _reach_of_ball(
-        robot, found.parentJoint, float(np.linalg.norm(found.placement.translation))
+        robot, point_frame.parentJoint, float(np.linalg.norm(point_frame.placement.translation))
     )
 
 
@@ -61,10 +61,10 @@ def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
         joint = robot.model.joints[carrier]
         linear, angular = _speeds(joint)
         turns = angular > 0.0
-        own = linear.copy()
-        own[turns] += angular[turns] * length
+        speed = linear.copy()
+        speed[turns] += angular[turns] * length
         reach[joint.idx_v : joint.idx_v + joint.nvExtended] += (
-            own  # of what mimics, with that of its leader
+            speed  # of what mimics, with that of its leader
         )
         length += _travel(robot, joint, linear)
         length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
@@ -85,12 +85,15 @@ def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
     speed per unit.
     """
     moved = np.flatnonzero(linear)
-    own = joint.idx_v - robot.n_vehicle + moved
-    if (own < 0).any():
+    axes = joint.idx_v - robot.n_vehicle + moved
+    if (axes < 0).any():
         return np.inf
-    lower = robot.limits.position_lower[own]
-    upper = robot.limits.position_upper[own]
-    offset = 0.0 if joint.nv or not len(moved) else abs(joint.extract().offset)
+    lower = robot.limits.position_lower[axes]
+    upper = robot.limits.position_upper[axes]
+    if joint.nv or not len(moved):
+        offset = 0.0
+    else:
+        offset = abs(joint.extract().offset)
     return float(np.linalg.norm(linear[moved] * np.maximum(np.abs(lower), np.abs(upper)))) + offset
 
 
@@ -146,7 +149,9 @@ class Kinematics(FieldTable):
         """Rotation R_WF of the axes that `jacobian` is expressed in."""
         if name != "B":
             return np.asarray(self._data.oMf[self.robot.frame_id(name)].rotation)
-        return self._data.oMi[1].rotation if self.robot.n_vehicle else np.eye(3)
+        if self.robot.n_vehicle:
+            return np.asarray(self._data.oMi[1].rotation)
+        return np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -57,11 +57,11 @@ class Joint:
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        own = self._own(q)
-        return (
-            own[0]
-            if len(own) == 1
-            else (ca.atan2 if is_symbolic(*own) else np.arctan2)(own[1], own[0])
+        coordinates = self._own(q)
+        if len(coordinates) == 1:
+            return coordinates[0]
+        return (ca.atan2 if is_symbolic(*coordinates) else np.arctan2)(
+            coordinates[1], coordinates[0]
         )
 
     def way(self, q: Array, to: Array) -> Array:
@@ -70,10 +70,11 @@ class Joint:
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        own = self._own(q)
-        if len(own) == 1:
-            return to - own[0]
-        (c, s), maths = own, ca if is_symbolic(*own, to) else np
+        coordinates = self._own(q)
+        if len(coordinates) == 1:
+            return to - coordinates[0]
+        (c, s) = coordinates
+        maths = ca if is_symbolic(*coordinates, to) else np
         turn = maths.arctan2 if maths is np else maths.atan2
         return turn(maths.sin(to) * c - maths.cos(to) * s, maths.cos(to) * c + maths.sin(to) * s)
 
@@ -140,13 +141,13 @@ def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     return tuple(
         Joint(
             name=name,
-            idx_q=own.idx_q,
-            idx_v=own.idx_v,
-            n_q=own.nq,
-            n_v=own.nv,
-            slides=own.shortname() in _SLIDING,
+            idx_q=joint.idx_q,
+            idx_v=joint.idx_v,
+            n_q=joint.nq,
+            n_v=joint.nv,
+            slides=joint.shortname() in _SLIDING,
         )
-        for name, own in pairs
+        for name, joint in pairs
     )
 
 
@@ -163,7 +164,9 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
         acceleration=read_only([*vehicle_acceleration, *_joint_accelerations(description, joints)]),
         effort=read_only(_or_unlimited(model.upperEffortLimit[n_vehicle:])),
     )
-    return _with_assumed(model, joints, limits) if n_vehicle else limits
+    if n_vehicle:
+        return _with_assumed(model, joints, limits)
+    return limits
 
 
 # Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any
@@ -283,7 +286,7 @@ def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint,
     one may be inf.
     """
     first = joints[0].idx_v if joints else 0
-    found = (
+    ranges = (
         (
             joint,
             float(limits.position_lower[joint.idx_v - first]),
@@ -292,4 +295,4 @@ def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint,
         for joint in joints
         if joint.n_q == joint.n_v == 1
     )
-    return [(joint, low, up) for joint, low, up in found if np.isfinite([low, up]).any()]
+    return [(joint, low, up) for joint, low, up in ranges if np.isfinite([low, up]).any()]

@@ -48,7 +48,9 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 def robots_folder() -> Path:
     """Return the folder that holds one folder per robot."""
     packed = _PACKAGE / "robots"
-    return packed if packed.is_dir() else _PACKAGE.parent / "robots"
+    if packed.is_dir():
+        return packed
+    return _PACKAGE.parent / "robots"
 
 
 def list_robots() -> tuple[str, ...]:
@@ -245,7 +247,7 @@ def load_robot(
     What the files leave open, such as links without water and thrusters without power data, is a
     warning of this module's logger.
     """
-    known, file = (
+    given_description, file = (
         (hydrodynamics, None)
         if isinstance(hydrodynamics, RobotDescription)
         else (None, hydrodynamics)
@@ -254,7 +256,10 @@ def load_robot(
         if urdf is not None:
             raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
         name, urdf, file = None, *files_of(Path(name), file).values()
-    name = None if name is None else str(name)
+    if name is None:
+        name = None
+    else:
+        name = str(name)
     urdf_path, yaml_path = _paths(name, urdf, file)
     place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
     others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
@@ -264,42 +269,64 @@ def load_robot(
         *([variant_file(name, variant)] if name and variant else []),
     ]
     folders = [*map(os.path.abspath, package_dirs)]
-    asked = repr((name, known, variant, others, folders, meshes, mimic, lock, drop, _stamps(files)))
-    read = _read.get(asked)
+    read_key = repr(
+        (
+            name,
+            given_description,
+            variant,
+            others,
+            folders,
+            meshes,
+            mimic,
+            lock,
+            drop,
+            _stamps(files),
+        )
+    )
+    read = _read.get(read_key)
     if read is not None and _open[read][0] == [_stamps(_mesh_files(read)), *_models(read)]:
         return _given_again(read, files)
     faults: list[RobotDataError] = []
     try:
-        description = known or _description(name, yaml_path, variant)
+        description = given_description or _description(name, yaml_path, variant)
     except RobotDataError as error:
         faults.append(error)  # what is wrong with the URDF is told with it
         description = RobotDescription()
     loading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
-    loading |= {} if meshes is None else {"meshes": "yes" if meshes else "no"}
+    if meshes is not None:
+        loading["meshes"] = "yes" if meshes else "no"
     if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
-        own = ((yaml_path or urdf_path).parent / folder for folder in description.loading.packages)
-        resolved = (folder.resolve() for folder in (*map(Path, folders), *own))
+        described_folders = (
+            (yaml_path or urdf_path).parent / folder for folder in description.loading.packages
+        )
+        resolved = (folder.resolve() for folder in (*map(Path, folders), *described_folders))
         loading["packages"] = (
             tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
         )
-    others["tool"] = tool if tool is None or isinstance(tool, str) else tuple(tool)
+    if tool is None or isinstance(tool, str):
+        others["tool"] = tool
+    else:
+        others["tool"] = tuple(tool)
     changes = {key: value for key, value in others.items() if value is not None}
-    how = description.loading.model_copy(
+    settings = description.loading.model_copy(
         update={key: value for key, value in loading.items() if value is not None}
     )
-    if how != description.loading:
-        changes["loading"] = how
-    description = descriptions.checked_copy(description, **changes) if changes else description
+    if settings != description.loading:
+        changes["loading"] = settings
+    if changes:
+        description = descriptions.checked_copy(description, **changes)
+    else:
+        description = description
     try:
         models, notes = models_and_notes(
             urdf_path,
             free_flyer=description.base == "free_flyer",
-            package_dirs=[urdf_path.parent / folder for folder in how.packages],
+            package_dirs=[urdf_path.parent / folder for folder in settings.packages],
             reading=UrdfReading(
-                mimic=how.mimic,
-                lock=how.lock,
-                drop=how.drop,
-                meshes=how.meshes == "yes",
+                mimic=settings.mimic,
+                lock=settings.lock,
+                drop=settings.drop,
+                meshes=settings.meshes == "yes",
                 home={
                     name: joint.home
                     for name, joint in description.joints.items()
@@ -318,22 +345,24 @@ def load_robot(
         also = (f"{name}: {text}" for name, error in named for text in error.problems)
         raise RobotDataError(faults[0].path, *faults[0].problems, *also)
     robot = assemble(models, description, yaml_path or urdf_path, name)
-    for moved in how.frames:
+    for moved in settings.frames:
         try:
             robot = with_moved_frame(robot, moved.frame, coefficients.placement_of(moved))
         except UvmsError as error:
             raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
     by_default = name and not changes and hydrodynamics is None and variant is None
     robot = _known(robot if by_default else replace(robot, urdf=place))
-    said = [f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)]
+    unknown_notes = [
+        f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)
+    ]
     as_read = [
         _stamps(_mesh_files(robot)),
         robot.model.copy(),
         *(shapes.clone() for shapes in _models(robot)[1:]),
     ]
-    _open[robot] = as_read, [*(f"{urdf_path}: {note}" for note in notes), *said]
+    _open[robot] = as_read, [*(f"{urdf_path}: {note}" for note in notes), *unknown_notes]
     if not notes:  # such as of a mesh that is missing, and may be there the next time
-        _read[asked] = robot
+        _read[read_key] = robot
     return _warned(robot)
 
 
@@ -346,10 +375,10 @@ _open = WeakKeyDictionary[
 
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
-    found = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
+    stats = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
     return [
-        (file, one.st_ino, one.st_size, one.st_mtime_ns, one.st_ctime_ns)
-        for file, one in found.items()
+        (file, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+        for file, stat in stats.items()
     ]
 
 
@@ -387,9 +416,11 @@ def _known(robot: Robot) -> Robot:
     content = attrgetter(
         "name", "urdf", "model", "visual_model", "collision_model", "description"
     )  # all else follows
-    known = next((other for other in tuple(_loaded) if content(other) == content(robot)), robot)
-    _loaded.add(known)
-    return known
+    robot_in_use = next(
+        (loaded for loaded in tuple(_loaded) if content(loaded) == content(robot)), robot
+    )
+    _loaded.add(robot_in_use)
+    return robot_in_use
 
 
 def robot_meta(robot: Robot) -> dict[str, Any]:
@@ -404,13 +435,21 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
     loading = robot.description.loading
     if urdf is not None or (loading.frames and robot.name in list_robots()):
         library = (robots_folder() / robot.name).resolve() / "robot.urdf"
-        seen = (urdf or library).parent
-        packages = [_shared((seen / folder).resolve(), seen) for folder in loading.packages]
-        known = descriptions.checked_copy(
+        folder_of_urdf = (urdf or library).parent
+        packages = [
+            _shared((folder_of_urdf / folder).resolve(), folder_of_urdf)
+            for folder in loading.packages
+        ]
+        shared_description = descriptions.checked_copy(
             robot.description, loading=loading.model_dump() | {"packages": packages}
         )
-        place = None if urdf is None or urdf == library else _shared(urdf, Path.cwd())
-        files = RobotFilesMeta(urdf=place, description=known.model_dump_json(exclude_defaults=True))
+        if urdf is None or urdf == library:
+            place = None
+        else:
+            place = _shared(urdf, Path.cwd())
+        files = RobotFilesMeta(
+            urdf=place, description=shared_description.model_dump_json(exclude_defaults=True)
+        )
     kinds = {
         "endless": robot.endless_joints,
         "sliding": tuple(joint.name for joint in robot.joints if joint.slides),
@@ -424,14 +463,14 @@ def robot_meta(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _shared(path: Path, here: Path) -> str:
+def _shared(path: Path, folder: Path) -> str:
     """The path as seen from a folder, or its last two names where the way there would name the home
     folder.
     """
     home = Path(os.path.expanduser("~")).resolve()
-    if path.is_relative_to(home) and not here.is_relative_to(home):
+    if path.is_relative_to(home) and not folder.is_relative_to(home):
         return Path(*path.relative_to(home).parts[-2:]).as_posix()
-    return Path(os.path.relpath(path, here)).as_posix()
+    return Path(os.path.relpath(path, folder)).as_posix()
 
 
 def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | None:
@@ -441,16 +480,16 @@ def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | No
     Raises `InvalidInput` in one line for a description that is none of this version, and where
     another robot is there.
     """
-    found = None
+    urdf_place = None
     above = Path(os.path.abspath(folder))
     if files.urdf is not None:
         urdf = Path(files.urdf)
-        nears = (above, *above.parents, Path.cwd())
-        places = (near / tail for near in nears for tail in (urdf, Path(*urdf.parts[-2:])))
-        found = next(
+        roots = (above, *above.parents, Path.cwd())
+        places = (root / tail for root in roots for tail in (urdf, Path(*urdf.parts[-2:])))
+        urdf_place = next(
             (place for place in places if os.path.isfile(place)), None
         )  # also where a path is too long
-        if found is None:
+        if urdf_place is None:
             return None
     try:
         water = RobotDescription.model_validate_json(files.description)
@@ -459,10 +498,10 @@ def recorded_robot(name: str, files: RobotFilesMeta, folder: Path) -> Robot | No
         raise InvalidInput(
             f"a record whose description of {name} is not read ({wrong}); give it: --robot DIR"
         ) from None
-    robot = load_robot(name if found is None else None, urdf=found, hydrodynamics=water)
+    robot = load_robot(name if urdf_place is None else None, urdf=urdf_place, hydrodynamics=water)
     if robot.name != name:
         raise InvalidInput(
-            f"a record of {name}, but {found} is {robot.name}; give it: --robot DIR, or"
+            f"a record of {name}, but {urdf_place} is {robot.name}; give it: --robot DIR, or"
             " show(record, robot)"
         )
     return robot
@@ -487,8 +526,11 @@ def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, A
     beside it if it is there.
     """
     urdf = path / "robot.urdf" if path.is_dir() else path
-    beside = urdf.with_name("hydrodynamics.yaml")
-    return {"urdf": urdf, "hydrodynamics": hydrodynamics or (beside if beside.is_file() else None)}
+    default_file = urdf.with_name("hydrodynamics.yaml")
+    return {
+        "urdf": urdf,
+        "hydrodynamics": hydrodynamics or (default_file if default_file.is_file() else None),
+    }
 
 
 def _is_file(name: str | Path) -> bool:
@@ -505,11 +547,14 @@ def _paths(
         raise InvalidInput(
             "load_robot needs either a name or urdf=PATH; list_robots() gives the names"
         )
-    given = None if hydrodynamics is None else Path(hydrodynamics)
+    if hydrodynamics is None:
+        description_path = None
+    else:
+        description_path = Path(hydrodynamics)
     if name is None:
-        return Path(str(urdf)), given
+        return Path(str(urdf)), description_path
     folder = robot_folder(name)
-    return folder / "robot.urdf", given or folder / "hydrodynamics.yaml"
+    return folder / "robot.urdf", description_path or folder / "hydrodynamics.yaml"
 
 
 def _description(name: str | None, path: Path | None, variant: str | None) -> RobotDescription:
@@ -551,22 +596,22 @@ def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> Robo
     """Without what is said of links and joints of the file that are left out."""
     gone = models.no_links
     tools = tools_of(description)
-    kept: dict[str, Any] = {
+    entries: dict[str, Any] = {
         key: tuple(p for p in getattr(description, key) if p.link not in gone)
         for key in ("trim", "thrusters")
     }
-    kept |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
-    kept |= (
+    entries |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
+    entries |= (
         {TOOL: tuple(tool for tool in tools if tool not in gone) or None}
         if gone & set(tools)
         else {}
     )
     for key, out in (("links", gone), ("joints", models.no_joints)):
-        kept[key] = {
+        entries[key] = {
             name: entry for name, entry in getattr(description, key).items() if name not in out
         }
     return description.model_copy(
-        update={key: value for key, value in kept.items() if value != getattr(description, key)}
+        update={key: value for key, value in entries.items() if value != getattr(description, key)}
     )
 
 
@@ -596,7 +641,7 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
 
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
     known_frames = tuple(frame.name for frame in model.frames[1:])
-    wanted = [
+    named = [
         *(("links", link) for link in description.links),
         *((f"trim {body.name!r} link", body.link) for body in description.trim),
         *(
@@ -606,8 +651,8 @@ def _check_names(model: pin.Model, description: RobotDescription, path: Path) ->
         *((key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))),
     ]
     moving = [joint.name for joint in joints_of(model, free_flyer=description.base == "free_flyer")]
-    known = f"is not in the URDF; allowed: {', '.join(known_frames)}"
-    faults = [f"{key}: {name!r} {known}" for key, name in wanted if name not in known_frames]
+    rule = f"is not in the URDF; allowed: {', '.join(known_frames)}"
+    faults = [f"{key}: {name!r} {rule}" for key, name in named if name not in known_frames]
     allowed = f"is no joint of the URDF that moves; allowed: {', '.join(moving) or 'none'}"
     faults += [f"joints: {name!r} {allowed}" for name in description.joints if name not in moving]
     faults += _moving_thrusters(model, description)

@@ -23,7 +23,7 @@ is one of them.
 
 
 def leader_of(
-    findings: Findings, root: Element, joint: Element, given: Collection[str]
+    findings: Findings, root: Element, joint: Element, held: Collection[str]
 ) -> tuple[Element | None, float, float]:
     """The joint that one which mimics follows in the end, `None` for none, with ``multiplier`` and
     ``offset``.
@@ -33,16 +33,19 @@ def leader_of(
     leader: Element | None = joint
     scale = 1.0
     offset = 0.0
-    known = [joint.get("name")]
+    visited = [joint.get("name")]
     while leader is not None and (mimic := leader.find("mimic")) is not None:
-        if leader is not joint and leader.get("name") in given:
+        if leader is not joint and leader.get("name") in held:
             break
         where = f"joint {leader.get('name')!r} mimic"
         name = mimic.get("joint", "")
         offset += scale * _number(findings, mimic, "offset", f"{where} offset", 0.0)
         scale *= _number(findings, mimic, "multiplier", f"{where} multiplier", 1.0)
-        leader = None if name in known else root.find(f"joint[@name={name!r}]")
-        known.append(name)
+        if name in visited:
+            leader = None
+        else:
+            leader = root.find(f"joint[@name={name!r}]")
+        visited.append(name)
         if leader is None:
             findings.notes.append(
                 f"joint {joint.get('name')!r} mimics {name!r}, which leads nowhere; that is taken"
@@ -54,20 +57,25 @@ def leader_of(
 def _number(
     findings: Findings, element: Element | None, key: str, where: str, default: float
 ) -> float:
-    found = findings.attempt(read_number, findings.path, element, key, where, default)
-    return default if found is None else found
+    number = findings.attempt(read_number, findings.path, element, key, where, default)
+    if number is None:
+        return default
+    return number
 
 
-def position_of(findings: Findings, joint: Element, given: Mapping[str, float]) -> float:
+def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -> float:
     """Where a joint is: as given, or else 0, or mid-range."""
-    name, limit = joint.get("name", ""), joint.find("limit")
-    if name in given:
-        return given[name]
+    name = joint.get("name", "")
+    limit = joint.find("limit")
+    if name in held:
+        return held[name]
     low, up = (
         _number(findings, limit, key, f"joint {name!r} {key}", 0.0) for key in ("lower", "upper")
     )
     bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
-    return 0.0 if low <= 0.0 <= up or not bounded else (low + up) / 2
+    if low <= 0.0 <= up or not bounded:
+        return 0.0
+    return (low + up) / 2
 
 
 def coupled(model: pin.Model, groups: Groups) -> pin.Model:
@@ -77,7 +85,7 @@ def coupled(model: pin.Model, groups: Groups) -> pin.Model:
     for leader, group in groups.items():
         first, *others = sorted(group, key=model.getJointId)
         index = {name: model.getJointId(name) for name in group}
-        one, lead = model.joints[index[first]], model.joints[index[leader]]
+        follower, lead = model.joints[index[first]], model.joints[index[leader]]
         scale, offset = group[first]
         with np.errstate(over="ignore"):  # of what has no limit
             bounds = [
@@ -87,19 +95,21 @@ def coupled(model: pin.Model, groups: Groups) -> pin.Model:
             speed = abs(scale) * model.upperVelocityLimit[lead.idx_v]
             effort = model.upperEffortLimit[lead.idx_v] / abs(scale)
         damping = sum(
-            (own / scale) ** 2 * model.damping[model.joints[index[name]].idx_v]
-            for name, (own, _) in group.items()
+            (multiplier / scale) ** 2 * model.damping[model.joints[index[name]].idx_v]
+            for name, (multiplier, _) in group.items()
         )
-        model.lowerPositionLimit[one.idx_q], model.upperPositionLimit[one.idx_q] = sorted(bounds)
+        model.lowerPositionLimit[follower.idx_q], model.upperPositionLimit[follower.idx_q] = sorted(
+            bounds
+        )
         for values, value in (
             (model.upperVelocityLimit, speed),
             (model.upperEffortLimit, effort),
             (model.damping, damping),
         ):
-            values[one.idx_v] = value
+            values[follower.idx_v] = value
         for name in others:
-            own, shift = group[name]
-            ratio = own / scale
+            multiplier, shift = group[name]
+            ratio = multiplier / scale
             model = pin.transformJointIntoMimic(
                 model, index[first], index[name], ratio, shift - ratio * offset
             )

@@ -64,16 +64,16 @@ def find_urdf(place: Path) -> Path:
     """The URDF that is meant by a file or a folder. Raises `InvalidInput` for none or several."""
     if not place.is_dir():
         return place
-    found = sorted(path for path in place.rglob("*.urdf") if path.is_file())
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    urdfs = sorted(path for path in place.rglob("*.urdf") if path.is_file())
+    if len(urdfs) == 1:
+        return urdfs[0]
+    if not urdfs:
         raise InvalidInput(
             f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf`"
             " writes"
         )
     raise InvalidInput(
-        f"{place}: holds {len(found)} URDFs; give one of {', '.join(map(str, found[:30]))}"
+        f"{place}: holds {len(urdfs)} URDFs; give one of {', '.join(map(str, urdfs[:30]))}"
     )
 
 
@@ -92,7 +92,7 @@ def propose(
     loading: entries of ``loading`` in hydrodynamics.yaml. Raises ``RobotDataError`` with all that
     is wrong with the file.
     """
-    given = dict(loading or {})
+    settings = dict(loading or {})
     root = read_urdf_xml(urdf)
     followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
     endless = [
@@ -100,12 +100,12 @@ def propose(
         for j in root.findall("joint")
         if j.get("type") in ("revolute", "prismatic") and j.find("limit") is None
     ]
-    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **given.get("lock", {})}
+    lock = {**{joint.get("name", ""): 0.0 for joint in endless}, **settings.get("lock", {})}
     reading = UrdfReading(
         mimic="free",
         lock=lock,
-        drop=tuple(given.get("drop", ())),
-        meshes=given.get("meshes") != "no",
+        drop=tuple(settings.get("drop", ())),
+        meshes=settings.get("meshes") != "no",
     )
     models, reading = _read(urdf, reading, package_dirs)
     floats = base == "free_flyer" or (base is None and _floats(models.model))
@@ -114,7 +114,7 @@ def propose(
             urdf, free_flyer=False, package_dirs=package_dirs, reading=reading
         )
     roles = find_roles(models.model, free_flyer=floats)
-    mimic: Any = given.get("mimic", "coupled")
+    mimic: Any = settings.get("mimic", "coupled")
     led = [mimic.get("joint", "") for mimic in root.findall("joint/mimic")]
     fingers = [name for name in roles.fingers if name not in led or mimic != "coupled"]
     still = (*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held, *roles.gimbals)
@@ -238,11 +238,13 @@ class _Draft:
         """Tools, one for each arm, where that leaves no doubt."""
         if self.tool:
             return self.tool
-        known = [frame.name for frame in self.models.model.frames]
+        frames = [frame.name for frame in self.models.model.frames]
         sure = [chain[0] for chain in self.roles.tools if len(chain) == 1]
-        if "tool" in known and len(self.roles.tools) < 2:
+        if "tool" in frames and len(self.roles.tools) < 2:
             return ("tool",)
-        return tuple(sure) if len(sure) == len(self.roles.tools) else ()
+        if len(sure) == len(self.roles.tools):
+            return tuple(sure)
+        return ()
 
     @property
     def range_sensor(self) -> str | None:
@@ -257,7 +259,9 @@ class _Draft:
             for i, link in self._links_called("altimeter")
             if data.oMf[i].rotation[2, 2] > _DOWN
         ]
-        return down[0] if len(down) == 1 else None
+        if len(down) == 1:
+            return str(down[0])
+        return None
 
     @property
     def velocity_sensor(self) -> str | None:
@@ -298,11 +302,10 @@ class _Draft:
                 " none: no altitude tasks"
             )
         if self.floats and not self.velocity_sensor:
-            which = (
-                f"any of {', '.join(self.logs)}"
-                if self.logs
-                else "no link of the vehicle is called one"
-            )
+            if self.logs:
+                which = f"any of {', '.join(self.logs)}"
+            else:
+                which = "no link of the vehicle is called one"
             yield f"dvl: {which}; --dvl LINK, or `sensors: {{linear_velocity: null}}` for none"
         for names, why in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
             still = [name for name in names if name in self.reading.lock]
@@ -345,9 +348,10 @@ class _Draft:
         content |= (
             {"base_link": self.roles.base} if self.floats and self.roles.base != "base_link" else {}
         )
-        content |= (
-            {"tool": self.tools if len(self.tools) > 1 else self.tools[0]} if self.tools else {}
-        )
+        if len(self.tools) == 1:
+            content["tool"] = self.tools[0]
+        elif self.tools:
+            content["tool"] = self.tools
         content |= {"altimeter": self.range_sensor} if self.range_sensor else {}
         content |= {"dvl": self.velocity_sensor} if self.velocity_sensor else {}
         loading = {
@@ -395,10 +399,8 @@ class _Draft:
         for name, mass in link_masses(self.models.model).items():
             on_vehicle = self._carrier(name) <= (1 if self.floats else 0)
             if mass > 0.0 and on_vehicle and name != hull:
-                wet[name], sources[name] = (
-                    {"coefficients": {}},
-                    f"in the box around {hull}" if hull else "does not move",
-                )
+                wet[name] = {"coefficients": {}}
+                sources[name] = f"in the box around {hull}" if hull else "does not move"
             elif mass > 0.0:
                 wet[name], sources[name] = self._by_shape(name, mass, whole=name == hull)
         return wet, sources
@@ -411,9 +413,9 @@ class _Draft:
             for name, m in link_masses(self.models.model).items()
             if self._carrier(name) == 1 and m > 0.0
         }
-        return (
-            max(on_vehicle, key=lambda name: on_vehicle[name]) if self.floats and on_vehicle else ""
-        )
+        if self.floats and on_vehicle:
+            return max(on_vehicle, key=lambda name: on_vehicle[name])
+        return ""
 
     def _carrier(self, name: str) -> int:
         model = self.models.model
@@ -424,7 +426,10 @@ class _Draft:
         inertia.
         """
         model = self.models.model
-        joint = self._carrier(name) if whole else None
+        if whole:
+            joint = self._carrier(name)
+        else:
+            joint = None
         corners = assembly.box_around(model, self.models.collision, name, joint=joint)
         if np.isnan(corners).any():
             corners = assembly.box_around(model, self.models.visual, name, joint=joint)
@@ -436,13 +441,19 @@ class _Draft:
             source = "box with its mass and inertia, as it has no fitting shapes"
         size = np.ptp(corners, axis=0)
         centre = corners.mean(axis=0)
-        cylinder = None if whole else assembly.cylinder_in(corners)
+        if whole:
+            cylinder = None
+        else:
+            cylinder = assembly.cylinder_in(corners)
         box = Box(
             size=tuple(np.maximum(size, 1e-3).tolist()),
             pose=Pose(position=tuple(centre.tolist())),
             drag_by="flow",
         )
-        way = LinkDescription(box=box) if cylinder is None else LinkDescription(cylinder=cylinder)
+        if cylinder is None:
+            way = LinkDescription(box=box)
+        else:
+            way = LinkDescription(cylinder=cylinder)
         (water,) = links_in_water(RobotDescription(links={name: way}, water_density=_WATER))
         sides = " x ".join(f"{side:.3g}" for side in size)
         return {"coefficients": _coefficients(water, mass)}, f"{source}, {sides} m"
@@ -454,13 +465,13 @@ class _Draft:
         hull = self.hull
         if not hull:
             return links
-        kept = {
+        unballasted = {
             key: value
             for key, value in links[hull]["coefficients"].items()
             if key not in ("volume", "centre_of_buoyancy")
         }
-        own = {**links, hull: {"coefficients": kept}}
-        bare = checked_copy(robot.description, links=own)
+        trimmed_links = {**links, hull: {"coefficients": unballasted}}
+        bare = checked_copy(robot.description, links=trimmed_links)
         arms, lift = assembly.lifts(
             replace(robot, description=bare, hydrodynamics=links_in_water(bare)),
             robot.configuration(),
@@ -472,11 +483,11 @@ class _Draft:
         gravity = float(np.linalg.norm(robot.model.gravity.linear))
         at[2] = robot.model.inertias[1].lever[2] + _LIFT
         X_BF = robot.model.frames[robot.frame_id(hull)].placement
-        own[hull]["coefficients"] |= {
+        trimmed_links[hull]["coefficients"] |= {
             "volume": float(f"{total / (gravity * _WATER):.6g}"),
             "centre_of_buoyancy": [float(f"{value:.6g}") for value in X_BF.actInv(at)],
         }
-        return own
+        return trimmed_links
 
 
 def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:
@@ -513,7 +524,10 @@ def _as_its_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
     a, b, c = np.diag(inertia.inertia)
     squares = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
     cube = (mass / _WATER) ** (1 / 3)
-    size = np.sqrt(squares) if (squares > 0.0).all() else np.full(3, cube)
+    if (squares > 0.0).all():
+        size = np.sqrt(squares)
+    else:
+        size = np.full(3, cube)
     if np.prod(size) * _WATER > _TOO_LARGE * max(mass, 1.0):
         size = np.full(3, cube)
     return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
@@ -528,9 +542,10 @@ def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
     )
     if not 0.0 < speed < 10.0:
         return {"acceleration": 1.0}
-    rotor = (
-        {"rotor_inertia": float(f"{_SPIN_UP * effort / speed:.3g}")} if 0.0 < effort < 1e4 else {}
-    )
+    if 0.0 < effort < 1e4:
+        rotor = {"rotor_inertia": float(f"{_SPIN_UP * effort / speed:.3g}")}
+    else:
+        rotor = {}
     return {"acceleration": float(f"{2.0 * speed:.3g}"), **rotor}
 
 
@@ -593,11 +608,10 @@ def _lines(
         coefficients = link["coefficients"]
         yield f"    coefficients:{'' if coefficients else ' {}'}"
         for key, value in coefficients.items():
-            source = (
-                " # proposed: so that it floats level"
-                if key == "volume" and name == draft.hull
-                else ""
-            )
+            if key == "volume" and name == draft.hull:
+                source = " # proposed: so that it floats level"
+            else:
+                source = ""
             yield f"      {key}: {_flow(value)}{source}"
     if description.thrusters:
         yield (

@@ -40,7 +40,10 @@ def _vehicle_part(
         if position is not None or rpy is not None or quaternion is not None:
             raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
         return np.zeros(0)
-    p = np.zeros(3) if position is None else finite_array("position", position, (3,))
+    if position is None:
+        p = np.zeros(3)
+    else:
+        p = finite_array("position", position, (3,))
     return np.concatenate([p, _orientation(rpy, quaternion)])
 
 
@@ -53,8 +56,10 @@ def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) ->
     values = robot.home.copy()
     if isinstance(joints, Mapping):
         for name, value in joints.items():
-            own = robot.joint(name)
-            values[own.idx_v - robot.n_vehicle : own.idx_v - robot.n_vehicle + own.n_v] = value
+            joint = robot.joint(name)
+            values[joint.idx_v - robot.n_vehicle : joint.idx_v - robot.n_vehicle + joint.n_v] = (
+                value
+            )
     elif joints is not None:
         values = finite_array("joints", joints, (robot.n_joints,))
     return from_joint_values(robot.model, values)[robot.joint_q]
@@ -85,7 +90,10 @@ def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndar
         raise InvalidInput("give either rpy or quaternion, not both")
     if quaternion is not None:
         return finite_array("quaternion", quaternion, (4,))
-    angles = np.zeros(3) if rpy is None else finite_array("rpy", rpy, (3,))
+    if rpy is None:
+        angles = np.zeros(3)
+    else:
+        angles = finite_array("rpy", rpy, (3,))
     return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
 
 
@@ -213,7 +221,9 @@ class Robot:
     @property
     def n_vehicle(self) -> int:
         """Velocity degrees of freedom of the vehicle: 6, or 0 for a fixed base."""
-        return 6 if self.description.base == "free_flyer" else 0
+        if self.description.base == "free_flyer":
+            return 6
+        return 0
 
     @property
     def n_joints(self) -> int:
@@ -243,8 +253,8 @@ class Robot:
         """
         shapes = self.visual_model.geometryObjects
         solid = self.collision_model.geometryObjects
-        seen = {shape.parentFrame for shape in shapes}
-        return (*shapes, *(shape for shape in solid if shape.parentFrame not in seen))
+        drawn_frames = {shape.parentFrame for shape in shapes}
+        return (*shapes, *(shape for shape in solid if shape.parentFrame not in drawn_frames))
 
     @property
     def thruster_names(self) -> tuple[str, ...]:
@@ -282,14 +292,13 @@ class Robot:
         """Return limits (n_q,) [m, rad] of q, from below and above; infinite where none holds for
         one entry alone.
         """
-        lower, upper = np.full(self.n_q, -np.inf), np.full(self.n_q, np.inf)
+        lower = np.full(self.n_q, -np.inf)
+        upper = np.full(self.n_q, np.inf)
         for joint in self.joints:
             if joint.n_q == joint.n_v:
-                own = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
-                lower[joint.q], upper[joint.q] = (
-                    self.limits.position_lower[own],
-                    self.limits.position_upper[own],
-                )
+                axes = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
+                lower[joint.q] = self.limits.position_lower[axes]
+                upper[joint.q] = self.limits.position_upper[axes]
         return lower, upper
 
     @property

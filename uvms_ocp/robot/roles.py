@@ -90,7 +90,9 @@ class Roles:
     @property
     def only_tool(self) -> str | None:
         """The tool where there is no doubt about it."""
-        return self.tools[0][0] if len(self.tools) == 1 and len(self.tools[0]) == 1 else None
+        if len(self.tools) == 1 and len(self.tools[0]) == 1:
+            return self.tools[0][0]
+        return None
 
     @property
     def candidates(self) -> tuple[str, ...]:
@@ -108,11 +110,12 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     arm = [j for j in tree.moving if j not in kinds]
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
-    return Roles(
-        base=BASE if BASE in links else links[0] if links else "",
-        tools=tuple(found for j in ends if (found := _tips(tree, j))),
-        **named,
-    )
+    if BASE in links:
+        base = BASE
+    else:
+        base = next(iter(links), "")
+    tools = [_tips(tree, j) for j in ends]
+    return Roles(base=base, tools=tuple(tips for tips in tools if tips), **named)
 
 
 _KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
@@ -151,15 +154,20 @@ class _LinkTree:
     def above(self, joint: int) -> list[int]:
         """The joints between the vehicle and this one."""
         parent = self.model.parents[joint]
-        return [] if parent <= self.carrier else [parent, *self.above(parent)]
+        if parent <= self.carrier:
+            return []
+        return [parent, *self.above(parent)]
 
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
-        own = self.model.joints[joint]
+        moving = self.model.joints[joint]
         model = self.model
-        q = slice(own.idx_q, own.idx_q + max(own.nq, 1))  # of one that mimics, those of its leader
+        q = slice(
+            moving.idx_q, moving.idx_q + max(moving.nq, 1)
+        )  # of one that mimics, those of its leader
         return bool(
-            own.nq != own.nv or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
+            moving.nq != moving.nv
+            or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
         )
 
     def is_no_tool(self, frame: int) -> bool:
@@ -184,9 +192,9 @@ class _LinkTree:
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
     """Joints that are no part of an arm, with what hangs on them."""
     for j in tree.moving:
-        own = tree.names(j)
+        names = tree.names(j)
         below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
-        if is_called("propeller", *own) and not tree.children(j):
+        if is_called("propeller", *names) and not tree.children(j):
             yield j, "propellers"
         elif all(
             is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)
@@ -198,7 +206,7 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
             yield j, "propellers"
         elif below and all(is_called("sensor", name) for name in below):
             yield j, "sensors"
-        elif is_called("finger", *own):
+        elif is_called("finger", *names):
             yield from ((k, "fingers") for k in tree.below(j))
         elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
             yield j, "held"
@@ -239,7 +247,7 @@ def with_roles(
     """
     free_flyer = description.base == "free_flyer"
     roles = find_roles(model, free_flyer=free_flyer)
-    known = {frame.name for frame in model.frames[1:]}
+    frames = {frame.name for frame in model.frames[1:]}
     stated = {
         BASE: description.base_link,
         TOOL: next(iter(tools_of(description)), None),
@@ -248,22 +256,21 @@ def with_roles(
     }
     faults = []
     for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
-        missing = [name for name in names if name is not None and name not in known]
-        advice = (
-            f"candidates: {', '.join(roles.candidates) or 'none'}"
-            if key == TOOL
-            else f"the root is {roles.base}"
-        )
+        missing = [name for name in names if name is not None and name not in frames]
+        if key == TOOL:
+            advice = f"candidates: {', '.join(roles.candidates) or 'none'}"
+        else:
+            advice = f"the root is {roles.base}"
         faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
     if faults:
         raise RobotDataError(str(path), *faults)
-    if free_flyer and not description.base_link and BASE not in known:
+    if free_flyer and not description.base_link and BASE not in frames:
         stated[BASE] = roles.base
-    if TOOL not in known and not description.tool:
+    if TOOL not in frames and not description.tool:
         stated[TOOL] = roles.only_tool
     model = model.copy()
     for role, name in stated.items():
-        if name and name != role and name in known:
+        if name and name != role and name in frames:
             description = _placed(model, description, role, name)
     return model, description
 
@@ -271,7 +278,11 @@ def with_roles(
 def tools_of(description: RobotDescription) -> tuple[str, ...]:
     """The tools that a description names."""
     tool = description.tool
-    return () if tool is None else (tool,) if isinstance(tool, str) else tool
+    if tool is None:
+        return ()
+    if isinstance(tool, str):
+        return (tool,)
+    return tool
 
 
 def _placed(
@@ -281,9 +292,12 @@ def _placed(
     one.
     """
     if model.existFrame(role):
-        other = f"{role}_of_urdf"
-        model.frames[model.getFrameId(role)].name = other
-        links = {other if link == role else link: own for link, own in description.links.items()}
+        displaced = f"{role}_of_urdf"
+        model.frames[model.getFrameId(role)].name = displaced
+        links = {
+            displaced if link == role else link: hydrodynamics
+            for link, hydrodynamics in description.links.items()
+        }
         description = description.model_copy(update={"links": links})
     add_frame(model, role, name, pin.FrameType.OP_FRAME)
     return description
@@ -299,11 +313,11 @@ def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
     """Whether all is well, and one sentence, for each role. model: with its frames for roles."""
     free_flyer = description.base == "free_flyer"
-    known: Sequence[str] = [frame.name for frame in model.frames[1:]]
+    frames: Sequence[str] = [frame.name for frame in model.frames[1:]]
     roles = find_roles(model, free_flyer=free_flyer)
     if free_flyer:
         yield True, f"base_link: {description.base_link or roles.base}"
-    if TOOL in known:
+    if TOOL in frames:
         is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
         yield (
             True,
@@ -316,12 +330,11 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer and description.altimeter:
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
-        looks = [name for name in known if is_called("altimeter", name)]
-        hint = (
-            f"`altimeter: {looks[0]}` takes that link"
-            if looks
-            else "`altimeter: LINK` names the link of one"
-        )
+        looks = [name for name in frames if is_called("altimeter", name)]
+        if looks:
+            hint = f"`altimeter: {looks[0]}` takes that link"
+        else:
+            hint = "`altimeter: LINK` names the link of one"
         yield (
             False,
             (

@@ -194,7 +194,9 @@ class SensorSpec:
     @property
     def biases(self) -> tuple[float, ...]:
         """`bias` as one value for all components, or one per component."""
-        return self.bias if isinstance(self.bias, tuple) else (self.bias,)
+        if isinstance(self.bias, tuple):
+            return self.bias
+        return (self.bias,)
 
     @property
     def exact(self) -> bool:
@@ -258,15 +260,15 @@ nothing needs then.
 def robot_sensors(description: RobotDescription) -> SensorSpecs:
     """The channels of a robot: the defaults of `SensorSpecs`, with what its file says of them."""
     channels = {
-        name: _channel(getattr(SensorSpecs(), name), given)
-        for name, given in description.sensors.items()
+        name: _channel(getattr(SensorSpecs(), name), channel_description)
+        for name, channel_description in description.sensors.items()
     }
     return replace(SensorSpecs(), **channels)
 
 
-def _channel(default: SensorSpec | None, given: SensorDescription | None) -> SensorSpec | None:
-    return (
-        None
-        if given is None
-        else replace(default or SensorSpec(), **given.model_dump(exclude_none=True))
-    )
+def _channel(
+    default: SensorSpec | None, description: SensorDescription | None
+) -> SensorSpec | None:
+    if description is None:
+        return None
+    return replace(default or SensorSpec(), **description.model_dump(exclude_none=True))

@@ -52,13 +52,11 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
     """`if_true` or `if_false`, scalars () [any], by the condition (). Both are evaluated, so both
     must be finite.
     """
-    return (
-        ca.if_else(condition, if_true, if_false)
-        if is_symbolic(condition)
-        else if_true
-        if condition
-        else if_false
-    )
+    if is_symbolic(condition):
+        return ca.if_else(condition, if_true, if_false)
+    if condition:
+        return if_true
+    return if_false
 
 
 def column(*entries: Array) -> Array:
@@ -84,7 +82,9 @@ def matrix(*rows: Sequence[Array]) -> Array:
 
 def diagonal(entries: Array) -> Array:
     """Square matrix with the entries (n,) [any] on its diagonal."""
-    return ca.diag(entries) if is_symbolic(entries) else np.diag(entries)
+    if is_symbolic(entries):
+        return ca.diag(entries)
+    return np.diag(entries)
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -257,7 +257,8 @@ def exp6_translation(twist: Array) -> Array:
     """Translation (3,) [m] after moving for one second with a constant body twist (6,) [m/s,
     rad/s].
     """
-    linear, angular = twist[:3], twist[3:]
+    linear = twist[:3]
+    angular = twist[3:]
     x = dot(angular, angular)
     once = cross(angular, linear)
     return linear + _cosc_of_squared(x) * once + _sincc_of_squared(x) * cross(angular, once)

@@ -112,7 +112,10 @@ class TwistToWrench:
         """The same map in the frame of the parent body, in which this body's pose is ``local``."""
         R = local.R
         shift = spatial.skew(local.p)
-        A = self.A if _is_isotropic(self.A) else _symmetric(R @ self.A @ R.T)
+        if _is_isotropic(self.A):
+            A = self.A
+        else:
+            A = _symmetric(R @ self.A @ R.T)
         B = R @ self.B @ R.T
         C = _symmetric(R @ self.C @ R.T)
         moved = B - A @ shift
@@ -227,12 +230,12 @@ def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
     """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's
     q and v, and has none.
     """
-    own = REVOLUTE if S[3:].any() else PRISMATIC
+    leader_kind = REVOLUTE if S[3:].any() else PRISMATIC
     scaling = joint.scaling
     offset = joint.offset
     nothing = ca.SX(0, 1)
     return JointKind(
-        pose=lambda S, q: own.pose(S / scaling, scaling * q + offset),
+        pose=lambda S, q: leader_kind.pose(S / scaling, scaling * q + offset),
         integrate=lambda q, v: nothing,
         difference=lambda q0, q1: nothing,
     )
@@ -240,10 +243,10 @@ def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
 
 def _kind(shortname: str, joint_name: str) -> JointKind:
     if shortname not in JOINT_KINDS:
-        known = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
+        supported = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
         raise InvalidInput(
             f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported:"
-            f" {known}"
+            f" {supported}"
         )
     return JOINT_KINDS[shortname]
 
@@ -313,7 +316,8 @@ def _circle_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _circle_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    c, s = ca.cos(v), ca.sin(v)
+    c = ca.cos(v)
+    s = ca.sin(v)
     return _towards_unit(ca.vertcat(q[0] * c - q[1] * s, q[1] * c + q[0] * s))
 
 

@@ -146,12 +146,15 @@ class SymbolicDynamics(FieldTable):
         rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water
         does to links, by their place in ``links``. What is left out stays.
         """
-        other = copy(self)
+        changed = copy(self)
         bodies = dict(enumerate(self._rigid)) | dict(rigid or {})
         wet = dict(enumerate(self._wet))
-        wet |= {index: replace(wet[index], water=own) for index, own in (links or {}).items()}
-        other._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
-        return other
+        wet |= {
+            index: replace(wet[index], water=coefficients)
+            for index, coefficients in (links or {}).items()
+        }
+        changed._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
+        return changed
 
     def joint_of(self, link: int) -> int:
         """Which joint body carries a link, given by its place in ``links``."""
@@ -174,7 +177,9 @@ class SymbolicDynamics(FieldTable):
         for index, link in enumerate(self._wet):
             wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
         tau = self.symbolic.generalized_force(local, wrenches) + self.model.armature * a
-        return tau if self.damping is None else tau + self.damping * v
+        if self.damping is None:
+            return tau
+        return tau + self.damping * v
 
     def bias_force(self, q: ca.SX, v: ca.SX, u: ca.SX, Du_Dt: ca.SX) -> ca.SX:
         """Generalized force (n_v,) for zero acceleration: ``C v + D v + g`` and the accelerating
@@ -256,7 +261,10 @@ class SymbolicDynamics(FieldTable):
             total[link.joint] = (
                 total[link.joint] + link.motion_LJ.T @ link.water.added_mass @ link.motion_LJ
             )
-        return [sparse(np.asarray(one)) if isinstance(one, ca.DM) else one for one in total]
+        return [
+            sparse(np.asarray(inertia)) if isinstance(inertia, ca.DM) else inertia
+            for inertia in total
+        ]
 
     def _water_wrench(self, link: WetLink, motions: BodyMotions, u: ca.SX, Du_Dt: ca.SX) -> Wrench:
         """Wrench of the link on the water, at the joint that carries it."""
@@ -286,7 +294,9 @@ class SymbolicDynamics(FieldTable):
         for index, link in enumerate(self._wet):
             bodies[link.joint] += self._link_damping(link, motions, u[:, index], quadratic_factor)
         D = self.symbolic.congruence(local, bodies)
-        return D if self.damping is None else D + ca.diag(ca.SX(self.damping))
+        if self.damping is None:
+            return D
+        return D + ca.diag(ca.SX(self.damping))
 
     def _link_damping(
         self, link: WetLink, motions: BodyMotions, u: ca.SX, quadratic_factor: int

@@ -102,11 +102,11 @@ class SymbolicModel:
         """Supporting joint of a frame and the frame's placement R_JF, p_JF on it. Raises
         FrameNotFound.
         """
-        found = find_frame(self.model, name)
+        body_frame = find_frame(self.model, name)
         return (
-            found.parentJoint,
-            sparse(found.placement.rotation),
-            sparse(found.placement.translation),
+            body_frame.parentJoint,
+            sparse(body_frame.placement.rotation),
+            sparse(body_frame.placement.translation),
         )
 
     def forward_kinematics(self, q: ca.SX) -> SymbolicKinematics:
@@ -155,8 +155,8 @@ class SymbolicModel:
 
     # --- dynamics ---------------------------------------------------------------------------------
 
-    def _check_bodies(self, **given: Sequence[object]) -> None:
-        for name, values in given.items():
+    def _check_bodies(self, **sequences: Sequence[object]) -> None:
+        for name, values in sequences.items():
             if len(values) != self.model.njoints:
                 raise InvalidInput(
                     f"{name}: {len(values)} given, {self.model.njoints} wanted: the universe and"

@@ -35,7 +35,9 @@ def thruster_matrix(robot: Robot) -> np.ndarray:
 @lru_cache(maxsize=8)
 def _columns(robot: Robot) -> np.ndarray:
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
-    return np.column_stack(columns) if columns else np.zeros((6, 0))
+    if columns:
+        return np.column_stack(columns)
+    return np.zeros((6, 0))
 
 
 def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
@@ -95,10 +97,10 @@ def largest_wrench(robot: Robot) -> np.ndarray:
     """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where
     that is rounding.
     """
-    most = np.abs(thruster_matrix(robot)) @ np.array(
+    wrench = np.abs(thruster_matrix(robot)) @ np.array(
         [t.maximum for t in robot.description.thrusters]
     )
-    return np.asarray(np.where(most > _ROUNDING * most.max(initial=0.0), most, 0.0))
+    return np.asarray(np.where(wrench > _ROUNDING * wrench.max(initial=0.0), wrench, 0.0))
 
 
 def largest_force(robot: Robot) -> np.ndarray:
@@ -131,16 +133,17 @@ def curve_of_table(
     from scipy.optimize import isotonic_regression
 
     if voltage is not None:
-        known = np.unique(voltage)
-        if not known[0] <= at <= known[-1]:
+        voltages = np.unique(voltage)
+        if not voltages[0] <= at <= voltages[-1]:
             raise InvalidInput(
-                f"{at:g} V given; allowed: {known[0]:g} to {known[-1]:g} V, which the table has"
+                f"{at:g} V given; allowed: {voltages[0]:g} to {voltages[-1]:g} V, which the table has"
             )
-        below = known[known <= at][-1]
-        above = known[known >= at][0]
+        below = voltages[voltages <= at][-1]
+        above = voltages[voltages >= at][0]
         share = 0.0 if above == below else (at - below) / (above - below)
         tables = [
-            _mean_thrust(signals[voltage == one], thrust[voltage == one]) for one in (below, above)
+            _mean_thrust(signals[voltage == table_voltage], thrust[voltage == table_voltage])
+            for table_voltage in (below, above)
         ]
         each = np.unique(np.concatenate([table[0] for table in tables]))
         low, high = (np.interp(each, *table) for table in tables)
@@ -181,14 +184,18 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
     themselves: they count where they are hardly driven, as by lift thrusters a centimetre from
     where they are meant to be. Empty for a fixed base.
     """
-    return unreachable_axes(thruster_matrix(robot)) if robot.n_vehicle else ()
+    if robot.n_vehicle:
+        return unreachable_axes(thruster_matrix(robot))
+    return ()
 
 
 def undriven_axes(robot: Robot) -> tuple[int, ...]:
     """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only
     velocities are asked.
     """
-    return unactuated_axes(robot) if robot.description.thrusters else ()
+    if robot.description.thrusters:
+        return unactuated_axes(robot)
+    return ()
 
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
@@ -220,8 +227,10 @@ def left_null_space(B: np.ndarray) -> np.ndarray:
     """
     U, s, _ = np.linalg.svd(B / _units(B)[:, None])
     share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
-    least, weak = (U[:, share <= most] for most in (_ROUNDING, _WEAK))
-    return weak if {*_heaviest_axes(weak)} <= {*_heaviest_axes(least), 3, 4} else least
+    null_space, weak = (U[:, share <= tolerance] for tolerance in (_ROUNDING, _WEAK))
+    if {*_heaviest_axes(weak)} <= {*_heaviest_axes(null_space), 3, 4}:
+        return weak
+    return null_space
 
 
 def _units(B: np.ndarray) -> np.ndarray:
@@ -239,15 +248,17 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """
     axes = list(undriven_axes(robot))
     n = robot.n_v
-    motions, measured = np.zeros((n, len(axes))), np.zeros((len(axes), n))
+    motions = np.zeros((n, len(axes)))
+    measured = np.zeros((len(axes), n))
     if axes:
         B = thruster_matrix(robot)
         units = _units(B)
-        found = left_null_space(B) / units[:, None]
-        found = found @ np.linalg.inv(found[axes])
-        found[np.abs(found) < _ROUNDING] = 0.0
-        weighted = found.T * units**2
-        motions[:6], measured[:, :6] = found, np.linalg.solve(weighted @ found, weighted)
+        null_space = left_null_space(B) / units[:, None]
+        null_space = null_space @ np.linalg.inv(null_space[axes])
+        null_space[np.abs(null_space) < _ROUNDING] = 0.0
+        weighted = null_space.T * units**2
+        motions[:6] = null_space
+        measured[:, :6] = np.linalg.solve(weighted @ null_space, weighted)
     return motions, measured
 
 

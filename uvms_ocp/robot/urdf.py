@@ -98,7 +98,9 @@ def _mounts(path: Path, root: Element, model: pin.Model) -> dict[str, _Mount]:
 
 def _end(joint: Element, end: str) -> str:
     element = joint.find(end)
-    return "" if element is None else element.get("link", "")
+    if element is None:
+        return ""
+    return element.get("link", "")
 
 
 def _mount_below(path: Path, joint: Element, parent: _Mount, model: pin.Model) -> _Mount:
@@ -129,10 +131,12 @@ def _origin(path: Path, element: Element) -> pin.SE3:
 
 
 def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[str, _Mount]) -> None:
-    stated, sizes = np.zeros((model.njoints, 6, 6)), np.zeros((model.njoints, 6, 6))
+    stated = np.zeros((model.njoints, 6, 6))
+    sizes = np.zeros((model.njoints, 6, 6))
     bodies: list[list[str]] = [[] for _ in range(model.njoints)]
     for link in root.findall("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
+        name = link.get("name", "")
+        inertial = link.find("inertial")
         if inertial is not None:
             mount = mounts[name]
             bodies[mount.joint].append(name)
@@ -143,13 +147,13 @@ def _check_inertias(path: Path, root: Element, model: pin.Model, mounts: dict[st
     for body, matrix, size, inertia in zip(bodies, stated, sizes, model.inertias, strict=True):
         where = f"link {' with '.join(map(repr, body))}"
         built = inertia.matrix()
-        for what, block in (
+        for quantity, block in (
             ("mass", np.s_[:1, :1]),
             ("mass x centre", np.s_[:3, 3:]),
             ("inertia", np.s_[3:, 3:]),
         ):
             _check_close(
-                path, f"{where} {what}", matrix[block], built[block], float(size[block].max())
+                path, f"{where} {quantity}", matrix[block], built[block], float(size[block].max())
             )
 
 
@@ -168,8 +172,8 @@ def _check_joint(path: Path, joint: Element, model: pin.Model) -> None:
     built = model.joints[index]
     _check_axis(path, joint, where, model)
     v = slice(built.idx_v, built.idx_v + built.nv)
-    for what, value, values in _velocity_numbers(path, joint, model):
-        _check_equal(path, f"{where} {what}", np.full(built.nv, value), values[v])
+    for quantity, value, values in _velocity_numbers(path, joint, model):
+        _check_equal(path, f"{where} {quantity}", np.full(built.nv, value), values[v])
     if joint.get("type") in ("revolute", "prismatic"):
         for key, positions in (
             ("lower", model.lowerPositionLimit),
@@ -183,7 +187,8 @@ def _velocity_numbers(
     path: Path, joint: Element, model: pin.Model
 ) -> Iterator[tuple[str, float, np.ndarray]]:
     """Limits of a joint per velocity: its name, the number of the XML, the numbers of the model."""
-    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    limit = joint.find("limit")
+    dynamics = joint.find("dynamics")
     for key, values in (("velocity", model.upperVelocityLimit), ("effort", model.upperEffortLimit)):
         yield f"limit {key}", urdf_checks.read_number(path, limit, key, key, default=np.inf), values
     for key, values in (("damping", model.damping), ("friction", model.upperDryFrictionLimit)):
@@ -195,7 +200,8 @@ def _velocity_numbers(
 
 
 def _check_axis(path: Path, joint: Element, where: str, model: pin.Model) -> None:
-    kind, axis = joint.get("type"), joint.find("axis")
+    kind = joint.get("type")
+    axis = joint.find("axis")
     if kind == "floating":
         return
     vector = np.array(
@@ -359,8 +365,8 @@ def prepare(
 def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -> None:
     for name in links:
         if root.find(f"link[@name={name!r}]") is None:
-            known = ", ".join(link.get("name", "") for link in root.findall("link"))
-            findings.faults.append(f"drop: link {name!r} is not in the URDF; allowed: {known}")
+            link_names = ", ".join(link.get("name", "") for link in root.findall("link"))
+            findings.faults.append(f"drop: link {name!r} is not in the URDF; allowed: {link_names}")
     waiting = list(links)
     while waiting:
         name = waiting.pop()
@@ -427,13 +433,16 @@ def _locked(
             )
     locked = dict(reading.lock)
     groups = Groups()
-    given = {**reading.home, **reading.lock}
+    held = {**reading.home, **reading.lock}
     for joint in root.findall("joint[mimic]") if reading.mimic != "free" else ():
         leader, scale, offset = leader_of(
-            findings, root, joint, reading.lock if reading.mimic == "coupled" else given
+            findings, root, joint, reading.lock if reading.mimic == "coupled" else held
         )
         name = joint.get("name", "")
-        lead = "" if leader is None else leader.get("name", "")
+        if leader is None:
+            lead = ""
+        else:
+            lead = leader.get("name", "")
         if name in locked:
             continue
         kinds = {joint.get("type"), None if leader is None else leader.get("type")}
@@ -441,8 +450,11 @@ def _locked(
         if moves and lead not in locked:
             groups.setdefault(lead, {lead: (1.0, 0.0)})[name] = (scale, offset)
         else:
-            at = 0.0 if leader is None else position_of(findings, leader, given)
-            locked[name] = given.get(name, scale * at + offset)
+            if leader is None:
+                at = 0.0
+            else:
+                at = position_of(findings, leader, held)
+            locked[name] = held.get(name, scale * at + offset)
     return locked, groups
 
 
@@ -505,10 +517,10 @@ def models_and_notes(
     )
     models = _build(findings, root, free_flyer)
     model = coupled(models.model, groups)
-    own = {name for name, joint in zip(model.names, model.joints, strict=True) if joint.nv}
+    moving = {name for name, joint in zip(model.names, model.joints, strict=True) if joint.nv}
     gone = links - {link.get("name", "") for link in root.findall("link")}
     models = replace(
-        models, model=model, no_links=frozenset(gone), no_joints=frozenset(joints - own)
+        models, model=model, no_links=frozenset(gone), no_joints=frozenset(joints - moving)
     )
     return models, _shown([*notes, *findings.notes])
 
@@ -531,12 +543,12 @@ def read_urdf_xml(path: Path) -> Element:
 def _resolve_meshes(findings: urdf_checks.Findings, root: Element, folders: Sequence[Path]) -> None:
     for link, shape in _shapes_of(root):
         for mesh in shape.iter("mesh"):
-            given = mesh.get("filename", "")
-            found = find_mesh(findings.path, given, folders)
-            if found is None:
-                _give_up(findings, link, shape, f"mesh {urdf_checks.quoted(given)} not found")
+            written = mesh.get("filename", "")
+            mesh_file = find_mesh(findings.path, written, folders)
+            if mesh_file is None:
+                _give_up(findings, link, shape, f"mesh {urdf_checks.quoted(written)} not found")
             else:
-                mesh.set("filename", str(found))
+                mesh.set("filename", str(mesh_file))
     findings.refuse()
 
 
@@ -584,27 +596,27 @@ def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str,
     )
     folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
     copies: dict[str, Path] = {}
-    for given in dict.fromkeys(
+    for written in dict.fromkeys(
         mesh.get("filename", "") for mesh in read_urdf_xml(path).iter("mesh")
     ):
-        found = find_mesh(path, given, folders)
-        if found is not None:
-            name = f"meshes/{found.name}"
-            while copies.get(name, found) != found:
+        mesh_file = find_mesh(path, written, folders)
+        if mesh_file is not None:
+            name = f"meshes/{mesh_file.name}"
+            while copies.get(name, mesh_file) != mesh_file:
                 name = name.replace("meshes/", "meshes/_", 1)
-            copies[name] = found
-            text = text.replace(f'"{given}"', f'"{name}"').replace(f"'{given}'", f"'{name}'")
+            copies[name] = mesh_file
+            text = text.replace(f'"{written}"', f'"{name}"').replace(f"'{written}'", f"'{name}'")
     return text, copies
 
 
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
     """Where a mesh of a URDF at `path` is, `None` for nowhere."""
-    found = next(
+    mesh_file = next(
         filter(os.path.isfile, _mesh_candidates(path, filename, folders)), None
     )  # False for a name that no disk takes
-    if found is not None:
-        note_file_read(found)
-    return found
+    if mesh_file is not None:
+        note_file_read(mesh_file)
+    return mesh_file
 
 
 def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list[Path]:

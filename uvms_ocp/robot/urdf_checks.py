@@ -51,7 +51,9 @@ def to_float(text: str | None) -> float:
     if text is None or _DECIMAL.fullmatch(text) is None:
         return math.nan
     value = float(text)
-    return value if math.isfinite(value) else math.nan
+    if math.isfinite(value):
+        return value
+    return math.nan
 
 
 def to_floats(text: str) -> tuple[float, ...]:
@@ -71,14 +73,20 @@ def read_number(
 
     Raises ``RobotDataError`` where it is no number, or left out without a default.
     """
-    text = None if element is None else element.get(key)
+    if element is None:
+        text = None
+    else:
+        text = element.get(key)
     if text is None and default is not None:
         return default
     value = to_float(text)
     if math.isnan(value) or (abs(value) > LARGEST and key not in _LIMITS):
-        given = "nothing" if text is None else quoted(text)
+        if text is None:
+            written = "nothing"
+        else:
+            written = quoted(text)
         problem = (
-            f"{where}: given {given}; allowed: a finite number in plain digits, nothing after it,"
+            f"{where}: given {written}; allowed: a finite number in plain digits, nothing after it,"
             f" <= {LARGEST:g}"
         )
         raise RobotDataError(path, problem)
@@ -105,9 +113,9 @@ def read_sizes(path: Path, shape: Element, where: str) -> tuple[float, ...]:
     if shape.tag == "box":
         return read_vector(path, shape, "size", where)
     if shape.tag == "mesh":
-        return (
-            read_vector(path, shape, "scale", where) if "scale" in shape.attrib else (1.0, 1.0, 1.0)
-        )
+        if "scale" in shape.attrib:
+            return read_vector(path, shape, "scale", where)
+        return (1.0, 1.0, 1.0)
     return tuple(read_number(path, shape, key, f"{where} {key}") for key in SHAPES[shape.tag])
 
 
@@ -191,11 +199,12 @@ def _settle_visuals(findings: Findings, root: Element) -> None:
 
 def _settle_materials(findings: Findings, root: Element) -> None:
     """Take out the paint that has no colour: what it is on is drawn grey."""
-    own, wanted = (
-        root.findall("material"),
-        root.findall("link/visual/material"),
-    )  # elsewhere it is a simulator's
-    colours = {m.get("name", ""): m for m in reversed([*own, *wanted]) if _is_drawn(m)}
+    # elsewhere it is a simulator's
+    shared_materials = root.findall("material")
+    used_materials = root.findall("link/visual/material")
+    colours = {
+        m.get("name", ""): m for m in reversed([*shared_materials, *used_materials]) if _is_drawn(m)
+    }
     colours.pop("", None)
     for parent in (root, *root.findall("link/visual")):
         for material in parent.findall("material"):
@@ -237,12 +246,12 @@ def _drop_twins(findings: Findings, element: Element, where: str) -> None:
     first: dict[str, Element] = {}
     once = _PLACES[element.tag].once if element.tag in _PLACES else ()
     for child in [child for child in element if child.tag in once]:
-        known = first.setdefault(child.tag, child)
-        if known is child:
+        twin = first.setdefault(child.tag, child)
+        if twin is child:
             continue
         texts = {
-            ElementTree.canonicalize(ElementTree.tostring(one), strip_text=True)
-            for one in (known, child)
+            ElementTree.canonicalize(ElementTree.tostring(element_of_tag), strip_text=True)
+            for element_of_tag in (twin, child)
         }
         if len(texts) > 1:
             times = len(element.findall(child.tag))
@@ -291,17 +300,22 @@ def _is_flat(path: Path, shape: Element, where: str) -> bool:
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
-    given = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
-    if len(given) > 1:
+    tags = [f"<{element.tag}>" for element in shapes if element.tag in SHAPES]
+    if len(tags) > 1:
         raise RobotDataError(
             path,
-            f"{where} geometry: given {', '.join(given)}; allowed: one shape, for the others get"
+            f"{where} geometry: given {', '.join(tags)}; allowed: one shape, for the others get"
             " lost",
         )
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
-        found = "nothing" if shape is None else f"<{shape.tag}>"
-        raise RobotDataError(path, f"{where} geometry: given {found}; allowed: {', '.join(SHAPES)}")
+        if shape is None:
+            written = "nothing"
+        else:
+            written = f"<{shape.tag}>"
+        raise RobotDataError(
+            path, f"{where} geometry: given {written}; allowed: {', '.join(SHAPES)}"
+        )
     sizes = read_sizes(path, shape, f"{where} {shape.tag}")
     if shape.tag == "mesh" and not all(_SCALES[0] <= abs(size) <= _SCALES[1] for size in sizes):
         allowed = f"sizes from {_SCALES[0]:g} to {_SCALES[1]:g}, negative to mirror"
@@ -493,7 +507,10 @@ def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
 
 def _linked(path: Path, joint: Element, end: str, links: Collection[str | None]) -> str:
     element = joint.find(end)
-    name = None if element is None else element.get("link")
+    if element is None:
+        name = None
+    else:
+        name = element.get("link")
     if name is None or name not in links:
         raise RobotDataError(
             path, f"joint {joint.get('name')!r}: {end} link {name!r} does not exist"
@@ -629,7 +646,7 @@ def _check_attribute(
     path: Path, word: str, place: _Place, present: Collection[str], where: str
 ) -> None:
     parts = re.split("[_-]", word.lower())
-    replaced = [known for known in parts if known in place.attributes and known not in present]
+    replaced = [part for part in parts if part in place.attributes and part not in present]
     meant = replaced or _meant(word, place.attributes)
     if meant or (place.closed and not _is_foreign(word)):
         raise RobotDataError(
@@ -650,15 +667,13 @@ def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
         )
 
 
-def _meant(word: str, known: Collection[str]) -> list[str]:
+def _meant(word: str, allowed: Collection[str]) -> list[str]:
     parts = re.split("[_-]", word.lower())
     # A longer word that contains a known one is somebody's own: gear_velocity, loop_joint.
-    candidates = sorted(set(known).difference(parts[1:] and parts))
-    return (
-        []
-        if _is_foreign(word)
-        else get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
-    )
+    candidates = sorted(set(allowed).difference(parts[1:] and parts))
+    if _is_foreign(word):
+        return []
+    return get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
 
 
 def _is_foreign(word: str) -> bool:
@@ -668,9 +683,11 @@ def _is_foreign(word: str) -> bool:
     return word.startswith("{")
 
 
-def _unknown(problem: str, meant: list[str], known: Collection[str]) -> str:
-    allowed = f"allowed: {', '.join(sorted(known)) or 'none'}"
-    return f"{problem}; did you mean {meant[0]!r}? {allowed}" if meant else f"{problem}; {allowed}"
+def _unknown(problem: str, meant: list[str], attributes: Collection[str]) -> str:
+    allowed = f"allowed: {', '.join(sorted(attributes)) or 'none'}"
+    if meant:
+        return f"{problem}; did you mean {meant[0]!r}? {allowed}"
+    return f"{problem}; {allowed}"
 
 
 def _shown(word: str) -> str:

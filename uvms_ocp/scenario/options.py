@@ -171,13 +171,11 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for
     none.
     """
-    return (
-        StillWater()
-        if given is None
-        else UniformCurrent(given)
-        if isinstance(given, Sequence | np.ndarray)
-        else given
-    )
+    if given is None:
+        return StillWater()
+    if isinstance(given, Sequence | np.ndarray):
+        return UniformCurrent(given)
+    return given
 
 
 CHANGEABLE = (
@@ -219,7 +217,9 @@ def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
 
 
 def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
-    return robot_sensors(robot.description) if noise else IDEAL_SENSORS
+    if noise:
+        return robot_sensors(robot.description)
+    return IDEAL_SENSORS
 
 
 # Parts that scenarios share.
@@ -247,9 +247,15 @@ def mission_of(
     # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on
     # every axis.
     axes = thrusters.undriven_axes(robot)
-    first = [UnderActuation(axes=axes)] if axes else []
+    if axes:
+        first = [UnderActuation(axes=axes)]
+    else:
+        first = []
     names = tuple(task.name for task in first)
-    listed = override([*first, *tasks], overrides) if overrides else [*first, *tasks]
+    if overrides:
+        listed = override([*first, *tasks], overrides)
+    else:
+        listed = [*first, *tasks]
     mission = Mission(
         hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
         phases=tuple(phases),

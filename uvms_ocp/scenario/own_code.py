@@ -92,7 +92,9 @@ def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
     wanted = name or attribute
     if place.endswith(".py"):
         return UserCode(file=Path(place), attribute=wanted)
-    return UserCode(module=place, attribute=wanted) if colon and name else None
+    if colon and name:
+        return UserCode(module=place, attribute=wanted)
+    return None
 
 
 def siblings(folder: Path) -> list[Path]:
@@ -174,7 +176,9 @@ def own_failure(error: BaseException) -> str:
         for frame in traceback.extract_tb(error.__traceback__)
         if Path(frame.filename).parent in _FOLDERS
     ]
-    return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}" if own else ""
+    if own:
+        return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}"
+    return ""
 
 
 def _said(error: BaseException) -> str:
@@ -241,7 +245,8 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
     Raises `InvalidInput` for a hydrodynamics file, or options of loading, without a robot.
     """
     given = dict(options)
-    water, loading = given.pop("hydrodynamics", None), given.pop("loading", None)
+    water = given.pop("hydrodynamics", None)
+    loading = given.pop("loading", None)
     if isinstance(given.get("robot"), str):
         given["robot"] = robot_called(given["robot"], water, loading)
     elif water is not None:
@@ -263,7 +268,10 @@ def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> M
     known = [parameter.name for parameter in parameters]
     for name in given:
         if name not in known:
-            takes = f"; it takes {', '.join(known)}" if known else ""
+            if known:
+                takes = f"; it takes {', '.join(known)}"
+            else:
+                takes = ""
             raise InvalidInput(
                 f"{words} takes no option {name}{takes}: leave it out, or give the function a"
                 " **options"

@@ -67,8 +67,13 @@ def replay(
             "a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS"
         )
     dynamics = robot_dynamics(robot)
-    plant = _plant(plan, where, dynamics) if isinstance(where, Environment) else where
-    floor = where.seafloor if isinstance(where, Environment) else _DEEP
+    plant: Plant
+    if isinstance(where, Environment):
+        plant = _plant(plan, where, dynamics)
+        floor = where.seafloor
+    else:
+        plant = where
+        floor = _DEEP
     gains = None if feedback else OPEN_LOOP
     water = Water(velocity=np.array(plan.current))
     recorder = simulate(
@@ -79,7 +84,10 @@ def replay(
         dt=dt,
         duration=plan.duration + dt,
     )
-    below = _below(plan, where) if isinstance(where, Environment) else ()
+    if isinstance(where, Environment):
+        below = _below(plan, where)
+    else:
+        below = ()
     record = _record(plan, recorder.series(), dt, "with feedback" if feedback else "blind", below)
     frame = TOOL if robot.has_frame(TOOL) else "base_link"
     return ReplayResult(
@@ -129,7 +137,10 @@ def _record(
         "alarms": alarms,
     }
     meta = meta_without_mission(robot, f"plan carried out {how}", "plan", **known)
-    tool = {} if not robot.has_frame(TOOL) else {TOOL: tool_series(robot, series["q"])}
+    if not robot.has_frame(TOOL):
+        tool = {}
+    else:
+        tool = {TOOL: tool_series(robot, series["q"])}
     return Record(
         series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta
     )

@@ -37,7 +37,7 @@ from uvms_ocp.robot.signals import (
     unchecked_readings,
 )
 from uvms_ocp.scenario.run_metadata import meta_without_mission
-from uvms_ocp.sim import Fault, fault_effects, own_parts, sensors
+from uvms_ocp.sim import Fault, fault_effects, injected_faults, sensors
 from uvms_ocp.types import Period
 
 _Arrivals = Iterator[tuple[int, str, Any, float]]
@@ -95,11 +95,10 @@ def estimate_recording(
     """
     expected = specs or robot_sensors(robot.description)
     run = recording if isinstance(recording, Record) else None
-    arrivals, n, dt = (
-        _sent(recording, robot, expected, dt)
-        if isinstance(recording, Recording)
-        else _recorded(recording, robot)
-    )
+    if isinstance(recording, Recording):
+        arrivals, n, dt = _sent(recording, robot, expected, dt)
+    else:
+        arrivals, n, dt = _recorded(recording, robot)
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
     others = [str(fault) for fault in faults if not fault.location.channel]
     if others:
@@ -123,11 +122,9 @@ def estimate_recording(
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name], count[name], late[name] = (
-                unchecked_reading(value=value, t=stamp),
-                count[name] + 1,
-                late[name] + t - stamp,
-            )
+            last[name] = unchecked_reading(value=value, t=stamp)
+            count[name] = count[name] + 1
+            late[name] = late[name] + t - stamp
             arrived = next(stream, None)
         estimate = guarded(unchecked_readings(**last), t, command)
         taken, squared, degrees, accepted = filtering.outcomes[numbers].T
@@ -161,7 +158,7 @@ def estimate_recording(
         "dt": dt,
         "channels": channels,
         "alarms": alarms,
-        "faults": tuple(map(own_parts.fault_meta, faults)),
+        "faults": tuple(map(injected_faults.fault_meta, faults)),
     }
     meta = meta_without_mission(robot, title, "recording", plant="recorded", **known)
     record = Record(
@@ -180,11 +177,10 @@ def estimate_recording(
         there = squared[np.isfinite(squared)]
         sigma = getattr(expected, name).sigma
         # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        ratio = (
-            math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
-            if there.size
-            else None
-        )
+        if there.size:
+            ratio = math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+        else:
+            ratio = None
         came = {
             "channel": name,
             "readings": count[name],
@@ -199,11 +195,12 @@ def estimate_recording(
         rows.append(
             came | used | {"proposed_sigma": None if ratio is None else sigma * ratio} | health
         )
-    same = (
-        None
-        if run is None
-        else all(np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated"))
-    )
+    if run is None:
+        same = None
+    else:
+        same = all(
+            np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated")
+        )
     return RecordedEstimate(record=record, channels=tuple(rows), same=same)
 
 
@@ -248,8 +245,12 @@ def _sent(
     for name, one in given.items():
         stamps = one.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
-        values = one.of(robot.joint_names, name).values if name.startswith("joint_") else one.values
-        found[name], n = _arriving(name, ticks, values, stamps, robot), max(n, int(ticks[-1]) + 1)
+        if name.startswith("joint_"):
+            values = one.of(robot.joint_names, name).values
+        else:
+            values = one.values
+        found[name] = _arriving(name, ticks, values, stamps, robot)
+        n = max(n, int(ticks[-1]) + 1)
     return found, n, dt
 
 

@@ -124,7 +124,9 @@ def run_meta(
         elsewhere by.
         """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
-        return {} if ending.std is None else allowed(np.hypot(ending.std, unseen))
+        if ending.std is None:
+            return {}
+        return allowed(np.hypot(ending.std, unseen))
 
     named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
     tools = {
@@ -132,6 +134,7 @@ def run_meta(
         for task in tasks
         if isinstance(task, (ToolPose, ToolPosition))
     }
+    energy = getattr(controller.guide, "energy", None)
     return RunMeta(
         scenario=name,
         **loading.robot_meta(robot),
@@ -175,9 +178,7 @@ def run_meta(
         statuses=tuple(status.value for status in Status),
         seed=seed,
         noise=setup.sensors != IDEAL_SENSORS,
-        planned_energy=energy
-        if isinstance(energy := getattr(controller.guide, "energy", None), float)
-        else None,
+        planned_energy=energy if isinstance(energy, float) else None,
         wall_s=ending.wall_s,
     )
 
@@ -242,7 +243,9 @@ def _surroundings(
 
 def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
     """Where the vehicle is (2,) [m] in W at q (n_q,) [m, rad]; a fixed base is at the origin."""
-    return q[:2] if setup.robot.n_vehicle else np.zeros(2)
+    if setup.robot.n_vehicle:
+        return q[:2]
+    return np.zeros(2)
 
 
 def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta]:
@@ -263,11 +266,10 @@ def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta
                 places = [
                     pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in times
                 ]
-                way = (
-                    tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True))
-                    if callable(goal)
-                    else ()
-                )
+                if callable(goal):
+                    way = tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True))
+                else:
+                    way = ()
                 yield meta_values.FrameMeta(name=name, pose=tuple(places[0]), phase=phase, way=way)
 
 

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, finite_array
 from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains, external
-from uvms_ocp.control.velocity.kinematic import Guide, HierarchySolver, KinematicController
+from uvms_ocp.control.velocity.guide import Guide
+from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.health.channel_state import sizes_of
@@ -43,10 +44,12 @@ from uvms_ocp.sim import (
     KinematicPlant,
     Plant,
     SensorSuite,
-    own_parts,
+    injected_faults,
     parse_fault,
+    watched_estimator,
+    watched_plant,
+    watched_sensors,
 )
-from uvms_ocp.sim.fault_effects import require_possible
 from uvms_ocp.sim.loop import (
     Progress,
     Sensors,
@@ -55,6 +58,7 @@ from uvms_ocp.sim.loop import (
     has_diverged,
     simulate,
 )
+from uvms_ocp.sim.machine_faults import require_possible
 from uvms_ocp.sim.own_parts import (
     part_name,
     plant_name,
@@ -82,7 +86,7 @@ class MissionController(Protocol):
     def kinematic(self) -> KinematicController:
         """The layer that knows the mission, its events and its quantities."""
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
 
 
@@ -102,7 +106,8 @@ class ControllerFactory(PartFactory):
 
     def __call__(self) -> MissionController:
         """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
-        made, scenario = self.maker(self.scenario), self.scenario
+        made = self.maker(self.scenario)
+        scenario = self.scenario
         if type(made) in _OURS:
             return made
         if not callable(made):
@@ -110,7 +115,10 @@ class ControllerFactory(PartFactory):
                 f"controller made {type(made).__name__}; make a callable (StateEstimate, t) ->"
                 " Command"
             )
-        n = len(scenario.robot.description.thrusters) if scenario.takes_forces else None
+        if scenario.takes_forces:
+            n = len(scenario.robot.description.thrusters)
+        else:
+            n = None
         kinematic = scenario.kinematic_controller()
         return external.SupervisedController(
             controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
@@ -127,14 +135,18 @@ class EstimatorFactory(PartFactory):
 
         Raises `InvalidInput` where the maker makes no callable.
         """
-        made, scenario = self.maker(self.scenario), self.scenario
+        made = self.maker(self.scenario)
+        scenario = self.scenario
         robot, specs = scenario.robot, scenario.specs
         if not callable(made):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
         return GuardedEstimator(
-            own_parts.watched_estimator(made, robot, part_name(self.maker)), robot, specs, monitor
+            watched_estimator.watched_estimator(made, robot, part_name(self.maker)),
+            robot,
+            specs,
+            monitor,
         )
 
 
@@ -288,7 +300,7 @@ class Scenario(FieldTable):
         faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
         object.__setattr__(self, "faults", faults)
         for fault in faults:
-            own_parts.require_fault(fault)
+            injected_faults.require_fault(fault)
         known = self.toolkit_faults
         if known:
             require_possible(
@@ -391,7 +403,7 @@ class Scenario(FieldTable):
         with raised_outside_casadi():
             controller = controller or self.controller()
             estimator = self.estimator()
-            plant, sensors = own_parts.inject_faults(self, self._plant(), self._sensors())
+            plant, sensors = injected_faults.inject_faults(self, self._plant(), self._sensors())
         parts: dict[str, Any] = {
             "plant": plant,
             "sensors": sensors,
@@ -459,10 +471,13 @@ class Scenario(FieldTable):
             "name": self.name,
             "setup": self.setup(),
             "parts": names,
-            "faults": tuple(map(own_parts.fault_meta, self.faults)),
+            "faults": tuple(map(injected_faults.fault_meta, self.faults)),
             "controller": kinematic,
         }
-        every = 1 if self.record_rate is None else max(1, round(1.0 / (self.record_rate * self.dt)))
+        if self.record_rate is None:
+            every = 1
+        else:
+            every = max(1, round(1.0 / (self.record_rate * self.dt)))
         known |= {
             "seed": self.seed,
             "markers": self.markers,
@@ -475,9 +490,9 @@ class Scenario(FieldTable):
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
-            before, seen[:] = (
-                seen.copy(),
-                map(len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)),
+            before = seen.copy()
+            seen[:] = map(
+                len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)
             )
             ending = RunOutcome(
                 q=plant.state.q,
@@ -486,7 +501,9 @@ class Scenario(FieldTable):
                 wall_s=perf_counter() - begin,
                 stopped="cut off",
             )
-            return None if seen == before or has_diverged(plant.state) else meta(ending=ending)
+            if seen == before or has_diverged(plant.state):
+                return None
+            return meta(ending=ending)
 
         def watch(t: float, state: State) -> None:
             if len(kinematic.events) > len(states):
@@ -494,8 +511,14 @@ class Scenario(FieldTable):
             show(t)
 
         capacity = min(512, max(1, round(2.0 / self.dt)))
-        place = None if folder is None else Path(folder)
-        recorder = Recorder(capacity, place, news, every) if place or every > 1 else None
+        if folder is None:
+            place = None
+        else:
+            place = Path(folder)
+        if place or every > 1:
+            recorder = Recorder(capacity, place, news, every)
+        else:
+            recorder = None
         shapes = (
             {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)
         )  # which repeats its readings
@@ -529,14 +552,17 @@ class Scenario(FieldTable):
             }
 
         diverged = has_diverged(plant.state)
-        last = State(q=recorder.last("q"), v=recorder.last("v")) if diverged else plant.state
+        if diverged:
+            last = State(q=recorder.last("q"), v=recorder.last("v"))
+        else:
+            last = plant.state
         truth = quantities(last, recorder.last("t"), kinematic.state)
         left = zip(
             states, kinematic.events, kinematic.left, strict=False
         )  # with the goals that the phase had when it ended
         ends = [quantities(state, event.t, goals) for state, event, goals in left]
         stopped: Literal["", "stopped", "diverged"] = (
-            "diverged" if diverged else "stopped" if presses else ""
+            "diverged" if diverged else ("stopped" if presses else "")
         )
         ending = RunOutcome(
             q=recorder.last("q"),
@@ -551,7 +577,7 @@ class Scenario(FieldTable):
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
-            return own_parts.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
+            return watched_plant.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
         real = self.plant_robot or self.robot
@@ -564,7 +590,7 @@ class Scenario(FieldTable):
     def _sensors(self) -> Sensors:
         if isinstance(self.sensors, SensorSpecs):
             return self._sensor_suite().read
-        return own_parts.WatchedSensors(
+        return watched_sensors.WatchedSensors(
             self.sensors(self), self.robot, self.specs, part_name(self.sensors)
         )
 

@@ -1,4 +1,8 @@
 from .bathymetry import Bathymetry as Bathymetry
+from .closest_approach import (
+    ClosestApproach as ClosestApproach,
+    closest_approach as closest_approach,
+)
 from .currents import (
     Current as Current,
     GustyCurrent as GustyCurrent,
@@ -8,11 +12,8 @@ from .currents import (
     UniformCurrent as UniformCurrent,
     water_at as water_at,
 )
-from .environment import (
-    ClosestApproach as ClosestApproach,
-    Environment as Environment,
-    closest_approach as closest_approach,
-)
+from .dynamic_plant import DynamicPlant as DynamicPlant
+from .environment import Environment as Environment
 from .faults import Fault as Fault, parse_fault as parse_fault
 from .loop import simulate as simulate
 from .own_parts import (
@@ -23,10 +24,10 @@ from .own_parts import (
     PlantMaker as PlantMaker,
     SensorsMaker as SensorsMaker,
 )
-from .plant import DynamicPlant as DynamicPlant, KinematicPlant as KinematicPlant, Plant as Plant
+from .plant import KinematicPlant as KinematicPlant, Plant as Plant
+from .rough_seafloor import HeightField as HeightField
 from .seafloor import (
     FlatSeafloor as FlatSeafloor,
-    HeightField as HeightField,
     Seafloor as Seafloor,
     floor_mesh as floor_mesh,
     floor_obstacle as floor_obstacle,

@@ -16,10 +16,8 @@ from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 
-_WORD, _NUMBER = (
-    re.compile(r"[^\s,;]+"),
-    re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE),
-)
+_WORD = re.compile(r"[^\s,;]+")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", re.IGNORECASE)
 _FORMS = (
     "give lines x,y,z [m] of a whole grid, as CSV or with blanks between, or an .npz with arrays x"
     " (n,), y (m,) and z (m, n)"
@@ -61,9 +59,10 @@ class Bathymetry(Seafloor):
         with holes or points twice.
         """
         try:
-            x, y, z = (
-                _of_arrays(Path(path)) if Path(path).suffix == ".npz" else _of_lines(Path(path))
-            )
+            if Path(path).suffix == ".npz":
+                x, y, z = _of_arrays(Path(path))
+            else:
+                x, y, z = _of_lines(Path(path))
         except (OSError, ValueError, KeyError) as error:
             why = " ".join(str(error).split())
             raise InvalidInput(f"{printable(path)}: no bathymetry ({why}); {_FORMS}") from None
@@ -92,7 +91,9 @@ class Bathymetry(Seafloor):
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
         if above <= 0:
-            return above / descent if descent > LEVEL_RAY else math.nan
+            if descent > LEVEL_RAY:
+                return above / descent
+            return math.nan
         knots = [np.zeros(1)]
         lines = ((self.x, 0), (self.y, 1))
         knots += [
@@ -104,17 +105,13 @@ class Bathymetry(Seafloor):
             knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
         s = np.unique(np.concatenate(knots))
         s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > LEVEL_RAY else math.inf))]
-        ends, middles = (
-            self._clearance(origin, direction, s),
-            self._clearance(origin, direction, (s[1:] + s[:-1]) / 2),
-        )
+        ends = self._clearance(origin, direction, s)
+        middles = self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))
-        return (
-            float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
-            if len(hits)
-            else math.nan
-        )
+        if len(hits):
+            return float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
+        return math.nan
 
     def _clearance(self, origin: np.ndarray, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
         points = origin + s[:, None] * direction
@@ -134,7 +131,9 @@ class Bathymetry(Seafloor):
             widths.append(width)
             shares.append((at - lines[cell]) / width)
             inside.append(at == values)
-        (i, j), (u, v), z = cells, shares, self.z
+        (i, j) = cells
+        (u, v) = shares
+        z = self.z
         a = z[j, i]
         b = z[j, i + 1]
         c = z[j + 1, i]
@@ -155,9 +154,9 @@ def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.nd
         q = -(b + np.copysign(np.sqrt(b * b - 4 * a * start), b)) / 2
         roots = np.array([start / q, q / a])
         roots[~((roots >= 0.0) & (roots <= 1.0))] = np.inf
-    least = roots.min(axis=0)
-    least[(least == np.inf) & (end <= 0.0)] = 1.0
-    return np.where(np.isfinite(least), least, np.nan)
+    first = roots.min(axis=0)
+    first[(first == np.inf) & (end <= 0.0)] = 1.0
+    return np.where(np.isfinite(first), first, np.nan)
 
 
 def _of_arrays(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -198,5 +197,10 @@ def _last_column(title: str) -> str:
     bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
     words = _WORD.findall(bare)
-    words = words if len(words) > 2 else _WORD.findall(title)
-    return columns[-1] if len(columns) > 2 else " ".join(words[-2:])
+    if len(words) > 2:
+        words = words
+    else:
+        words = _WORD.findall(title)
+    if len(columns) > 2:
+        return columns[-1]
+    return " ".join(words[-2:])

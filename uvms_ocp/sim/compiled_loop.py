@@ -21,7 +21,8 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.record.record import Recorder
 from uvms_ocp.robot.signals import CHANNELS, State
 from uvms_ocp.sim import loop_kernels as kernels
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
+from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.sampling import N_DRAWN
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -101,23 +102,25 @@ class CompiledLoop:
         )
         # written, and ticks that Python has looked at: one more where the last is still to be written
         rows = 0
-        seen = 0
+        n_watched = 0
         while rows < n_ticks:
             plant.begin(self._dt)
             ending = kinematic.state.over or bool(stops)
-            waits = seen > rows
+            waits = n_watched > rows
             if ending and rows and not waits:
                 break
-            most = min(n_ticks - rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault())
-            self._sensors.draw_ahead(most)
+            n_possible = min(
+                n_ticks - rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault()
+            )
+            self._sensors.draw_ahead(n_possible)
             memory.stop = kernels.GO
-            written = sequence.run(1 if ending else most, recorder.place, done=waits)
+            written = sequence.run(1 if ending else n_possible, recorder.place, done=waits)
             self._sensors.check()
             plant.adopt()
             rows += written
-            if memory.stop != kernels.DIVERGED and memory.k + 1 > seen:
-                self._look(memory.k + 1 - seen, verdicts)
-                seen = memory.k + 1
+            if memory.stop != kernels.DIVERGED and memory.k + 1 > n_watched:
+                self._look(memory.k + 1 - n_watched, verdicts)
+                n_watched = memory.k + 1
                 watch(memory.t, plant.state)
             recorder.filled(written)
             if memory.stop == kernels.DIVERGED:
@@ -159,7 +162,9 @@ class CompiledLoop:
             for edge in (fault.onset, fault.end)
             if t < edge < np.inf
         ]
-        return max(1, int((min(edges) - t) / self._dt)) if edges else N_DRAWN
+        if edges:
+            return max(1, int((min(edges) - t) / self._dt))
+        return N_DRAWN
 
     def _steps(self) -> Sequence[Step] | None:
         m = self.memory
@@ -230,46 +235,45 @@ class CompiledLoop:
         kinematic = self._controller.kinematic
         h = self._estimator.monitor.memory
         assert self.steps is not None
-        whole: Any = kinematic.whole
+        controller: Any = kinematic.whole
         tick = arrays_of(kinematic.memory)
-        whole = arrays_of(whole)
+        controller = arrays_of(controller)
         names = [step[0] for step in self.steps]
         first, solver = (names.index(step[0]) for step in kinematic.steps() or ())
         for name, n in kept.items():
             require_kept(name, h.channels[NUMBER[name]].size, n)
         m = arrays_of(memory)
-        now = arrays_of(h.now)
+        estimate = arrays_of(h.now)
         measured = view(memory.measured)
-        found: Sources = {
+        sources: Sources = {
             f"measured_{name}": measured[NUMBER[name], : n + 1] for name, n in kept.items()
         }
-        found |= {"brakes": _field(memory, "braked")} if kept else {}
-        found |= {
+        sources |= {"brakes": _field(memory, "braked")} if kept else {}
+        sources |= {
             "t": _field(memory, "t"),
             "q": m.q,
             "v": m.v,
-            "q_estimated": now.q,
-            "v_estimated": now.v,
+            "q_estimated": estimate.q,
+            "v_estimated": estimate.v,
         }
-        found["altimeter_range"] = view(memory.range)[:1].reshape(())
+        sources["altimeter_range"] = view(memory.range)[:1].reshape(())
         if isinstance(self._estimator.estimator, Estimator):
             std = self._estimator.estimator.memory.std[6 - kinematic.robot.n_vehicle :]
-            found |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
-        found["command"] = tick.command
-        asked = (
-            {}
-            if not isinstance(self._controller, DynamicController)
-            else self._controller.force.places()
-        )
-        found |= {"asked_thrust": asked["command"]} if asked else {}
-        found |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
-        found |= {
+            sources |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
+        sources["command"] = tick.command
+        if not isinstance(self._controller, DynamicController):
+            force_places = {}
+        else:
+            force_places = self._controller.force.places()
+        sources |= {"asked_thrust": force_places["command"]} if force_places else {}
+        sources |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
+        sources |= {
             "phase": _field(memory, "phase"),
             "activations": tick.gates,
-            "activity": whole.activity,
-            "residual": whole.residual,
+            "activity": controller.activity,
+            "residual": controller.residual,
             "quantities": tick.reported,
-            "status": whole.report[:1].reshape(()),
+            "status": controller.report[:1].reshape(()),
             "viable_share": _field(kinematic.memory, "share"),
             "solve_time": Elapsed(solver, solver),
             "freshness": _field(kinematic.memory, "freshness"),
@@ -281,22 +285,20 @@ class CompiledLoop:
                 "wrench": "vehicle_force",
                 "unreachable": "unreachable",
             }
-            found |= {name: asked[part] for name, part in forces.items()}
-            found["saturated"] = _field(self._controller.memory.allocation, "saturated")
-            found |= verdicts
-        found["controller_time"] = Elapsed(first, len(names) - 1)
-        return found | self._plant.telemetry_in_memory()
+            sources |= {name: force_places[part] for name, part in forces.items()}
+            sources["saturated"] = _field(self._controller.memory.allocation, "saturated")
+            sources |= verdicts
+        sources["controller_time"] = Elapsed(first, len(names) - 1)
+        return sources | self._plant.telemetry_in_memory()
 
     def _verdicts(self) -> dict[str, np.ndarray]:
         """Copies of what the monitor of thrusters and joints tells."""
         monitor = (
             self._controller.monitor if isinstance(self._controller, DynamicController) else None
         )
-        return (
-            {}
-            if monitor is None
-            else {name: np.array(value) for name, value in monitor.telemetry().items()}
-        )
+        if monitor is None:
+            return {}
+        return {name: np.array(value) for name, value in monitor.telemetry().items()}
 
 
 def compiled_loop(
@@ -317,15 +319,16 @@ def compiled_loop(
         return None
     inner = estimator.estimator
     families = {fault.location.family for fault in plant.faults}
-    plain = (
-        inner.is_plain
-        if type(inner) is Estimator
-        else type(inner) is PassThrough and estimator.repeated and suite.is_ideal
-    )
+    if type(inner) is Estimator:
+        plain = inner.is_plain
+    else:
+        plain = type(inner) is PassThrough and estimator.repeated and suite.is_ideal
     if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)
-    return loop if loop.steps is not None and compiles(loop.steps) else None
+    if loop.steps is not None and compiles(loop.steps):
+        return loop
+    return None
 
 
 def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:

@@ -242,7 +242,9 @@ def cosine_step(share: float) -> float:
 
 def cosine_slope(share: float) -> float:
     """Evaluate the derivative of `cosine_step`."""
-    return 0.5 * math.pi * math.sin(math.pi * share) if 0.0 < share < 1.0 else 0.0
+    if 0.0 < share < 1.0:
+        return 0.5 * math.pi * math.sin(math.pi * share)
+    return 0.0
 
 
 @checked_dataclass(check=checked_constructor, eq=False)
@@ -280,7 +282,9 @@ class GustyCurrent(Current):
 
     def uniform_flow(self, t: float) -> np.ndarray | None:
         base = self.base.uniform_flow(t)
-        return None if base is None else base + self.gust(t)
+        if base is None:
+            return None
+        return base + self.gust(t)
 
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
         return self.base.velocity(p_W, t) + self.gust(t)[0]

@@ -21,7 +21,6 @@ from typing import Annotated
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.codegen import elementwise
 from uvms_ocp.codegen.kernel_layout import (
     CallbackField,
@@ -40,48 +39,8 @@ from uvms_ocp.robot import (
     thruster_matrix,
 )
 from uvms_ocp.robot.thrusters import joint_power
+from uvms_ocp.sim.seafloor_contact import ContactModel
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
-from uvms_ocp.types import Positive
-
-# Contact of the vehicle's hull with the seafloor: a spring and damper at each corner of its
-# underside.
-#
-# The floor pushes and never pulls; friction is Coulomb's, regularised below a creeping speed.
-
-
-@checked_dataclass()
-class ContactModel:
-    """Stiffness and damping per corner. Raises `InvalidInput` for a number that is not > 0.
-
-    The values are assumed: no public measurement of a skid on sediment.
-    """
-
-    stiffness: Positive = 2e4
-    """[N/m]"""
-    damping: Positive = 2e3
-    """[N s/m]"""
-    friction: Positive = 0.5
-    creep: Positive = 0.01
-    """[m/s] speed below which friction is viscous."""
-
-    def force(
-        self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX
-    ) -> tuple[ca.SX, ca.SX]:
-        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W
-        (3,) [m/s], and its slope.
-
-        The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s],
-        makes the step implicit.
-        """
-        speed = ca.dot(velocity_W, normal_W)
-        damping = self.damping + dt * self.stiffness
-        pressing = ca.if_else(depth > 0, ca.fmax(self.stiffness * depth - damping * speed, 0), 0)
-        sliding = velocity_W - speed * normal_W
-        grip = self.friction * pressing / ca.sqrt(ca.sumsqr(sliding) + self.creep**2)
-        across = ca.SX.eye(3) - normal_W @ normal_W.T
-        slope = ca.if_else(pressing > 0, damping, 0) * (normal_W @ normal_W.T) + grip * across
-        return pressing * normal_W - grip * sliding, slope
-
 
 # One time step of a robot in water as a CasADi Function.
 #
@@ -155,7 +114,7 @@ def step_function(model: StepModel) -> ca.Function:
     x = _inputs(model)
     torque = elementwise.clipped(x["asked_torque"], -robot.limits.effort, robot.limits.effort)
     target = model.thrusters.target(x["asked_thrust"], x["share"], x["offset"])
-    thrust, taken = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
+    thrust, thruster_energy = model.thrusters.step(x["thrust"], target, x["decay"], x["dt"])
     wrench = symbolic_bodies.sparse(thruster_matrix(robot)) @ thrust
     v_next, contact = _velocity(model, x, ca.vertcat(wrench[: robot.n_vehicle], torque))
     q_next = model.dynamics.symbolic.integrate(x["q"], v_next * x["dt"])
@@ -165,7 +124,15 @@ def step_function(model: StepModel) -> ca.Function:
         q_next = ca.vertcat(q_next[:3], q_next[3:7] / ca.norm_2(q_next[3:7]), q_next[7:])
     power = joint_power(torque, v_next[robot.joint_v], robot.description.joint_efficiency)
     spent = x["joint_energy"] + x["dt"] * ca.sum1(power)
-    outputs = [q_next, v_next, thrust, x["thruster_energy"] + taken, spent, torque, contact]
+    outputs = [
+        q_next,
+        v_next,
+        thrust,
+        x["thruster_energy"] + thruster_energy,
+        spent,
+        torque,
+        contact,
+    ]
     names = [*(f"{name}_next" for name in CARRIED), "torque", "contact"]
     return ca.Function(
         "plant_step", [*x.values()], [ca.densify(y) for y in outputs], [*x], names, {"cse": True}
@@ -228,7 +195,8 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     """Generalized force (n_v,) [N, N m] of joints beyond their limits, and what it adds to G
     (n_v,).
     """
-    force, slope = ca.SX.zeros(model.robot.n_v), ca.SX.zeros(model.robot.n_v)
+    force = ca.SX.zeros(model.robot.n_v)
+    slope = ca.SX.zeros(model.robot.n_v)
     k, d = model.stops.stiffness, model.stops.damping
     for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
         at = joint.position(q)

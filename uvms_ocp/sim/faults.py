@@ -72,16 +72,22 @@ class FaultModel:
 
     def takes(self, n: int) -> bool:
         """Check that n values may be given."""
-        return n >= 1 if self.for_each else self.least <= n <= len(self.values)
+        if self.for_each:
+            return n >= 1
+        return self.least <= n <= len(self.values)
 
     @property
     def least(self) -> int:
         """Number of values that must be given."""
-        return len(self.values) if self.fewest is None else self.fewest
+        if self.fewest is None:
+            return len(self.values)
+        return self.fewest
 
     def range_of(self, index: int) -> ValueRange:
         """Allowed range of the value at index."""
-        return self.values[0] if self.for_each else self.values[index]
+        if self.for_each:
+            return self.values[0]
+        return self.values[index]
 
 
 def _families() -> dict[str, dict[str, FaultModel]]:
@@ -90,13 +96,14 @@ def _families() -> dict[str, dict[str, FaultModel]]:
     """
     table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
     for kind in (kind for kinds in table.values() for kind in kinds.values()):
-        kind["values"] = tuple(ValueRange(**one) for one in kind.get("values", ()))
-    found = {
+        kind["values"] = tuple(ValueRange(**value_range) for value_range in kind.get("values", ()))
+    families = {
         family: {name: FaultModel(**kind) for name, kind in kinds.items()}
         for family, kinds in table.items()
     }
-    encoder, messages = found.pop("values"), found.pop("messages")
-    return {"sensor": encoder | messages, "encoder": encoder, **found}
+    encoder = families.pop("values")
+    messages = families.pop("messages")
+    return {"sensor": encoder | messages, "encoder": encoder, **families}
 
 
 FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
@@ -149,8 +156,8 @@ def target_of(name: str) -> FaultTarget:
 
 def fault_targets(like: str = "") -> tuple[str, ...]:
     """Names of targets, with the number of the name that they are to be like."""
-    found = _COUNTER.search(like)
-    k = found[0] if found else "1"
+    counter = _COUNTER.search(like)
+    k = counter[0] if counter else "1"
     numbered = (
         f"thruster{k}",
         f"joint{k}",
@@ -214,8 +221,14 @@ class Fault:
 
     def __str__(self) -> str:
         """Return the text that `parse_fault` reads."""
-        values = f"={','.join(map(plain, self.values))}" if self.values else ""
-        until = "" if self.end == math.inf else f"-{plain(self.end)}"
+        if self.values:
+            values = f"={','.join(map(plain, self.values))}"
+        else:
+            values = ""
+        if self.end == math.inf:
+            until = ""
+        else:
+            until = f"-{plain(self.end)}"
         return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
 
     @property
@@ -241,15 +254,17 @@ def plain(number: float) -> str:
 def _require_values(fault: Fault) -> None:
     kind = kind_of(fault.location, fault.kind)
     n = len(fault.values)
-    what = f"{fault.target}:{fault.kind}"
+    fault_name = f"{fault.target}:{fault.kind}"
     if not kind.takes(n):
-        wanted = "; ".join(map(str, kind.values)) or "none"
+        allowed = "; ".join(map(str, kind.values)) or "none"
         optional = f", the first {kind.least} of them" if kind.least < len(kind.values) else ""
         each = ", or one for each component" if kind.for_each else ""
-        raise InvalidInput(f"{what} with {n} values; give {wanted}{optional}{each}")
+        raise InvalidInput(f"{fault_name} with {n} values; give {allowed}{optional}{each}")
     for index, value in enumerate(fault.values):
         if not kind.range_of(index).holds(value):
-            raise InvalidInput(f"{what} with the value {value:g}; give {kind.range_of(index)}")
+            raise InvalidInput(
+                f"{fault_name} with the value {value:g}; give {kind.range_of(index)}"
+            )
 
 
 # Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
@@ -275,13 +290,19 @@ def parse_fault(text: str) -> Fault:
     Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one
     line.
     """
-    found = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST else None
-    if found is None:
+    if len(text) <= _LONGEST:
+        parts = _TEXT.fullmatch(text.strip())
+    else:
+        parts = None
+    if parts is None:
         raise InvalidInput(f"fault {short(text)}; write {_FORM}")
-    values = tuple(float(word) for word in found["values"].split(",")) if found["values"] else ()
-    onset = float(found["onset"] or 0.0)
-    end = float(found["end"] or math.inf)
-    return Fault(target=found["target"], kind=found["kind"], values=values, onset=onset, end=end)
+    if parts["values"]:
+        values = tuple(float(word) for word in parts["values"].split(","))
+    else:
+        values = ()
+    onset = float(parts["onset"] or 0.0)
+    end = float(parts["end"] or math.inf)
+    return Fault(target=parts["target"], kind=parts["kind"], values=values, onset=onset, end=end)
 
 
 def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:

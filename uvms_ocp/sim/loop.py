@@ -80,12 +80,12 @@ def simulate(
     recorder, after the tick in which Ctrl-C is pressed.
     """
     if recorder is None and not duration / dt <= MOST_TICKS:
-        given = (
+        problem = (
             f"duration = {duration:g} s in ticks of dt = {dt:g} s, whose record takes more than 10"
             " GB of memory"
         )
         raise InvalidInput(
-            f"{given}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
+            f"{problem}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
         )
     recorder = recorder or Recorder()
     new = _NewReadings(kept_readings or {})
@@ -93,7 +93,10 @@ def simulate(
     command: Command | None = None
     n_ticks = round(duration / dt) + 1
     single = progress is not None or observer is not None
-    quick = None if single else compiled_loop(plant, sensors, estimator, controller, dt)
+    if single:
+        quick = None
+    else:
+        quick = compiled_loop(plant, sensors, estimator, controller, dt)
     with (
         on_interrupt(stops.append),
         suppress(Interrupted),
@@ -110,9 +113,12 @@ def simulate(
             command = controller(measurement, t)
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
-            asked = _asked(command, telemetry, recorder)
-            measured = new(readings) | {"brakes": command.brakes} if kept_readings else {}
-            row = _row(t, plant.state, measurement, command, asked, measured)
+            asked_thrust = _asked(command, telemetry, recorder)
+            if kept_readings:
+                measured = new(readings) | {"brakes": command.brakes}
+            else:
+                measured = {}
+            row = _row(t, plant.state, measurement, command, asked_thrust, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
             recorder.append(row)
@@ -154,18 +160,16 @@ class _NewReadings:
         ]
 
     def __call__(self, readings: Readings) -> dict[str, Any]:
-        found = {}
+        columns = {}
         for name, channel, none in self._channels:
-            one = getattr(readings, channel)
-            if one is None or one is self._seen[channel]:
-                found[name] = none
+            reading = getattr(readings, channel)
+            if reading is None or reading is self._seen[channel]:
+                columns[name] = none
             else:  # also with the time of an earlier one, as clocks that fail give them
-                self._seen[channel], found[name] = (
-                    one,
-                    np.array([*np.ravel(one.value).tolist(), one.t]),
-                )
-                require_kept(channel, found[name].size - 1, none.size - 1)
-        return found
+                self._seen[channel] = reading
+                columns[name] = np.array([*np.ravel(reading.value).tolist(), reading.t])
+                require_kept(channel, columns[name].size - 1, none.size - 1)
+        return columns
 
 
 def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
@@ -176,15 +180,17 @@ def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -
         command.thrust is None and "asked_thrust" in recorder
     ):  # such as with the last command of a run
         return np.zeros_like(telemetry["thrust"])
-    return command.thrust if "thrust" in telemetry else None
+    if "thrust" in telemetry:
+        return command.thrust
+    return None
 
 
 def _row(
     t: float,
     state: State,
-    measurement: StateEstimate,
+    estimate: StateEstimate,
     command: Command,
-    asked: np.ndarray | None,
+    asked_thrust: np.ndarray | None,
     measured: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     row = {
@@ -192,20 +198,21 @@ def _row(
         "t": t,
         "q": state.q,
         "v": state.v,
-        "q_estimated": measurement.q,
-        "v_estimated": measurement.v,
-        "altimeter_range": float(measurement.altimeter_range),
+        "q_estimated": estimate.q,
+        "v_estimated": estimate.v,
+        "altimeter_range": float(estimate.altimeter_range),
     }
-    if measurement.std is not None:  # how well the estimate is known, where the estimator tells
-        row["q_std"], row["altimeter_std"] = measurement.std, float(measurement.altimeter_std)
+    if estimate.std is not None:  # how well the estimate is known, where the estimator tells
+        row["q_std"] = estimate.std
+        row["altimeter_std"] = float(estimate.altimeter_std)
     row["command"] = command.v
-    if asked is not None:
-        row["asked_thrust"] = asked
-    if measurement.health:
-        row["health"] = np.array([channel.trust for channel in measurement.health], dtype=np.int8)
-    own = len(row)
+    if asked_thrust is not None:
+        row["asked_thrust"] = asked_thrust
+    if estimate.health:
+        row["health"] = np.array([channel.trust for channel in estimate.health], dtype=np.int8)
+    n_recorded = len(row)
     row.update(command.telemetry)
-    if len(row) != own + len(command.telemetry):
-        taken = sorted(set(list(row)[:own]) & command.telemetry.keys())
-        raise InvalidInput(f"telemetry {taken} is what the loop records; rename it")
+    if len(row) != n_recorded + len(command.telemetry):
+        doubled = sorted(set(list(row)[:n_recorded]) & command.telemetry.keys())
+        raise InvalidInput(f"telemetry {doubled} is what the loop records; rename it")
     return row

@@ -25,8 +25,9 @@ from uvms_ocp.estimation.vehicle_model import inflate_velocity_variance
 from uvms_ocp.mission.progress import is_over
 from uvms_ocp.record.meta_values import LARGEST
 from uvms_ocp.robot.signals import CHANNELS, Trust
+from uvms_ocp.sim.dynamic_plant import BRAKE_FRICTION
 from uvms_ocp.sim.dynamic_step import PlantMemory, advance_plant
-from uvms_ocp.sim.plant import BRAKE_FRICTION, KinematicMemory, advance_kinematic
+from uvms_ocp.sim.plant import KinematicMemory, advance_kinematic
 from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
 
 GO = 0
@@ -113,7 +114,10 @@ def _begin_tick(m: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
     square = 0.0
     for i in range(len(m.v)):
         square += m.v[i] * m.v[i]
-    m.stop = int(GO) if math.sqrt(square) <= FARTHEST else int(DIVERGED)
+    if math.sqrt(square) <= FARTHEST:
+        m.stop = int(GO)
+    else:
+        m.stop = int(DIVERGED)
     m.k += 1 if m.started else 0
     m.t = m.k * m.dt
 
@@ -146,11 +150,12 @@ def sense(m: LoopMemory, s: SensorsMemory, h: HealthMemory) -> None:
 
 def feed_filter(m: LoopMemory, s: SensorsMemory, h: HealthMemory, f: FilterMemory) -> None:
     """Give the filter the command, and the new readings that were not refused."""
-    f.now, f.has_command = m.t, m.started
+    f.now = m.t
+    f.has_command = m.started
     if m.started:
-        left = math.exp(-(m.t - f.before) / RESPONSE_TIME)
+        remaining = math.exp(-(m.t - f.before) / RESPONSE_TIME)
         for i in range(len(m.response)):
-            m.response[i] = m.commanded[i] + left * (m.response[i] - m.commanded[i])
+            m.response[i] = m.commanded[i] + remaining * (m.response[i] - m.commanded[i])
             f.commanded[6 - m.n_vehicle + i] = m.response[i]
     if m.started and m.braked:
         for j in range(f.n_joints):
@@ -209,7 +214,10 @@ def inform_controller(m: LoopMemory, h: HealthMemory, s: EstimateSupport, c: Tic
         channel = h.channels[m.number[k]]
         if channel.present and channel.changed:
             m.since[m.number[k]] = m.t
-        trust = channel.trust if channel.present else int(Trust.GOOD)
+        if channel.present:
+            trust = channel.trust
+        else:
+            trust = int(Trust.GOOD)
         c.restriction.level[k] = trust
         c.restriction.since[k] = m.since[m.number[k]] if trust != Trust.GOOD else 0.0
 

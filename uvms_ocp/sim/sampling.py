@@ -168,7 +168,10 @@ def read_sensors(s: SensorsMemory, t: float) -> None:
 
 
 def _take_sample(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
-    x.due = t if math.isinf(x.rate) else (math.floor(t * x.rate + _EARLY) + 1.0 - _EARLY) / x.rate
+    if math.isinf(x.rate):
+        x.due = t
+    else:
+        x.due = (math.floor(t * x.rate + _EARLY) + 1.0 - _EARLY) / x.rate
     _measure(s, x)
     if not x.exact:
         _disturb(s, x)
@@ -199,7 +202,9 @@ def _range(s: SensorsMemory) -> float:
         s.find_range()
         return s.range
     s.look(s.q, s.beam, None)
-    return (s.beam[2] - s.floor) / s.beam[3] if s.beam[3] > LEVEL_RAY else math.nan
+    if s.beam[3] > LEVEL_RAY:
+        return (s.beam[2] - s.floor) / s.beam[3]
+    return math.nan
 
 
 def _carry_velocity(s: SensorsMemory, x: ChannelSampler) -> None:
@@ -259,7 +264,9 @@ def _send(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
     while place > 0 and x.arrival[place - 1] > arrival:
         _move(x, place - 1, place)
         place -= 1
-    x.arrival[place], x.taken[place], x.stamps[place] = arrival, t, x.stamped
+    x.arrival[place] = arrival
+    x.taken[place] = t
+    x.stamps[place] = x.stamped
     for i in range(x.size):
         x.values[place][i] = x.sample[i]
     x.n_waiting += 1

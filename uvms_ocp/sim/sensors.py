@@ -87,11 +87,10 @@ class SensorSuite:
         unknown altimeter frame.
         """
         specs = specs or SensorSpecs()
-        frame = (
-            (altimeter_frame or robot.description.altimeter)
-            if specs.altimeter_range is not None
-            else None
-        )
+        if specs.altimeter_range is not None:
+            frame = altimeter_frame or robot.description.altimeter
+        else:
+            frame = None
         sources = sources_of(robot, has_altimeter=frame is not None)
         has_log = robot.n_vehicle and robot.description.dvl
         if has_log:
@@ -148,7 +147,8 @@ class SensorSuite:
         as `check`.
         """
         q, v, a = self._truth
-        q[:], v[:] = state.q, state.v
+        q[:] = state.q
+        v[:] = state.v
         if state.a is not None:
             a[:] = state.a
         elif self.memory.channels[ChannelIndex.SPECIFIC_FORCE].present:
@@ -182,10 +182,10 @@ class SensorSuite:
         for binding in self._bindings:
             binding.check()
         if self.memory.crowded:
-            given = (
+            problem = (
                 f"more than {len(self.memory.channels[0].arrival)} readings of one sensor under way"
             )
-            raise InvalidInput(f"{given}; give sensors shorter delays, or rates of their own")
+            raise InvalidInput(f"{problem}; give sensors shorter delays, or rates of their own")
 
     def _look_at(self, altimeter: Altimeter, seafloor: Seafloor) -> None:
         memory = self.memory
@@ -279,7 +279,7 @@ def faults_of_channels(
     Raises `InvalidInput` for a fault of another channel; those of other things than sensors are
     left out.
     """
-    found: dict[str, list[Fault]] = {}
+    by_channel: dict[str, list[Fault]] = {}
     for fault in faults:
         channel = fault.location.channel
         if channel and channel not in sources:
@@ -287,13 +287,14 @@ def faults_of_channels(
                 f"{fault}: there is no sensor {channel}; there are {', '.join(sources)}"
             )
         if channel:
-            found.setdefault(channel, []).append(fault)
+            by_channel.setdefault(channel, []).append(fault)
     streams = {
-        name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")]) for name in found
+        name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
+        for name in by_channel
     }
     return {
-        name: ChannelFaults(_struck(robot, name, sources[name]), own, streams[name])
-        for name, own in found.items()
+        name: ChannelFaults(_struck(robot, name, sources[name]), channel_faults, streams[name])
+        for name, channel_faults in by_channel.items()
     }
 
 
@@ -320,7 +321,8 @@ def _add_scalar(value: float, error: np.ndarray) -> float:
 
 @lru_cache(maxsize=1)
 def _turn_function() -> ca.Function:
-    quaternion, error = ca.SX.sym("quaternion", 4), ca.SX.sym("error", 3)
+    quaternion = ca.SX.sym("quaternion", 4)
+    error = ca.SX.sym("error", 3)
     turned = spatial.quaternion_multiply(quaternion, spatial.quaternion_exp(error))
     return ca.Function("turn", [quaternion, error], [ca.densify(turned)])
 
@@ -332,7 +334,8 @@ def _joint_disturbance(robot: Robot) -> Disturb:
     v = np.zeros(robot.n_v)
 
     def disturb(joints: np.ndarray, error: np.ndarray) -> np.ndarray:
-        q[robot.joint_q], v[robot.joint_v] = joints, error
+        q[robot.joint_q] = joints
+        v[robot.joint_v] = error
         return pin.integrate(model, q, v)[robot.joint_q]
 
     return disturb
@@ -372,17 +375,17 @@ class _Channel:
         self._scalar = name in _SCALARS
         self._spec = spec
         self._source = source
-        given = {
+        settings = {
             item: getattr(source, item) for item in ("of_velocity", "first", "size", "disturbance")
         }
-        given |= {item: getattr(spec, item) for item in ("exact", "rate", "delay", "dropout")}
+        settings |= {item: getattr(spec, item) for item in ("exact", "rate", "delay", "dropout")}
         assign(
             memory,
             present=True,
             number=NUMBER[name],
             n_used=sampling.N_DRAWN,
             due=-math.inf,
-            **given,
+            **settings,
         )
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._lost = (np.random.default_rng(child) for child in stream.spawn(2))
@@ -422,18 +425,15 @@ class _Channel:
             sample[:] = self._source.disturb(sample.copy(), error)
 
         def strike() -> None:
-            found = (
-                None
-                if faults is None
-                else faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
-            )
-            memory.lost = found is None
-            if found is not None:
-                sample[:], memory.stamped, memory.extra_delay = (
-                    found.value,
-                    found.stamp,
-                    found.extra_delay,
-                )
+            if faults is None:
+                struck = None
+            else:
+                struck = faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
+            memory.lost = struck is None
+            if struck is not None:
+                sample[:] = struck.value
+                memory.stamped = struck.stamp
+                memory.extra_delay = struck.extra_delay
 
         if memory.disturbance == sampling.Disturbance.ASKED:
             yield CallbackBinding(memory.disturb, bend)

@@ -73,10 +73,10 @@ class Thrusters:
         `decay` of this dt.
         """
         distance = thrust - target
-        taken = ca.SX.zeros(len(self.lower))
+        energy = ca.SX.zeros(len(self.lower))
         for node, weight in enumerate(_WEIGHTS):
-            taken += dt * weight / 2 * self.power(target + distance * decay[:, node])
-        return target + distance * decay[:, -1], taken
+            energy += dt * weight / 2 * self.power(target + distance * decay[:, node])
+        return target + distance * decay[:, -1], energy
 
     def power(self, thrust: Array) -> ca.SX:
         """Electrical power (n,) [W] at a thrust (n,) [N]."""

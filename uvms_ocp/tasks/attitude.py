@@ -77,7 +77,9 @@ class AngleTask(Task):
         axis = _in_vehicle(robot, self.frame, self.watched_axis)
         U, s, _ = np.linalg.svd(np.cross(np.eye(3)[list(turns)], axis).reshape(-1, 3).T)
         directions = U[:, : int((s > _PARALLEL).sum())]
-        return None if directions.shape[1] == 2 else directions
+        if directions.shape[1] == 2:
+            return None
+        return directions
 
     def _turn(self, symbols: TickSymbols, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Angle [rad] and axis (3,) in W of the rotation towards b (3,) as far as that is driven,
@@ -95,11 +97,14 @@ class AngleTask(Task):
             return misalignment(a, b, fallback)[0], ca.SX.zeros(3)
         axis = _in_vehicle(symbols.robot, self.frame, self.watched_axis)
         across = symbols.R_WB @ ca.DM(directions)
-        ahead, aside = ca.dot(a, b), ca.dot(across, b)
-        seen = ahead**2 + aside**2 > _IN_PLANE**2
+        ahead = ca.dot(a, b)
+        aside = ca.dot(across, b)
+        is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)
-        return ca.if_else(seen, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(seen, n, 0)
+        return ca.if_else(is_in_view, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(
+            is_in_view, n, 0
+        )
 
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
         """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where
@@ -116,21 +121,21 @@ class AngleTask(Task):
         What translation and axes that nobody drives make of it comes as it is measured, and is not
         asked for.
         """
-        given = ca.SX(0)
+        undriven_rate = ca.SX(0)
         directions = self.turning_directions(symbols.robot)
         if directions is not None and not directions.shape[1]:
             theta = ca.SX(0)  # a row that nothing moves asks for nothing
         undriven = thrusters.undriven_axes(symbols.robot)
         if undriven:
             others = sorted({0, 1, 2, *undriven})
-            given = row[:, others] @ symbols.velocity[others]
+            undriven_rate = row[:, others] @ symbols.velocity[others]
             row = ca.SX(row)
             row[:, others] = 0
         return Rows(
             jacobian=row,
-            rate=saturate(-self.gain * theta, self.saturation) - given,
+            rate=saturate(-self.gain * theta, self.saturation) - undriven_rate,
             lower=ca.SX(-ca.inf),
-            upper=symbols.approach(self, self.aim - theta, row) - given,
+            upper=symbols.approach(self, self.aim - theta, row) - undriven_rate,
             activation=self.activation.increasing(theta),
             quantities=quantities,
         )
@@ -212,16 +217,18 @@ class TargetTask(AngleTask):
         `name`. At d = 0 nothing is asked.
         """
         J = symbols.kinematics.jacobian(self.frame)
-        near = ca.norm_2(d) < _OVERHEAD
+        is_overhead = ca.norm_2(d) < _OVERHEAD
         distance = ca.fmax(ca.norm_2(d), _OVERHEAD)
         theta, n = self._turn(symbols, d / distance, fallback)
         turning = across / distance**2
         row = -n.T @ (J[3:, :] + turning @ J[:3, :])
-        angle = ca.if_else(near, 0, theta)
-        rows = self._angle_rows(symbols, angle, ca.if_else(near, 0, row), {name: angle, **others})
+        angle = ca.if_else(is_overhead, 0, theta)
+        rows = self._angle_rows(
+            symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **others}
+        )
         # A moving target turns the line of sight by itself: that part of d theta / dt is not ours
         # to choose.
-        drift = ca.if_else(near, 0, n.T @ turning @ speed)
+        drift = ca.if_else(is_overhead, 0, n.T @ turning @ speed)
         return replace(rows, rate=rows.rate - drift, upper=rows.upper - drift)
 
 

@@ -72,7 +72,8 @@ class Clearance(Task):
         return self._pairs.far_away()
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        pairs, n = self._pairs.symbols(parameters), self._pairs.n_rows
+        pairs = self._pairs.symbols(parameters)
+        n = self._pairs.n_rows
         bell = SmoothActivation(self.threshold, self.threshold + self.margin)
         return Rows(
             jacobian=pairs.jacobian,

@@ -1,4 +1,4 @@
-"""Goals of tasks: a constant or a `Reference`, any callable ``t -> (value, rate)``.
+"""Goals of tasks: a constant or a reference, any callable ``t -> (value, rate)``.
 
 Trajectories are references. Those that tell their `end` need no Python at work.
 """
@@ -36,9 +36,11 @@ def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, 
     """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput`
     where not finite.
     """
-    value, rate = (
-        goal(t) if callable(goal) else (np.asarray(goal, dtype=float), np.zeros(np.shape(goal)))
-    )
+    if callable(goal):
+        value, rate = goal(t)
+    else:
+        value = np.asarray(goal, dtype=float)
+        rate = np.zeros(np.shape(goal))
     if not _finite(value, rate):
         raise InvalidInput(
             f"{name}: goal {value} with rate {rate} at t = {t} s; give finite numbers"
@@ -51,7 +53,11 @@ def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndar
 
     Raises `InvalidInput` for a goal that is not finite or no pose.
     """
-    pose, rate = goal(t) if callable(goal) else (goal, np.zeros(6))
+    if callable(goal):
+        pose, rate = goal(t)
+    else:
+        pose = goal
+        rate = np.zeros(6)
     if not isinstance(pose, pin.SE3):
         raise InvalidInput(
             f"{name}: goal of type {type(pose).__name__}; give a pinocchio.SE3 or a function of"

@@ -53,8 +53,8 @@ class JointLimits(Task):
 
     def __post_init__(self) -> None:
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
-            given = f"{self.name}: margin = {self.margin}, guard = {self.guard}"
-            raise InvalidInput(f"{given}; give shares of the range, together below 0.5")
+            problem = f"{self.name}: margin = {self.margin}, guard = {self.guard}"
+            raise InvalidInput(f"{problem}; give shares of the range, together below 0.5")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Bounded joints inside their range [rad or m]."""
@@ -70,9 +70,9 @@ class JointLimits(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         joints = [
-            one
-            for one in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
-            if np.isfinite(one[1:]).all()
+            bounded
+            for bounded in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
+            if np.isfinite(bounded[1:]).all()
         ]
         rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
         rate, lower, upper, activation, margin = (

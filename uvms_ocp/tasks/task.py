@@ -109,12 +109,12 @@ class NearestPairs:
     def symbols(self, parameters: ca.SX) -> PairSymbols:
         """The same from the parameters of a task, which end with what is measured."""
         n = self.n_rows
-        own = parameters[-self.n_parameters :]
+        measured = parameters[-self.n_parameters :]
         return PairSymbols(
-            smallest=own[0],
-            distance=own[1 : 1 + n],
-            closing=own[1 + n : 1 + 2 * n],
-            jacobian=ca.reshape(own[1 + 2 * n :], n, self.model.n_v),
+            smallest=measured[0],
+            distance=measured[1 : 1 + n],
+            closing=measured[1 + n : 1 + 2 * n],
+            jacobian=ca.reshape(measured[1 + 2 * n :], n, self.model.n_v),
         )
 
 
@@ -228,7 +228,7 @@ class Residual:
 
 @checked_dataclass(eq=False)
 class Task(ABC):
-    """Base of all tasks. Fields of every task can be changed with `dataclasses.replace`.
+    """Base of all tasks. Fields of every task can be changed with ``dataclasses.replace``.
 
     Gains, saturations and margins that are not > 0, and goals that are not finite, raise
     `InvalidInput`.
@@ -287,8 +287,8 @@ class Task(ABC):
 
         Raises `InvalidInput` for a task that exists at velocity level only.
         """
-        given = f"{self.name}: {type(self).__name__} has no residual over a horizon"
-        raise InvalidInput(f"{given}; leave it to the velocity hierarchy")
+        problem = f"{self.name}: {type(self).__name__} has no residual over a horizon"
+        raise InvalidInput(f"{problem}; leave it to the velocity hierarchy")
 
     def position_limit(self, robot: Robot) -> PositionLimit | None:
         """The limit on positions that this task stands for, if it is one beyond the joints' own."""
@@ -375,11 +375,10 @@ class Hierarchy(TableDisplay):
             raise InvalidInput(
                 f"tasks share the name {', '.join(duplicates)}; give each its own `name`"
             )
-        self.tasks = (
-            tuple(sorted(tasks, key=lambda task: task.task_class))
-            if order is None
-            else _ordered(tasks, order)
-        )
+        if order is None:
+            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
+        else:
+            self.tasks = _ordered(tasks, order)
 
     def _table(self) -> SmallTable:
         rows = tuple(

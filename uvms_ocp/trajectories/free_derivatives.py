@@ -66,7 +66,9 @@ def basis(u: Array, derivative: int, k: int) -> Array:
 
 
 def _falling(i: int, d: int) -> int:
-    return factorial(i) // factorial(i - d) if i >= d else 0
+    if i >= d:
+        return factorial(i) // factorial(i - d)
+    return 0
 
 
 def _end_data_matrix(k: int) -> _Rational:
@@ -124,7 +126,8 @@ def pieces_of(durations: Array, k: int) -> Pieces:
     unit = float(np.exp(np.mean(np.log(durations))))
     tau = durations / unit
     node = np.empty(tau.size + 1)
-    node[0], node[-1] = tau[0], tau[-1]
+    node[0] = tau[0]
+    node[-1] = tau[-1]
     np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
     scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
     return Pieces(

@@ -178,10 +178,10 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     return knots
 
 
-def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> None:
-    if given is None:
+def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) -> None:
+    if boundary is None:
         return
-    rows = np.asarray(given, dtype=float)
+    rows = np.asarray(boundary, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
     if (
         rows.ndim not in (0, 2)
@@ -211,16 +211,16 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
         raise InvalidInput(
             f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}."
         )
-    given = np.asarray(constraint.value, dtype=float)
-    if given.shape not in ((), (len(axes),)):
+    required = np.asarray(constraint.value, dtype=float)
+    if required.shape not in ((), (len(axes),)):
         raise InvalidInput(
-            f"constraint {index} has value {given}; allowed is a number or one per axis."
+            f"constraint {index} has value {required}; allowed is a number or one per axis."
         )
-    if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
+    if np.any(fixed[d, node, axes] & (values[d, node, axes] != required)):
         raise InvalidInput(
             f"constraint {index} contradicts another on derivative {d} of way point {node}."
         )
-    values[d, node, axes] = given
+    values[d, node, axes] = required
     fixed[d, node, axes] = True
 
 
@@ -276,9 +276,9 @@ def min_snap(
     to rest. Raises `InvalidInput` as `node_problem`, where too little is fixed to determine the
     curve, and where rounding decides it, as by pieces too short beside the others.
     """
-    found, problem, pieces = _least(waypoints, times, specification)
-    _require_accurate(found, problem, pieces)
-    return found
+    curve, problem, pieces = _least(waypoints, times, specification)
+    _require_accurate(curve, problem, pieces)
+    return curve
 
 
 def _least(
@@ -293,20 +293,22 @@ _ACCURACY = 1e-4  # relative, of the cost
 
 
 def _require_accurate(
-    found: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces
+    curve: MinSnap, problem: NodeProblem, pieces: free_derivatives.Pieces
 ) -> None:
     """Where the slope by all that is free vanishes, the cost is half the sum of slope times value
     over what is fixed.
     """
-    values = found.node_derivatives
+    values = curve.node_derivatives
     durations = np.diff(problem.times)
-    own = ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    boundary_cost = (
+        ((free_derivatives.cost_slopes(pieces, values)[1] * values)[problem.fixed]).sum() / 2.0
+    )
     # What an ordinary piece costs by itself stands in for the cost where that is next to nothing.
     usual = (
         np.median((np.diff(values[0], axis=0) ** 2).sum(axis=1) / durations ** (2 * problem.k - 1))
         * durations.size
     )
-    if not abs(found.cost - own) <= _ACCURACY * max(found.cost, usual):
+    if not abs(curve.cost - boundary_cost) <= _ACCURACY * max(curve.cost, usual):
         short = int(np.argmin(durations))
         wrong = (
             f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
@@ -438,7 +440,8 @@ class _Qp:
             for u in (0.0, 1.0)
         ]
         starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows
+            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ unit_rows) for t in self.tau]
+            for unit_rows in rows
         )
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
@@ -449,7 +452,8 @@ class _Qp:
 
     def _limits(self, values: Array, fixed: Mask) -> tuple[Array, Array]:
         scale = self.unit ** np.arange(self.k)[:, None]
-        lower, upper = np.where(fixed, values, -np.inf), np.where(fixed, values, np.inf)
+        lower = np.where(fixed, values, -np.inf)
+        upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
                 wrong = (
@@ -512,13 +516,13 @@ class MotionLimits:
         """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
         they are of other shape.
         """
-        given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
-        for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
+        limits = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
+        for name, limit in zip(("velocity", "acceleration", "jerk"), limits, strict=True):
             if limit.shape not in ((), (n_axes,)):
                 raise InvalidInput(
                     f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},)."
                 )
-        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
+        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in limits])
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
         """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
@@ -603,10 +607,10 @@ def optimal_times(
         return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        found = _least(waypoints, knots(log_durations), specification)[0]
+        curve = _least(waypoints, knots(log_durations), specification)[0]
         h = np.exp(log_durations)
-        return float(time_weight * h.sum() + found.cost), (
-            time_weight + found.gradients().durations
+        return float(time_weight * h.sum() + curve.cost), (
+            time_weight + curve.gradients().durations
         ) * h
 
     guess = min_snap(waypoints, times, specification)

@@ -176,7 +176,11 @@ class PiecewisePolynomial(FieldTable):
         another number of them, and as `sample`.
         """
         times, values = self.sample(period, derivatives)
-        axes = [f"axis{axis}" for axis in range(self.n_axes)] if names is None else names
+        axes: Sequence[str]
+        if names is None:
+            axes = [f"axis{axis}" for axis in range(self.n_axes)]
+        else:
+            axes = names
         if len(axes) != self.n_axes:
             raise InvalidInput(
                 f"{len(axes)} names given for {self.n_axes} axes; give one for each."
@@ -258,7 +262,10 @@ def _check_breaks(breaks: Array) -> None:
         )
     wrong = ~(np.diff(breaks) > 0.0)
     if wrong.any() or not np.isfinite(breaks).all():
-        index = int(np.argmax(wrong)) + 1 if wrong.any() else int(np.argmin(np.isfinite(breaks)))
+        if wrong.any():
+            index = int(np.argmax(wrong)) + 1
+        else:
+            index = int(np.argmin(np.isfinite(breaks)))
         raise InvalidInput(
             f"break {index} is {breaks[index]}; breaks must be finite and increase [s]."
         )

@@ -205,10 +205,8 @@ def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[st
 def _cell(value: Any, is_code: bool) -> str:
     text = escape(value if isinstance(value, str) else cell(value))
     is_number = isinstance(value, int | float) and text != cell(None)
-    return (
-        f"<td><code>{text}</code></td>"
-        if is_code
-        else f'<td class="n">{text}</td>'
-        if is_number
-        else f"<td>{text}</td>"
-    )
+    if is_code:
+        return f"<td><code>{text}</code></td>"
+    if is_number:
+        return f'<td class="n">{text}</td>'
+    return f"<td>{text}</td>"

@@ -55,7 +55,10 @@ def _correlation(axis: Axes, one: Whiteness) -> None:
     axis.vlines(lags[1:], 0.0, one.correlation[1:], color=style.BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
     color = style.THRESHOLD if one.white else style.VERMILLION
-    p = f"p = {one.p:.2g}" if one.p > LEAST_P else f"p < {LEAST_P:g}"
+    if one.p > LEAST_P:
+        p = f"p = {one.p:.2g}"
+    else:
+        p = f"p < {LEAST_P:g}"
     axis.set_title(f"{p}, {one.inflation:.2g} alike", fontsize=style.points(7), color=color, pad=2)
 
 
@@ -95,12 +98,12 @@ def _profile(axis: Axes, one: Profile) -> None:
 
 @style.styled
 def figure_left_out(found: Sequence[HeldOutRecording]) -> Figure:
-    """Errors of predictions of recordings that were left out, medians over them, beside those that
+    """Errors of predictions of recordings that were not seen, medians over them, beside those that
     know less.
     """
     asked = sorted({each.asked for one in found for each in one.horizons})
     figure = style.titled(
-        4.6, "Recordings that were left out: errors by horizon; taller bars are cut"
+        4.6, "Recordings that were not seen: errors by horizon; taller bars are cut"
     )
     axes = figure.subplots(2, 4).ravel()
     for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
@@ -163,9 +166,10 @@ def write_identification_figures(one: Calibration, folder: Path | str) -> list[P
         ]
     if one.profiles:
         paths.append(style.save_figure(figure_profiles(one.profiles), folder / "profiles.png"))
-    long_enough = [each for each in one.left_out if each.horizons]
-    if long_enough:
-        paths.append(style.save_figure(figure_left_out(long_enough), folder / "left_out.png"))
+    for name, recordings in (("left_out", one.left_out), ("predicted_others", one.predicted)):
+        long_enough = [each for each in recordings if each.horizons]
+        if long_enough:
+            paths.append(style.save_figure(figure_left_out(long_enough), folder / f"{name}.png"))
     return paths
 
 
@@ -210,9 +214,8 @@ def figure_intervals(one: Calibration) -> Figure:
     faded.
     """
     numbers = one.numbers
-    axis = (
-        figure := style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
-    ).subplots()
+    figure = style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
+    axis = figure.subplots()
     widths = [
         min(100.0 * INTERVAL * each.sigma / max(each.size, 1e-300), _WIDEST) for each in numbers
     ]

@@ -40,7 +40,10 @@ def figure_efforts(
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
         return None
-    n_pushes = 1 if draw is _thrust else len(_PARTS)
+    if draw is _thrust:
+        n_pushes = 1
+    else:
+        n_pushes = len(_PARTS)
     figure, axes = style.stacked(n_pushes + 2, 1.5, "Forces, torque and energy", fig, width)
     draw(record, axes[:n_pushes])
     _torque(record, axes[-2])
@@ -156,7 +159,10 @@ def figure_velocities(
     changes = [span.start for span in spans[1:]]
     figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity", fig, width)
     changes = changes[: max(1, int(style.inches(figure) / _ZOOM_WIDTH))]
-    parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0)) if changes else [figure]
+    if changes:
+        parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0))
+    else:
+        parts = [figure]
     _whole_run(parts[0], record)
     if changes:
         _zooms(parts[1], record, changes, spans)
@@ -204,7 +210,10 @@ def _velocity_lines(
 ) -> None:
     t = record["t"]
     v = record["v"][:, part]
-    shown = np.ones(len(t), dtype=bool) if around is None else np.abs(t - around) <= _ZOOM
+    if around is None:
+        shown = np.ones(len(t), dtype=bool)
+    else:
+        shown = np.abs(t - around) <= _ZOOM
     for values, name, color, dashes in zip(
         v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
     ):
@@ -368,7 +377,8 @@ def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarra
         return np.asarray(np.array(data.vertices) @ R.T + p)
     angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.zeros((_DIRECTIONS, 3))
-    directions[:, i], directions[:, j] = np.cos(angle), np.sin(angle)
+    directions[:, i] = np.cos(angle)
+    directions[:, j] = np.sin(angle)
     towards = directions @ R  # in the frame of the shape
     support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
     return np.asarray(

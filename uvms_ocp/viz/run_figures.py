@@ -50,7 +50,10 @@ def figure_estimate(
     """Errors of position, attitude and joints, estimate less truth, within two standard deviations
     that the filter gives.
     """
-    panels = _panels(record) if {"q", "q_estimated", "q_std"} <= record.series.keys() else []
+    if {"q", "q_estimated", "q_std"} <= record.series.keys():
+        panels = _panels(record)
+    else:
+        panels = []
     if not panels:
         return None
     figure, axes = style.stacked(
@@ -183,7 +186,9 @@ def _alarm_lines(record: Record) -> list[str]:
         style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]
     ]
     rest = len(alarms) - len(lines)
-    return [*lines, f"and {rest} more"] if rest else lines
+    if rest:
+        return [*lines, f"and {rest} more"]
+    return lines
 
 
 # Figure of the computation time of the control ticks.
@@ -284,7 +289,9 @@ def write_figure(
     `write_figures`.
     """
     figure = {**PLAN_FIGURES, **FIGURES}[name](record, width=width)
-    return None if figure is None else style.save_figure(figure, Path(folder) / f"{name}.{format}")
+    if figure is None:
+        return None
+    return style.save_figure(figure, Path(folder) / f"{name}.{format}")
 
 
 _Names = str | Sequence[str]

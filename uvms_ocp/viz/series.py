@@ -93,7 +93,9 @@ def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any
 
 def estimate_suffix(record: Record) -> str:
     """Return the suffix of a measured quantity's name: with noisy sensors it is an estimate."""
-    return " (estimated)" if record.meta.kind == "run" and record.meta.noise else ""
+    if record.meta.kind == "run" and record.meta.noise:
+        return " (estimated)"
+    return ""
 
 
 def require_rows(record: Record) -> None:
@@ -138,7 +140,10 @@ def thinned(record: Record) -> Record:
             (np.fmin.reduce(part), np.fmax.reduce(part))
             for (part,) in row_files.parts(record[name], rows=step)
         )
-        series[name] = record[name][rows] if name in _AS_THEY_ARE else np.concatenate([*ends])
+        if name in _AS_THEY_ARE:
+            series[name] = record[name][rows]
+        else:
+            series[name] = np.concatenate([*ends])
     return Record(series=series, meta=record.meta)
 
 
@@ -150,7 +155,10 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
     """
     require_rows(record)
     t = record["t"]
-    codes = record["phase"] if "phase" in record.series else np.zeros(len(record), dtype=int)
+    if "phase" in record.series:
+        codes = record["phase"]
+    else:
+        codes = np.zeros(len(record), dtype=int)
     spans = [
         (record.meta.phases[code], code, float(t[i]), float(t[j]))
         for i, j, code in intervals_of(codes)
@@ -185,17 +193,17 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     phases = [phase.name for phase in meta.phases if phase.name in found]
     abort = meta.abort_phase if meta.kind == "run" else None
     names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
-    return (
-        plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
-        if names
-        else f"threshold {limit:g}"
-    )
+    if names:
+        return plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
+    return f"threshold {limit:g}"
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
     """External activation (n,) of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
-    return record["activations"][:, names.index(task)] if task in names else None
+    if task in names:
+        return record["activations"][:, names.index(task)]
+    return None
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
@@ -215,7 +223,9 @@ def axis_names(record: Record, n: int) -> list[str]:
     axes has not.
     """
     joints = record.meta.joints
-    return list(joints) if n == len(joints) else [str(k + 1) for k in range(n)]
+    if n == len(joints):
+        return list(joints)
+    return [str(k + 1) for k in range(n)]
 
 
 def has_vehicle(record: Record) -> bool:
@@ -235,4 +245,6 @@ def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
         return np.asarray(
             grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1])))
         )
-    return None if plane is None else np.full(len(points), plane)
+    if plane is None:
+        return None
+    return np.full(len(points), plane)

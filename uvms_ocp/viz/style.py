@@ -54,7 +54,7 @@ Given: TypeAlias = Figure | SubFigure | None
 """A figure of the caller's, or a part of one, to draw on."""
 Page: TypeAlias = tuple[Given, Width]
 Panels: TypeAlias = Any
-"""Axes of the caller's, or several: a sequence, or an array as `matplotlib.pyplot.subplots`
+"""Axes of the caller's, or several: a sequence, or an array as ``matplotlib.pyplot.subplots``
 gives.
 """
 
@@ -105,7 +105,9 @@ class _PlainPowers(LogFormatterSciNotation):
             return ""
         factor, _, exponent = f"{x:.0e}".partition("e")
         power = "10" + str(int(exponent)).translate(_RAISED)
-        return power if factor == "1" else f"{factor}·{power}"
+        if factor == "1":
+            return power
+        return f"{factor}·{power}"
 
 
 class RecordFigure(Figure):
@@ -124,7 +126,7 @@ class RecordFigure(Figure):
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """Write a file as `matplotlib.figure.Figure.savefig` does, whatever the caller's style says
+        """Write a file as ``matplotlib.figure.Figure.savefig`` does, whatever the caller's style says
         of files.
         """
         with context(_STYLE):
@@ -166,12 +168,17 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
         given = cast(Given, kwargs.get("fig"))
         if ax is not None and given is None:
             given = _flat(ax)[0].figure
-        before = set() if given is None else set(_artists(given))
+        if given is None:
+            before = set()
+        else:
+            before = set(_artists(given))
         with context(_STYLE if given is None else {}):
             drawn: Any = draw(*args, **kwargs)
             if drawn is not None:
                 _make_legible(drawn, before)
-        return drawn if given is None or drawn is None else drawn.figure
+        if given is None or drawn is None:
+            return drawn
+        return drawn.figure
 
     return checked(wrapper)
 
@@ -187,7 +194,10 @@ def _make_legible(figure: Figure, before: set[Artist]) -> None:
     """
     sheet = _on(to_rgba(figure.figure.get_facecolor()), np.ones(3))
     for artist in {one for one in _artists(figure) if isinstance(one, Text | Line2D)} - before:
-        paper = sheet if artist.axes is None else _on(to_rgba(artist.axes.get_facecolor()), sheet)
+        if artist.axes is None:
+            paper = sheet
+        else:
+            paper = _on(to_rgba(artist.axes.get_facecolor()), sheet)
         if isinstance(artist, Text):
             artist.set_parse_math(False)
             artist.set_color(
@@ -237,7 +247,8 @@ def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarra
     A grey of too little contrast becomes as light as it is dark first, since what is fainter has to
     stay so.
     """
-    rgb, end = np.array(to_rgb(color)), np.full(3, float(_luminance(papers[0]) < _MIDDLE))
+    rgb = np.array(to_rgb(color))
+    end = np.full(3, float(_luminance(papers[0]) < _MIDDLE))
     grey = [1.0 - rgb] if np.ptp(rgb) < _GREY else []
     shades = [
         rgb,
@@ -345,7 +356,9 @@ def label_text(name: str, longest: int = 32) -> str:
     of legends.
     """
     label = plain_line(name, longest)
-    return f" {label}" if label.startswith("_") else label
+    if label.startswith("_"):
+        return f" {label}"
+    return label
 
 
 _QUICKLY: dict[str, Any] = {
@@ -429,9 +442,10 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
         room = scale * (span.end - span.start) / points(_LETTER)
         if room < 2.0 and len(spans) > _FEW:
             continue
-        text = (
-            span.label if len(span.label) + 1 < room else plain_line(span.name, max(2, int(room)))
-        )
+        if len(span.label) + 1 < room:
+            text = span.label
+        else:
+            text = plain_line(span.name, max(2, int(room)))
         look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
         note(
             axis,

@@ -48,7 +48,10 @@ def figure_tool_error(
 
     task: one of them; left out: all of the record.
     """
-    tools = _tool_tasks(record) if task is None else {task: ""}
+    if task is None:
+        tools = _tool_tasks(record)
+    else:
+        tools = {task: ""}
     title = "Tools: errors to their goals" if len(tools) > 1 else "Tool: error to its goal"
     return _pose_error_figure(record, tools, title, (fig, width))
 
@@ -59,7 +62,11 @@ def _tool_tasks(record: Record) -> dict[str, str]:
     """
     tools = {task.name: task.tool for task in record.meta.tasks if task.tool}
     first = record.meta.tool_task
-    return tools if len(tools) > 1 else {} if first is None else {first: ""}
+    if len(tools) > 1:
+        return tools
+    if first is None:
+        return {}
+    return {first: ""}
 
 
 def _pose_error_figure(
@@ -103,7 +110,10 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     """
     gate = recorded.task_gate(record, name.rpartition(".")[0])
     values = _required(record, name)
-    on = np.ones(len(record), dtype=bool) if gate is None else gate > 0
+    if gate is None:
+        on = np.ones(len(record), dtype=bool)
+    else:
+        on = gate > 0
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(on, values, np.nan), color=color)
     _mark_thresholds(axis, record, name)
@@ -139,7 +149,9 @@ def _linear_panel(axis: Axes, record: Record, name: str, color: str) -> None:
 
 def _required(record: Record, name: str) -> np.ndarray:
     values = quantity(record, name)
-    return np.full(len(record), np.nan) if values is None else values
+    if values is None:
+        return np.full(len(record), np.nan)
+    return values
 
 
 @style.styled
@@ -242,11 +254,10 @@ def figure_of(
     title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(
         record
     )
-    figure, axes = (
-        style.stacked(len(names), 1.75, title, fig, width)
-        if ax is None
-        else style.panels(ax, len(names), fig)
-    )
+    if ax is None:
+        figure, axes = style.stacked(len(names), 1.75, title, fig, width)
+    else:
+        figure, axes = style.panels(ax, len(names), fig)
     for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             axis.plot(
@@ -359,7 +370,10 @@ def figure_row_activations(
     figure, axes = style.stacked(
         n, 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width
     )
-    names = [task] if n == 1 and len(record.meta.joints) != 1 else recorded.axis_names(record, n)
+    if n == 1 and len(record.meta.joints) != 1:
+        names = [task]
+    else:
+        names = recorded.axis_names(record, n)
     gate = recorded.task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
         _draw_activation(axis, record["t"], row[:, None], gate)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 import subprocess
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 from compiler import COMPILER, needs_compiler
 from sample_kernels import Memory, Motion, advance, tick
 
+from uvms_ocp.codegen.casadi_code import without_numbers
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import c_library, initial_value
 
@@ -58,9 +60,23 @@ int main(void) {{
   return 0;
 }}
 """
-    energy, *x = run_c(tmp_path, {"functions.c": library.functions, "main.c": main})
+    energy, *x = run_c(
+        tmp_path, {"functions.c": library.functions, "numbers.c": library.numbers, "main.c": main}
+    )
     assert energy == advance(memory, 0.2, 50)
     np.testing.assert_array_equal(x, list(memory.x))
+
+
+def test_functions_are_written_as_python_calls_them_without_their_numbers() -> None:
+    """A compiler that knew them would compute with them itself, and round otherwise than libm."""
+    function = pendulum()
+    library = c_library((advance,), structure_of(Motion, dynamics=function)())
+    generator = ca.CodeGenerator("functions.c")
+    generator.add(function)
+    form, numbers = without_numbers(generator.dump())
+    assert len(numbers) > 0
+    assert library.functions.endswith(form)
+    assert set(re.findall(r"(?<![\w.])\d+\.\d*(?![\w.])", library.functions)) <= {"0.", "1."}
 
 
 @needs_compiler

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from uvms_ocp.control.force.observer import ObserverLaw
-from uvms_ocp.control.payload import (
+from uvms_ocp.control.load_filter import (
     LASTING_FORCE,
     LEAST_ACCELERATION,
     MASS,
     WEIGHT,
-    ForceResponse,
     LoadFilter,
     LoadLearning,
     LoadSample,
 )
+from uvms_ocp.control.payload import ForceResponse
 from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()

@@ -10,13 +10,8 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState
-from uvms_ocp.control.payload import (
-    COLUMNS,
-    LOAD_FRAME,
-    current_force,
-    load_force,
-    response_function,
-)
+from uvms_ocp.control.load_filter import LOAD_FRAME
+from uvms_ocp.control.payload import COLUMNS, current_force, load_force, response_function
 from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics

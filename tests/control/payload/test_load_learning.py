@@ -15,7 +15,8 @@ from compiler import long_without_compiler
 
 from uvms_ocp import load_robot, without_arm
 from uvms_ocp.control.force.dynamic import DynamicController
-from uvms_ocp.control.payload import LoadEstimate, LoadLearning
+from uvms_ocp.control.load_filter import LoadLearning
+from uvms_ocp.control.payload import LoadEstimate
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.export import export_controller
 from uvms_ocp.record.record import Record

@@ -14,7 +14,8 @@ from health_run import HealthRun, Spoil, between
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Readings, Trust
-from uvms_ocp.sim.seafloor import RELIEFS, FlatSeafloor, HeightField, Seafloor
+from uvms_ocp.sim.rough_seafloor import RELIEFS, HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 
 NAME = "altimeter_range"
 SPEED = 0.2  # [m/s] of the descent

@@ -7,9 +7,10 @@ import pytest
 
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, StillWater, water_at
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.fault_effects import LAYER, RISE, with_steps
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.seafloor import FlatSeafloor, HeightField, Seafloor
+from uvms_ocp.sim.rough_seafloor import HeightField
+from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
+from uvms_ocp.sim.stepped_current import LAYER, RISE, with_steps
 
 FLAT = FlatSeafloor(z=-40.0)
 ROUGH = HeightField.random("large", z=-40.0, extent=30.0, seed=2)

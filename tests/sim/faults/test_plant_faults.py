@@ -18,11 +18,13 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
+from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
-from uvms_ocp.sim.fault_effects import condition_of, joined_velocity, loaded, require_possible
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.plant import DynamicPlant, KinematicPlant
+from uvms_ocp.sim.machine_faults import joined_velocity, loaded, require_possible
+from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.sim.thruster_condition import condition_of
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
 DT = 0.02

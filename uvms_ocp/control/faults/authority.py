@@ -72,11 +72,11 @@ def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
     """
     for axis in range(6):
         for way in range(2):
-            most = _largest_along(a, axis, way, trimmed)
+            largest = _largest_along(a, axis, way, trimmed)
             if trimmed:
-                a.reach[axis][way] = most
+                a.reach[axis][way] = largest
             else:
-                a.sound[axis][way] = most
+                a.sound[axis][way] = largest
 
 
 def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
@@ -93,19 +93,24 @@ def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> fl
     p.lower[n + 6] = 0.0
     p.upper[n + 6] = math.inf
     p.c[n + 6] = 1.0
-    return value_of(p) if solve_program(p) else math.nan
+    if solve_program(p):
+        return value_of(p)
+    return math.nan
 
 
-def _write_balance(a: AuthorityMemory, k: int, own: bool, trimmed: bool) -> None:
+def _write_balance(a: AuthorityMemory, k: int, is_own_axis: bool, trimmed: bool) -> None:
     """Compute the reach on axis k; own: by the thrusters alone, whatever the water balances."""
     p = a.program
     n = len(a.lower)
     for i in range(len(p.c)):
         p.A[k][i] = a.matrix[k][i] if i < n else 0.0
     p.A[k][n + k] = 1.0
-    p.upper[n + k] = 0.0 if own else a.righting[k]
+    p.upper[n + k] = 0.0 if is_own_axis else a.righting[k]
     p.lower[n + k] = -p.upper[n + k]
-    p.b[k] = a.trim[k] if trimmed and not own else 0.0
+    if trimmed and not is_own_axis:
+        p.b[k] = a.trim[k]
+    else:
+        p.b[k] = 0.0
 
 
 def _conclude_authority(a: AuthorityMemory) -> None:
@@ -168,7 +173,9 @@ class Authority:
             )
             if axis not in (*self.lost, *self.one_sided) and share < 0.95
         ]
-        return f"left of the reach: {', '.join(parts)}" if parts else "nothing is out of reach"
+        if parts:
+            return f"left of the reach: {', '.join(parts)}"
+        return "nothing is out of reach"
 
     def _gone(self) -> np.ndarray:
         """(6, 2) which of what sound thrusters reach is out of reach."""

@@ -9,138 +9,14 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
 from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
+from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults, reset_joints
 from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
-
-# The wrench that holds the robot still, averaged once it has settled after a fault.
-
-
-# [s] from a verdict to the judgement on what can still be reached, of the wrench that was needed in
-# the second half
-_WAIT = 6.0
-
-
-class WrenchBalance(Layout):
-    """Mean over the second half of a wait."""
-
-    runs: bool
-    """There is anything to wait for."""
-    began: float
-    """[s]"""
-    total: Annotated[Vector, Sized(6)]
-    """(6,) [N, N m]"""
-    count: int
-    mean: Annotated[Vector, Sized(6)]
-    """(6,) [N, N m] where it is time to judge."""
-
-
-def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
-    """Anew, at time t [s]; infinity where what was seen is not to be trusted: from the next look
-    on.
-    """
-    b.began = t
-    b.count = 0
-    for k in range(6):
-        b.total[k] = 0.0
-
-
-def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
-    """A wrench (6,) [N, N m] at time t [s]; whether it is time to judge."""
-    b.began = min(b.began, t)
-    if t - b.began > 0.5 * _WAIT:
-        b.count += 1
-        for k in range(6):
-            b.total[k] += wrench[k]
-    if t - b.began < _WAIT or b.count == 0:
-        return False
-    for k in range(6):
-        b.mean[k] = b.total[k] / b.count
-    b.runs = False
-    return True
-
-
-# Joints that are asked to move, are pushed, and do not, as kernels.
-
-_MEMORY = 2.0  # [s] of the way that a joint was asked to go
-_MOVED = 0.1  # share of that way which counts as having moved
-_JAM_TRAVEL = (
-    0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
+from uvms_ocp.control.faults.wrench_balance import (
+    WrenchBalance,
+    begin_wrench_balance,
+    update_wrench_balance,
 )
-_JAM_EFFORT = 0.2  # share of its effort that must resist it
-_JAM_TIME = 0.5  # [s] for which it stands still all the time
-
-
-class JointFaultMemory(Layout):
-    """Verdicts on all joints, with the ways they were asked to go and went."""
-
-    count: int
-    """Joints."""
-    effort: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N] limits."""
-    started: bool
-    t: float
-    """[s] of the last look."""
-    before: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] where they were then."""
-    asked: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] ways of late."""
-    moved: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] likewise."""
-    since: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is
-    jammed it stays.
-    """
-    jammed: Annotated[list[bool], Sized("n_joints")]
-    """(n_joints,)"""
-    found: Annotated[list[bool], Sized("n_joints")]
-    """(n_joints,) jammed, by the last look."""
-
-
-def reset_joints(w: JointFaultMemory) -> None:
-    """Encoders are silent or doubted."""
-    w.started = False
-    for j in range(w.count):
-        w.asked[j] = 0.0
-        w.moved[j] = 0.0
-        w.found[j] = False
-        if not w.jammed[j]:
-            w.since[j] = math.inf
-
-
-def detect_joint_faults(
-    w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float
-) -> bool:
-    """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or
-    m] where they are, by the way they went, at time t [s].
-
-    resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors
-    and model. Whether any was found jammed.
-    """
-    keep = math.exp(-(t - w.t) / _MEMORY)
-    any_found = False
-    for j in range(w.count):
-        w.found[j] = False
-        if w.started:
-            w.asked[j] = keep * w.asked[j] + way[j]
-            w.moved[j] = keep * w.moved[j] + q[j] - w.before[j]
-            _look_at_joint(w, j, resistance[j], t)
-        w.before[j] = q[j]
-        any_found = any_found or w.found[j]
-    w.started = True
-    w.t = t
-    return any_found
-
-
-def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> None:
-    if w.jammed[j]:
-        return
-    wanted = abs(w.asked[j])
-    against = -resistance if w.asked[j] > 0.0 else resistance if w.asked[j] < 0.0 else 0.0
-    stands = wanted > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * wanted
-    w.since[j] = min(w.since[j], t) if stands and against > _JAM_EFFORT * w.effort[j] else math.inf
-    w.found[j] = t - w.since[j] >= _JAM_TIME - 1e-9
-    w.jammed[j] = w.found[j]
-
 
 # A look at all thrusters and joints, and at what is left without the faulty ones, as kernels.
 
@@ -160,9 +36,9 @@ class FaultDetection(Layout):
     disturbance: Annotated[Vector, Sized("n_v")]
     """(n_v,) [N, N m] the same, as it is made up for."""
     asked: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N] as `Asked.thrust`."""
+    """(n_thrusters,) [N] thrust that was commanded."""
     way: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] as `Asked.way`."""
+    """(n_v,) [m/s, rad/s] velocity that was commanded."""
     encoders_trusted: bool
     """The encoders are to be trusted."""
     # of the robot
@@ -235,9 +111,9 @@ def detect_faults(m: FaultDetection, t: float) -> bool:
     m.thruster = detect_thruster_faults(m.thrusters, m.effectiveness, m.residual, m.asked, t)
     m.judgement = _judge(m, t)
     m.judged = m.judged or m.judgement
-    found = m.jam or m.thruster >= 0
-    m.changed = found or m.judgement or m.thrusters.suspect != suspect
-    return found
+    is_found = m.jam or m.thruster >= 0
+    m.changed = is_found or m.judgement or m.thrusters.suspect != suspect
+    return is_found
 
 
 def _go_on(m: FaultDetection) -> None:
@@ -289,5 +165,8 @@ def _find_trim(m: FaultDetection) -> None:
 def _tilt(m: FaultDetection, axis: int, angle: float) -> None:
     """The quaternion xyzw, from level."""
     for k in range(3):
-        m.tilted[3 + k] = math.sin(0.5 * angle) if k == axis else 0.0
+        if k == axis:
+            m.tilted[3 + k] = math.sin(0.5 * angle)
+        else:
+            m.tilted[3 + k] = 0.0
     m.tilted[6] = math.cos(0.5 * angle)

@@ -9,9 +9,11 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import assign
-from uvms_ocp.control.faults import authority, verdicts
-from uvms_ocp.control.faults.detection import FaultDetection, JointFaultMemory
-from uvms_ocp.control.faults.thrusters import EARLY, LATE, ThrusterFaultMemory
+from uvms_ocp.control.faults import authority, residual_filter, verdicts
+from uvms_ocp.control.faults.detection import FaultDetection
+from uvms_ocp.control.faults.fault_isolation import EARLY, LATE
+from uvms_ocp.control.faults.joint_faults import JointFaultMemory
+from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
@@ -51,7 +53,7 @@ def write_detection(
     memory: FaultDetection,
     robot: Robot,
     tuning: verdicts.ActuatorHealthTuning,
-    residual_filter: verdicts.ResidualFilter,
+    residual_filter: residual_filter.ResidualFilter,
     *,
     bandwidth: float,
     dt: float,
@@ -85,7 +87,7 @@ def write_thruster_watch(
     bandwidth: float,
     period: float,
 ) -> None:
-    """Initialise a `ThrusterWatch` of sound thrusters.
+    """Initialise a `ThrusterFaultMemory` of sound thrusters.
 
     matrix (6, n) [N/N, N m/N]; lower, upper (n,) [N] limits; bandwidth [rad/s] of the residual;
     period [s] of samples.
@@ -117,7 +119,7 @@ def write_thruster_watch(
 
 
 def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
-    """Initialise a `JointWatch` of sound joints; effort (n_joints,) [N m or N] limits."""
+    """Initialise a `JointFaultMemory` of sound joints; effort (n_joints,) [N m or N] limits."""
     assign(watch, count=len(effort), effort=effort, since=math.inf)
 
 
@@ -139,7 +141,7 @@ def thruster_verdicts(
 
 
 def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
-    """Return the verdict of a `JointWatch` on each joint."""
+    """Return the verdict of a `JointFaultMemory` on each joint."""
     sound = verdicts.JointVerdict()
     return [
         verdicts.JointVerdict(
@@ -173,7 +175,8 @@ def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
 
 
 def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
-    before, q = ca.SX.sym("before", robot.n_q), ca.SX.sym("q", robot.n_q)
+    before = ca.SX.sym("before", robot.n_q)
+    q = ca.SX.sym("q", robot.n_q)
     way = ca.densify(symbolic.symbolic.difference(before, q)[robot.n_vehicle :])
     return ca.Function("joint_way", [before, q], [ca.cse(way)], ["before", "q"], ["way"])
 
@@ -202,8 +205,10 @@ class ActuatorMonitor:
         """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing
         where nothing is.
         """
-        kinds = {f"thruster{k}": one.kind for k, one in enumerate(self.thrusters, start=1)}
-        kinds |= {f"joint{k}": one.kind for k, one in enumerate(self.joints, start=1)}
+        kinds = {
+            f"thruster{k}": actuator.kind for k, actuator in enumerate(self.thrusters, start=1)
+        }
+        kinds |= {f"joint{k}": actuator.kind for k, actuator in enumerate(self.joints, start=1)}
         return ", ".join(f"{name} {kind.word}" for name, kind in kinds.items() if kind)
 
     def update(self, t: float) -> None:

@@ -40,22 +40,24 @@ class ThrusterEffectiveness(Layout):
         """(n_thrusters,) whether anything follows the command at all."""
         return self.share != 0.0
 
-    def given(self, asked: Array) -> Array:
+    def given(self, commanded: Array) -> Array:
         """Thrust in the water (n_thrusters,) [N] for the asked one (n_thrusters,) [N]."""
-        return self.share * asked + self.constant
+        return self.share * commanded + self.constant
 
-    def asked(self, given: Array) -> Array:
+    def asked(self, delivered: Array) -> Array:
         """Invert the effectiveness: command (n_thrusters,) [N] for a thrust (n_thrusters,) [N]; 0
         of what does not follow.
         """
-        return where(self.works, (given - self.constant) / where(self.works, self.share, 1.0), 0.0)
+        return where(
+            self.works, (delivered - self.constant) / where(self.works, self.share, 1.0), 0.0
+        )
 
 
-def effective_thrust(e: ThrusterEffectiveness, i: int, asked: float) -> float:
+def effective_thrust(e: ThrusterEffectiveness, i: int, commanded: float) -> float:
     """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given`
     does. A kernel.
     """
-    return e.share[i] * asked + e.constant[i]
+    return e.share[i] * commanded + e.constant[i]
 
 
 # What is known of thrusters and joints: sound, suspect or faulty, and how.
@@ -116,17 +118,17 @@ class JointVerdict:
 
 def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     """One line on a faulty thruster, counted from 1 as in faults that are asked for."""
-    who = f"thruster{number} {verdict.kind.word} ({name})"
+    thruster = f"thruster{number} {verdict.kind.word} ({name})"
     if verdict.kind is FaultKind.STUCK:
         return (
-            f"{who}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others"
+            f"{thruster}: gives {verdict.constant:.0f} N whatever it is asked; taken out, the others"
             " make up for it"
         )
-    given = f"{who}: gives {100 * verdict.share:.0f} % of what it is asked"
+    finding = f"{thruster}: gives {100 * verdict.share:.0f} % of what it is asked"
     if verdict.kind is FaultKind.DEAD:
-        return f"{given}; taken out"
+        return f"{finding}; taken out"
     return (
-        f"{given};"
+        f"{finding};"
         f" {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
     )
 
@@ -156,51 +158,3 @@ class ActuatorHealthTuning:
     """
     settling: Positive = 1.5
     """[s] after a start or a verdict that are not looked at."""
-
-
-# What is taken in at every tick between two looks: what was asked, as late as the residual tells of
-# it.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class FilteredCommands:
-    """Filtered commands of the actuators, as numbers or CasADi expressions."""
-
-    thrust: Array
-    """(n_thrusters,) [N], filtered as the observer filters the residual."""
-    way: Array
-    """(n_v,) [m/s, rad/s] sum of the reference velocities since the last look."""
-    ticks: Array
-    """() since the last look; at 0 it is time for one, where the tick was taken in."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ResidualFilter:
-    """The law of it."""
-
-    share: float
-    """Share of the distance to a new thrust that the filter goes in a tick."""
-    every: int
-    """Ticks from look to look."""
-
-    def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
-        """A tick later.
-
-        thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s]
-        of the velocity.
-        """
-        ticks = before.ticks + 1.0
-        return FilteredCommands(
-            thrust=before.thrust + self.share * (thrust - before.thrust),
-            way=where(before.ticks == 0.0, 0.0, before.way) + reference,
-            ticks=where(ticks >= self.every, 0.0, ticks),
-        )
-
-
-def residual_filter_for(
-    tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float
-) -> ResidualFilter:
-    """Bandwidth [rad/s] of the residual; dt [s] of a tick."""
-    return ResidualFilter(
-        share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt))
-    )

@@ -18,7 +18,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_constructor, checked_dataclass
-from uvms_ocp.codegen.elementwise import Array, clipped, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
@@ -67,7 +66,7 @@ class AllocationMemory(Layout):
     wrench_weight: Annotated[Vector, Sized("m")]
     """(6,) [1/N, 1/(N m)]"""
     share: Annotated[Vector, Sized("n")]
-    """(n,) as those of `Effect`."""
+    """(n,) [-] of `ThrusterEffectiveness`: thrust that comes, by thrust that is asked for."""
     constant: Annotated[Vector, Sized("n")]
     """(n,) [N]"""
     # found by `apply_effectiveness`
@@ -124,18 +123,18 @@ def allocate_thrust(a: AllocationMemory) -> bool:
 
 def _keep(a: AllocationMemory, i: int, to: int) -> None:
     """Thruster i, which follows."""
-    left = a.left
+    remaining = a.left
     share = a.share[i]
     size = abs(a.share[i])
     a.place[to] = i
     for k in range(len(a.matrix)):
-        left.powers.matrix[k][to] = a.matrix[k][i]
-    left.lower[to] = min(share * a.lower[i], share * a.upper[i])
-    left.upper[to] = max(share * a.lower[i], share * a.upper[i])
-    left.dead_zone[to] = a.dead_zone[i] * size
-    left.powers.largest[to] = max(left.upper[to], -left.lower[to])
-    left.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
-    left.powers.exponent[to] = a.power_exponent[i]
+        remaining.powers.matrix[k][to] = a.matrix[k][i]
+    remaining.lower[to] = min(share * a.lower[i], share * a.upper[i])
+    remaining.upper[to] = max(share * a.lower[i], share * a.upper[i])
+    remaining.dead_zone[to] = a.dead_zone[i] * size
+    remaining.powers.largest[to] = max(remaining.upper[to], -remaining.lower[to])
+    remaining.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
+    remaining.powers.exponent[to] = a.power_exponent[i]
 
 
 def _to_all(a: AllocationMemory) -> None:
@@ -239,12 +238,12 @@ class Allocation:
             raise InvalidInput(
                 f"wrench {w} given; allowed: six finite numbers below {LARGEST_WRENCH:g} [N, N m]"
             )
-        found = (
+        wrenches = (
             np.array(memory.thrust[: memory.count]),
             np.array(memory.reached),
             np.array(memory.unreachable),
         )
-        return AllocationResult(*found, bool(memory.saturated))
+        return AllocationResult(*wrenches, bool(memory.saturated))
 
 
 def allocation_sizes(n: int) -> dict[str, int]:
@@ -306,52 +305,3 @@ def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
     return [
         Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters
     ]
-
-
-# First-order thrusters, and the thrust command that makes them faster than their lag.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ThrusterLag:
-    """Model of n thrusters over a tick, of numbers and of CasADi expressions alike."""
-
-    lower: np.ndarray
-    """(n,) [N]"""
-    upper: np.ndarray
-    """(n,) [N]"""
-    lead: np.ndarray
-    """(n,) so many times faster than their lag they are driven."""
-    decay: np.ndarray
-    """(n,) share of the distance from its command that a thruster keeps over a tick."""
-    dead_zone: np.ndarray
-    """(n,) [N] smaller thrust cannot be commanded."""
-
-    def command(self, thrust: Array, wanted: Array, hurry: Array) -> Array:
-        """Command (n,) [N] that brings thrust (n,) [N] to the wanted one (n,) [N]; hurry (): ahead
-        of the lag.
-
-        What would lead into a dead zone is the wanted thrust itself, which is 0 or beyond it.
-        """
-        lead = where(hurry, self.lead, 1.0)
-        ahead = clipped(thrust + lead * (wanted - thrust), self.lower, self.upper)
-        return where(ahead * ahead < self.dead_zone**2, wanted, ahead)
-
-    def after(self, thrust: Array, command: Array) -> Array:
-        """Propagate a thrust (n,) [N] by one tick under a command (n,) [N]."""
-        return command + (thrust - command) * self.decay
-
-
-def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
-    """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt
-    [s]: control period.
-    """
-    time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
-    lower, upper = thrust_limits(robot)
-    return ThrusterLag(
-        lower=lower,
-        upper=upper,
-        # Faster than the control period would ring.
-        lead=np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0)),
-        decay=np.exp(-dt / np.maximum(time_constants, 1e-9)),
-        dead_zone=np.array([thruster.dead_zone for thruster in robot.description.thrusters]),
-    )

@@ -10,7 +10,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.control.force.allocation import AllocationResult, allocation_of, thruster_lag
+from uvms_ocp.control.force.allocation import AllocationResult, allocation_of
+from uvms_ocp.control.force.thruster_lag import thruster_lag
 from uvms_ocp.robot import Command, Robot, State, signals
 from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import Water

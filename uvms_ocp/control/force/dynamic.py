@@ -16,11 +16,13 @@ from uvms_ocp.checks import (
     unchecked_constructor,
 )
 from uvms_ocp.control.faults.monitor import ActuatorMonitor
-from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, residual_filter_for
-from uvms_ocp.control.force import allocation, tick_functions, velocity_law
+from uvms_ocp.control.faults.residual_filter import residual_filter_for
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+from uvms_ocp.control.force import thruster_lag, tick_functions, velocity_law
 from uvms_ocp.control.force.observer import DisturbanceObserver, ObserverLaw
 from uvms_ocp.control.force.tick import ForceTick
-from uvms_ocp.control.payload import LoadLearner, LoadLearning, require_learnable
+from uvms_ocp.control.load_filter import LoadLearning
+from uvms_ocp.control.payload import LoadLearner, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
@@ -101,7 +103,10 @@ class DynamicController(TableDisplay):
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        late = velocity_law.DeadTimes() if sensors is None else velocity_law.dead_times(sensors)
+        if sensors is None:
+            late = velocity_law.DeadTimes()
+        else:
+            late = velocity_law.dead_times(sensors)
         derating = velocity_law.bandwidth_derating(
             late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
         )
@@ -110,12 +115,12 @@ class DynamicController(TableDisplay):
         self.memory = memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
-        self._detection, self._allocation = memory.detection, memory.allocation
-        self.monitor = (
-            None
-            if laws.search is None
-            else ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
-        )
+        self._detection = memory.detection
+        self._allocation = memory.allocation
+        if laws.search is None:
+            self.monitor = None
+        else:
+            self.monitor = ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
         """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose
         findings it reads.
         """
@@ -123,12 +128,15 @@ class DynamicController(TableDisplay):
         self._fault_summary = ""
         self._jammed = tuple[int, ...]()
         self._at_limits = ""
-        self.learner = None if load is None else _learner(laws, load)
+        if load is None:
+            self.learner = None
+        else:
+            self.learner = _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        tick = self.kinematic.observe(measurement, t)
+        tick = self.kinematic.observe(estimate, t)
         sound = tick.measurement
         command = self.kinematic.command(tick)
         bounds = tick.restriction
@@ -147,7 +155,7 @@ class DynamicController(TableDisplay):
 
     @checked
     def catch_up(
-        self, measurement: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
+        self, estimate: StateEstimate, t: float, ticks: int, at_limits: tuple[int, ...]
     ) -> None:
         """Take note of what kernels alone have done, as `KinematicController.catch_up`.
 
@@ -157,14 +165,14 @@ class DynamicController(TableDisplay):
         self._name_thrusters(at_limits)
         met = self.kinematic.memory.distress  # the force layer in the tick before
         self.kinematic.catch_up(
-            measurement, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
+            estimate, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
         )
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
 
     def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
         fault = self._fault
-        known = self._fault_summary
+        summary = self._fault_summary
         jammed = self._jammed
         limited = self._at_limits
         return _feedback(
@@ -172,7 +180,7 @@ class DynamicController(TableDisplay):
             push=push,
             spent=spent,
             fault=fault,
-            fault_summary=known,
+            fault_summary=summary,
             jammed=jammed,
             at_limits=limited,
         )
@@ -199,10 +207,8 @@ class DynamicController(TableDisplay):
         if self.learner is None:
             return self._tick.step(t, sound.joint_age, encoders_trusted)
         self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
-        outputs, observed = (
-            self._tick.step(t, sound.joint_age, encoders_trusted),
-            self._tick.observed,
-        )
+        outputs = self._tick.step(t, sound.joint_age, encoders_trusted)
+        observed = self._tick.observed
         self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
         return outputs
 
@@ -264,7 +270,10 @@ def _laws(
     """Return the laws of a robot, one object for many runs, so that what is derived from them is
     made once; dt [s].
     """
-    search = health if gains.observer_vehicle and robot.n_vehicle else None
+    if gains.observer_vehicle and robot.n_vehicle:
+        search = health
+    else:
+        search = None
     observed = derating.vehicle * gains.observer_vehicle
     return tick_functions.ForceLaws(
         robot=robot,
@@ -274,7 +283,7 @@ def _laws(
             reset=_per_axis(robot, gains.vehicle_reset, gains.joints_reset),
             dt=dt,
         ),
-        lag=allocation.thruster_lag(robot, lead=gains.lead, dt=dt),
+        lag=thruster_lag.thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
         observer=_observer_law(robot, gains, dt),
@@ -332,4 +341,6 @@ def observer_of(
     current (3,) [m/s] in W: as far as it is known.
     """
     law = _observer_law(robot, gains, dt)
-    return None if law is None else DisturbanceObserver(law, dynamics.symbolic, robot.n_q, current)
+    if law is None:
+        return None
+    return DisturbanceObserver(law, dynamics.symbolic, robot.n_q, current)

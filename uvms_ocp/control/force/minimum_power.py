@@ -106,12 +106,12 @@ def _find_spare(p: PowerMemory) -> None:
     p.n_spare = 0
     while p.n_spare < p.count - rank:
         best = 0
-        most = -1.0
+        largest_rest = -1.0
         for i in range(p.count):
             rest = _rest(p, rank, i)
-            if rest > most:
+            if rest > largest_rest:
                 best = i
-                most = rest
+                largest_rest = rest
         _add_spare(p, rank, best)
 
 
@@ -225,11 +225,11 @@ def _bounded(p: LimitedThrustMemory) -> None:
         _touch(p)
         _solve(p, True)
         moved = 0.0
-        most = 0.0
+        largest_thrust = 0.0
         for i in range(n):
             moved = max(moved, abs(p.thrust[i] - before[i]))
-            most = max(most, p.powers.largest[i])
-        if moved < _SETTLED * most:
+            largest_thrust = max(largest_thrust, p.powers.largest[i])
+        if moved < _SETTLED * largest_thrust:
             break
 
 
@@ -258,18 +258,18 @@ def _solve(p: LimitedThrustMemory, started: bool) -> None:
 def _loses(p: LimitedThrustMemory) -> bool:
     """Return whether the wrench is another one than that of the unbounded thrust."""
     lost = 0.0
-    wanted = 0.0
+    required = 0.0
     for k in range(p.problem.rows):
         difference = 0.0
-        whole = 0.0
+        total = 0.0
         for i in range(p.problem.columns):
             difference += p.powers.matrix[k][i] * (p.thrust[i] - p.unbounded[i])
-            whole += p.powers.matrix[k][i] * p.unbounded[i]
+            total += p.powers.matrix[k][i] * p.unbounded[i]
         difference *= p.powers.wrench_weight[k]
-        whole *= p.powers.wrench_weight[k]
+        total *= p.powers.wrench_weight[k]
         lost += difference * difference
-        wanted += whole * whole
-    return math.sqrt(lost) > _EXACT * math.sqrt(wanted)
+        required += total * total
+    return math.sqrt(lost) > _EXACT * math.sqrt(required)
 
 
 def _leave_dead_zones(p: LimitedThrustMemory) -> None:
@@ -284,14 +284,17 @@ def _leave_dead_zones(p: LimitedThrustMemory) -> None:
 
 def _fix_inside_dead_zones(p: LimitedThrustMemory) -> bool:
     """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
-    found = False
+    is_inside = False
     for i in range(p.problem.columns):
         size = abs(p.thrust[i])
         edge = p.dead_zone[i]
         if 0.0 < size < edge and p.problem.lower[i] < p.problem.upper[i]:
             nearest = min(max(math.copysign(edge, p.thrust[i]), p.lower[i]), p.upper[i])
-            rounded = nearest if size > 0.5 * edge and abs(nearest) >= edge else 0.0
+            if size > 0.5 * edge and abs(nearest) >= edge:
+                rounded = nearest
+            else:
+                rounded = 0.0
             p.problem.lower[i] = rounded
             p.problem.upper[i] = rounded
-            found = True
-    return found
+            is_inside = True
+    return is_inside

@@ -94,7 +94,10 @@ class ObserverLaw:
         push = _coupled(M, w**2) @ innovation
         estimate = limited(before.estimate + self.dt * push, self.limit)
         still = ca.SX(3, len(body.links))
-        water = still if current is None else ca.repmat(ca.SX(current), 1, len(body.links))
+        if current is None:
+            water = still
+        else:
+            water = ca.repmat(ca.SX(current), 1, len(body.links))
         corrected = tau + estimate + 2 * _coupled(M, w) @ innovation
         v_hat = v_hat + self.dt * body.forward_dynamics(q, v, corrected, water, still)
         return ObserverState(estimate=estimate, lead=push / w, v_hat=v_hat, follows=ca.SX(1.0))
@@ -128,8 +131,8 @@ def _coupled(M: ca.SX, gain: ca.SX) -> ca.SX:
 
 def limited(y: ca.SX, limit: np.ndarray) -> ca.SX:
     """Y (n,) [any] within limit (n,) [any] both ways; what is no number stays none."""
-    most = ca.DM(limit)
-    return ca.if_else(y > most, most, ca.if_else(y < -most, -most, y))
+    bound = ca.DM(limit)
+    return ca.if_else(y > bound, bound, ca.if_else(y < -bound, -bound, y))
 
 
 class DisturbanceObserver:
@@ -145,13 +148,15 @@ class DisturbanceObserver:
     ) -> None:
         """n_q: entries of q. current (3,) [m/s] in W: as far as it is known, and no disturbance."""
         n = len(law.bandwidth)
-        q, (v, tau, kept, v_hat) = (
-            ca.SX.sym("q", n_q),
-            (ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat")),
+        q = ca.SX.sym("q", n_q)
+        (v, tau, held_estimate, v_hat) = (
+            ca.SX.sym(name, n) for name in ("v", "tau", "kept", "v_hat")
         )
         follows = ca.SX.sym("follows")
         M = body.mass_matrix(q)
-        before = ObserverState(estimate=M @ kept, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows)
+        before = ObserverState(
+            estimate=M @ held_estimate, lead=ca.SX(n, 1), v_hat=v_hat, follows=follows
+        )
         after = law.after(
             before, body, q, v, tau, ca.SX.ones(n), None if current is None else ca.DM(current)
         )
@@ -162,7 +167,7 @@ class DisturbanceObserver:
             after.v_hat,
         ]
         self._function = BufferedFunction(
-            ca.Function("observer", [q, v, tau, kept, v_hat, follows], ca.cse(outputs))
+            ca.Function("observer", [q, v, tau, held_estimate, v_hat, follows], ca.cse(outputs))
         )
         self.estimate = np.zeros(n)
         self._kept = np.zeros(n)

@@ -109,7 +109,10 @@ def force_step(m: ForceMemory) -> bool:
     """
     m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
-    m.inputs.joints[0] = 0.0 if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late else 1.0
+    if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late:
+        m.inputs.joints[0] = 0.0
+    else:
+        m.inputs.joints[0] = 1.0
     m.locks = m.inputs.joints[0] == 0.0 if m.detection.joints.count > 0 else m.inputs.hold[0] != 0.0
     if _share_changes(m):
         m.transfer(m.inputs, m.state, m.transferred)
@@ -160,8 +163,8 @@ def apply_detected_effectiveness(m: ForceMemory) -> None:
 def _share_changes(m: ForceMemory) -> bool:
     changes = False
     for i in range(len(m.state.share)):
-        asked = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
-        changes = changes or m.state.share[i] != asked
+        required = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
+        changes = changes or m.state.share[i] != required
     return changes
 
 
@@ -206,7 +209,8 @@ def _is_possible(m: ForceMemory) -> bool:
 
 # Between the layers of velocities and of forces.
 
-_POSITIONS, _RATES = CHANNELS.index(ENCODERS), CHANNELS.index("joint_velocities")
+_POSITIONS = CHANNELS.index(ENCODERS)
+_RATES = CHANNELS.index("joint_velocities")
 
 
 def ask_forces(c: TickMemory, m: ForceMemory) -> None:
@@ -279,10 +283,13 @@ class ForceTick:
         feedback: of vehicle and joints, as in `ForceInputs`.
         """
         inputs = self.inputs
-        inputs.q[:], inputs.v[:], inputs.reference[:] = q, v, command.v
+        inputs.q[:] = q
+        inputs.v[:] = v
+        inputs.reference[:] = command.v
         flags = self._flags
         flags.feedback[0], flags.joint_feedback[0] = feedback
-        flags.hold[0], flags.stop[0] = command.hold, command.stop
+        flags.hold[0] = command.hold
+        flags.stop[0] = command.stop
         self.memory.brakes = command.brakes
 
     def step(
@@ -330,10 +337,12 @@ class ForceTick:
         memory = self.memory
         robot = laws.robot
         derating = laws.derating
-        memory.bandwidth_share, memory.joint_bandwidth_share = derating.vehicle, derating.joints
+        memory.bandwidth_share = derating.vehicle
+        memory.joint_bandwidth_share = derating.joints
         memory.joints_late = derating.joints_late
         thrust_allocation.allocation_of(robot).write(memory.allocation)
-        memory.detection.n_vehicle, memory.detection.joints.count = robot.n_vehicle, robot.n_joints
+        memory.detection.n_vehicle = robot.n_vehicle
+        memory.detection.joints.count = robot.n_joints
         if (
             laws.search is not None
             and laws.residual_filter is not None

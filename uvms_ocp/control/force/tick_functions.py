@@ -21,14 +21,10 @@ import numpy as np
 from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
-from uvms_ocp.control.faults.verdicts import (
-    ActuatorHealthTuning,
-    FilteredCommands,
-    ResidualFilter,
-    ThrusterEffectiveness,
-)
-from uvms_ocp.control.force.allocation import ThrusterLag
+from uvms_ocp.control.faults.residual_filter import FilteredCommands, ResidualFilter
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning, ThrusterEffectiveness
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState, limited
+from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 
@@ -277,16 +273,14 @@ def observe_function(laws: ForceLaws) -> ca.Function:
     observed = replace(
         state, integral=_by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
     )
-    observed = (
-        observed
-        if laws.observer is None
-        else _observed(laws, laws.observer, inputs, effectiveness, observed)
-    )
-    observed = (
-        observed
-        if laws.residual_filter is None
-        else _taken_in(laws, laws.residual_filter, inputs, observed)
-    )
+    if laws.observer is None:
+        observed = observed
+    else:
+        observed = _observed(laws, laws.observer, inputs, effectiveness, observed)
+    if laws.residual_filter is None:
+        observed = observed
+    else:
+        observed = _taken_in(laws, laws.residual_filter, inputs, observed)
     return ca.Function(
         "observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"]
     )
@@ -391,14 +385,14 @@ def _observed(
         v_hat=observed.v_hat,
         follows=observed.follows,
     )
-    found = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
+    updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     held = partial(ca.if_else, inputs.hold)
     return replace(
         observed,
-        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), found.estimate),
-        lead=held(observed.lead, found.lead),
-        v_hat=held(observed.v_hat, found.v_hat),
-        follows=held(0.0, found.follows),
+        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), updated.estimate),
+        lead=held(observed.lead, updated.lead),
+        v_hat=held(observed.v_hat, updated.v_hat),
+        follows=held(0.0, updated.follows),
     )
 
 

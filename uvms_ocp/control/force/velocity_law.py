@@ -71,15 +71,15 @@ class VelocityLaw:
         )
         return integral * stiffness_before / stiffness
 
-    def integrated(self, integral: ca.SX, error: ca.SX, wanted: ca.SX, reached: ca.SX) -> ca.SX:
+    def integrated(self, integral: ca.SX, error: ca.SX, desired: ca.SX, reached: ca.SX) -> ca.SX:
         """The integral (n_v,) [m, rad] a tick later; error (n_v,) [m/s, rad/s], forces (n_v,) [N, N
         m].
 
         Conditional integration: an axis whose force falls short does not wind up further in that
         direction.
         """
-        short = wanted - reached
-        winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(wanted)), short * error > 0)
+        short = desired - reached
+        winding = ca.logic_and(ca.fabs(short) > 1e-6 * (1 + ca.fabs(desired)), short * error > 0)
         return integral + ca.if_else(winding, 0.0, error * self.dt)
 
 
@@ -139,12 +139,14 @@ def largest_dead_time(
     since, so that an axis that would fall with exp(p t) is no longer caught from about ``p T =
     1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
     """
-    most = np.linalg.eigvals(stiffness).real
+    eigenvalues = np.linalg.eigvals(stiffness).real
     falling, swinging = _stiffness_limits(
         *((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0))
     )
-    steepest = max(most.min(initial=0.0) / falling, most.max(initial=0.0) / swinging)
-    return 1.0 / math.sqrt(steepest) if steepest > 0.0 else math.inf
+    steepest = max(eigenvalues.min(initial=0.0) / falling, eigenvalues.max(initial=0.0) / swinging)
+    if steepest > 0.0:
+        return 1.0 / math.sqrt(steepest)
+    return math.inf
 
 
 @lru_cache(maxsize=8)
@@ -166,7 +168,8 @@ def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
     feedback = (k * (1 + r / z) + (1 - rest) * z) * z * late
     mu = -(z**2 + feedback / rest) / (1 - (1 + z) * late)
     border = mu.real[:-1][np.diff(np.sign(mu.imag)) != 0]
-    falling, swinging = border[border < 0], border[border > 0]
+    falling = border[border < 0]
+    swinging = border[border > 0]
     return float(falling.max()) if len(falling) else -_NOTHING, float(
         swinging.min(initial=math.inf)
     )
@@ -177,4 +180,6 @@ def _soonest(*specs: SensorSpec | None) -> float:
 
 
 def _share(bandwidth: float, late: float) -> float:
-    return min(1.0, _MOST_DEAD / (bandwidth * late)) if bandwidth * late > 0.0 else 1.0
+    if bandwidth * late > 0.0:
+        return min(1.0, _MOST_DEAD / (bandwidth * late))
+    return 1.0

@@ -6,93 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import lru_cache
 from typing import Annotated
 
-import casadi as ca
-import numpy as np
-import pinocchio as pin
-
-from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, assign
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
 from uvms_ocp.control.velocity.tick_state import TickInputs
-from uvms_ocp.estimation import degraded_modes, fallbacks
+from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.mission import Mission
 from uvms_ocp.mission.progress import MissionMemory, always_grows
-from uvms_ocp.robot import Robot, SymbolicModel, signals
-from uvms_ocp.robot.shapes.hull import lowest_point
+from uvms_ocp.robot import signals
 from uvms_ocp.tasks.altitude import MinimumAltitude
-
-# Where the abort phase climbs to from where the robot is: straight up, upright.
-
-N_POSE = 12  # position, then rotation column by column
-
-
-class AscentMemory(Layout):
-    """The frame that climbs, and its goal."""
-
-    pose: FunctionField
-    """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
-    altitude: float
-    """[m] as that of `Abort`."""
-    place: Annotated[Vector, Sized(3)]
-    """(3,) [m] of the frame in W."""
-    rotation: Annotated[Vector, Sized(9)]
-    """(9,) of the frame in W, column by column."""
-    goal: Annotated[Vector, Sized(N_POSE)]
-    """(12,) [m, -] position and rotation in W that it climbs to."""
-
-
-def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
-    """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
-
-    floor [m]: z in W of the highest that is known, NaN where none is to be believed.
-    """
-    m.pose(q, m.place, m.rotation)
-    yaw = math.atan2(m.rotation[1], m.rotation[0])
-    for i in range(len(m.goal)):
-        m.goal[i] = 0.0
-    m.goal[0] = m.place[0]
-    m.goal[1] = m.place[1]
-    m.goal[2] = (
-        max(m.place[2], floor + m.altitude) if math.isfinite(floor) else m.place[2] + m.altitude
-    )
-    m.goal[3] = math.cos(yaw)
-    m.goal[4] = math.sin(yaw)
-    m.goal[6] = -m.goal[4]
-    m.goal[7] = m.goal[3]
-    m.goal[11] = 1.0
-
-
-def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:
-    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends
-    without an abort phase.
-
-    altimeter: its frame.
-    """
-    frame = None if mission.abort is None else mission.ascent_frame
-    return {
-        "pose": _climb_frame(robot, frame),
-        "lowest": lowest_point(robot, fallbacks.UNSEEN_SLOPE, altimeter),
-    }
-
-
-@lru_cache(maxsize=8)
-def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
-    """Q -> position and rotation of a frame as in `AscentMemory`."""
-    q = ca.SX.sym("q", robot.n_q)
-    R_WF, p_WF = ca.SX.eye(3), ca.SX.zeros(3)
-    if frame is not None:
-        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
-    return ca.Function(
-        "climb_frame", [q], [ca.densify(p_WF), ca.densify(ca.vec(R_WF))], {"cse": True}
-    )
-
-
-def ascent_goal(memory: AscentMemory) -> pin.SE3:
-    """The goal that `aim` has left in a `AscentMemory`."""
-    goal = np.array(memory.goal)
-    return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])
-
 
 # What sends a mission into its abort phase: lost sensors, contact, too little thrust, no progress.
 
@@ -204,7 +126,7 @@ def abort_reason(
     ended: bool,
     clearance: float,
 ) -> int:
-    """Why the mission is to be given up at t [s], a `Why`. A kernel. clearance [m]: above the
+    """Return the `AbortReason` to give up the mission at t [s]. A kernel. clearance [m]: above the
     floor, NaN for unknown.
 
     gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and
@@ -212,19 +134,21 @@ def abort_reason(
     """
     d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
     if not d.aborts:
-        return AbortReason.FAULT if d.fault else AbortReason.NOTHING
+        if d.fault:
+            return AbortReason.FAULT
+        return AbortReason.NOTHING
     if m.given_up:
-        return (
-            AbortReason.LATE
-            if t - m.since > d.time_limit
-            else (AbortReason.HOPELESS if hopeless else AbortReason.NOTHING)
-        )
+        if t - m.since > d.time_limit:
+            return AbortReason.LATE
+        if hopeless:
+            return AbortReason.HOPELESS
+        return AbortReason.NOTHING
     if hopeless or ended or d.fault:
-        return (
-            AbortReason.HOPELESS
-            if hopeless
-            else (AbortReason.ENDED if ended else AbortReason.FAULT)
-        )
+        if hopeless:
+            return AbortReason.HOPELESS
+        if ended:
+            return AbortReason.ENDED
+        return AbortReason.FAULT
     d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
     if t - d.sunk_since > _SUNK_AFTER:
         return AbortReason.FLOOR
@@ -238,20 +162,24 @@ def abort_reason(
         return AbortReason.RUNAWAY
     waits = not _progresses(d, m, quantities)
     d.stall_since = _since(waits, d.stall_since, t)
-    return AbortReason.STALL if t - d.stall_since > d.stall_after else AbortReason.NOTHING
+    if t - d.stall_since > d.stall_after:
+        return AbortReason.STALL
+    return AbortReason.NOTHING
 
 
 def _since(so: bool, since: float, t: float) -> float:
     """When [s] it began to be so; NaN: nobody knows."""
-    return since if so and not math.isnan(since) else t
+    if so and not math.isnan(since):
+        return since
+    return t
 
 
 def _is_high(d: AbortMemory, gates: Vector) -> bool:
     """Return whether the robot should be well above the floor."""
-    found = False
+    is_high = False
     for i in range(len(d.high)):
-        found = found or (d.high[i] != 0 and gates[i] != 0.0)
-    return found
+        is_high = is_high or (d.high[i] != 0 and gates[i] != 0.0)
+    return is_high
 
 
 def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
@@ -262,11 +190,11 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
     fallen = m.since != d.began or math.isnan(d.runaway_since)
     for i in range(m.first[m.phase], m.end[m.phase]):
         for k in range(m.first_condition[i], m.end_condition[i]):
-            now = quantities[m.quantity[k]]
+            quantity = quantities[m.quantity[k]]
             held = d.held[m.quantity[k]]
-            if m.below[k] != 0 and not now < m.limit[k]:
-                grown = grown or now > (1.0 + _GROWTH) * held
-                fallen = fallen or not now >= (1.0 - _PROGRESS) * held
+            if m.below[k] != 0 and not quantity < m.limit[k]:
+                grown = grown or quantity > (1.0 + _GROWTH) * held
+                fallen = fallen or not quantity >= (1.0 - _PROGRESS) * held
     d.ticks += 1
     d.short_ticks += 1 if d.short else 0
     late = not fallen and t - d.runaway_since > d.runaway_after
@@ -354,10 +282,12 @@ class AbortMonitor:
         abort = self._mission.abort
         less = tick.restriction
         if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
-            return feedback.fault if why is AbortReason.FAULT else ""
+            if why is AbortReason.FAULT:
+                return feedback.fault
+            return ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
         pending = self._mission.pending(tick.mission, quantities)
-        which = f" ({feedback.at_limits})" * bool(feedback.at_limits)
+        which = f" ({feedback.at_limits})" if feedback.at_limits else ""
         texts = {
             AbortReason.CONTACT: (
                 f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
@@ -382,11 +312,9 @@ class AbortMonitor:
         words = texts.get(
             why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}"
         )
-        return (
-            f"{words}; {feedback.fault_summary}"
-            if words and feedback.fault_summary not in words
-            else words
-        )
+        if words and feedback.fault_summary not in words:
+            return f"{words}; {feedback.fault_summary}"
+        return words
 
 
 def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:

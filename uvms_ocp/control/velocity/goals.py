@@ -4,11 +4,10 @@ distances that tasks ask for.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import Annotated, Any
 
 import casadi as ca
@@ -23,134 +22,16 @@ from uvms_ocp.codegen.kernel_layout import (
     structure_of,
     view,
 )
-from uvms_ocp.control.velocity.abort import AscentMemory
+from uvms_ocp.control.velocity.ascent import AscentMemory
 from uvms_ocp.control.velocity.distances import NearestMemory, measure_pairs, place_along_stop
+from uvms_ocp.control.velocity.goal_tracks import Track, TracksMemory, follow_tracks, write_tracks
 from uvms_ocp.mission.mission import Mission, is_constant
 from uvms_ocp.mission.phase import MissionState
 from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
 from uvms_ocp.tasks.activation import ENDLESS
-from uvms_ocp.tasks.goals import EndingReference
 from uvms_ocp.tasks.task import NearestPairs, Task
-
-# Goals that move and come to rest, as samples: what a kernel can follow without the function that
-# they came from.
-
-_MOST = 20_000  # samples: 100 s at 200 Hz; a longer goal is asked at every tick
-
-
-class TracksMemory(Layout):
-    """Parameters of tasks at multiples of the control period, of one goal after the other."""
-
-    dt: float
-    """[s] between samples."""
-    n_tracks: int
-    phase: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) in which each counts."""
-    of_phase: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) which begin with it, and not at 0."""
-    place: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) first parameter of each, among those of all tasks."""
-    width: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) parameters."""
-    first: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) first number of each in `table`."""
-    last: Annotated[list[int], Sized("n_tracks")]
-    """(n_tracks,) its last sample, where it rests."""
-    table: Annotated[Vector, Sized("n_table")]
-    """(n_table,) [their units] the parameters of a sample after those of the one before."""
-
-
-def follow_tracks(
-    m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
-) -> None:
-    """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
-
-    of_phase, elapsed: [s] since the start of the phase, and of the mission.
-    """
-    for k in range(m.n_tracks):
-        if m.phase[k] == phase:
-            _sample(m, k, of_phase if m.of_phase[k] != 0 else elapsed, values)
-
-
-def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
-    """Between two samples in proportion."""
-    ticks = min(max(0.0, t / m.dt), float(m.last[k]))
-    before = min(int(ticks), m.last[k] - 1)
-    share = ticks - before
-    at = m.first[k] + before * m.width[k]
-    for i in range(m.width[k]):
-        now, then = m.table[at + i], m.table[at + m.width[k] + i]
-        values[m.place[k] + i] = now + share * (then - now)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Track:
-    """The goal of one task in one phase."""
-
-    phase: int
-    """Index among all phases."""
-    task: int
-    """Index in the hierarchy."""
-    of_phase: bool
-    """It begins with the phase, and not at 0."""
-    samples: np.ndarray
-    """(n, n_parameters) [their units]"""
-
-
-def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
-    """Sample all goals that move and rest in the end, every dt [s]."""
-    found = []
-    for phase in range(len(mission.all_phases)):
-        for index, (task, (reference, own)) in enumerate(
-            zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
-        ):
-            n = _length(task, dt)
-            if n and not mission.has_ascent_goal(phase, index):
-                samples = np.array([reference(k * dt) for k in range(n + 1)])
-                found.append(Track(phase=phase, task=index, of_phase=own, samples=samples))
-    return tuple(found)
-
-
-def _length(task: Task, dt: float) -> int:
-    """The first sample at which the goal of a task surely rests; 0 where its goal is no track."""
-    goal = getattr(task, "goal", None)
-    if not (
-        isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None
-    ):
-        return 0
-    ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
-    return math.ceil(max(0.0, ticks)) + 1 if ticks < _MOST else 0
-
-
-def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
-    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few
-    are compiled.
-    """
-    n = sum(track.samples.size for track in tracks)
-    return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
-
-
-def write_tracks(
-    memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float
-) -> None:
-    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between
-    samples.
-    """
-    memory.dt, memory.n_tracks, table = dt, len(tracks), view(memory.table)
-    for k, (track, end) in enumerate(
-        zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)
-    ):
-        memory.phase[k], memory.of_phase[k], memory.place[k] = (
-            track.phase,
-            track.of_phase,
-            places[track.task].start,
-        )
-        memory.last[k], memory.width[k] = len(track.samples) - 1, track.samples.shape[1]
-        memory.first[k] = end - track.samples.size
-        table[memory.first[k] : end] = track.samples.ravel()
-
 
 # Parameters of tasks at one tick: their references, ending with the distances that some of them ask
 # for.
@@ -226,9 +107,9 @@ class MissionParameters:
 
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
-        for asked in self.asked[state.phase]:
-            goal = asked.reference(t - (state.since if asked.of_phase else state.began))
-            self._values[asked.place] = goal[: asked.place.stop - asked.place.start]
+        for goal_slot in self.asked[state.phase]:
+            goal = goal_slot.reference(t - (state.since if goal_slot.of_phase else state.began))
+            self._values[goal_slot.place] = goal[: goal_slot.place.stop - goal_slot.place.start]
 
 
 def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
@@ -241,8 +122,8 @@ def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_As
 def _asked_in(
     mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
 ) -> tuple[_Asked, ...]:
-    found = []
-    for i, (task, (reference, own)) in enumerate(
+    slots = []
+    for i, (task, (reference, from_phase_start)) in enumerate(
         zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
     ):
         if not (
@@ -251,22 +132,25 @@ def _asked_in(
             place = places[i]
             pairs = task.nearest_pairs
             end = place.stop - (0 if pairs is None else pairs.n_parameters)
-            found.append(
+            slots.append(
                 _Asked(
-                    name=task.name, place=slice(place.start, end), reference=reference, of_phase=own
+                    name=task.name,
+                    place=slice(place.start, end),
+                    reference=reference,
+                    of_phase=from_phase_start,
                 )
             )
-    return tuple(found)
+    return tuple(slots)
 
 
 def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
     """Tasks that ask for distances: index, where its parameters end among those of all, its
     pairs.
     """
-    found = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
+    placed_tasks = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
     return [
         (i, place.stop, task.nearest_pairs)
-        for i, (task, place) in enumerate(found)
+        for i, (task, place) in enumerate(placed_tasks)
         if task.nearest_pairs is not None
     ]
 
@@ -350,7 +234,8 @@ def _stay(n_q: int, n_v: int) -> ca.Function:
 
 @lru_cache(maxsize=8)
 def _integrate(robot: Robot) -> ca.Function:
-    q, way = ca.SX.sym("q", robot.n_q), ca.SX.sym("way", robot.n_v)
+    q = ca.SX.sym("q", robot.n_q)
+    way = ca.SX.sym("way", robot.n_v)
     return ca.Function(
         "displaced",
         [q, way],
@@ -384,14 +269,17 @@ def mission_parameters(
     gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,)
     [m, rad]: as measured. motion: where it could come near a limit.
     """
-    found = zip(
+    active_tasks = zip(
         mission.tasks_of(state.phase),
         mission.references(state, t),
         mission.idle(state, gates),
         strict=True,
     )
     return np.concatenate(
-        [goal if off else task_parameters(task, goal, q, motion) for task, goal, off in found]
+        [
+            goal if off else task_parameters(task, goal, q, motion)
+            for task, goal, off in active_tasks
+        ]
     )
 
 

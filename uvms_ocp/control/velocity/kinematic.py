@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 from typing import Any, Protocol
@@ -14,13 +13,20 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_on_failure, replace_unchecked, unchecked_constructor
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import goals as task_goals, levels, tick as velocity_tick, viability
+from uvms_ocp.control.velocity import (
+    goal_tracks,
+    goals as task_goals,
+    levels,
+    position_guards,
+    tick as velocity_tick,
+)
 from uvms_ocp.control.velocity.abort import (
     AbortMonitor,
     AbortReason,
     ActuationFeedback,
-    ascent_goal,
 )
+from uvms_ocp.control.velocity.ascent import ascent_goal
+from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.tick_memory import altimeter_of, inputs_of, tick_memory
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
@@ -41,36 +47,6 @@ from uvms_ocp.robot.signals import ChannelHealth, Command, StateEstimate, unchec
 from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
-
-# What may stand in for the hierarchy: a velocity from elsewhere, as long as it lasts.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class GuideOutput:
-    """Output of a guide at a tick."""
-
-    v: np.ndarray | None
-    """(n_v,) [m/s, rad/s] in place of what the hierarchy commands; `None` once and for all after it
-    is left to that.
-    """
-    why: str = ""
-    """Why it is left, at the tick where that happens."""
-
-
-class Guide(Protocol):
-    """Source of velocities in place of the hierarchy's, asked at every tick after the mission."""
-
-    @property
-    def bandwidth(self) -> float:
-        """Share of the usual feedback of velocities that suffices: a planned motion needs
-        little.
-        """
-
-    def __call__(
-        self, tick: TickInputs, feedback: ActuationFeedback, waiting: Callable[[], str]
-    ) -> GuideOutput:
-        """waiting: describes what the mission waits for; feedback: of the force layer."""
-
 
 # Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
 
@@ -122,26 +98,26 @@ class KinematicController(TableDisplay):
         self.watchdog = watchdog or Watchdog()
         names = self.problem.quantity_names
         tasks = mission.hierarchy.tasks
-        guards = viability.position_guards(robot, tasks, names)
-        tracks = task_goals.tracks_of(mission, dt)
+        guards = position_guards.position_guards(robot, tasks, names)
+        tracks = goal_tracks.tracks_of(mission, dt)
         asking = task_goals.distance_tasks(mission)
         pairs = [pairs for _, _, pairs in asking]
         nearest = task_goals.nearest_sizes(robot, pairs, robot.n_q, robot.n_v)
         room = distance_layout_sizes(
-            [*viability.models_of(guards), *(asked.model for asked in pairs)], robot
+            [*position_guards.models_of(guards), *(nearest_pairs.model for nearest_pairs in pairs)],
+            robot,
         )
         sizes = {
-            **viability.viability_sizes(robot, guards, dt),
-            **task_goals.track_sizes(tracks),
+            **position_guards.viability_sizes(robot, guards, dt),
+            **goal_tracks.track_sizes(tracks),
             **nearest,
             **room,
         }
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
-        core = (
-            solver.core(self.problem.function.size2_out(0), self.problem.sizes)
-            if isinstance(solver, CompiledSolver)
-            else None
-        )
+        if isinstance(solver, CompiledSolver):
+            core = solver.core(self.problem.function.size2_out(0), self.problem.sizes)
+        else:
+            core = None
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
         self.memory = memory = memory if self.whole is None else self.whole.tick
@@ -152,10 +128,11 @@ class KinematicController(TableDisplay):
         self.prepare, self._take = bind_memory(
             memory, (velocity_tick.prepare_tick, velocity_tick.commit_velocity)
         )
-        self._finish = (
-            self._finish_by(solver) if self.whole is None else velocity_tick.finish_in_c(self.whole)
-        )
-        self._guarding = viability.ViabilitySetup(robot, guards, dt, memory.rule)
+        if self.whole is None:
+            self._finish = self._finish_by(solver)
+        else:
+            self._finish = velocity_tick.finish_in_c(self.whole)
+        self._guarding = position_guards.ViabilitySetup(robot, guards, dt, memory.rule)
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, memory.distress)
@@ -208,7 +185,7 @@ class KinematicController(TableDisplay):
     @property
     def without_c_form(self) -> dict[str, str]:
         """Names of tasks that Python is asked about wherever kernels run, and for what."""
-        return viability.without_c_form(
+        return position_guards.without_c_form(
             self.robot, self.mission, self.dt, self.problem.quantity_names
         )
 
@@ -218,24 +195,26 @@ class KinematicController(TableDisplay):
         return self
 
     @checked_on_failure
-    def __call__(self, measurement: StateEstimate, t: float) -> Command:
+    def __call__(self, estimate: StateEstimate, t: float) -> Command:
         """The command for the tick at time t [s]."""
-        return self.command(self.observe(measurement, t))
+        return self.command(self.observe(estimate, t))
 
     @checked_on_failure
-    def observe(self, measurement: StateEstimate, t: float) -> TickInputs:
+    def observe(self, estimate: StateEstimate, t: float) -> TickInputs:
         """Begin a tick at time t [s]: what is missing of the measurement is replaced by its last
         value.
         """
         started = perf_counter()
         memory = self.memory
         arrays = self._arrays
-        self._sound.check(measurement)
-        arrays.q[:], arrays.v[:] = measurement.q, measurement.v
+        self._sound.check(estimate)
+        arrays.q[:] = estimate.q
+        arrays.v[:] = estimate.v
         memory.t = t
-        memory.altimeter_range = measurement.altimeter_range
-        memory.age, memory.joint_age = measurement.age, measurement.joint_age
-        self._hear(measurement.health)
+        memory.altimeter_range = estimate.altimeter_range
+        memory.age = estimate.age
+        memory.joint_age = estimate.joint_age
+        self._hear(estimate.health)
         bad = self._bad
         if bad or self._restriction is not degraded_modes.FREE:
             degraded_modes.write_channels(memory.restriction, bad)
@@ -243,31 +222,31 @@ class KinematicController(TableDisplay):
             self._state = self.mission.start(t)
         self.prepare(memory)
         self._measuring.answer.check()
-        return self._inputs(self._sound.substitute(measurement), t, started)
+        return self._inputs(self._sound.substitute(estimate), t, started)
 
-    def _inputs(self, measurement: StateEstimate, t: float, started: float) -> TickInputs:
+    def _inputs(self, estimate: StateEstimate, t: float, started: float) -> TickInputs:
         """Inputs of the tick as kernels have left them; what changes of restriction and freshness
         is judged.
         """
         memory = self.memory
         arrays = self._arrays
         bad = self._bad
-        restriction = (
-            self._restricted(bad)
-            if bad or self._restriction is not degraded_modes.FREE
-            else degraded_modes.FREE
-        )
+        if bad or self._restriction is not degraded_modes.FREE:
+            restriction = self._restricted(bad)
+        else:
+            restriction = degraded_modes.FREE
         freshness = _FRESHNESS[memory.freshness]
         if freshness is not self.watchdog.verdict:
             lost = ", ".join(item.channel for item in self._restriction.lost)
-            channel = (
-                degraded_modes.ALTIMETER if memory.echo_is_oldest else measurement.oldest or lost
-            )
+            if memory.echo_is_oldest:
+                channel = degraded_modes.ALTIMETER
+            else:
+                channel = estimate.oldest or lost
             self.watchdog.judge(memory.oldest, t, channel)
         return _tick_state(
             begin=started,
             t=t,
-            measurement=measurement,
+            measurement=estimate,
             echo=arrays.echo.item(),
             altitude_valid=bool(memory.altitude_valid),
             mission=self._state,
@@ -300,12 +279,14 @@ class KinematicController(TableDisplay):
             finished=self._state.over,
             telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
         )
-        return command if self.guide is None else self._guided(self.guide, tick, command)
+        if self.guide is None:
+            return command
+        return self._guided(self.guide, tick, command)
 
     @checked_on_failure
     def catch_up(
         self,
-        measurement: StateEstimate,
+        estimate: StateEstimate,
         t: float,
         ticks: int,
         feedback: ActuationFeedback | None = None,
@@ -317,8 +298,8 @@ class KinematicController(TableDisplay):
         """
         if feedback is not None:
             self.on_actuation_feedback(feedback)
-        self._hear(measurement.health)
-        self._settle(self._inputs(measurement, t, 0.0), ticks)
+        self._hear(estimate.health)
+        self._settle(self._inputs(estimate, t, 0.0), ticks)
 
     @property
     def quiet_ticks(self) -> int:
@@ -366,7 +347,10 @@ class KinematicController(TableDisplay):
     def _finish_by(self, solver: HierarchySolver) -> Callable[[], velocity_tick.Solved]:
         tick = solver.bind(self.problem.function, self.problem.sizes)
         inputs = inputs_of(self._arrays, arrays_of(self.memory.goals))
-        solve = tick.adopt(*inputs) if isinstance(tick, InPlaceTick) else partial(tick, *inputs)
+        if isinstance(tick, InPlaceTick):
+            solve = tick.adopt(*inputs)
+        else:
+            solve = partial(tick, *inputs)
         (finish,) = bind_memory(self.memory, (velocity_tick.finish_tick,))
         return velocity_tick.finish_by(
             solve, partial(finish, self.memory), self._arrays, self.memory
@@ -379,7 +363,8 @@ class KinematicController(TableDisplay):
         """
         if command.v.shape != self._arrays.command.shape:
             raise InvalidInput(f"command.v has shape {command.v.shape}; give ({self.robot.n_v},)")
-        self.memory.wanted[:], self.memory.wanted_pace = command.v.tolist(), 1.0
+        self.memory.wanted[:] = command.v.tolist()
+        self.memory.wanted_pace = 1.0
         self._take(self.memory)
 
     def pending(self) -> str:
@@ -388,14 +373,12 @@ class KinematicController(TableDisplay):
         """
         waits = self.mission.pending(self.state, self.quantities)
         bad = self._restriction.bad
-        return (
-            waits
-            if self.state.over or not bad
-            else f"{waits}; {degraded_modes.describe_channels(bad)}"
-        )
+        if self.state.over or not bad:
+            return waits
+        return f"{waits}; {degraded_modes.describe_channels(bad)}"
 
     def evaluate(
-        self, measurement: StateEstimate, t: float, state: MissionState | None = None
+        self, estimate: StateEstimate, t: float, state: MissionState | None = None
     ) -> dict[str, float]:
         """All quantities at a measurement at time t [s], such as the true state after a run; the
         mission stays where it is.
@@ -404,24 +387,23 @@ class KinematicController(TableDisplay):
         mission was then, for the goals of another phase than the present one.
         """
         state = state or self.state
-        (echo, known), gates, q = (
-            self._echo.at(measurement),
-            self.mission.activations(state, t),
-            measurement.q,
-        )
-        moves = (
-            task_goals.StoppingMotion(robot=self.robot, v=self._arrays.command.copy(), dt=self.dt)
-            if self.memory.near
-            else None
-        )
+        (echo, has_echo) = self._echo.at(estimate)
+        gates = self.mission.activations(state, t)
+        q = estimate.q
+        if self.memory.near:
+            moves = task_goals.StoppingMotion(
+                robot=self.robot, v=self._arrays.command.copy(), dt=self.dt
+            )
+        else:
+            moves = None
         parameters = task_goals.mission_parameters(
             self.mission, state, t, gates=gates, q=q, motion=moves
         )
         motion = self._arrays.passive, self._arrays.command / self.memory.pace, self._arrays.change
-        outputs = self.problem.function(q, measurement.v, *motion, echo, parameters, gates)
+        outputs = self.problem.function(q, estimate.v, *motion, echo, parameters, gates)
         quantities = np.array(outputs[self.problem.function.index_out("quantities")]).ravel()
         rests = self.problem.rests_on[degraded_modes.ALTIMETER]
-        unknown = [velocity_tick.is_unknown(measurement.age, bool(of), known) for of in rests]
+        unknown = [velocity_tick.is_unknown(estimate.age, bool(of), has_echo) for of in rests]
         return {
             **self._named(np.where(unknown, np.nan, quantities)),
             **self.mission.own_quantities(state, t),
@@ -429,10 +411,10 @@ class KinematicController(TableDisplay):
 
     def _restricted(self, bad: list[ChannelHealth]) -> degraded_modes.Restriction:
         """Read the restriction that the kernel has found."""
-        found = self.memory.restriction
+        restriction = self.memory.restriction
         before = self._restriction
-        if not (bad == list(before.bad) and before.abort == "" and not found.ended):
-            self._restriction = degraded_modes.read_restriction(found, bad)
+        if not (bad == list(before.bad) and before.abort == "" and not restriction.ended):
+            self._restriction = degraded_modes.read_restriction(restriction, bad)
         return self._restriction
 
     def _feel(self) -> None:
@@ -450,15 +432,17 @@ class KinematicController(TableDisplay):
         state = self._state
         quantities = self._named(self._arrays.phase_quantities)
         phases = self.mission.all_phases
-        known = memory.mission
+        progress = memory.mission
         if memory.why:
             why = self._distress.describe(AbortReason(memory.why), tick, quantities, self._feedback)
-            goals = () if is_over(known) else self.mission.ascent_goals(ascent_goal(memory.ascent))
+            goals: tuple[Any, ...] = ()
+            if not is_over(progress):
+                goals = self.mission.ascent_goals(ascent_goal(memory.ascent))
             went: tuple[MissionState, Event | None] = state_after_abort(
-                phases, state, known, tick.t, why, goals
+                phases, state, progress, tick.t, why, goals
             )
         else:
-            went = state_after_transition(phases, state, known, memory.due, tick.t, quantities)
+            went = state_after_transition(phases, state, progress, memory.due, tick.t, quantities)
         self._state, event = went
         if event is not None:
             self.events.append(event)

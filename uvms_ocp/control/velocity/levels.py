@@ -22,6 +22,11 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.codegen.casadi_code import with_numbers
+from uvms_ocp.control.velocity.jerk_limit import (
+    jerk_limit_rows,
+    unlimited_axes,
+)
+from uvms_ocp.control.velocity.reachable_rows import reachable_rows
 from uvms_ocp.control.velocity.swing import (
     N_PASSIVE,
     countered_rows,
@@ -31,184 +36,11 @@ from uvms_ocp.control.velocity.swing import (
     swinging_axes,
 )
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
-from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies, thrusters
+from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies
 from uvms_ocp.robot.limits import bounded_joints
-from uvms_ocp.solvers.hierarchy.level import widen_bounds
-from uvms_ocp.tasks.activation import ENDLESS, row_acceleration, stopping_speed
+from uvms_ocp.tasks.activation import stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Keyed, Period
-
-# Accelerations that rise and fall instead of jumping.
-#
-# The acceleration limits alone let a velocity turn from full acceleration to full braking within
-# one tick, and a strict hierarchy does so wherever it pays. Two things ease it: references are
-# approached with an acceleration that falls to 0, and a level of its own bounds the change of
-# acceleration of each axis. That level is below the tasks that keep the robot safe: braking for the
-# sake of a limit is never eased.
-
-# [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at
-# work)
-_RISE = 0.07
-_FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
-_LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
-_NOTHING = 1e-12  # keeps the division by a change of zero finite
-
-
-def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
-    """Each axis changes by what it changed by in the tick before, give or take what its jerk
-    allows.
-
-    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
-    since the tick before that. Not read by the regularised pseudo-inverse.
-    """
-    dt = symbols.dt
-    n_v = symbols.robot.n_v
-    jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
-    # An axis that was braked to a standstill stays there: what is left of the braking must not push
-    # it backwards.
-    falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
-    most = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held = previous + ca.fmin(ca.fmax(change, -most), most)
-    free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
-    return Rows(
-        jacobian=ca.SX.eye(n_v),
-        rate=ca.SX.zeros(n_v),
-        lower=held - jerk * dt**2 - free,
-        upper=held + jerk * dt**2 + free,
-        activation=ca.SX.zeros(n_v),
-    )
-
-
-def unlimited_axes(robot: Robot) -> np.ndarray:
-    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
-    others.
-    """
-    found = np.zeros(robot.n_v)
-    found[list(thrusters.undriven_axes(robot))] = np.inf
-    return found
-
-
-def smooth_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
-    arrive smoothly.
-
-    acceleration (m,) [any/s2]: largest of each rate. dt [s].
-    """
-    return ca.fmin(_share(wanted, acceleration, dt), falling_share(wanted, acceleration, dt))
-
-
-def common_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
-    the axes can move.
-
-    A row that they move by little, beside the row that they move most, as in a singular posture,
-    has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
-    [any/s2]; dt [s].
-    """
-    share = _share(wanted, acceleration, dt)
-    excess = _excess(wanted, acceleration, dt)
-    moved = acceleration > _LITTLE * ca.mmax(acceleration)
-    # One root for all of them.
-    least = ca.mmin(ca.if_else(moved, share, ca.inf))
-    common = ca.fmin(least, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
-    return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
-
-
-def falling_share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
-    last part of the way.
-
-    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
-    """
-    return _falling(_excess(wanted, acceleration, dt))
-
-
-def _share(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    return acceleration * dt / ca.fmax(ca.fabs(wanted), _NOTHING)
-
-
-def _excess(wanted: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
-    """Ratio of the desired change to what the jerk alone allows in one tick."""
-    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
-    return 2 * ca.fabs(wanted) / (jerk * dt**2)
-
-
-def _falling(excess: ca.SX) -> ca.SX:
-    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of
-    nearly equal numbers.
-    """
-    return 2 / (1 + ca.sqrt(1 + excess))
-
-
-# References that the acceleration limits can follow, so that tasks change smoothly in a strict
-# hierarchy.
-
-
-def reachable_rows(
-    rows: Rows, *, equality: bool, eased: bool, symbols: TickSymbols, previous: ca.SX, gate: ca.SX
-) -> Rows:
-    """The rows with bounds that can be followed from the previous velocity (n_v,) [m/s, rad/s], and
-    with the gate in them.
-
-    A row asks for no more change of its rate per tick than its least-norm motion gives within the
-    acceleration limits. Otherwise every degree of freedom that moves the row would join in at its
-    limit, whatever it was meant for. Rows of an equality change in proportion, so that where they
-    settle does not depend on the limits. Accelerations towards references and bounds fall to 0 on
-    the way; those away from a bound that is broken do so only where `eased`.
-
-    The gate acts as `uvms_ocp.solvers.hierarchy.level` says. The range of a row is what the limits
-    let one tick change of its rate: bounds that are farther away than that are kept by the limits
-    themselves.
-    """
-    if not rows.n_rows:
-        return rows
-    dt = symbols.dt
-    limits = symbols.robot.limits
-    present = rows.jacobian @ previous
-    acceleration = row_acceleration(rows.jacobian, limits.acceleration)
-    if equality:
-        wanted = rows.rate - present
-        lower = upper = present + common_share(wanted, acceleration, dt) * wanted
-    else:
-        lower = (
-            rows.lower
-            if _is_endless(rows.lower)
-            else present - _way(present - rows.lower, acceleration, dt, eased)
-        )
-        upper = (
-            rows.upper
-            if _is_endless(rows.upper)
-            else present + _way(rows.upper - present, acceleration, dt, eased)
-        )
-        if not (_is_endless(rows.lower) or _is_endless(rows.upper)):
-            # The way back from one bound may be longer than what is left, eased, of the way to the
-            # other one.
-            far = ca.fmin(lower, upper), ca.fmax(lower, upper)
-            lower = ca.if_else(present > rows.upper, far[0], lower)
-            upper = ca.if_else(present < rows.lower, far[1], upper)
-    step = np.minimum(np.minimum(limits.acceleration * dt, 2 * limits.velocity), ENDLESS)
-    gates = ca.repmat(gate, rows.n_rows, 1)
-    reach = ca.fabs(rows.jacobian) @ ca.DM(step)
-    lower, upper = widen_bounds(rows.jacobian, lower, upper, gates, reach)
-    return replace(rows, lower=lower, upper=upper)
-
-
-def _is_endless(bound: ca.SX) -> bool:
-    """True if there is no way to go, whatever the robot does."""
-    return bool(bound.is_constant() and np.isinf(np.array(ca.DM(bound))).all())
-
-
-def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
-    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,);
-    negative: have to come back.
-    """
-    near = ca.fmin(room, ENDLESS)
-    ahead = ca.if_else(room < ENDLESS, near * falling_share(near, acceleration, dt), ca.inf)
-    back = (
-        near * smooth_share(near, acceleration, dt) if eased else ca.fmax(near, -acceleration * dt)
-    )
-    return ca.if_else(room > 0, ahead, back)
-
 
 # From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and
 # minimum velocity.
@@ -289,12 +121,14 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
 
     Equal to none where that cannot be known, as of a user's code.
     """
-    known = (*_AS_PARAMETERS, *numbers_of(task))
-    names = [item.name for item in fields(task) if item.init and item.name not in known]
+    numeric_fields = (*_AS_PARAMETERS, *numbers_of(task))
+    names = [item.name for item in fields(task) if item.init and item.name not in numeric_fields]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
     with suppress(TypeError):
         hash(key)
-        return key if _is_ours(task) else object()
+        if _is_ours(task):
+            return key
+        return object()
     return object()
 
 
@@ -306,11 +140,9 @@ def numbers_of(task: Task) -> list[str]:
     """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may
     not, none.
     """
-    return (
-        [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
-        if _is_ours(task)
-        else []
-    )
+    if _is_ours(task):
+        return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
+    return []
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
@@ -324,27 +156,31 @@ def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
 
 
 @lru_cache(maxsize=8)
-def _levels_with(numbers: tuple[float, ...], *given: Any) -> LevelsProblem:
+def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem:
     """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is
     made for.
     """
-    known = _known_levels(*given)
-    return replace(known, function=with_numbers(known.function, numbers))
+    problem = _known_levels(*problem_key)
+    return replace(problem, function=with_numbers(problem.function, numbers))
 
 
 @lru_cache(maxsize=8)
 def _known_levels(
-    robot: Robot, given: Keyed, dt: float, beside_tasks: tuple[str, ...]
+    robot: Robot, keyed_hierarchy: Keyed, dt: float, beside_tasks: tuple[str, ...]
 ) -> LevelsProblem:
     """Make them once for all runs of a robot and its tasks; the last input of the function are the
     numbers of tasks.
     """
     symbols = tick_symbols(robot, dt)
-    numbers = ca.SX.sym("numbers", sum(len(numbers_of(task)) for task in given.value.tasks))
-    hierarchy = _with_symbols(given.value.tasks, numbers)
-    previous, change = ca.SX.sym("previous", robot.n_v), ca.SX.sym("change", robot.n_v)
+    numbers = ca.SX.sym(
+        "numbers", sum(len(numbers_of(task)) for task in keyed_hierarchy.value.tasks)
+    )
+    hierarchy = _with_symbols(keyed_hierarchy.value.tasks, numbers)
+    previous = ca.SX.sym("previous", robot.n_v)
+    change = ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
-    gates, passive = ca.SX.sym("gates", len(hierarchy.tasks)), ca.SX.sym("passive", N_PASSIVE)
+    gates = ca.SX.sym("gates", len(hierarchy.tasks))
+    passive = ca.SX.sym("passive", N_PASSIVE)
     tasks = _task_rows(robot, hierarchy, symbols, parameters)
     leaning = list[_Level]()
     if swinging_axes(robot):
@@ -356,17 +192,17 @@ def _known_levels(
             rows if _is_safety(task) else countered_rows(rows, mean, symbols, passive, lean)
             for task, rows, mean in zip(hierarchy.tasks, tasks, means, strict=True)
         ]
-    wanted = [
+    task_levels = [
         _Level(task.name, _reachable(task, rows, symbols, previous, gate), gate)
         for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
     ]
     n_safe = len(list(takewhile(_is_safety, hierarchy.tasks)))
     levels = [
         _Level(LIMITS, _limit_rows(symbols, previous)),
-        *wanted[:n_safe],
+        *task_levels[:n_safe],
         *leaning,
         _Level(JERK_LIMIT, jerk_limit_rows(symbols, previous, change)),
-        *wanted[n_safe:],
+        *task_levels[n_safe:],
         _Level(REST, _rest_rows(symbols, previous)),
     ]
     quantities = {
@@ -402,10 +238,10 @@ def _known_levels(
 
 
 def _beside_tasks(symbols: TickSymbols) -> dict[str, ca.SX]:
-    own = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
+    quantities = dict.fromkeys(OWN_QUANTITIES, ca.SX(0))
     if not symbols.robot.n_vehicle:
-        return own
-    return {**own, "vehicle.depth": -symbols.q[2], _SPEED: ca.norm_2(symbols.velocity[:3])}
+        return quantities
+    return {**quantities, "vehicle.depth": -symbols.q[2], _SPEED: ca.norm_2(symbols.velocity[:3])}
 
 
 class _Level(NamedTuple):
@@ -456,12 +292,14 @@ def _rests_on(
     q = symbols.q
     values = ca.vertcat(ca.SX(0, 1), *quantities.values())
     measured = {task.name for task in tasks if task.nearest_pairs is not None}
-    near = np.array([name.rpartition(".")[0] in measured for name in quantities], dtype=bool)
+    is_of_distances = np.array(
+        [name.rpartition(".")[0] in measured for name in quantities], dtype=bool
+    )
     n = 7 if robot.n_vehicle else 0
     of_q = {"position": q[: min(n, 3)], "attitude": q[min(n, 3) : n], "joint_positions": q[n:]}
-    found = {name: _depends(values, part) | near for name, part in of_q.items()}
-    found["linear_velocity"] = np.array([name == _SPEED for name in quantities], dtype=bool)
-    return {**found, "altimeter_range": _depends(values, symbols.altimeter_range)}
+    dependencies = {name: _depends(values, part) | is_of_distances for name, part in of_q.items()}
+    dependencies["linear_velocity"] = np.array([name == _SPEED for name in quantities], dtype=bool)
+    return {**dependencies, "altimeter_range": _depends(values, symbols.altimeter_range)}
 
 
 def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:
@@ -502,9 +340,11 @@ def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:
     """
     robot = symbols.robot
     reach = ca.DM(robot.limits.acceleration * symbols.dt)
-    lower, upper = ca.SX(-robot.limits.velocity), ca.SX(robot.limits.velocity)
+    lower = ca.SX(-robot.limits.velocity)
+    upper = ca.SX(robot.limits.velocity)
     for joint, q_lower, q_upper in bounded_joints(robot.joints, robot.limits):
-        i, q = joint.idx_v, joint.position(symbols.q)
+        i = joint.idx_v
+        q = joint.position(symbols.q)
         braking = {"deceleration": float(robot.limits.acceleration[i]), "dt": symbols.dt}
         lower[i] = ca.fmax(lower[i], -stopping_speed(q - q_lower, **braking))
         upper[i] = ca.fmin(upper[i], stopping_speed(q_upper - q, **braking))

@@ -40,11 +40,9 @@ _NOTHING = 1e-12  # keeps divisions by nothing finite
 
 def swinging_axes(robot: Robot) -> list[int]:
     """Return roll and pitch (3, 4), as far as no thruster drives them."""
-    return (
-        [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)]
-        if robot.n_vehicle == _FREE
-        else []
-    )
+    if robot.n_vehicle == _FREE:
+        return [axis for axis in thrusters.undriven_axes(robot) if axis in (3, 4)]
+    return []
 
 
 def _swinging_motions(robot: Robot) -> ca.DM:
@@ -77,7 +75,9 @@ def swing_frequency(robot: Robot) -> float:
 
 def memory_time(robot: Robot) -> float:
     """Return the time [s] in which the mean attitude is learnt; infinite where nothing swings."""
-    return _MEMORY / swing_frequency(robot) if swinging_axes(robot) else np.inf
+    if swinging_axes(robot):
+        return _MEMORY / swing_frequency(robot)
+    return np.inf
 
 
 def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
@@ -118,10 +118,13 @@ def countered_rows(
         symbols.velocity[axes]
         - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
     )
-    least = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
-    share = -arm.T @ ca.solve(arm @ arm.T + least * ca.SX.eye(rows.n_rows), free @ ahead)
-    most = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share))) if robot.n_joints else 1
-    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / most
+    regularization = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
+    share = -arm.T @ ca.solve(arm @ arm.T + regularization * ca.SX.eye(rows.n_rows), free @ ahead)
+    if robot.n_joints:
+        largest_joint_share = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
+    else:
+        largest_joint_share = 1
+    met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / largest_joint_share
     return replace(
         rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met
     )
@@ -148,11 +151,12 @@ def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
     slope, moment = _balance(robot)(symbols.q, passive[3])
     K = slope[:, axes]
     upright = np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
-    least = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
-    found = -K.T @ ca.solve(
-        K @ K.T + least * ca.SX.eye(len(axes)), ca.horzcat(slope[:, robot.n_vehicle :], moment)
+    regularization = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
+    lean = -K.T @ ca.solve(
+        K @ K.T + regularization * ca.SX.eye(len(axes)),
+        ca.horzcat(slope[:, robot.n_vehicle :], moment),
     )
-    return Lean(slope=found[:, :-1], offset=found[:, -1])
+    return Lean(slope=lean[:, :-1], offset=lean[:, -1])
 
 
 def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:

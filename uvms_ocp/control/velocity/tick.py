@@ -14,7 +14,7 @@ import numpy as np
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, structure_of, view
 from uvms_ocp.codegen.kernels import bind_memory
-from uvms_ocp.control.velocity import abort, braking, distances, viability
+from uvms_ocp.control.velocity import abort, ascent, braking, distances, speed_limit, viability
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
@@ -92,7 +92,10 @@ def prepare_tick(m: TickMemory) -> None:
     # Joints that brakes hold are where they were.
     braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
     age = 0.0 if braked else m.age
-    echo_age = m.t - m.beam.since if m.altitude_matters and not distrusted else 0.0
+    if m.altitude_matters and not distrusted:
+        echo_age = m.t - m.beam.since
+    else:
+        echo_age = 0.0
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)
@@ -110,9 +113,9 @@ def _measure_distances(m: TickMemory) -> None:
         i = m.nearest.pairs[k].task
         if target[i] != 0.0 or m.gates[i] != 0.0:
             if not looked:
-                least = m.rule.stop.dt if m.near else math.inf
+                first_step = m.rule.stop.dt if m.near else math.inf
                 distances.place_along_stop(
-                    m.nearest, m.q, m.command, m.rule.stop.acceleration, least
+                    m.nearest, m.q, m.command, m.rule.stop.acceleration, first_step
                 )
                 looked = True
             distances.measure_pairs(m.nearest, k, m.goals.values)
@@ -151,7 +154,7 @@ def _check_mission(m: TickMemory) -> None:
         m.eventful = True
         if not m.mission.given_up:
             believed = not (m.distress.pushed or _doubts_altimeter(m))
-            abort.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
+            ascent.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
         progress.abort_mission(m.mission, m.t, not stopped)
     elif not m.holds:
         m.due = progress.transition_due(m.mission, m.t, m.phase_quantities)
@@ -236,11 +239,12 @@ def _choose(m: TickMemory) -> None:
     m.place[:] = m.q
     _wanted_velocity(m)
     m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
-    m.share = (
-        viability.enforce_viability(m.rule, m.q, m.command, m.wanted, m.gates, m.quantities)
-        if m.near
-        else 1.0
-    )
+    if m.near:
+        m.share = viability.enforce_viability(
+            m.rule, m.q, m.command, m.wanted, m.gates, m.quantities
+        )
+    else:
+        m.share = 1.0
     commit_velocity(m)
 
 
@@ -252,7 +256,7 @@ def _wanted_velocity(m: TickMemory) -> None:
     if m.usable:
         _shorten(m)
         if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = braking.limit_speed(
+            m.wanted_pace = speed_limit.limit_speed(
                 m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted
             )
     else:
@@ -279,19 +283,18 @@ def _shorten(m: TickMemory) -> None:
     for i in range(len(m.solved)):
         if m.is_joint[i] != 0:
             ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
-            faster = (
-                min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
-                if ahead
-                else 0.0
-            )
+            if ahead:
+                faster = min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
+            else:
+                faster = 0.0
             if m.command[i] * m.change[i] < 0.0:
                 faster = min(faster, m.faster[i])
             gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
             m.faster[i] += gain * (faster - m.faster[i])
         excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
     for i in range(len(m.solved)):
-        most = m.velocity_limit[i] - m.faster[i]
-        m.wanted[i] = min(max(m.solved[i] / excess, -most), most)
+        largest_speed = m.velocity_limit[i] - m.faster[i]
+        m.wanted[i] = min(max(m.solved[i] / excess, -largest_speed), largest_speed)
 
 
 # The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes
@@ -406,21 +409,21 @@ solver or of both.
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
-def solve_in_c(whole: VelocityController) -> Callable[[VelocityController], int]:
+def solve_in_c(controller: VelocityController) -> Callable[[VelocityController], int]:
     """`solve_and_finish` for a `VelocityController`."""
-    (run,) = bind_memory(whole, (solve_and_finish,))
+    (run,) = bind_memory(controller, (solve_and_finish,))
     return run
 
 
-def finish_in_c(whole: VelocityController) -> Callable[[], Solved]:
+def finish_in_c(controller: VelocityController) -> Callable[[], Solved]:
     """On a `VelocityController`."""
-    run = solve_in_c(whole)
-    residual = view(whole.residual)
-    activity = view(whole.activity)
+    run = solve_in_c(controller)
+    residual = view(controller.residual)
+    activity = view(controller.activity)
 
     def call() -> Solved:
         begin = perf_counter()
-        status = run(whole)
+        status = run(controller)
         return status, residual.copy(), activity.copy(), perf_counter() - begin
 
     return call
@@ -433,7 +436,8 @@ def finish_by(
 
     def call() -> Solved:
         result = solve()
-        arrays.solved[:], arrays.quantities[:] = result.v, result.extras[0]
+        arrays.solved[:] = result.v
+        arrays.quantities[:] = result.extras[0]
         memory.usable = result.status.usable
         after()
         return _STATUS_CODE[result.status], result.residual, result.extras[1], result.solve_time

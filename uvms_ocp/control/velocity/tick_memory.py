@@ -16,7 +16,16 @@ from uvms_ocp.codegen.kernel_layout import (
     assign,
     structure_of,
 )
-from uvms_ocp.control.velocity import abort, braking, distances, levels, swing, viability
+from uvms_ocp.control.velocity import (
+    abort,
+    ascent,
+    distances,
+    jerk_limit,
+    levels,
+    speed_limit,
+    swing,
+    viability,
+)
 from uvms_ocp.control.velocity.goals import GoalsMemory
 from uvms_ocp.estimation.degraded_modes import ALTIMETER, CHANNELS, RestrictionMemory, write_modes
 from uvms_ocp.estimation.fallbacks import AltimeterMemory, LastValidMemory, Watchdog, echo_sizes
@@ -41,7 +50,7 @@ class TickMemory(Layout):
     """Limits on positions."""
     restriction: RestrictionMemory
     """Restriction by channels that cannot be trusted."""
-    speed_limit: braking.SpeedLimitMemory
+    speed_limit: speed_limit.SpeedLimitMemory
     """Limits on the speed."""
     sound: LastValidMemory
     """Replacement of an estimate that is not sound."""
@@ -53,7 +62,7 @@ class TickMemory(Layout):
     """(1,) [m] z in W of the lowest of hull, joints and tools, over a floor that falls from below
     the altimeter on.
     """
-    ascent: abort.AscentMemory
+    ascent: ascent.AscentMemory
     """Where the abort phase leads to."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
@@ -146,7 +155,7 @@ class TickMemory(Layout):
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] the same of the last tick that did not hold."""
     why: int
-    """A `Why`."""
+    """`AbortReason` of the mission's end, as a number."""
     due: int
     """The transition of the phase that fires, or `NONE`."""
     eventful: bool
@@ -185,17 +194,17 @@ def tick_memory(
     """
     tasks = mission.hierarchy.tasks
     names = problem.quantity_names
-    known = {
+    all_sizes = {
         **sizes,
         "n_tasks": len(tasks),
         "n_quantities": len(names),
         "n_channels": len(problem.rests_on),
         "n_parameters": problem.function.size1_in("parameters"),
-        **abort.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
+        **ascent.ascent_sizes(robot, mission, altimeter_of(robot, tasks)),
         **echo_sizes(robot, altimeter_of(robot, tasks)),
         **sizes_of(mission.all_phases),
     }
-    memory = structure_of(TickMemory, **known)()
+    memory = structure_of(TickMemory, **all_sizes)()
     write_mission(memory.mission, mission, names)
     write_modes(memory.restriction)
     memory.ascent.altitude = math.nan if mission.abort is None else mission.abort.altitude
@@ -211,7 +220,7 @@ def tick_memory(
         near=True,
         place=robot.configuration(),
         last_phase_quantities=math.nan,
-        velocity_limit=robot.limits.velocity + levels.unlimited_axes(robot),
+        velocity_limit=robot.limits.velocity + jerk_limit.unlimited_axes(robot),
         is_joint=is_joint,
         altimeter=[*problem.rests_on].index(ALTIMETER),
         channel=[CHANNELS.index(channel) for channel in problem.rests_on],

@@ -8,34 +8,16 @@ accepted, so that from a viable state there is always an answer, whatever the hi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from types import MethodType
-from typing import Annotated, Any
-
-import casadi as ca
-import numpy as np
+from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import (
-    CallbackBinding,
     CallbackField,
     FunctionField,
     Layout,
     Sized,
     Vector,
-    assign,
-    view,
 )
-from uvms_ocp.control.velocity import braking, goals
-from uvms_ocp.mission.mission import Mission
-from uvms_ocp.robot.limits import PositionLimit
-from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import (
-    CollisionModel,
-    in_c,
-    without_c_form as not_measured,
-)
+from uvms_ocp.control.velocity import braking
 from uvms_ocp.robot.shapes.distance_kernels import (
     DistanceMemory,
     distance_lower_bound,
@@ -43,8 +25,6 @@ from uvms_ocp.robot.shapes.distance_kernels import (
     place_solids,
 )
 from uvms_ocp.solvers.bounded_least_squares import dot
-from uvms_ocp.tasks.activation import ENDLESS
-from uvms_ocp.tasks.task import Task
 
 # The viability rule: a velocity is accepted only if a full stop from it respects every limit on
 # positions.
@@ -137,7 +117,7 @@ def enforce_viability(
     m: ViabilityMemory,
     q: Vector,
     previous: Vector,
-    wanted: Vector,
+    desired: Vector,
     gates: Vector,
     quantities: Vector,
 ) -> float:
@@ -153,17 +133,17 @@ def enforce_viability(
     for i in range(len(m.mixed)):
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the
         # other.
-        m.mixed[i] = max(abs(wanted[i]), abs(m.slower[i]))
+        m.mixed[i] = max(abs(desired[i]), abs(m.slower[i]))
     if not may_reach_limit(m, m.mixed, gates, quantities):
         return 1.0
     _select_near(m, q, quantities)
-    if _is_clear(m, q, wanted):
+    if _is_clear(m, q, desired):
         return 1.0
     _lower_floors(m, q)
-    share = _largest_share(m, q, wanted)
-    _interpolate(m, wanted, share)
+    share = _largest_share(m, q, desired)
+    _interpolate(m, desired, share)
     n = len(m.mixed)
-    wanted[:n] = m.mixed[:n]
+    desired[:n] = m.mixed[:n]
     return share
 
 
@@ -274,213 +254,27 @@ def _lower_floor(m: ViabilityMemory, k: int) -> None:
             m.floor[i] = min(m.floor[i], _height(m, k, i, m.floor[i]))
 
 
-def _interpolate(m: ViabilityMemory, wanted: Vector, share: float) -> None:
+def _interpolate(m: ViabilityMemory, desired: Vector, share: float) -> None:
     for i in range(len(m.mixed)):
-        m.mixed[i] = m.slower[i] + share * (wanted[i] - m.slower[i])
+        m.mixed[i] = m.slower[i] + share * (desired[i] - m.slower[i])
 
 
-def _largest_share(m: ViabilityMemory, q: Vector, wanted: Vector) -> float:
+def _largest_share(m: ViabilityMemory, q: Vector, desired: Vector) -> float:
     """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known
     to be clear.
     """
-    _interpolate(m, wanted, 1.0)
+    _interpolate(m, desired, 1.0)
     if _is_clear(m, q, m.mixed):
         return 1.0
     low = 0.0
     high = 1.0
-    left = _HALVINGS
-    while left > 0:
-        left -= 1
+    halvings_left = _HALVINGS
+    while halvings_left > 0:
+        halvings_left -= 1
         middle = 0.5 * (low + high)
-        _interpolate(m, wanted, middle)
+        _interpolate(m, desired, middle)
         if _is_clear(m, q, m.mixed):
             low = middle
         else:
             high = middle
     return low
-
-
-# The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a
-# thing to call.
-#
-# And what of a mission has no form in C, where limits are much of it.
-
-_MOVES = "a goal that moves without telling its end"
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PositionGuard:
-    """A limit of one task, and where its measured quantity is."""
-
-    limit: PositionLimit
-    """Limit, as its task has it."""
-    task: int
-    """Index in the hierarchy."""
-    quantity: int
-    """Index in the vector of quantities."""
-    first: int
-    """Index of its first position."""
-
-    @property
-    def positions(self) -> slice:
-        """Where they are among those of all limits."""
-        return slice(self.first, self.first + self.limit.n)
-
-    @property
-    def model(self) -> CollisionModel | None:
-        """Whose distances the positions are, where they are."""
-        values = self.limit.values
-        owner = (
-            values.__self__ if isinstance(values, MethodType) and not self.limit.relative else None
-        )
-        return owner if isinstance(owner, CollisionModel) and values == owner.values else None
-
-
-def position_guards(
-    robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
-) -> tuple[PositionGuard, ...]:
-    """The limits that `tasks` stand for, those with an expression first; quantity_names: of the
-    vector, "task.quantity".
-    """
-    found = [
-        (k, task, limit)
-        for k, task in enumerate(tasks)
-        if (limit := task.position_limit(robot)) is not None
-    ]
-    found.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
-    firsts = np.cumsum([0, *(limit.n for _, _, limit in found)])
-    return tuple(
-        PositionGuard(
-            limit=limit,
-            task=k,
-            quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
-            first=int(first),
-        )
-        for (k, task, limit), first in zip(found, firsts, strict=False)
-    )
-
-
-def without_c_form(
-    robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]
-) -> dict[str, str]:
-    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control
-    period.
-
-    Told without a controller, for which something would have to be compiled.
-    """
-    tasks = mission.hierarchy.tasks
-    found = {
-        item.name: _MOVES
-        for phase in goals.asked_in_phases(mission, goals.tracks_of(mission, dt))
-        for item in phase
-    }
-    limits = {
-        guard.task: _refusal(guard, robot)
-        for guard in position_guards(robot, tasks, quantity_names)
-    }
-    distances = {
-        task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)
-    }
-    reasons = [
-        (tasks[task].name, why) for known in (limits, distances) for task, why in known.items()
-    ]
-    return found | {name: why for name, why in reasons if why}
-
-
-def _refusal(guard: PositionGuard, robot: Robot) -> str:
-    """Why it is; empty where it is not."""
-    if guard.model is not None:
-        return not_measured(guard.model, robot)
-    return (
-        ""
-        if isinstance(guard.limit.values, ca.Function)
-        else "a limit on positions without an expression"
-    )
-
-
-def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
-    """Return the positions that the guards have."""
-    return [guard.model for guard in guards if guard.model is not None]
-
-
-def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
-    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the
-    `distance_layout_sizes` of its guards.
-    """
-    values = (guard.limit.values for guard in guards)
-    return {
-        "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
-        "n_limits": len(guards),
-        "n_positions": sum(guard.limit.n for guard in guards),
-        "smooth": _positions(robot, tuple(one for one in values if isinstance(one, ca.Function))),
-        **braking.stop_sizes(robot, dt),
-    }
-
-
-@lru_cache(maxsize=8)
-def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
-    """Q to the positions of limits that have an expression."""
-    q = ca.SX.sym("q", robot.n_q)
-    return ca.Function(
-        "positions",
-        [q],
-        [ca.densify(ca.vertcat(ca.SX(0, 1), *(one(q) for one in values)))],
-        {"cse": True},
-    )
-
-
-class ViabilitySetup:
-    """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without
-    expression.
-    """
-
-    def __init__(
-        self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory
-    ) -> None:
-        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
-        up.
-        """
-        self._guards = guards
-        self._memory = memory
-        self._robot = robot
-        self._n_distances = 0
-        self._place, self._position, self._counts = map(
-            view, (memory.place, memory.position, memory.counts)
-        )
-        self.answer = CallbackBinding(memory.ask, self._look)
-        memory.n_limits = len(guards)
-        assign(
-            memory.stop,
-            dt=dt,
-            acceleration=braking.finite_acceleration(robot),
-            n_limits=len(guards),
-        )
-        for k, guard in enumerate(guards):
-            self._write(k, guard)
-
-    def _write(self, k: int, guard: PositionGuard) -> None:
-        memory = self._memory
-        limit = guard.limit
-        memory.lower[k], memory.relative[k] = limit.lower, limit.relative
-        memory.task[k], memory.quantity[k] = guard.task, guard.quantity
-        memory.first[k], memory.end[k] = guard.positions.start, guard.positions.stop
-        memory.pairs[k] = self._measured_by(guard.model)
-        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(
-            limit.values, ca.Function
-        )
-        view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
-
-    def _measured_by(self, model: CollisionModel | None) -> int:
-        """Which of `distances` it is, or `NONE`."""
-        if model is None or not in_c(model, self._robot):
-            return braking.NONE
-        model.write(self._memory.distances[self._n_distances])
-        self._n_distances += 1
-        return self._n_distances - 1
-
-    def _look(self) -> None:
-        guard = self._guards[self._memory.asked]
-        rows = np.flatnonzero(self._counts[guard.positions])
-        self._position[guard.positions][rows] = guard.limit.values(
-            self._place, None if len(rows) == guard.limit.n else rows
-        )

@@ -282,7 +282,10 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     else:
         c.complaint.code = Reason.NONE
     c.changed = trust != c.trust
-    c.shift = 0.0 if c.trust == Trust.GOOD and c.changed else c.shift
+    if c.trust == Trust.GOOD and c.changed:
+        c.shift = 0.0
+    else:
+        c.shift = c.shift
     c.trust = trust
     return c.changed
 
@@ -307,20 +310,21 @@ def _mark_refused(c: ChannelMemory, t: float) -> None:
 
 def _confirm_jump(c: ChannelMemory) -> None:
     """Two readings in a row that are off alike tell it; after a spike it begins anew."""
-    c.jump = max(c.jump, min(c.off, c.refused_off)) if c.off > 0.5 * c.refused_off else 0.0
+    if c.off > 0.5 * c.refused_off:
+        c.jump = max(c.jump, min(c.off, c.refused_off))
+    else:
+        c.jump = 0.0
 
 
 def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
     patience = c.delay + period * c.losses
     lost = patience + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
     suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
-    return (
-        int(Trust.LOST)
-        if quiet > lost and not c.empty
-        else int(Trust.SUSPECT)
-        if quiet > suspect
-        else int(Trust.GOOD)
-    )
+    if quiet > lost and not c.empty:
+        return int(Trust.LOST)
+    if quiet > suspect:
+        return int(Trust.SUSPECT)
+    return int(Trust.GOOD)
 
 
 def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
@@ -384,7 +388,7 @@ def health_memory(
     robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
 ) -> HealthMemory:
     """A `HealthMemory`; specs: of every channel that the robot has."""
-    made = structure_of(
+    memory = structure_of(
         HealthMemory,
         n_q=robot.n_q,
         n_v=robot.n_v,
@@ -392,38 +396,46 @@ def health_memory(
         n_width=max(4, *sizes_of(robot)["joint_positions"]),
         n_estimates=N_ESTIMATES,
     )()
-    made.n, made.order[: len(specs)] = len(specs), [int(NUMBER[name]) for name in specs]
-    made.clean = tuning.clean
-    made.clock = tuning.clock
-    made.late = tuning.late
-    made.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
-    made.history.spacing = made.history.length / (N_ESTIMATES - 2)
+    memory.n = len(specs)
+    memory.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
+    memory.clean = tuning.clean
+    memory.clock = tuning.clock
+    memory.late = tuning.late
+    memory.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
+    memory.history.spacing = memory.history.length / (N_ESTIMATES - 2)
     for number in range(N_CHANNELS):
-        c = made.channels[number]
-        c.number, c.rival, c.other_rival, c.gate.by, c.gate.or_by = number, -1, -1, -1, -1
+        c = memory.channels[number]
+        c.number = number
+        c.rival = -1
+        c.other_rival = -1
+        c.gate.by = -1
+        c.gate.or_by = -1
         c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = (
             c.compared_at
         ) = -math.inf
         c.taken = c.used_at = math.nan
     for name, spec in specs.items():
-        _set_channel(made.channels[NUMBER[name]], robot, name, spec)
-    _set_gates(made, robot, specs, tuning)
+        _set_channel(memory.channels[NUMBER[name]], robot, name, spec)
+    _set_gates(memory, robot, specs, tuning)
     delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
-    made.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
-    made.encoders.n = (
-        robot.n_joints if _is_plain(robot) and robot.n_joints == len(robot.joint_names) else 0
-    )
+    memory.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
+    if _is_plain(robot) and robot.n_joints == len(robot.joint_names):
+        memory.encoders.n = robot.n_joints
+    else:
+        memory.encoders.n = 0
     bias = dict.fromkeys(sizes_of(robot), 0.0) | {
         name: max(map(abs, spec.biases)) for name, spec in specs.items()
     }
     noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
-    redundancy.init_comparisons(made.velocity, made.rate, made.depth, made.encoder, noise, bias)
-    made.encoder.n = made.encoders.n
-    init_floor(
-        made.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
+    redundancy.init_comparisons(
+        memory.velocity, memory.rate, memory.depth, memory.encoder, noise, bias
     )
-    return made
+    memory.encoder.n = memory.encoders.n
+    init_floor(
+        memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
+    )
+    return memory
 
 
 def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
@@ -521,7 +533,10 @@ def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec])
     worst with full acceleration the other way.
     """
     blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
-    moved = min(of.alone * blind, of.pull * blind**2) if of.pull < math.inf else of.alone * blind
+    if of.pull < math.inf:
+        moved = min(of.alone * blind, of.pull * blind**2)
+    else:
+        moved = of.alone * blind
     return moved + of.supported * (spec.delay - blind)
 
 

@@ -83,11 +83,11 @@ def keep_alone(s: FloorPoints, new: FloorPoint) -> None:
     append_floor_point(s, new)
 
 
-def copy_floor_points(to: FloorPoints, other: FloorPoints) -> None:
+def copy_floor_points(to: FloorPoints, source: FloorPoints) -> None:
     """Make one the same as the other."""
     to.first = to.count = 0
-    for k in range(other.count):
-        append_floor_point(to, other.kept[slot_of(other, k)])
+    for k in range(source.count):
+        append_floor_point(to, source.kept[slot_of(source, k)])
 
 
 def floor_step(accepted: FloorPoints, new: FloorPoint, base: float, slope: float) -> float:
@@ -119,9 +119,14 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     dx = new.x - new.sensor_x
     dy = new.y - new.sensor_y
     fall = new.sensor_z - new.z
-    share = min(1.0, (new.sensor_z - old.z) / fall) if fall > 0.0 and new.sensor_z > old.z else 1.0
+    if fall > 0.0 and new.sensor_z > old.z:
+        share = min(1.0, (new.sensor_z - old.z) / fall)
+    else:
+        share = 1.0
     away = slope * _length(new.sensor_x + share * dx - old.x, new.sensor_y + share * dy - old.y)
-    return away if share == 1.0 else away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
+    if share == 1.0:
+        return away
+    return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
 
 
 def vertical_travel(s: FloorPoints) -> float:
@@ -147,7 +152,8 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
     to.sensor_x = new.sensor_x
     to.sensor_y = new.sensor_y
     to.sensor_z = new.sensor_z
-    to.lowest, to.highest = new.sensor_z, new.sensor_z
+    to.lowest = new.sensor_z
+    to.highest = new.sensor_z
 
 
 # Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.
@@ -205,11 +211,11 @@ def accept_echo(w: FloorMemory, why: Complaint) -> bool:
     otherwise, or all the same.
     """
     oldest = w.here.t - _MEMORY
-    found = w.candidates
+    candidates = w.candidates
     forget_older(w.accepted, oldest)
     forget_older(w.before, oldest)
-    if found.count > 1 and found.kept[found.first].t < oldest:
-        forget_first(found)
+    if candidates.count > 1 and candidates.kept[candidates.first].t < oldest:
+        forget_first(candidates)
     step = floor_step(w.accepted, w.here, w.base, w.slope)
     if step == 0.0:
         _accept(w)
@@ -269,24 +275,24 @@ def _tolerance(w: FloorMemory) -> float:
 
 
 def _add_candidate(w: FloorMemory) -> None:
-    found, here = w.candidates, w.here
-    if found.count > 0:
-        last = found.kept[slot_of(found, found.count - 1)]
-        if here.t - last.t < _SPACING:
-            last.lowest = min(last.lowest, here.sensor_z)
-            last.highest = max(last.highest, here.sensor_z)
+    candidates, point = w.candidates, w.here
+    if candidates.count > 0:
+        last = candidates.kept[slot_of(candidates, candidates.count - 1)]
+        if point.t - last.t < _SPACING:
+            last.lowest = min(last.lowest, point.sensor_z)
+            last.highest = max(last.highest, point.sensor_z)
             return
-    append_floor_point(found, here)
+    append_floor_point(candidates, point)
 
 
 def _is_proven(w: FloorMemory, step: float) -> bool:
     """Return whether the vehicle has moved as one does above a floor that is a step [m] farther
     away, and above another place.
     """
-    accepted, found = w.accepted, w.candidates
-    if w.here.t - found.kept[found.first].t < _STEP_TIME or step > w.relief:
+    accepted, candidates = w.accepted, w.candidates
+    if w.here.t - candidates.kept[candidates.first].t < _STEP_TIME or step > w.relief:
         return False
     last = accepted.kept[slot_of(accepted, accepted.count - 1)]
     if _length(w.here.sensor_x - last.sensor_x, w.here.sensor_y - last.sensor_y) < _STEP_WAY:
         return False
-    return vertical_travel(found) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))
+    return vertical_travel(candidates) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))

@@ -43,7 +43,7 @@ class GatedEstimator(Protocol):
         estimate, changed in place.
 
         When it was taken, its normalised innovation squared, the degrees of freedom of that, and 1
-        if it was fused; nan before the first. In the order of `filter.memory.Channel`.
+        if it was fused; nan before the first. In the order of `filter_memory.Channel`.
         """
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
@@ -72,16 +72,13 @@ class GuardedEstimator(TableDisplay):
         self.monitor = monitor or health_monitor.HealthMonitor(robot, specs)
         exact = isinstance(estimator, PassThrough)
         # One of a class of its own may do more than to repeat.
-        plain = (
-            estimator
-            if isinstance(estimator, PassThrough) and type(estimator) is PassThrough
-            else None
-        )
-        self.repeated = (
-            health_monitor.pass_through_memory(plain)
-            if plain is not None and self.monitor.repeats
-            else None
-        )
+        if isinstance(estimator, PassThrough) and type(estimator) is PassThrough:
+            plain = estimator
+        else:
+            plain = None
+        self.repeated: health_monitor.PassThroughMemory | None = None
+        if plain is not None and self.monitor.repeats:
+            self.repeated = health_monitor.pass_through_memory(plain)
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
@@ -89,7 +86,10 @@ class GuardedEstimator(TableDisplay):
         others = health_monitor.fallback_sensors(gyro_from_attitude=gating)
         self.support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
         """Memory of the kernels, as `repeated` and `outcomes`."""
-        numbers = np.zeros(_OUTCOMES) if self._gating is None else self._gating.outcomes.reshape(-1)
+        if self._gating is None:
+            numbers = np.zeros(_OUTCOMES)
+        else:
+            numbers = self._gating.outcomes.reshape(-1)
         self.outcomes = (ctypes.c_double * numbers.size).from_buffer(
             numbers.data
         )  # the same memory, as kernels take it
@@ -128,23 +128,25 @@ class GuardedEstimator(TableDisplay):
 
     def estimate(self) -> StateEstimate:
         """Return what the kernels have left in memory at a tick."""
-        now = self.monitor.memory.now
-        found = self.estimator
-        if isinstance(found, Estimator):
-            made = found.estimate()
+        present = self.monitor.memory.now
+        estimator = self.estimator
+        if isinstance(estimator, Estimator):
+            filtered = estimator.estimate()
             return self._with_support(
-                made.q,
-                made.v,
-                made.altimeter_range,
+                filtered.q,
+                filtered.v,
+                filtered.altimeter_range,
                 self.monitor.health,
-                made.std,
-                made.altimeter_std,
+                filtered.std,
+                filtered.altimeter_std,
             )
         echo = self.monitor.memory.channels[NUMBER["altimeter_range"]].used_value[0]
-        return self._with_support(np.array(now.q), np.array(now.v), echo, self.monitor.health)
+        return self._with_support(
+            np.array(present.q), np.array(present.v), echo, self.monitor.health
+        )
 
     def _table(self) -> SmallTable:
-        watched = {one.channel: one.trust.name.lower() for one in self.monitor.health}
+        watched = {channel.channel: channel.trust.name.lower() for channel in self.monitor.health}
         return SmallTable(
             title=type(self).__name__,
             rows=rows_of({"estimator": format_value(self.estimator), **watched}),
@@ -178,6 +180,6 @@ class GuardedEstimator(TableDisplay):
         """Return whether every channel has a reading that a pass-through needs; what is there once
         remains.
         """
-        asked = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
-        self._has_all_channels = all(getattr(readings, name) is not None for name in asked)
+        required = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
+        self._has_all_channels = all(getattr(readings, name) is not None for name in required)
         return self._has_all_channels

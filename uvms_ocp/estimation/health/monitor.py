@@ -80,7 +80,10 @@ def fallback_sensors(*, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     the position for as long as a mission allows (`uvms_ocp.estimation.degraded_modes`).
     gyro_from_attitude: the estimator finds rates from attitudes alone.
     """
-    gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)} if gyro_from_attitude else {}
+    if gyro_from_attitude:
+        gyro = {"angular_velocity": FallbackSensor("attitude", math.inf)}
+    else:
+        gyro = {}
     return gyro | {
         "position": FallbackSensor("linear_velocity", math.inf),
         "linear_velocity": FallbackSensor("position", math.inf),
@@ -96,12 +99,12 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 
     The altitude has a state of its own: its range is nan without an echo.
     """
-    wanted = (
+    channels = (
         ((*_VEHICLE,) if robot.n_vehicle else ())
         + JOINT_CHANNELS
         + (("joint_velocities",) if rates else ())
     )
-    return tuple(name for name in wanted if getattr(specs, name) is not None)
+    return tuple(name for name in channels if getattr(specs, name) is not None)
 
 
 def support_of(
@@ -110,18 +113,16 @@ def support_of(
     """Make the `EstimateSupport` of an estimator that takes readings for the truth (exact), or has
     gates (gating).
     """
-    made = structure_of(EstimateSupport)()
-    made.exact = exact
-    made.gating = gating
-    made.n = len(needed)
-    made.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
-    made.fallback[:] = [-1] * N_CHANNELS
-    for name, other in fallback.items():
-        made.fallback[NUMBER[name]], made.max_duration[NUMBER[name]] = (
-            int(NUMBER[other.channel]),
-            other.max_duration,
-        )
-    return made
+    support = structure_of(EstimateSupport)()
+    support.exact = exact
+    support.gating = gating
+    support.n = len(needed)
+    support.needed[: len(needed)] = [int(NUMBER[name]) for name in needed]
+    support.fallback[:] = [-1] * N_CHANNELS
+    for name, fallback_sensor in fallback.items():
+        support.fallback[NUMBER[name]] = int(NUMBER[fallback_sensor.channel])
+        support.max_duration[NUMBER[name]] = fallback_sensor.max_duration
+    return support
 
 
 def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
@@ -131,32 +132,33 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     too or has replaced it for as long as it can.
     """
     joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
-    s.joint_age = math.inf if math.isnan(joints) else m.t - min(joints, m.t)
+    if math.isnan(joints):
+        s.joint_age = math.inf
+    else:
+        s.joint_age = m.t - min(joints, m.t)
     s.oldest = -1
     oldest = m.t
     for k in range(s.n):
         number = s.needed[k]
-        own = _supported_until(m, s, number)
-        if math.isnan(own):
+        supported_until = _supported_until(m, s, number)
+        if math.isnan(supported_until):
             s.oldest = number
             s.age = math.inf
             return
-        if own < oldest:
-            oldest = own
+        if supported_until < oldest:
+            oldest = supported_until
             s.oldest = number
     s.age = m.t - oldest
 
 
 def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: int) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
-    own = m.channels[number].taken
-    other = s.fallback[number]
-    by = m.channels[other].taken if other >= 0 else math.nan
-    return (
-        own
-        if math.isnan(own) or math.isnan(by)
-        else max(own, min(by, own + s.max_duration[number]))
-    )
+    taken_at = m.channels[number].taken
+    fallback = s.fallback[number]
+    by = m.channels[fallback].taken if fallback >= 0 else math.nan
+    if math.isnan(taken_at) or math.isnan(by):
+        return taken_at
+    return max(taken_at, min(by, taken_at + s.max_duration[number]))
 
 
 def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
@@ -181,14 +183,14 @@ class PassThroughMemory(Layout):
 
 def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     """Make the `PassThroughMemory` of an estimator."""
-    made = structure_of(PassThroughMemory)()
+    memory = structure_of(PassThroughMemory)()
     n = len(estimator.q_channels)
-    made.n = n
-    made.of_q[:n], made.of_v[:n] = (
+    memory.n = n
+    memory.of_q[:n], memory.of_v[:n] = (
         [int(NUMBER[name]) for name in names]
         for names in (estimator.q_channels, estimator.v_channels)
     )
-    return made
+    return memory
 
 
 def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
@@ -259,7 +261,10 @@ _LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itsel
 
 def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
-    m.dt = max(t - m.t, 0.0) if m.started else 0.0
+    if m.started:
+        m.dt = max(t - m.t, 0.0)
+    else:
+        m.dt = 0.0
     m.t = t
     m.started = True
     m.exposed = False
@@ -287,14 +292,17 @@ def _last_observed(c: channel_state.ChannelMemory) -> float:
     """Return the time [s] of the last reading in use, -inf before the first and without the
     channel.
     """
-    return -math.inf if not c.present or math.isnan(c.taken) else c.taken
+    if not c.present or math.isnan(c.taken):
+        return -math.inf
+    return c.taken
 
 
 def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     """Update the trust in every channel at time t [s]; is_estimated: `now` is one. Returns how many
     verdicts changed.
     """
-    m.t, m.now.t = t, t
+    m.t = t
+    m.now.t = t
     if is_estimated:
         plausibility.remember(m.history, m.now)
     n = 0
@@ -435,13 +443,15 @@ class HealthMonitor:
             for name in present
         }
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
-        self._beam = (
-            AltimeterMount(robot, frame, memory.now)
-            if "altimeter_range" in present and frame
-            else None
-        )
-        self._joint_q, self._joint_v = robot.joint_q, robot.joint_v
-        self._q, self._v = np.ctypeslib.as_array(memory.now.q), np.ctypeslib.as_array(memory.now.v)
+        self._beam: AltimeterMount | None
+        if "altimeter_range" in present and frame:
+            self._beam = AltimeterMount(robot, frame, memory.now)
+        else:
+            self._beam = None
+        self._joint_q = robot.joint_q
+        self._joint_v = robot.joint_v
+        self._q = np.ctypeslib.as_array(memory.now.q)
+        self._v = np.ctypeslib.as_array(memory.now.v)
         self._rates = np.ctypeslib.as_array(memory.encoders.rates)[: robot.n_joints]
         if self._beam is None:
             memory.channels[NUMBER["altimeter_range"]].used_value[0] = math.nan
@@ -518,20 +528,20 @@ class HealthMonitor:
             if not behind or not buffer.memory.behind:
                 buffer.used = buffer.seen
 
-    def judge(self, measurement: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
+    def judge(self, estimate: StateEstimate, t: float) -> tuple[ChannelHealth, ...]:
         """Judge all channels at time t [s], with the estimate that the filter made of the
         readings.
         """
-        is_estimated = measurement.age < math.inf
+        is_estimated = estimate.age < math.inf
         if is_estimated:
-            self._note(measurement)
+            self._note(estimate)
         if self._judge(self.memory, t, is_estimated):
             self.publish(t)
         return self._health
 
     def finish(
         self,
-        measurement: StateEstimate,
+        estimate: StateEstimate,
         support: EstimateSupport,
         outcomes: ctypes.Array[ctypes.c_double],
         t: float,
@@ -542,15 +552,16 @@ class HealthMonitor:
         support: an `EstimateSupport`, which then has the ages. outcomes (36,) [s, -, -, -]:
         `GatedEstimator.outcomes`. t [s] is the time of the tick.
         """
-        self._note(measurement)
+        self._note(estimate)
         if self._finish(self.memory, support, outcomes, t):
             self.publish(t)
         return self._health
 
-    def _note(self, measurement: StateEstimate) -> None:
-        self._q[:], self._v[:] = measurement.q, measurement.v
+    def _note(self, estimate: StateEstimate) -> None:
+        self._q[:] = estimate.q
+        self._v[:] = estimate.v
         if self._beam is not None and self._beam.moves:
-            self._beam.place(measurement.q[self._joint_q])
+            self._beam.place(estimate.q[self._joint_q])
 
     def publish(self, t: float) -> None:
         """Publish the verdicts that changed at time t [s], and log alarms."""
@@ -580,7 +591,8 @@ def _describe(verdict: ChannelHealth, shift: float) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
-    elsewhere = (
-        f", {shift:.2g} {UNITS[verdict.channel]} from where it was before" if shift > 0.0 else ""
-    )
+    if shift > 0.0:
+        elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before"
+    else:
+        elsewhere = ""
     return f"{verdict.channel} {word} again{elsewhere}"

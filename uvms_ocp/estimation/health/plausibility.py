@@ -83,15 +83,15 @@ class EstimateHistory(Layout):
     kept: Annotated[list[PastEstimate], Sized("n_estimates")]
 
 
-def remember(h: EstimateHistory, now: PastEstimate) -> None:
+def remember(h: EstimateHistory, present: PastEstimate) -> None:
     """Keep the estimate of a tick."""
     if h.count >= 2 and _time(h, h.count - 1) - _time(h, h.count - 2) < h.spacing:
         h.count -= 1
     if h.count == len(h.kept):
         _drop(h)
-    _copy_estimate(h.kept[(h.first + h.count) % len(h.kept)], now)
+    _copy_estimate(h.kept[(h.first + h.count) % len(h.kept)], present)
     h.count += 1
-    while _time(h, 0) < now.t - h.length:
+    while _time(h, 0) < present.t - h.length:
         _drop(h)
 
 
@@ -122,12 +122,12 @@ def _drop(h: EstimateHistory) -> None:
     h.count -= 1
 
 
-def _copy_estimate(to: PastEstimate, now: PastEstimate) -> None:
-    to.t = now.t
-    to.q[:] = now.q
-    to.v[:] = now.v
-    to.beam_at[:] = now.beam_at
-    to.beam_up[:] = now.beam_up
+def _copy_estimate(to: PastEstimate, source: PastEstimate) -> None:
+    to.t = source.t
+    to.q[:] = source.q
+    to.v[:] = source.v
+    to.beam_at[:] = source.beam_at
+    to.beam_up[:] = source.beam_up
 
 
 # What no reading of a working sensor can be: not a number, of another size, from the future.
@@ -160,11 +160,9 @@ def is_mistimed(stamp: float, last: float, t: float, clock: float, why: Complain
 
 def _is_no_rotation(value: Vector, why: Complaint) -> bool:
     squared = value[0] * value[0] + value[1] * value[1] + value[2] * value[2] + value[3] * value[3]
-    return (
-        False
-        if abs(squared - 1.0) <= 2.0 * _UNIT
-        else set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
-    )
+    if abs(squared - 1.0) <= 2.0 * _UNIT:
+        return False
+    return set_complaint(why, Reason.LENGTH, math.sqrt(squared), 0.0)
 
 
 # Whether a reading can be true, given where the robot was estimated to be when it was taken.
@@ -226,11 +224,9 @@ def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
     squared = 0.0
     for i in range(g.size):
         squared += value[i] * value[i]
-    return (
-        False
-        if math.sqrt(squared) <= g.most
-        else set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
-    )
+    if math.sqrt(squared) <= g.most:
+        return False
+    return set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
 
 
 def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
@@ -243,11 +239,9 @@ def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> floa
         return distance(g, value, estimate.q)
     if g.channel == ChannelIndex.JOINT_POSITIONS:
         return _largest(g, value, estimate.q)
-    return (
-        _largest(g, value, estimate.v)
-        if g.channel == ChannelIndex.JOINT_VELOCITIES
-        else distance(g, value, estimate.v)
-    )
+    if g.channel == ChannelIndex.JOINT_VELOCITIES:
+        return _largest(g, value, estimate.v)
+    return distance(g, value, estimate.v)
 
 
 def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
@@ -262,10 +256,10 @@ def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
 
 
 def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
-    most = 0.0
+    largest = 0.0
     for i in range(g.size):
-        most = max(most, abs(value[i] - estimated[g.start + i]))
-    return most
+        largest = max(largest, abs(value[i] - estimated[g.start + i]))
+    return largest
 
 
 # Whether a sensor repeats itself although it has noise: it is frozen.
@@ -347,26 +341,29 @@ def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
 
 def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
     worst = 0
-    most = r.runs[0]
+    longest_run = r.runs[0]
     together = r.runs[0]
     for i in range(1, r.size):
-        if r.runs[i] > most:
+        if r.runs[i] > longest_run:
             worst = i
-            most = r.runs[i]
+            longest_run = r.runs[i]
         together = min(together, r.runs[i])
-    if most < _LEAST or not _unlikely(r, most, together):
+    if longest_run < _LEAST or not _unlikely(r, longest_run, together):
         return False
     return set_complaint(
-        why, Reason.REPEATED, most + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1
+        why, Reason.REPEATED, longest_run + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1
     )
 
 
-def _unlikely(r: RepetitionMemory, most: int, together: int) -> bool:
-    p = math.erf(r.finest / (2.0 * r.noise)) if math.isfinite(r.finest) else 1.0
-    one = math.log(max(p, _NEVER))
-    if together >= _LEAST and together * r.size * one < r.chance:
+def _unlikely(r: RepetitionMemory, longest_run: int, together: int) -> bool:
+    if math.isfinite(r.finest):
+        p = math.erf(r.finest / (2.0 * r.noise))
+    else:
+        p = 1.0
+    log_probability = math.log(max(p, _NEVER))
+    if together >= _LEAST and together * r.size * log_probability < r.chance:
         return True
-    return r.each and most * one < r.chance
+    return r.each and longest_run * log_probability < r.chance
 
 
 def _common(measure: float, step: float, tolerance: float) -> float:
@@ -374,7 +371,10 @@ def _common(measure: float, step: float, tolerance: float) -> float:
     multiple of all.
     """
     while step > tolerance:
-        rest = abs(math.remainder(measure, step)) if math.isfinite(measure) else 0.0
+        if math.isfinite(measure):
+            rest = abs(math.remainder(measure, step))
+        else:
+            rest = 0.0
         measure = step
         step = rest
     return max(measure, tolerance)

@@ -76,7 +76,9 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
             x[place] = x[place - 1]
             place -= 1
         x[place] = value
-    return x[n // 2] if n % 2 == 1 else 0.5 * (x[n // 2 - 1] + x[n // 2])
+    if n % 2 == 1:
+        return x[n // 2]
+    return 0.5 * (x[n // 2 - 1] + x[n // 2])
 
 
 def value_at(s: SampleRing, i: int, t: float) -> float:
@@ -92,7 +94,9 @@ def value_at(s: SampleRing, i: int, t: float) -> float:
     to_t = time_at(s, after)
     if t >= to_t or to_t == from_t:
         return new
-    return old if t <= from_t else (new - old) / (to_t - from_t) * (t - from_t) + old
+    if t <= from_t:
+        return old
+    return (new - old) / (to_t - from_t) * (t - from_t) + old
 
 
 # Channels that tell the same in two ways, compared over a few seconds.
@@ -287,12 +291,12 @@ def init_comparisons(
 def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     """The DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
     dt = t - d.t
-    known = 0.0 <= dt <= _BLIND
-    if not known:
+    is_connected = 0.0 <= dt <= _BLIND
+    if not is_connected:
         d.quick.samples.count = d.slow.samples.count = d.depth.samples.count = d.ways.count = 0
     squared = 0.0
     for i in range(3):
-        step = 0.5 * dt * (v_W[i] + d.velocity[i]) if known else 0.0
+        step = 0.5 * dt * (v_W[i] + d.velocity[i]) if is_connected else 0.0
         d.way[i] += step
         squared += step * step
         d.velocity[i] = v_W[i]
@@ -308,26 +312,29 @@ def compare_place(d: VelocityAgainstPosition, value: Vector, t: float, first: in
     first: the axis that the value begins with, 0 of a fix and 2 of a depth.
     """
     offset = zeros(4)
-    known = abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
+    is_comparable = abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
     for i in range(first, 3):
-        offset[i] = value[i - first] - _way_at(d, i, t) if known else 0.0
+        if is_comparable:
+            offset[i] = value[i - first] - _way_at(d, i, t)
+        else:
+            offset[i] = 0.0
     offset[3] = d.way[3]
     if first == 0:
-        _append_offset(d.quick, offset, t, known)
-        _append_offset(d.slow, offset, t, known)
+        _append_offset(d.quick, offset, t, is_comparable)
+        _append_offset(d.slow, offset, t, is_comparable)
     else:
-        _append_offset(d.depth, offset, t, known)
-    return known
+        _append_offset(d.depth, offset, t, is_comparable)
+    return is_comparable
 
 
-def _append_offset(w: DriftWindow, offset: Vector, t: float, known: bool) -> None:
-    found = w.samples
-    if not known:
-        found.count = 0
-    elif found.count == 0 or t - time_at(found, found.count - 1) >= w.spacing:
-        append_value(found, t, offset, 4)
-        while span_of(found) > w.span:
-            drop_oldest(found)
+def _append_offset(w: DriftWindow, offset: Vector, t: float, is_comparable: bool) -> None:
+    samples = w.samples
+    if not is_comparable:
+        samples.count = 0
+    elif samples.count == 0 or t - time_at(samples, samples.count - 1) >= w.spacing:
+        append_value(samples, t, offset, 4)
+        while span_of(samples) > w.span:
+            drop_oldest(samples)
 
 
 def drift_rate(w: DriftWindow, first: int) -> float:
@@ -337,25 +344,29 @@ def drift_rate(w: DriftWindow, first: int) -> float:
     Thirds of the span are compared by their medians, which fixes that are far off now and then do
     not move.
     """
-    found = w.samples
-    n = found.count // 3
-    if n == 0 or span_of(found) < w.least:
+    samples = w.samples
+    n = samples.count // 3
+    if n == 0 or span_of(samples) < w.least:
         return 0.0
-    time = mean_time(found, found.count - n, n) - mean_time(found, 0, n)
+    time = mean_time(samples, samples.count - n, n) - mean_time(samples, 0, n)
     squared = 0.0
     for i in range(first, 3):
-        change = median_of(found, i, found.count - n, n) - median_of(found, i, 0, n)
+        change = median_of(samples, i, samples.count - n, n) - median_of(samples, i, 0, n)
         squared += change * change
-    way = found.value[ring_slot(found, found.count - 1)][3] - found.value[found.first][3]
+    way = samples.value[ring_slot(samples, samples.count - 1)][3] - samples.value[samples.first][3]
     allowed = w.tolerance * time + w.share * way + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * w.noise
-    return math.sqrt(squared) / time if squared > allowed * allowed else 0.0
+    if squared > allowed * allowed:
+        return math.sqrt(squared) / time
+    return 0.0
 
 
 def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
     """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings
     ago.
     """
-    return d.way[i] + (t - d.t) * d.velocity[i] if t >= d.t else value_at(d.ways, i, t)
+    if t >= d.t:
+        return d.way[i] + (t - d.t) * d.velocity[i]
+    return value_at(d.ways, i, t)
 
 
 def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
@@ -391,22 +402,31 @@ def compare_turns(d: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
 
 
 def _turn_in(
-    found: SampleRing, offset: Vector, t: float, least: float, spacing: float, tolerance: float
+    samples: SampleRing,
+    offset: Vector,
+    t: float,
+    shortest_span: float,
+    spacing: float,
+    tolerance: float,
 ) -> float:
     """[rad/s] over `least` [s]; 0 before, and where it is within the tolerance [rad/s]."""
-    if found.count > 0 and t - time_at(found, found.count - 1) < spacing:
+    if samples.count > 0 and t - time_at(samples, samples.count - 1) < spacing:
         return 0.0
-    append_value(found, t, offset, 4)
-    while span_of(found) > least + spacing:
-        drop_oldest(found)
-    span = span_of(found)
-    if span < least - 1e-6:
+    append_value(samples, t, offset, 4)
+    while span_of(samples) > shortest_span + spacing:
+        drop_oldest(samples)
+    span = span_of(samples)
+    if span < shortest_span - 1e-6:
         return 0.0
     rate = (
-        angle_between(found.value[found.first], found.value[ring_slot(found, found.count - 1)])
+        angle_between(
+            samples.value[samples.first], samples.value[ring_slot(samples, samples.count - 1)]
+        )
         / span
     )
-    return rate if rate > tolerance else 0.0
+    if rate > tolerance:
+        return rate
+    return 0.0
 
 
 def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
@@ -439,7 +459,9 @@ def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) 
     for i in range(1, _LAST + 1):
         total += d.last[(d.count + i) % _LAST]
     by = abs(total / _LAST - d.first / _FIRST)
-    return by if d.count >= _FIRST + _LAST and by > d.tolerance else 0.0
+    if d.count >= _FIRST + _LAST and by > d.tolerance:
+        return by
+    return 0.0
 
 
 def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
@@ -476,12 +498,10 @@ def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
         if due and not first:
             mark[:4] = d.newer[i][:4]
         if due:
-            d.newer[i][0], d.newer[i][1], d.newer[i][2], d.newer[i][3] = (
-                offset,
-                d.way[i],
-                late,
-                d.variance[i],
-            )
+            d.newer[i][0] = offset
+            d.newer[i][1] = d.way[i]
+            d.newer[i][2] = late
+            d.newer[i][3] = d.variance[i]
         if first:
             mark[:4] = d.newer[i][:4]
         change = abs(offset - mark[0])

@@ -91,7 +91,8 @@ def _compare_with_estimate(
     elif c.gate.exists and not _agrees(m, c, estimate, b.why):
         b.used = c.agreed < _CONFIRMED
         if b.used:
-            c.agreed, b.why.code = 0, Reason.NONE
+            c.agreed = 0
+            b.why.code = Reason.NONE
 
 
 def _agrees(
@@ -100,12 +101,13 @@ def _agrees(
     gate = c.gate
     carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
     rate = gate.supported if carried else gate.alone
-    growth = 0.0 if math.isnan(c.taken) else rate * max(c.stamp - c.taken, 0.0)
+    if math.isnan(c.taken):
+        growth = 0.0
+    else:
+        growth = rate * max(c.stamp - c.taken, 0.0)
     away = abs(c.stamp - estimate.t)
-    error, moved = (
-        plausibility.error_of(gate, c.value, estimate),
-        plausibility.motion_within(gate, estimate, away),
-    )
+    error = plausibility.error_of(gate, c.value, estimate)
+    moved = plausibility.motion_within(gate, estimate, away)
     c.off = error if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
     c.explained = gate.noise + max(growth, moved)
     if carried and is_persistent(c):
@@ -162,7 +164,7 @@ def _is_floor(
 
 
 def _place(
-    here: floor.FloorPoint,
+    point: floor.FloorPoint,
     c: ChannelMemory,
     estimate: plausibility.PastEstimate,
     up: Vector,
@@ -171,13 +173,13 @@ def _place(
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in
     W, seen from the vehicle.
     """
-    here.t = c.stamp
-    here.sensor_x = estimate.q[0] + at[0]
-    here.sensor_y = estimate.q[1] + at[1]
-    here.sensor_z = estimate.q[2] + at[2]
-    here.x = here.sensor_x - c.value[0] * up[0]
-    here.y = here.sensor_y - c.value[0] * up[1]
-    here.z = here.sensor_z - c.value[0] * up[2]
+    point.t = c.stamp
+    point.sensor_x = estimate.q[0] + at[0]
+    point.sensor_y = estimate.q[1] + at[1]
+    point.sensor_z = estimate.q[2] + at[2]
+    point.x = point.sensor_x - c.value[0] * up[0]
+    point.y = point.sensor_y - c.value[0] * up[1]
+    point.z = point.sensor_z - c.value[0] * up[2]
 
 
 # Pairs of channels that tell of the same motion, and which of a pair is to blame.
@@ -217,7 +219,10 @@ def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None
     quick, slow = m.rate.quick_rate, m.rate.slow_rate
     if quick > 0.0 or slow > 0.0:
         set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
-        likely = int(ChannelIndex.ANGULAR_VELOCITY) if quick > 0.0 else -1
+        if quick > 0.0:
+            likely = int(ChannelIndex.ANGULAR_VELOCITY)
+        else:
+            likely = -1
         _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
@@ -226,24 +231,26 @@ def _compare_fix(
 ) -> None:
     velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
     v_W = zeros(3)
-    known = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
-    quick, slow = (
-        redundancy.drift_rate(m.velocity.quick, 0),
-        redundancy.drift_rate(m.velocity.slow, 0),
-    )
+    is_comparable = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
+    quick = redundancy.drift_rate(m.velocity.quick, 0)
+    slow = redundancy.drift_rate(m.velocity.slow, 0)
     plausibility.rotate(estimate.q, estimate.v, v_W)
     by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
-    if known and quick > 0.0:
+    if is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
         # fixes jumped.
         guilty = _is_guilty(m, c)
-        other = _is_guilty(m, velocity)
-        if velocity.present and (other or not guilty) and exclude(velocity, why, m.t, m.clean):
+        velocity_is_guilty = _is_guilty(m, velocity)
+        if (
+            velocity.present
+            and (velocity_is_guilty or not guilty)
+            and exclude(velocity, why, m.t, m.clean)
+        ):
             m.exposed = True
-        if guilty == other and slow > 0.0:
+        if guilty == velocity_is_guilty and slow > 0.0:
             suspect(c, why, m.t)
-    elif known and slow > 0.0:
+    elif is_comparable and slow > 0.0:
         # Nothing tells which of the two drifts, but for depths where it is along z.
         set_complaint(why, Reason.DRIFT, slow, 0.0)
         if redundancy.drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
@@ -255,7 +262,7 @@ def _compare_fix(
         if (
             not _agrees_with_velocity(m, depth)
             and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
-            and known
+            and is_comparable
         ):
             exclude(depth, why, m.t, m.clean)
         else:
@@ -264,11 +271,10 @@ def _compare_fix(
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
     """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
-    rate = (
-        redundancy.drift_rate(m.velocity.depth, 2)
-        if redundancy.compare_place(m.velocity, c.value, c.stamp, 2)
-        else 0.0
-    )
+    if redundancy.compare_place(m.velocity, c.value, c.stamp, 2):
+        rate = redundancy.drift_rate(m.velocity.depth, 2)
+    else:
+        rate = 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
         if (

@@ -98,9 +98,9 @@ def set_complaint(why: Complaint, code: int, first: float, second: float) -> boo
     return True
 
 
-def copy_complaint(to: Complaint, other: Complaint) -> None:
+def copy_complaint(to: Complaint, source: Complaint) -> None:
     """Make one the same as the other."""
-    set_complaint(to, other.code, other.first, other.second)
+    set_complaint(to, source.code, source.first, source.second)
 
 
 _TEXTS: dict[str, str] = tomllib.loads(
@@ -116,15 +116,15 @@ class ReasonTexts:
         self._joints = joints
         self._shapes: list[str] = []
 
-    def shape(self, given: tuple[int, ...], wanted: tuple[int, ...]) -> int:
+    def shape(self, actual: tuple[int, ...], expected: tuple[int, ...]) -> int:
         """A number for a value of a wrong shape, from 1."""
-        text = f"a value of shape {given} in place of {wanted or 'a number'}"
+        text = f"a value of shape {actual} in place of {expected or 'a number'}"
         if text not in self._shapes:
             self._shapes.append(text)
         return self._shapes.index(text) + 1
 
     def of(self, channel: str, why: Any) -> str:
-        """The words of a `Why`."""
+        """Describe a reason that the health memory keeps as numbers."""
         a, b = why.first, why.second
         if why.code == Reason.SHAPE:
             return self._shapes[int(a) - 1]

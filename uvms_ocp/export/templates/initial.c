@@ -1,4 +1,6 @@
+$exact
 #include <math.h>
-#include "controller.h"
+#include "NAME_controller.h"
 $declarations
-const Controller CONTROLLER_INITIAL = $value;
+$numbers
+const NAME_Controller NAME_CONTROLLER_INITIAL = $value;

@@ -1,17 +1,18 @@
 /* Replays a recorded run: feeds the controller with what was measured, and compares what it tells with what Python told.
 
-   ./replay recorded.bin [ticks.txt]
+   ./NAME_replay NAME_recorded.bin [ticks.txt or - [tolerance]]
 
-   recorded.bin holds numbers of 8 bytes, least byte first: for each tick the fields of ControllerInputs, then those of
-   ControllerOutputs, one after the other. With ticks.txt what the controller tells is written there, one tick per line.
-   Exit code 0 if all numbers agree to 1e-9 and all else is equal, 1 if not, 2 where the file cannot be read. */
+   NAME_recorded.bin holds numbers of 8 bytes, least byte first: for each tick the fields of NAME_ControllerInputs, then those
+   of NAME_ControllerOutputs, one after the other. With ticks.txt what the controller tells is written there, one tick per line.
+   Exit code 0 if all numbers are the same to the last bit, or agree to the tolerance where one is given, and all else is equal;
+   1 if not, 2 where a file cannot be read. */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
-#include "controller.h"
+#include "NAME_controller.h"
 
-#define TOLERANCE 1e-9
 #define COUNT(array) (sizeof(array) / sizeof((array)[0]))
 
 static int read_numbers(FILE *file, double *x, size_t n) {
@@ -34,7 +35,7 @@ static int read_integers(FILE *file, int *k, size_t n) {
   return 1;
 }
 
-static int read_tick(FILE *file, ControllerInputs *in, ControllerOutputs *out) {
+static int read_tick(FILE *file, NAME_ControllerInputs *in, NAME_ControllerOutputs *out) {
   return read_numbers(file, &in->t, 1) && read_numbers(file, in->q, COUNT(in->q)) &&
          read_numbers(file, in->v, COUNT(in->v)) && read_numbers(file, &in->altimeter_range, 1) &&
          read_numbers(file, &in->age, 1) && read_numbers(file, &in->joint_age, 1) &&
@@ -48,30 +49,37 @@ static int read_tick(FILE *file, ControllerInputs *in, ControllerOutputs *out) {
          read_numbers(file, out->quantities, COUNT(out->quantities));
 }
 
-static void compare(double *worst, const double *x, const double *y, size_t n) {
+typedef struct {
+  double largest; /* difference of two numbers */
+  int bits;       /* some number has other bits */
+} Difference;
+
+static void compare(Difference *found, const double *x, const double *y, size_t n) {
   for (size_t i = 0; i < n; i++) {
     double apart = fabs(x[i] - y[i]);
-    if (x[i] == y[i] || (isnan(x[i]) && isnan(y[i]))) continue;
-    if (!(apart <= *worst)) *worst = isnan(apart) ? INFINITY : apart;
+    if (memcmp(&x[i], &y[i], sizeof(double)) == 0 || (isnan(x[i]) && isnan(y[i]))) continue;
+    found->bits = 1;
+    if (x[i] == y[i]) continue;
+    if (!(apart <= found->largest)) found->largest = isnan(apart) ? INFINITY : apart;
   }
 }
 
-static double difference(const ControllerOutputs *a, const ControllerOutputs *b) {
-  double worst = 0;
-  compare(&worst, a->v, b->v, COUNT(a->v));
-  compare(&worst, a->thrust, b->thrust, COUNT(a->thrust));
-  compare(&worst, a->torque, b->torque, COUNT(a->torque));
-  compare(&worst, &a->viable_share, &b->viable_share, 1);
-  compare(&worst, a->quantities, b->quantities, COUNT(a->quantities));
-  return worst;
+static Difference difference(const NAME_ControllerOutputs *a, const NAME_ControllerOutputs *b) {
+  Difference found = {0, 0};
+  compare(&found, a->v, b->v, COUNT(a->v));
+  compare(&found, a->thrust, b->thrust, COUNT(a->thrust));
+  compare(&found, a->torque, b->torque, COUNT(a->torque));
+  compare(&found, &a->viable_share, &b->viable_share, 1);
+  compare(&found, a->quantities, b->quantities, COUNT(a->quantities));
+  return found;
 }
 
-static int same(const ControllerOutputs *a, const ControllerOutputs *b) {
+static int same(const NAME_ControllerOutputs *a, const NAME_ControllerOutputs *b) {
   return a->hold == b->hold && a->stop == b->stop && a->brakes == b->brakes && a->finished == b->finished &&
          a->phase == b->phase && a->freshness == b->freshness && a->status == b->status;
 }
 
-static void write_tick(FILE *file, const ControllerOutputs *out) {
+static void write_tick(FILE *file, const NAME_ControllerOutputs *out) {
   for (size_t i = 0; i < COUNT(out->v); i++) fprintf(file, "%.17g ", out->v[i]);
   for (size_t i = 0; i < COUNT(out->thrust); i++) fprintf(file, "%.17g ", out->thrust[i]);
   for (size_t i = 0; i < COUNT(out->torque); i++) fprintf(file, "%.17g ", out->torque[i]);
@@ -80,22 +88,25 @@ static void write_tick(FILE *file, const ControllerOutputs *out) {
 }
 
 int main(int argc, char **argv) {
-  static Controller controller;
-  static ControllerInputs in;
-  static ControllerOutputs recorded, told;
-  FILE *file = argc > 1 ? fopen(argv[1], "rb") : 0, *ticks = argc > 2 ? fopen(argv[2], "w") : 0;
+  static NAME_Controller controller;
+  static NAME_ControllerInputs in;
+  static NAME_ControllerOutputs recorded, told;
+  FILE *file = argc > 1 ? fopen(argv[1], "rb") : 0;
+  FILE *ticks = argc > 2 && strcmp(argv[2], "-") != 0 ? fopen(argv[2], "w") : 0;
+  double tolerance = argc > 3 ? atof(argv[3]) : 0;
   long n = 0, apart = 0, first = -1;
   double worst = 0;
-  if (!file || (argc > 2 && !ticks)) {
-    fprintf(stderr, "usage: %s recorded.bin [ticks.txt]; a file cannot be opened\n", argv[0]);
+  if (!file || (argc > 2 && strcmp(argv[2], "-") != 0 && !ticks)) {
+    fprintf(stderr, "usage: %s NAME_recorded.bin [ticks.txt or - [tolerance]]; a file cannot be opened\n", argv[0]);
     return 2;
   }
-  controller_reset(&controller);
+  NAME_controller_reset(&controller);
   for (; read_tick(file, &in, &recorded); n++) {
-    controller_step(&controller, &in, &told);
-    double by = difference(&told, &recorded);
-    if (by > worst) worst = by;
-    if (by > TOLERANCE || !same(&told, &recorded)) {
+    Difference by;
+    NAME_controller_step(&controller, &in, &told);
+    by = difference(&told, &recorded);
+    if (by.largest > worst) worst = by.largest;
+    if ((tolerance > 0 ? by.largest > tolerance : by.bits) || !same(&told, &recorded)) {
       apart++;
       if (first < 0) first = n;
     }

@@ -103,13 +103,13 @@ class CoalPairs:
         pin.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data, q
         )
-        found = np.array(
+        distances = np.array(
             [
                 pin.computeDistance(self._geometry, self._geometry_data, int(k)).min_distance
                 for k in pairs
             ]
         )
-        return np.where(found < FAILED, 0.0, found)
+        return np.where(distances < FAILED, 0.0, distances)
 
     def gradients(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Gradient (n, n_v) [-, m] of each of the `pairs` (n,); their values were asked for last,
@@ -129,7 +129,8 @@ class CoalPairs:
 
     def _gradient(self, pair: int) -> np.ndarray:
         result = self._geometry_data.distanceResults[pair]
-        (nx, ny, nz), (x, y, z) = result.normal, result.getNearestPoint1()
+        (nx, ny, nz) = result.normal
+        (x, y, z) = result.getNearestPoint1()
         wrench = np.array([nx, ny, nz, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx])
         first, second = self._joints[pair]
         row = np.zeros(self._model.nv)
@@ -161,8 +162,10 @@ class CompiledPairs:
         """True where there is a compiler: without, this is slower than coal."""
         distance_kernels.write_distances(self._memory, model, geometry.geometryObjects, pairs)
         self._q: Any = (ctypes.c_double * model.nq)()
-        self._configuration, self._chosen = view(self._q), view(self._memory.chosen)
-        self._value, self._gradient = view(self._memory.value), view(self._memory.gradient)
+        self._configuration = view(self._q)
+        self._chosen = view(self._memory.chosen)
+        self._value = view(self._memory.value)
+        self._gradient = view(self._memory.gradient)
 
     def values(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         """Distance (n,) [m] of each of the `pairs` (n,) at q (n_q,) [m, rad]."""
@@ -271,8 +274,8 @@ class CollisionModel:
         `InvalidInput` for a mesh.
         """
         if self.without_c_form:
-            given = f"shapes {', '.join(self.without_c_form)} have no form in C"
-            raise InvalidInput(f"{given}; give spheres, capsules, cylinders and boxes")
+            problem = f"shapes {', '.join(self.without_c_form)} have no form in C"
+            raise InvalidInput(f"{problem}; give spheres, capsules, cylinders and boxes")
         distance_kernels.write_distances(
             memory, self._model, self._geometry.geometryObjects, self._pairs
         )
@@ -283,10 +286,10 @@ class CollisionModel:
 
         Each index once.
         """
-        found = np.empty(self.n_pairs if pairs is None else len(pairs))
+        distances = np.empty(self.n_pairs if pairs is None else len(pairs))
         for engine, rows, places in self._shared(pairs):
-            found[rows] = engine.values(q, places)
-        return found
+            distances[rows] = engine.values(q, places)
+        return distances
 
     def distances(
         self, q: np.ndarray, pairs: Sequence[int] | np.ndarray | None = None
@@ -306,11 +309,14 @@ class CollisionModel:
     ) -> Iterator[tuple[_Engine, np.ndarray | slice, np.ndarray]]:
         """Find which model measures which of the `pairs`: rows here, indices there."""
         for engine, place in self._engines:
-            asked = place if pairs is None else place[np.asarray(pairs, dtype=int)]
+            if pairs is None:
+                requested = place
+            else:
+                requested = place[np.asarray(pairs, dtype=int)]
             if len(self._engines) == 1:
-                yield engine, slice(None), asked
-            elif len(rows := np.flatnonzero(asked >= 0)):
-                yield engine, rows, asked[rows]
+                yield engine, slice(None), requested
+            elif len(rows := np.flatnonzero(requested >= 0)):
+                yield engine, rows, requested[rows]
 
 
 def _engines(
@@ -392,7 +398,9 @@ def _known(links: Sequence[str] | None, names: Sequence[str]) -> Sequence[str]:
     unknown = sorted(set(links or ()) - set(names))
     if unknown:
         raise InvalidInput(f"shapes {unknown} to check for collision; allowed: {', '.join(names)}")
-    return names if links is None else links
+    if links is None:
+        return names
+    return links
 
 
 # Room for the pairs of collision models in the memories of a tick, whose kernels measure them where
@@ -410,11 +418,13 @@ def distance_layout_sizes(models: Iterable[CollisionModel], robot: Robot | None)
     """Sizes for `structure_of` layouts with a `DistanceMemory` for any of the models; Python
     measures those not `in_c`.
     """
-    known = list(models)
-    n_pairs = max((model.n_pairs for model in known), default=0)
-    measured = [model.n_solids for model in known if in_c(model, robot)]
+    distinct_models = list(models)
+    n_pairs = max((model.n_pairs for model in distinct_models), default=0)
+    measured = [model.n_solids for model in distinct_models if in_c(model, robot)]
     if robot is None or not measured:
-        n_v = max([model.n_v for model in known] if robot is None else [robot.n_v], default=0)
+        n_v = max(
+            [model.n_v for model in distinct_models] if robot is None else [robot.n_v], default=0
+        )
         # Room for all axes, also where none is looked at: compilers see what a kernel could read.
         return {
             "places": _nothing(),
@@ -436,7 +446,9 @@ def without_c_form(model: CollisionModel, robot: Robot | None) -> str:
             f"distances of {', '.join(model.without_c_form)}; spheres, capsules, cylinders and"
             " boxes have"
         )
-    return "" if robot is not None and model.is_of(robot) else "distances of another robot"
+    if robot is not None and model.is_of(robot):
+        return ""
+    return "distances of another robot"
 
 
 @cache

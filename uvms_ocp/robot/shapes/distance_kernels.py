@@ -201,13 +201,13 @@ def distance_lower_bound(m: DistanceMemory, k: int) -> float:
     turned = zeros(3)
     a, b = m.solids[pair.first], m.solids[pair.second]
     gjk.subtract(b.p, a.p, way)
-    found = math.sqrt(gjk.dot(way, way)) - a.size - b.size
+    bound = math.sqrt(gjk.dot(way, way)) - a.size - b.size
     if pair.known:
         gjk.turned_back(a.R, pair.normal, turned)
         along = gjk.dot(pair.normal, way) - gjk.height(a, turned) - a.ball
         gjk.turned_back(b.R, pair.normal, turned)
-        found = max(found, along - gjk.height(b, turned) - b.ball)
-    return found
+        bound = max(bound, along - gjk.height(b, turned) - b.ball)
+    return bound
 
 
 def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
@@ -274,7 +274,7 @@ def write_distances(
     memory.n_pairs = len(pairs)
     joints = list(enumerate(model.joints))[1:]
     columns = [
-        (joint, one.idx_v + k) for joint, one in joints for k in range(one.nvExtended)
+        (joint, moving.idx_v + k) for joint, moving in joints for k in range(moving.nvExtended)
     ]  # of what mimics, its leader's
     memory.axes[:] = [axis for _, axis in columns]
     for k, i in places.items():
@@ -289,12 +289,17 @@ def write_distances(
 
 def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
     half, disk, ball = _sums(shape.geometry)
-    solid.half[:], solid.disk, solid.ball = half, disk, ball
+    solid.half[:] = half
+    solid.disk = disk
+    solid.ball = ball
     solid.size = float(np.hypot(np.hypot(half[0], half[1]) + disk, half[2])) + ball
     solid.joint = int(shape.parentJoint) - 1
     R = shape.placement.rotation.ravel().tolist()
     p = shape.placement.translation.tolist()
-    solid.R_JS[:], solid.p_JS[:], solid.R[:], solid.p[:] = R, p, R, p
+    solid.R_JS[:] = R
+    solid.p_JS[:] = p
+    solid.R[:] = R
+    solid.p[:] = p
 
 
 def _sums(shape: Any) -> tuple[list[float], float, float]:
@@ -319,11 +324,11 @@ def _places(model: pin.Model) -> ca.Function:
     poses = symbolic.forward_kinematics(q).joint_poses[1:]
     placements = [ca.vertcat(ca.vec(ca.densify(pose.R).T), pose.p) for pose in poses]
     twists = [_twists(joint, pose) for joint, pose in zip(symbolic.joints, poses, strict=True)]
-    found = {
+    outputs = {
         "placements": ca.vertcat(*placements),
         "twists": ca.vec(ca.densify(ca.horzcat(*twists))),
     }
-    return symbolic_model.function("places", {"q": q}, found)
+    return symbolic_model.function("places", {"q": q}, outputs)
 
 
 def _twists(joint: symbolic_bodies.SymbolicJoint, pose: symbolic_bodies.SymbolicPose) -> ca.SX:

@@ -63,7 +63,10 @@ def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
         point[i] = min(s.half[i], max(-s.half[i], x[i]))
     across = math.sqrt(x[0] * x[0] + x[1] * x[1])
     if s.disk > 0.0:
-        share = min(1.0, s.disk / across) if across > 0.0 else 1.0
+        if across > 0.0:
+            share = min(1.0, s.disk / across)
+        else:
+            share = 1.0
         point[0] = share * x[0]
         point[1] = share * x[1]
 

@@ -24,7 +24,8 @@ def skid_points(robot: Robot) -> np.ndarray:
     if not hull:
         return np.zeros((0, 3))
     corners = np.concatenate([_box_corners(shape) for shape in hull])
-    (x0, y0, z0), (x1, y1, _) = corners.min(axis=0), corners.max(axis=0)
+    (x0, y0, z0) = corners.min(axis=0)
+    (x1, y1, _) = corners.max(axis=0)
     return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
 
 

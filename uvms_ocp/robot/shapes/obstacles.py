@@ -61,7 +61,10 @@ def obstacle(
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
     """
     p = np.asarray(position, dtype=float)
-    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+    if rotation is None:
+        R = np.eye(3)
+    else:
+        R = np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
         raise InvalidInput(
             f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)"
@@ -85,7 +88,8 @@ def mesh_shape(
     vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of
     no vertex.
     """
-    vertices, triangles = np.asarray(vertices, dtype=float), np.asarray(triangles, dtype=np.int64)
+    vertices = np.asarray(vertices, dtype=float)
+    triangles = np.asarray(triangles, dtype=np.int64)
     if not (triangles.size and triangles.min() >= 0 and triangles.max() < len(vertices)):
         raise InvalidInput(
             f"a mesh of {len(vertices)} vertices needs triangles with indices from 0 below that"
@@ -147,14 +151,14 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
     for words that are not numbers, too many or too few, or a size that is not positive.
     """
     require_known("shape", shape, N_SIZES)
-    wanted = 3 + N_SIZES[shape]
+    n_numbers = 3 + N_SIZES[shape]
     try:
         numbers = [float(word) for word in words.replace(",", " ").split()]
     except ValueError:
         numbers = []
-    if len(numbers) != wanted:
+    if len(numbers) != n_numbers:
         raise InvalidInput(
-            f"{shape} {words!r}: give {wanted} numbers, the position and the size, such as"
+            f"{shape} {words!r}: give {n_numbers} numbers, the position and the size, such as"
             " 1,0,0.5,0.3"
         )
     try:
@@ -228,13 +232,15 @@ def _size(shape: Any) -> list[float]:
         return [2 * float(half) for half in shape.halfSide]
     if isinstance(shape, coal.Ellipsoid):
         return [float(radius) for radius in shape.radii]
-    return (
-        [shape.radius] if isinstance(shape, coal.Sphere) else [shape.radius, 2 * shape.halfLength]
-    )
+    if isinstance(shape, coal.Sphere):
+        return [shape.radius]
+    return [shape.radius, 2 * shape.halfLength]
 
 
 def _first(error: ValidationError) -> str:
     first = error.errors()[0]
     place = ".".join(str(part) for part in first["loc"])
     text = first["msg"].removeprefix("Value error, ")
-    return f"{place}: {text}" if place else text
+    if place:
+        return f"{place}: {text}"
+    return text

@@ -47,16 +47,16 @@ def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
 def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
     """Along the i-th axes of both, and across that of A and any of B. A kernel."""
     along = zeros(3)
-    other = zeros(3)
+    edge = zeros(3)
     both = zeros(3)
     along[i] = 1.0
     try_axis(m, a, b, along)
     for j in range(3):
         for k in range(3):
-            other[k] = m.R[3 * k + j]
+            edge[k] = m.R[3 * k + j]
         if j == i:
-            try_axis(m, a, b, other)
-        cross(along, other, both)
+            try_axis(m, a, b, edge)
+        cross(along, edge, both)
         try_axis(m, a, b, both)
 
 
@@ -161,11 +161,11 @@ def write_polytope_support(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d:
 
 def nearest_face(h: Hull) -> int:
     """The face with the smallest offset. A kernel."""
-    found = 0
+    nearest = 0
     for k in range(1, h.n_faces):
-        if h.offset[k] < h.offset[found]:
-            found = k
-    return found
+        if h.offset[k] < h.offset[nearest]:
+            nearest = k
+    return nearest
 
 
 def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
@@ -175,7 +175,7 @@ def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
     d = zeros(3)
     first = zeros(3)
     second = zeros(3)
-    least = zeros(3)
+    across = zeros(3)
     h.n = 0
     h.n_faces = 0
     d[0] = 1.0
@@ -184,11 +184,11 @@ def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
     for i in range(1, 3):
         if abs(first[i]) < abs(first[smallest]):
             smallest = i
-    least[smallest] = 1.0
-    cross(first, least, d)
+    across[smallest] = 1.0
+    cross(first, across, d)
     add_opposite(h, m, a, b, d, second)
     cross(first, second, d)
-    add_opposite(h, m, a, b, d, least)
+    add_opposite(h, m, a, b, d, across)
     for k in range(8):
         add_face(h, m, k % 2, 2 + k // 2 % 2, 4 + k // 4)
 
@@ -219,8 +219,14 @@ def add_face(h: Hull, m: RelativePlacement, i: int, j: int, k: int) -> None:
     length = math.sqrt(dot(n, n))
     beyond = dot(n, h.w[i]) + dot(n, m.p)
     for c in range(3):
-        n[c] = math.copysign(1.0, beyond) * n[c] / length if length * length > _FLAT else 0.0
-    h.offset[new] = dot(n, h.w[i]) if length * length > _FLAT else math.inf
+        if length * length > _FLAT:
+            n[c] = math.copysign(1.0, beyond) * n[c] / length
+        else:
+            n[c] = 0.0
+    if length * length > _FLAT:
+        h.offset[new] = dot(n, h.w[i])
+    else:
+        h.offset[new] = math.inf
     h.n_faces += 1
 
 

@@ -60,7 +60,10 @@ def reach(
         + distance * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         - [0.0, 0.0, drop]
     )
-    point = drawn if target is None else np.asarray(target, dtype=float)
+    if target is None:
+        point = drawn
+    else:
+        point = np.asarray(target, dtype=float)
     q0 = run.start(origin)
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
     posture = VehiclePose(goal=way_point), JointTracking(joints=robot.joint_names, goal=robot.home)
@@ -94,7 +97,7 @@ def pose_facing(origin: pin.SE3, target: np.ndarray, start: Kinematics) -> pin.S
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Circle:
     """A point that goes around a circle in a vertical plane, starting and ending at rest at its
-    top: a `Reference`.
+    top: a reference.
     """
 
     centre: np.ndarray

@@ -104,7 +104,8 @@ def case1(
     """
     run = run_options(options)
     origin = start or pose_at((8.5, 38.5, -36.0), (0.0, -0.06, 0.5))
-    point, default = np.asarray(target, dtype=float), np.array([10.8, 37.45, -38.0])
+    point = np.asarray(target, dtype=float)
+    default = np.array([10.8, 37.45, -38.0])
     share, carried, aside = _scaled_to_arm(run.robot)
     goal = way_point or pose_at(
         tuple(default - (1.0 - share) * (default - point)), (0.0, -0.06, 0.5)
@@ -200,11 +201,10 @@ def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
 def _tool_joints(robot: Robot) -> list[str]:
     """Joints that move the tool against the vehicle, from the first on."""
     model = robot.model
-    moving = (
-        model.supports[model.frames[robot.frame_id("tool")].parentJoint]
-        if robot.has_frame("tool")
-        else ()
-    )
+    if robot.has_frame("tool"):
+        moving = model.supports[model.frames[robot.frame_id("tool")].parentJoint]
+    else:
+        moving = ()
     return [model.names[joint] for joint in moving if model.names[joint] in robot.joint_names]
 
 
@@ -219,11 +219,11 @@ def case1_tasks(
     (n_joints,) [rad or m].
     """
     wrist = robot.joint_names[-_N_POSTURE_JOINTS:]
-    tool = (
-        ToolPose(goal=tool_goal)
-        if len(_tool_joints(robot)) >= 6
-        else ToolPosition(name="T", goal=tool_goal)
-    )
+    tool: ToolPose | ToolPosition
+    if len(_tool_joints(robot)) >= 6:
+        tool = ToolPose(goal=tool_goal)
+    else:
+        tool = ToolPosition(name="T", goal=tool_goal)
     held = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
     return [
         NullVelocity(),
@@ -302,7 +302,9 @@ def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) 
 def with_back_step(phase: Phase, retries: int) -> Phase:
     """Phase D with a way back to A where the vehicle is adrift; other phases as they are."""
     back = Transition(to="A", when=(ADRIFT,), hold=0.5, retries=retries)
-    return replace(phase, transitions=(*phase.transitions, back)) if phase.name == "D" else phase
+    if phase.name == "D":
+        return replace(phase, transitions=(*phase.transitions, back))
+    return phase
 
 
 # What happens where horizontal attitude does not outrank the way point.
@@ -321,11 +323,10 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
     hierarchy = scenario.mission.hierarchy
     exchanged = {"HA": "PC", "PC": "HA"} if swapped else {}
     order = [exchanged.get(name, name) for name in hierarchy.names]
-    pitched = (
-        {"goal": pose_at(scenario.markers["way point"], (0.0, -0.3, 0.5))}
-        if options.get("way_point") is None
-        else {}
-    )
+    if options.get("way_point") is None:
+        pitched = {"goal": pose_at(scenario.markers["way point"], (0.0, -0.3, 0.5))}
+    else:
+        pitched = {}
     tasks = override(list(hierarchy.tasks), {"PC": pitched})
     scenario = replace(
         scenario, mission=replace(scenario.mission, hierarchy=Hierarchy(tasks, order))

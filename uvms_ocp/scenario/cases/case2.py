@@ -121,7 +121,7 @@ def landed_configuration(scenario: Scenario) -> np.ndarray:
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ToolPath:
     """The tool's pose along a trajectory of the joints, for a vehicle that stands still: a
-    `Reference`.
+    reference.
     """
 
     robot: Robot

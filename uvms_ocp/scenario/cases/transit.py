@@ -17,7 +17,7 @@ from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario.options import SAFETY, abort_phase, mission_of, phase_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.sim.seafloor import HeightField
+from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.tasks import (
     Clearance,
     HorizontalAttitude,
@@ -44,7 +44,7 @@ def transit(
     """A transit of length [m] towards a way point near the floor, held up by the minimum altitude
     alone.
 
-    relief: a name in `uvms_ocp.sim.seafloor.RELIEFS`. min_altitude [m]: h_min. The floor is drawn
+    relief: a name in `uvms_ocp.sim.rough_seafloor.RELIEFS`. min_altitude [m]: h_min. The floor is drawn
     from `seed`. The altimeter looks straight down and sees a slope only when above it: over steep
     protuberances a low minimum is not safe. options: those of `RunOptions`.
     """
@@ -109,15 +109,14 @@ def obstacle_field(
     robot = run.robot
     goal = pose_at((11.0, 0.0, -37.0))
     around = CollisionModel(robot, obstacles, self_collision=False)
-    sc = (
-        [
+    if robot.n_joints:
+        sc = [
             Clearance(
                 name="SC", model=CollisionModel(robot), threshold=_SELF, margin=_SELF, n_nearest=6
             )
         ]
-        if robot.n_joints
-        else []
-    )
+    else:
+        sc = []
     posture = VehiclePose(goal=goal), JointTracking(joints=robot.joint_names, goal=robot.home)
     tasks = [*SAFETY, Clearance(model=around, threshold=min_clearance, n_nearest=6), *sc, *posture]
     on = (

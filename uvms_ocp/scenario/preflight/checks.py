@@ -108,13 +108,15 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
     if setup.robot.n_vehicle:  # Jacobians take the velocity of B in B
         R_WB = spatial.quaternion_to_matrix(q[3:7])
         variance[:3, :3] = R_WB.T @ variance[:3, :3] @ R_WB
-    return {
-        f"{task.name}.{name}": float(np.sqrt(np.trace((J @ variance @ J.T)[rows, rows])))
-        for task in tasks
-        for J in [kinematics.jacobian(task.frame)]
-        for name, rows in _PARTS.items()
-        if name == "position_error" or not isinstance(task, ToolPosition)
-    }
+    allowed = {}
+    for task in tasks:
+        J = kinematics.jacobian(task.frame)
+        error_variance = J @ variance @ J.T
+        for name, rows in _PARTS.items():
+            if name == "position_error" or not isinstance(task, ToolPosition):
+                part = error_variance[rows, rows]
+                allowed[f"{task.name}.{name}"] = float(np.sqrt(np.trace(part)))
+    return allowed
 
 
 def check_accuracy(setup: Setup) -> Iterator[Finding]:
@@ -228,11 +230,10 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
     silent = [
         thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None
     ]
-    why = (
-        f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
-        if silent
-        else ""
-    )
+    if silent:
+        why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
+    else:
+        why = ""
     why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
     for phase in setup.mission.all_phases if why else ():
         for condition in phase.conditions:
@@ -288,7 +289,9 @@ def check_freedom(
 
 
 def _rank(rows: np.ndarray) -> int:
-    return int(np.linalg.matrix_rank(rows, tol=_RANK)) if rows.size else 0
+    if rows.size:
+        return int(np.linalg.matrix_rank(rows, tol=_RANK))
+    return 0
 
 
 def _jacobians(setup: Setup, problem: levels.LevelsProblem, q: np.ndarray) -> dict[str, np.ndarray]:

@@ -118,7 +118,10 @@ def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
             if load.drifts
             else slowly
         )
-        severity = Severity.ERROR if load.drifts or load.torque > 1.0 else Severity.WARNING
+        if load.drifts or load.torque > 1.0:
+            severity = Severity.ERROR
+        else:
+            severity = Severity.WARNING
     else:
         text = (
             f"to hold still takes {100 * load.thrust:.0f} % of the thrust and"
@@ -165,14 +168,19 @@ def _load(
     tau = forces(v)
     result = allocation.allocate(tau[robot.vehicle_v])
     actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
-    missing = float(np.linalg.norm(result.unreachable[actuated])) if result.saturated else 0.0
+    if result.saturated:
+        missing = float(np.linalg.norm(result.unreachable[actuated]))
+    else:
+        missing = 0.0
     v[actuated] = -_GIVES_WAY * result.unreachable[actuated] / max(missing, 1e-9)
-    left = (
-        allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
-        if missing > _SHORT
-        else result.unreachable
-    )
-    shares = [(abs(result.unreachable[k]), k) for k in actuated] if result.saturated else []
+    if missing > _SHORT:
+        left = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
+    else:
+        left = result.unreachable
+    if result.saturated:
+        shares = [(abs(result.unreachable[k]), k) for k in actuated]
+    else:
+        shares = []
     short = [
         (f"{force:.0f}" if force >= 1.0 else f"{force:.1g}", k)
         for force, k in shares
@@ -211,7 +219,10 @@ def check_depth(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         strict=False,
     ):
         task = visit.active(VehiclePose)
-        limit = None if task is None else threshold_of(visit.phase, f"{task.name}.position_error")
+        if task is None:
+            limit = None
+        else:
+            limit = threshold_of(visit.phase, f"{task.name}.position_error")
         if task is None or limit is None:
             continue
         goal = goals_of(setup, task.name, task.goal)[-1]
@@ -266,11 +277,10 @@ def check_undriven(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
                 or driven_turns(setup.robot, task.frame) is None
             ):
                 continue
-            directions = (
-                task.turning_directions(setup.robot)
-                if isinstance(task, attitude.AngleTask)
-                else None
-            )
+            if isinstance(task, attitude.AngleTask):
+                directions = task.turning_directions(setup.robot)
+            else:
+                directions = None
             if directions is None or directions.shape[1]:
                 less |= (
                     {task.name: None}
@@ -324,7 +334,8 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
     R = rotation_at_rest(setup.robot, setup.start)
-    tilt, (roll, pitch, _) = np.arccos(np.clip(R[2, 2], -1.0, 1.0)), pin.rpy.matrixToRpy(R)
+    tilt = np.arccos(np.clip(R[2, 2], -1.0, 1.0))
+    (roll, pitch, _) = pin.rpy.matrixToRpy(R)
     on = [
         (visit.phase, task)
         for visit in visits

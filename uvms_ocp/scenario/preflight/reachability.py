@@ -114,10 +114,15 @@ class ArmReach:
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
             found = self._from(X_WB, goal, start)
-            best = found if best is None or found.cost < best.cost else best
+            if best is None or found.cost < best.cost:
+                best = found
+            else:
+                best = best
             if best.reached if self._weight else best.position < REACHED:
                 break
-        return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper)) if best is None else best
+        if best is None:
+            return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
+        return best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
         """With the rotation weighed lightly first: it finds its way around more obstacles than the
@@ -155,7 +160,8 @@ class ArmReach:
             error, slope, before = *self._error(X_WB, goal, tried), (error, slope)
             gained = r @ r - (weights * error) @ (weights * error)
             if gained <= 0.0:
-                (error, slope), damping = before, 4.0 * damping
+                (error, slope) = before
+                damping = 4.0 * damping
             else:
                 x = tried
                 damping = max(0.2 * damping, _CONVERGED)
@@ -170,7 +176,10 @@ class ArmReach:
         model = self._robot.model
         data = self._data
         R_WB = X_WB.rotation
-        lean = self._rest(joints) if self._leans else np.eye(3)
+        if self._leans:
+            lean = self._rest(joints)
+        else:
+            lean = np.eye(3)
         q = pin.neutral(model)
         if self._robot.n_vehicle:
             q[:7] = pin.SE3ToXYZQUAT(pin.SE3(R_WB @ lean, X_WB.translation))
@@ -353,7 +362,9 @@ def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | Non
         for one in before
         if (task := one.active(VehiclePose)) is not None and not callable(task.goal)
     ]
-    return found[-1] if found else None
+    if found:
+        return found[-1]
+    return None
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:

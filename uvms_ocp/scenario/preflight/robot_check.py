@@ -86,11 +86,10 @@ class RobotReport:
             " show` draws it"
         )
         warnings = number[RobotVerdict.WARNING]
-        more = (
-            f", with {warnings} to look at: what is called warning says how to mend it"
-            if warnings
-            else ""
-        )
+        if warnings:
+            more = f", with {warnings} to look at: what is called warning says how to mend it"
+        else:
+            more = ""
         return f"usable{more}; {begin}"
 
 
@@ -176,12 +175,15 @@ def _body(robot: Robot, joint: int) -> str:
         for frame in robot.model.frames
         if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
     ]
-    more = (
-        f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})"
-        if names[1:]
-        else ""
-    )
-    return f"{names[0]!r}{more}" if names else f"behind joint {robot.model.names[joint]!r}"
+    if names[1:]:
+        more = (
+            f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})"
+        )
+    else:
+        more = ""
+    if names:
+        return f"{names[0]!r}{more}"
+    return f"behind joint {robot.model.names[joint]!r}"
 
 
 def _mass_matrix(robot: Robot) -> RobotFinding:
@@ -198,11 +200,9 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
         )
     smallest = float(np.linalg.eigvalsh(M).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
-    return (
-        _good("mass matrix", text)
-        if smallest > 0.0
-        else _error("mass matrix", f"{text}; give inertias to the links")
-    )
+    if smallest > 0.0:
+        return _good("mass matrix", text)
+    return _error("mass matrix", f"{text}; give inertias to the links")
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
@@ -283,7 +283,9 @@ def _rounded(value: Any) -> Any:
     """A part of an entry with numbers of five digits."""
     if isinstance(value, tuple):
         return [_rounded(one) for one in value]
-    return float(f"{value:.5g}") if isinstance(value, float) else value
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    return value
 
 
 def trim_bodies(
@@ -307,7 +309,10 @@ def trim_bodies(
         x, y = place + 0.0  # no zero with a sign
         return assembly.trim_body(name, float(x), float(y), lift, robot), lift
 
-    place = lever / lift if abs(lift) >= FORCE_TOLERANCE else np.full(2, np.inf)
+    if abs(lift) >= FORCE_TOLERANCE:
+        place = lever / lift
+    else:
+        place = np.full(2, np.inf)
     if ((low <= place) & (place <= high)).all():
         return [body("", place, lift)]
     along = lever / np.linalg.norm(lever)

@@ -340,11 +340,16 @@ def stances_at_way_point(
     arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
     turned = (pin.rpy.rpyToMatrix(0.0, 0.0, angle) @ arrival for angle in (0.0, _BEND, -_BEND))
     likely = [Stance(position=goal.translation + point, yaw=yaw) for point in turned]
-    x, y, _ = np.zeros(3) if towards is None else towards - goal.translation
+    if towards is None:
+        x, y, _ = np.zeros(3)
+    else:
+        x, y, _ = towards - goal.translation
     R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(y, x))
     around = [goal.translation + R @ point for point in points_on_ball(np.zeros(3), radius)]
     possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]
-    return (*likely, *possible) if radius > 0 else tuple(possible)
+    if radius > 0:
+        return (*likely, *possible)
+    return tuple(possible)
 
 
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
@@ -354,9 +359,9 @@ def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
     alignment = next(
         (task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None
     )
-    return (
-        None if alignment is None else goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
-    )
+    if alignment is None:
+        return None
+    return goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
 
 
 def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:

@@ -97,7 +97,9 @@ def rounded(values: np.ndarray, digits: int = 3) -> Any:
     """
     if values.ndim:
         return [rounded(value, digits) for value in values]
-    return float(f"{values:.{digits}g}") if np.isfinite(values) else None
+    if np.isfinite(values):
+        return float(f"{values:.{digits}g}")
+    return None
 
 
 def joint_clips(robot: Robot, frames: Frames, fps: float) -> Iterator[tuple[int, AnimationClip]]:
@@ -129,7 +131,8 @@ def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> Animat
         missed = np.abs(values[a] + share * (values[b] - values[a]) - values[a + 1 : b]).max(axis=1)
         if missed.max(initial=0.0) > _MISSED:
             k = a + 1 + int(missed.argmax())
-            keep[k], stretches = True, [*stretches, (a, k), (k, b)]
+            keep[k] = True
+            stretches = [*stretches, (a, k), (k, b)]
     return AnimationTrack(name, kind, frames=time[keep].tolist(), values=values[keep].tolist())
 
 
@@ -170,7 +173,10 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
     length = np.where(np.isfinite(reach), reach, 1e-3)
     scale = np.column_stack([np.ones((len(length), 2)), length])
     time = frames.t * fps
-    tracks = [] if frames.altimeter is None else _pose_tracks(time, frames.altimeter)
+    if frames.altimeter is None:
+        tracks = []
+    else:
+        tracks = _pose_tracks(time, frames.altimeter)
     return _clip([*tracks, _track("scale", "vector3", time, scale)], fps)
 
 

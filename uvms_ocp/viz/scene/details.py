@@ -42,7 +42,10 @@ def page_details(
     # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of
     # the page.
     relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
-    lowest = plane if relief is None else float(np.min(relief.z))
+    if relief is None:
+        lowest = plane
+    else:
+        lowest = float(np.min(relief.z))
     return {
         "scenario": record.meta.scenario,
         "known": estimate_suffix(record).strip(),
@@ -102,7 +105,10 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
     """
     way = (surroundings.extent(record, frames)[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))
-    ahead = way / length if length > _SHORT_WAY else np.array([1.0, 0.0])
+    if length > _SHORT_WAY:
+        ahead = way / length
+    else:
+        ahead = np.array([1.0, 0.0])
     side = np.array([ahead[1], -ahead[0]])
     return [*(side + forward * ahead).tolist(), 0.4 * float(np.hypot(1.0, forward))]
 

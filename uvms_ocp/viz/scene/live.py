@@ -144,7 +144,9 @@ class LiveView(AbstractContextManager["LiveView"]):
         """(n_q,) [m, rad] configuration that is shown: of the newest tick, of `display`, or as it
         was dragged in a notebook.
         """
-        return self._now if isinstance(self._now, np.ndarray) else self._now[1].q
+        if isinstance(self._now, np.ndarray):
+            return self._now
+        return self._now[1].q
 
     def display(self, q: ArrayLike) -> None:
         """Show the robot in q (n_q,) [m, rad]: for a loop of one's own, which comes to 25 pictures
@@ -255,7 +257,7 @@ def live(
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
     wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is
-    moved by ``view.display(q)``; in a notebook with `ipywidgets` its links and a goal can be
+    moved by ``view.display(q)``; in a notebook with ``ipywidgets`` its links and a goal can be
     dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)``
     each time. Other browsers of this machine find it at its ``address``; nobody else is served.
     speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
@@ -264,10 +266,16 @@ def live(
 
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
-    robot, q = (what, what.configuration()) if isinstance(what, Robot) else (what.robot, what.start)
+    if isinstance(what, Robot):
+        robot, q = (what, what.configuration())
+    else:
+        robot, q = (what.robot, what.start)
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
-    goal = data.oMf[robot.frame_id(robot.tools[0])] if robot.tools else data.oMi[-1]
+    if robot.tools:
+        goal = data.oMf[robot.frame_id(robot.tools[0])]
+    else:
+        goal = data.oMi[-1]
     if isinstance(what, Robot):
         page = show.posed_page(robot, q, height, live={"goal": pin.SE3ToXYZQUAT(goal).tolist()})
     else:

@@ -102,12 +102,12 @@ class ScenePage:
         viewer, _, tail = rest.partition(_VIEWER_MARK)
         whole = not _viewer_in_notebook()
         style = f"width:100%;height:{self.height:d}px;border:none"
-        page = (
-            f'srcdoc="{html.escape(self.html)}"'
-            if whole
-            else f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
-        )
-        script = "" if whole else f"<script>{asset('frame.js')}('{name}')</script>"
+        if whole:
+            page = f'srcdoc="{html.escape(self.html)}"'
+            script = ""
+        else:
+            page = f'data-page="{html.escape(head + _VIEWER_MARK + tail)}"'
+            script = f"<script>{asset('frame.js')}('{name}')</script>"
         opening = (
             f'<iframe id="{name}" data-viewer="{_digest(viewer)}" sandbox="allow-scripts"'
             f' style="{style}" {page}>'
@@ -142,7 +142,8 @@ def _viewer_in_notebook() -> bool:
     cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
     message = run.get("header", {}).get("msg_id", "")
     stood = bool(_shown)
-    before, _shown[cell] = _shown.get(cell, message), message
+    before = _shown.get(cell, message)
+    _shown[cell] = message
     return stood and before == message
 
 
@@ -188,13 +189,12 @@ _FROM_THE_SIDE = (0.5, -1.0, 0.45)
 def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     """Draw lines (n, 3) [m], as they are seen from a direction."""
     x, y, z = direction
-    right, up = np.array([-y, x, 0.0]), np.array([-x * z, -y * z, x * x + y * y])
+    right = np.array([-y, x, 0.0])
+    up = np.array([-x * z, -y * z, x * x + y * y])
     plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
     seen = [line @ plane for line in lines]
-    (left, top), (right_end, bottom) = (
-        np.vstack(seen).min(axis=0) - 0.2,
-        np.vstack(seen).max(axis=0) + 0.2,
-    )
+    (left, top) = np.vstack(seen).min(axis=0) - 0.2
+    (right_end, bottom) = np.vstack(seen).max(axis=0) + 0.2
     path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
     width = right_end - left
     height = bottom - top
@@ -326,7 +326,13 @@ def _handler_of(
                 self._send(frames())
                 return
             found = known and self.path == "/"
-            self.send_response(200 if found else 404 if known else 403)
+            if found:
+                status = 200
+            elif known:
+                status = 404
+            else:
+                status = 403
+            self.send_response(status)
             self.send_header("Content-Type", "text/html; charset=utf-8")
             self.send_header("Content-Length", str(len(body) if found else 0))
             self.end_headers()
@@ -368,11 +374,11 @@ def missing() -> str:
         import playwright.sync_api  # noqa: F401 - only whether it is there
     except ImportError:
         return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
-    return (
-        f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
-        if _chromium() is None
-        else ""
-    )
+    if _chromium() is None:
+        return (
+            f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
+        )
+    return ""
 
 
 def _chromium() -> str | None:

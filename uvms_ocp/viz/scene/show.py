@@ -201,7 +201,10 @@ def show(
         raise InvalidInput(
             "a record and a plan know their configurations; give show(robot, q) for one of your own"
         )
-    robot = what.robot if isinstance(what, Plan) else robot_or_q or robot_of(what)
+    if isinstance(what, Plan):
+        robot = what.robot
+    else:
+        robot = robot_or_q or robot_of(what)
     return _page(
         _record_of(what),
         robot,
@@ -214,7 +217,9 @@ def show(
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
     """A checked q (n_q,) [m, rad]; at home where none is given."""
     try:
-        return robot.configuration() if q is None else robot.check_configuration(q)
+        if q is None:
+            return robot.configuration()
+        return robot.check_configuration(q)
     except InvalidInput as error:
         raise InvalidInput(f"robot_or_q: {error}") from error
 
@@ -227,7 +232,10 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     name, files = record.meta.robot, record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
-    robot = None if files is None else loading.recorded_robot(name, files, folder or Path.cwd())
+    if files is None:
+        robot = None
+    else:
+        robot = loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
         raise InvalidInput(
@@ -237,7 +245,9 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
 
 
 def _record_of(what: Record | Plan) -> Record:
-    return what.to_record() if isinstance(what, Plan) else what
+    if isinstance(what, Plan):
+        return what.to_record()
+    return what
 
 
 def _page(

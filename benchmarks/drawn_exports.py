@@ -1,0 +1,88 @@
+"""Drawn controllers in C: ``python benchmarks/drawn_exports.py [--exports N] [--jobs N]
+[--work DIR --hours H]``.
+
+Vehicles of none to 8 thrusters and arms of none to 5 joints of all kinds, or on a fixed base, fly
+drawn missions by either solver; their controllers are exported, built and replayed. Writes
+drawn_exports.csv, one row per export of the study `drawn_exports`, and its sums to
+drawn_exports.md. With --work DIR it goes on where it was.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from recording.kept_rows import kept_rows
+from recording.report import Report, Row, Table, begin, parser_of
+from studies.drawn_exports import FUSING, PLAIN, drawn_exports, totals
+
+PROSE = """
+{exports} exports, drawn with seeds from {first} to {last}; one row each in `drawn_exports.csv`. *The same bits*: on every tick
+all that C tells, velocities, thrusts, torques, quantities, flags, phases and statuses, is what Python told, to the last bit.
+*Apart*: some number has another bit on some tick. *Refused*: the package refuses robot, mission or export in one line.
+Built with `{plain}`, every eighth with `{fusing}`, by which compilers fuse multiplications where nobody keeps them from it.
+
+{same} are the same on all of {ticks} ticks, {apart} are apart, the largest difference is {largest:.2g}; {refused} are refused,
+{faults} end otherwise. Seeds of what is apart, and of faults: {seeds}.
+"""
+COMPILER_NEEDED = "needs a C compiler: install gcc or clang as cc"
+
+
+def prose(rows: list[Row]) -> str:
+    """With the figures of the study."""
+    (total, *_) = totals(rows)
+    wrong = [f"{row['seed']} ({row['outcome']})" for row in rows if not row["completed"]]
+    return PROSE.format(
+        exports=len(rows),
+        first=rows[0]["seed"],
+        last=rows[-1]["seed"],
+        plain=" ".join(PLAIN),
+        fusing=" ".join(FUSING),
+        same=total["the same bits"],
+        ticks=total["ticks"],
+        apart=total["apart"],
+        largest=max(row["largest_difference"] for row in rows),
+        refused=total["refused"],
+        faults=total["fault"],
+        seeds=", ".join(wrong) or "none",
+    )
+
+
+def main() -> None:
+    """Run the study."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--exports", type=int, default=300, metavar="N")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
+    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
+    parser.add_argument(
+        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
+    )
+    given, run = begin(parser)
+    if shutil.which("cc") is None:
+        parser.error(COMPILER_NEEDED)
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ |= {
+            "UVMS_OCP_CACHE": cache,
+            "UVMS_OCP_CFLAGS": "-O0",
+        }  # what is compiled runs once
+        study = drawn_exports(n=1 if run.quick else given.exports, seed=2 if run.quick else 0)
+        rows = kept_rows(
+            study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours
+        )
+    run.write(
+        Report(
+            name="drawn_exports",
+            title="Drawn controllers in C",
+            prose=prose(rows),
+            tables=[Table(rows=totals(rows))],
+            data={"drawn_exports": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""What a campaign is, written down beside its rows: another one, or a changed one, is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+from pydantic import Field, model_validator
+
+from uvms_ocp.campaign.distributions import GROWING, Design
+from uvms_ocp.campaign.jobs import FIRST, LAST, CampaignJob, columns_of
+from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
+from uvms_ocp.model_errors import FileModel
+from uvms_ocp.record import durable_files
+from uvms_ocp.record.output import STORE, read_as
+
+FILE = "campaign.json"
+SOURCES = "sources"
+MOST_RUNS = 10_000_000
+"""Runs that a campaign may have."""
+Kind: TypeAlias = Literal["int", "float", "str", "bool"]
+_KINDS: Mapping[Kind, type] = {"int": int, "float": float, "str": str, "bool": bool}
+
+
+class CampaignManifest(FileModel, strict=True):
+    """The file `campaign.json`."""
+
+    version: Literal[1] = 1
+    """Version of this file and of the table."""
+    name: str
+    package: str
+    """Version of uvms_ocp."""
+    runs: int = Field(ge=1, le=MOST_RUNS)
+    seed: int = Field(ge=0)
+    sampler: str
+    """One of `uvms_ocp.campaign.distributions.SAMPLERS`."""
+    parameters: dict[str, str]
+    """Distributions by name."""
+    columns: dict[str, Kind]
+    """Types by name."""
+    scenario: dict[str, Any]
+    """Source of the scenario, with the hash of every file."""
+    variations: dict[str, Any]
+    """Source of the variations."""
+    records: Literal["none", "failures", "all"]
+    """Runs that keep their whole record."""
+
+    @model_validator(mode="after")
+    def _columns_are_those_of_a_campaign(self) -> CampaignManifest:
+        needed = {**FIRST, **dict.fromkeys(self.parameters, float), **LAST}
+        for name, kind in needed.items():
+            if self.columns.get(name) != kind.__name__:
+                raise ValueError(
+                    f"columns have no {name!r} of kind {kind.__name__}; put back what was"
+                )
+        try:
+            _ = self.design
+        except UvmsError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @property
+    def design(self) -> Design:
+        """Design of the samples."""
+        return Design(
+            sampler=self.sampler, runs=self.runs, parameters=len(self.parameters), seed=self.seed
+        )
+
+    @property
+    def types(self) -> dict[str, type]:
+        """Types of the columns."""
+        return {name: _KINDS[kind] for name, kind in self.columns.items()}
+
+
+def types_of(work: CampaignJob) -> dict[str, Kind]:
+    """Names of the types of a job's columns, as `CampaignManifest` has them."""
+    names: dict[type, Kind] = {kind: name for name, kind in _KINDS.items()}
+    return {name: names[kind] for name, kind in columns_of(work).items()}
+
+
+def read_manifest(folder: Path) -> CampaignManifest:
+    """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or
+    a damaged one.
+    """
+    found = read_as(CampaignManifest, folder / FILE)
+    if found is None:
+        raise InvalidInput(
+            f"{folder}: no campaign is there; give the folder of one, or a mission with --out"
+        )
+    return found
+
+
+def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
+    """Write down what a new campaign is, or of how many more runs one is now that can grow.
+
+    Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something
+    else.
+    """
+    known = read_as(CampaignManifest, folder / FILE)
+    values = json.loads(wanted.model_dump_json())
+    if known is None:
+        others = [path.name for path in folder.iterdir() if path.name != STORE]
+        if others:
+            raise InvalidInput(
+                f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new"
+            )
+    else:
+        grows = known.sampler in GROWING and wanted.runs > known.runs
+        differs = list(
+            _differences("", known.model_dump() | ({"runs": wanted.runs} if grows else {}), values)
+        )
+        if differs:
+            advice = "take the folder of a new campaign, or put back what was"
+            raise InvalidInput(
+                f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}"
+            )
+    if known is None or known.runs != wanted.runs:
+        durable_files.write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
+
+
+def _differences(place: str, known: Any, wanted: Any) -> Any:
+    if isinstance(known, dict) and isinstance(wanted, dict):
+        for name in [*known, *(name for name in wanted if name not in known)]:
+            yield from _differences(
+                f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name)
+            )
+    elif known != wanted:
+        was, now = (
+            plain_line("none" if value is None else str(value), 40) for value in (known, wanted)
+        )
+        yield f"{place} ({was}, now {now})"

@@ -1,0 +1,93 @@
+"""Parameters of places: where the robot starts, how high the floor truly is, where obstacles truly
+are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.campaign.current_parameters import with_environment
+from uvms_ocp.campaign.distributions import Parameter
+from uvms_ocp.planning.scene import joint_axis
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim import (
+    FlatSeafloor,
+    HeightField,
+)
+
+AXES = tuple(enumerate("xyz"))
+_TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
+
+
+def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
+    """Offsets from what the scenario says; controller and mission know nothing of those of floor
+    and obstacles.
+    """
+    robot = scenario.robot
+    for axis, name in AXES if robot.n_vehicle else ():
+        yield Parameter(
+            f"start.{name}",
+            "m",
+            f"added to {name} of the vehicle at the start, in W",
+            partial(_moved, axis),
+        )
+    for axis, name in _TURNS if robot.n_vehicle else ():
+        meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
+        yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
+    for joint in robot.joints:
+        if joint.n_v == 1:
+            name = f"start.{joint_axis(robot, joint.name)}"
+            unit = "m" if joint.slides else "rad"
+            yield Parameter(
+                name, unit, "added to this joint at the start", partial(_bent, joint.idx_v)
+            )
+    if isinstance(scenario.environment.seafloor, FlatSeafloor | HeightField):
+        yield Parameter("floor.z", "m", "added to the height of the floor", _with_floor)
+    for obstacle in scenario.environment.obstacles:
+        for axis, name in AXES:
+            meaning = f"added to {name} of this obstacle, whose true place nobody knows"
+            yield Parameter(
+                f"obstacles.{obstacle.name}.{name}",
+                "m",
+                meaning,
+                partial(_with_obstacle, obstacle.name, axis),
+            )
+
+
+def _moved(axis: int, scenario: Scenario, value: float) -> Scenario:
+    start = np.array(scenario.start)
+    start[axis] += value
+    return replace(scenario, start=start)
+
+
+def _turned(axis: int, scenario: Scenario, value: float) -> Scenario:
+    start = np.array(scenario.start)
+    turn = pin.Quaternion(pin.exp3(value * np.eye(3)[axis]))
+    start[3:7] = (pin.Quaternion(*start[[6, 3, 4, 5]]) * turn).normalized().coeffs()
+    return replace(scenario, start=start)
+
+
+def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
+    model = scenario.robot.model
+    return replace(
+        scenario, start=pin.integrate(model, scenario.start, value * np.eye(model.nv)[index])
+    )
+
+
+def _with_floor(scenario: Scenario, value: float) -> Scenario:
+    floor = scenario.environment.seafloor
+    return with_environment(scenario, seafloor=replace(floor, z=floor.z + value))  # type: ignore[type-var, attr-defined]
+
+
+def _with_obstacle(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
+    shift = pin.SE3(np.eye(3), value * np.eye(3)[axis])
+    moved = [
+        replace(o, X_WO=shift * o.X_WO) if o.name == name else o
+        for o in scenario.environment.obstacles
+    ]
+    return with_environment(scenario, obstacles=tuple(moved))

@@ -1,0 +1,112 @@
+"""Which parameters matter: rank correlation as a first look, PAWN from any sample, Sobol' indices
+from their own design.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.campaign import distributions, run_metrics
+from uvms_ocp.errors import optional_module
+from uvms_ocp.record.tables import CAMPAIGN_EXTRA
+
+_FEWEST = 30  # runs with a value, below which nothing is said
+SILENT = (
+    f"nothing is told of fewer than {_FEWEST} runs with a figure, of figures that are all alike, or"
+    " where nothing is varied"
+)
+_SLICES = 10
+_DUMMY = "(of no effect)"
+
+
+def sensitivity_table(
+    table: Any, parameters: Sequence[str], *, indices: bool
+) -> list[dict[str, Any]]:
+    """One row per figure and parameter; indices: whether the runs are of the design that Sobol'
+    indices need.
+
+    rank_correlation [-1, 1] is Spearman's with its p-value. pawn [0, 1] is the median over slices
+    of the distance between the distribution of the figure and that where the parameter is known;
+    pawn_floor is that of a number of no effect: what is not clearly above it says nothing. s1 and
+    st are the shares of variance that a parameter has alone and with all others. Raises
+    `NotInstalled` without SALib.
+    """
+    if not parameters:
+        return []
+    rows = []
+    for name in ("success", *run_metrics.metrics_among(table)):
+        if name == "success":
+            y = table[name].to_numpy(dtype=float, na_value=np.nan)
+        else:
+            y = run_metrics.metric_values(table, name)
+        known = np.isfinite(y)
+        if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
+            rows += _of_figure(
+                name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices
+            )
+    return rows
+
+
+def _of_figure(
+    name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool
+) -> list[dict[str, Any]]:
+    known = np.isfinite(y)
+    ranks = _ranks(X[known], y[known])
+    pawn = _pawn(X[known], y[known])
+    if indices:
+        shares = _sobol(y, len(parameters))
+    else:
+        shares = {}
+    return [
+        {
+            "figure": name,
+            "parameter": parameter,
+            "rank_correlation": ranks[k][0],
+            "p_value": ranks[k][1],
+            "pawn": pawn[k],
+            "pawn_floor": pawn[-1],
+            **{key: float(values[k]) for key, values in shares.items()},
+        }
+        for k, parameter in enumerate(parameters)
+    ]
+
+
+def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
+    from scipy.stats import spearmanr
+
+    found = [(0.0, 1.0) if np.ptp(x) == 0.0 else spearmanr(x, y) for x in X.T]
+    return [(float(rho), float(p)) for rho, p in found]
+
+
+def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
+    """PAWN sensitivity index of every column, and of one more that has no effect."""
+    pawn = optional_module("SALib.analyze.pawn", "sensitivities", CAMPAIGN_EXTRA)
+    dummy = np.random.default_rng(0).permutation(len(y))[:, None] / len(y)
+    problem = distributions.problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # slices of a parameter with few values are empty
+        found = pawn.analyze(problem, np.hstack([X, dummy]), y, S=_SLICES, seed=0)
+    return [float(value) for value in found["median"]]
+
+
+def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
+    """Sobol' indices from the complete blocks of the design; empty where they are too few."""
+    sobol = optional_module("SALib.analyze.sobol", "sensitivities", CAMPAIGN_EXTRA)
+    blocks = y[: len(y) // (n + 2) * (n + 2)].reshape(-1, n + 2)
+    whole = blocks[np.isfinite(blocks).all(axis=1)]
+    if len(whole) < _FEWEST:
+        return {}
+    problem = distributions.problem_of([f"x{k}" for k in range(n)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = sobol.analyze(problem, whole.ravel(), calc_second_order=False, seed=0)
+    return {
+        "s1": found["S1"],
+        "s1_within": found["S1_conf"],
+        "st": found["ST"],
+        "st_within": found["ST_conf"],
+    }

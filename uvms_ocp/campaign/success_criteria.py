@@ -1,0 +1,87 @@
+"""Which runs succeeded: those that the mission counts, or those that finished within limits of their figures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.campaign import jobs, run_metrics
+from uvms_ocp.errors import InvalidInput, NameNotFound
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class MetricBound:
+    """A figure of merit that must stay on one side of a number."""
+
+    merit: str
+    sign: str
+    """< or >."""
+    limit: float
+    """[unit of the merit]"""
+
+    def kept(self, table: Any) -> np.ndarray:
+        """(n,) whether each run of a table keeps it; one without the figure does not."""
+        values = run_metrics.metric_values(table, self.merit)
+        return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
+
+    def __str__(self) -> str:
+        return f"{self.merit} {self.sign} {self.limit:g}"
+
+
+def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
+    """Parse texts such as ``tool_position_error_m<0.01``. Raises `InvalidInput` or, for an unknown
+    figure, `NameNotFound`.
+    """
+    return tuple(map(_parse, texts))
+
+
+def _parse(text: str) -> MetricBound:
+    found = re.fullmatch(r"\s*(\w+(?:\[[^\]]*\])?)\s*([<>])\s*([-+.\deE]+)\s*", text)
+    try:
+        if found:
+            name, sign, limit = found.groups()
+        else:
+            name, sign, limit = ("", "", "")
+        value = float(limit)
+    except ValueError:
+        raise InvalidInput(
+            f"success {text!r}; give a figure, < or > and a number: tool_position_error_m<0.01"
+        ) from None
+    if run_metrics.kind_of(name) not in run_metrics.METRICS:
+        raise NameNotFound("figure of merit", name, run_metrics.METRICS)
+    return MetricBound(merit=name, sign=sign, limit=value)
+
+
+def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
+    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it
+    is without any.
+
+    Raises `NameNotFound` for a bound on what the campaign does not measure.
+    """
+    if not bounds:
+        return table
+    unknown = next(
+        (bound.merit for bound in bounds if bound.merit not in run_metrics.metrics_among(table)),
+        None,
+    )
+    if unknown:
+        raise NameNotFound("figure of merit", unknown, run_metrics.metrics_among(table))
+    kept = np.array([bound.kept(table) for bound in bounds])
+    finished = table["finished"].fillna(False).to_numpy(dtype=bool)
+    success = finished & kept.all(axis=0)
+    outcome = np.where(success, jobs.COMPLETED, table["outcome"].to_numpy(dtype=object))
+    missed = finished & ~success
+    outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
+    return table.assign(
+        success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"])
+    )
+
+
+def _missed(bounds: Sequence[MetricBound], kept: np.ndarray) -> str:
+    return "not " + ", not ".join(
+        str(bound) for bound, good in zip(bounds, kept, strict=True) if not good
+    )

@@ -1,0 +1,163 @@
+"""Which thruster the residual wrench of the last seconds blames: how much of its changes the thrust
+asked of it explains.
+
+Thruster i that gives ``(1 - theta) T_i + c`` in place of T_i leaves ``b_i (c - theta T_i)`` in
+the residual: along one known direction, as its command goes, and at the same time. Water, loads
+and the floor push along others, and what is asked follows them late, so that little of what they
+do is explained by any thruster, and about as much by several. The ratio of what is left is that
+of likelihoods of an additive fault of unknown size ([Willsky1976]).
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
+
+_TINY_CHANGE = 1e-12
+_LEAST_CHANGE = (
+    1.5  # root mean square of the changes, in their scales, below which nothing is looked for
+)
+# times as much as it leaves unexplained must be left where commands are taken a moment later
+_PRECEDES = 1.25
+# theta; a thruster that sticks far from what is asked looks like more than 2 at first
+_LEAST = 0.25
+_MOST = 3.5
+LATE = 2  # looks by which what is measured of the motion may lag what is asked, at most
+EARLY = (
+    4  # looks by which what is asked lags what pushes, where it only answers it; and half of them
+)
+
+
+class IsolationWindow(Layout):
+    """Window of recent samples for fault isolation, a ring, and the likeliest faulty thruster."""
+
+    directions: Annotated[list[Vector], Sized(6, "n_thrusters")]
+    """(6, n_thrusters) wrench of a newton in those scales."""
+    scale: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] what counts as one on each axis."""
+    square: Annotated[Vector, Sized("n_thrusters")]
+    """(n_thrusters,) of the size of each direction."""
+    length: int
+    """Looks in which a culprit is sought."""
+    least_explained: float
+    """This and the next as in `ActuatorHealthTuning`."""
+    least_lead: float
+    seen: Annotated[list[Vector], Sized("n_looks", 6)]
+    """(n_looks, 6) residual in those scales."""
+    asked: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
+    """(n_looks, n_thrusters) [N]"""
+    time: Annotated[Vector, Sized("n_looks")]
+    """(n_looks,) [s]"""
+    count: int
+    """Samples so far."""
+    along: Annotated[list[Vector], Sized("n_looks", "n_thrusters")]
+    """(n_looks, n_thrusters) changes of the residual along each direction."""
+    # the likeliest culprit
+    thruster: int
+    """Counted from 0; -1 where none explains enough."""
+    explained: float
+    """Share of the changes."""
+    lead: float
+    """Residual of the next best explanation, over that of this one."""
+
+
+def append_sample(w: IsolationWindow, residual: Vector, t: float) -> int:
+    """The residual (6,) [N, N m] at time t [s]; where to write the thrust asked."""
+    slot = w.count % len(w.time)
+    for k in range(6):
+        w.seen[slot][k] = residual[k] / w.scale[k]
+    w.time[slot] = t
+    w.count += 1
+    return slot
+
+
+def isolate_fault(w: IsolationWindow) -> None:
+    """In the last `window` seconds, or half of it at the beginning."""
+    n = min(w.length, w.count - LATE - EARLY)
+    w.thruster = -1
+    w.explained = 0.0
+    w.lead = 1.0
+    if n >= w.length // 2:
+        first = w.count - EARLY - n
+        total = _changes(w, first, n)
+        if total >= n * (_LEAST_CHANGE * _LEAST_CHANGE):
+            best = _lead(w, total, first, n)
+            if (
+                w.explained >= w.least_explained
+                and w.lead >= w.least_lead
+                and _precedes(w, best, total, first, n)
+            ):
+                w.thruster = best
+
+
+def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
+    """Return whether what a thruster is asked comes before the changes, and does not answer
+    them.
+    """
+    answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
+    return total - answers >= _PRECEDES * (1.0 - w.explained) * total
+
+
+def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
+    """The thruster that explains most, at the delay at which any does."""
+    best_explained = -1.0
+    best = 0
+    delay = 0
+    for late in range(LATE + 1):
+        for i in range(len(w.square)):
+            explained = _explained(w, i, first - late, n)
+            if explained > best_explained:
+                best_explained = explained
+                best = i
+                delay = late
+    unexplained = max(total - best_explained, _TINY_CHANGE * total)
+    second = 0.0
+    for i in range(len(w.square)):
+        second = max(second, _explained(w, i, first - delay, n) if i != best else 0.0)
+    w.explained = 1.0 - unexplained / total
+    w.lead = (total - second) / unexplained
+    return best
+
+
+def _changes(w: IsolationWindow, first: int, n: int) -> float:
+    """Sum of squares of the changes of the residual in n looks, which are laid out along all
+    directions.
+    """
+    mean = zeros(6)
+    total = 0.0
+    for k in range(6):
+        for j in range(n):
+            mean[k] += w.seen[(first + j) % len(w.time)][k]
+        mean[k] /= n
+    for j in range(n):
+        slot = (first + j) % len(w.time)
+        for i in range(len(w.square)):
+            w.along[j][i] = 0.0
+        for k in range(6):
+            change = w.seen[slot][k] - mean[k]
+            total += change * change
+            for i in range(len(w.square)):
+                w.along[j][i] += change * w.directions[k][i]
+    return total
+
+
+def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
+    """Compute the share of the sum of squares that the commands of thruster i explain in n
+    samples.
+    """
+    mean = 0.0
+    size = 0.0
+    along = 0.0
+    for j in range(n):
+        mean += w.asked[(first + j) % len(w.time)][i]
+    mean /= n
+    for j in range(n):
+        change = w.asked[(first + j) % len(w.time)][i] - mean
+        size += change * change
+        along += change * w.along[j][i]
+    size = max(w.square[i] * size, _TINY_CHANGE)
+    theta = -along / size
+    if _LEAST < theta < _MOST:
+        return theta * theta * size
+    return 0.0

@@ -1,0 +1,94 @@
+"""Joints that are asked to move, are pushed, and do not, as kernels."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+
+_MEMORY = 2.0  # [s] of the way that a joint was asked to go
+_MOVED = 0.1  # share of that way which counts as having moved
+_JAM_TRAVEL = (
+    0.05  # [rad or m] that a joint is asked to go, and does not, before it counts as jammed
+)
+_JAM_EFFORT = 0.2  # share of its effort that must resist it
+_JAM_TIME = 0.5  # [s] for which it stands still all the time
+
+
+class JointFaultMemory(Layout):
+    """Verdicts on all joints, with the ways they were asked to go and went."""
+
+    count: int
+    """Joints."""
+    effort: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [N m or N] limits."""
+    started: bool
+    t: float
+    """[s] of the last look."""
+    before: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] where they were then."""
+    asked: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] ways of late."""
+    moved: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] likewise."""
+    since: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is
+    jammed it stays.
+    """
+    jammed: Annotated[list[bool], Sized("n_joints")]
+    """(n_joints,)"""
+    found: Annotated[list[bool], Sized("n_joints")]
+    """(n_joints,) jammed, by the last look."""
+
+
+def reset_joints(w: JointFaultMemory) -> None:
+    """Encoders are silent or doubted."""
+    w.started = False
+    for j in range(w.count):
+        w.asked[j] = 0.0
+        w.moved[j] = 0.0
+        w.found[j] = False
+        if not w.jammed[j]:
+            w.since[j] = math.inf
+
+
+def detect_joint_faults(
+    w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float
+) -> bool:
+    """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or
+    m] where they are, by the way they went, at time t [s].
+
+    resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors
+    and model. Whether any was found jammed.
+    """
+    keep = math.exp(-(t - w.t) / _MEMORY)
+    any_found = False
+    for j in range(w.count):
+        w.found[j] = False
+        if w.started:
+            w.asked[j] = keep * w.asked[j] + way[j]
+            w.moved[j] = keep * w.moved[j] + q[j] - w.before[j]
+            _look_at_joint(w, j, resistance[j], t)
+        w.before[j] = q[j]
+        any_found = any_found or w.found[j]
+    w.started = True
+    w.t = t
+    return any_found
+
+
+def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> None:
+    if w.jammed[j]:
+        return
+    commanded_travel = abs(w.asked[j])
+    if w.asked[j] > 0.0:
+        against = -resistance
+    else:
+        against = resistance if w.asked[j] < 0.0 else 0.0
+    stands = commanded_travel > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * commanded_travel
+    if stands and against > _JAM_EFFORT * w.effort[j]:
+        w.since[j] = min(w.since[j], t)
+    else:
+        w.since[j] = math.inf
+    w.found[j] = t - w.since[j] >= _JAM_TIME - 1e-9
+    w.jammed[j] = w.found[j]

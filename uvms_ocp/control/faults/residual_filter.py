@@ -1,0 +1,55 @@
+"""What is taken in at every tick between two looks: what was asked, as late as the residual tells
+of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from uvms_ocp.codegen.elementwise import Array, where
+from uvms_ocp.control.faults.verdicts import ActuatorHealthTuning
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class FilteredCommands:
+    """Filtered commands of the actuators, as numbers or CasADi expressions."""
+
+    thrust: Array
+    """(n_thrusters,) [N], filtered as the observer filters the residual."""
+    way: Array
+    """(n_v,) [m/s, rad/s] sum of the reference velocities since the last look."""
+    ticks: Array
+    """() since the last look; at 0 it is time for one, where the tick was taken in."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ResidualFilter:
+    """The law of it."""
+
+    share: float
+    """Share of the distance to a new thrust that the filter goes in a tick."""
+    every: int
+    """Ticks from look to look."""
+
+    def after(self, before: FilteredCommands, thrust: Array, reference: Array) -> FilteredCommands:
+        """A tick later.
+
+        thrust (n_thrusters,) [N] asked of thrusters that all follow; reference (n_v,) [m/s, rad/s]
+        of the velocity.
+        """
+        ticks = before.ticks + 1.0
+        return FilteredCommands(
+            thrust=before.thrust + self.share * (thrust - before.thrust),
+            way=where(before.ticks == 0.0, 0.0, before.way) + reference,
+            ticks=where(ticks >= self.every, 0.0, ticks),
+        )
+
+
+def residual_filter_for(
+    tuning: ActuatorHealthTuning, *, bandwidth: float, dt: float
+) -> ResidualFilter:
+    """Bandwidth [rad/s] of the residual; dt [s] of a tick."""
+    return ResidualFilter(
+        share=1.0 - math.exp(-bandwidth * dt), every=max(1, round(tuning.sample_time / dt))
+    )

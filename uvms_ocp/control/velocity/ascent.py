@@ -1,0 +1,88 @@
+"""Where the abort phase climbs to from where the robot is: straight up, upright."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Annotated
+
+import casadi as ca
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
+from uvms_ocp.estimation import fallbacks
+from uvms_ocp.mission import Mission
+from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.robot.shapes.hull import lowest_point
+
+N_POSE = 12  # position, then rotation column by column
+
+
+class AscentMemory(Layout):
+    """The frame that climbs, and its goal."""
+
+    pose: FunctionField
+    """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
+    altitude: float
+    """[m] as that of `Abort`."""
+    place: Annotated[Vector, Sized(3)]
+    """(3,) [m] of the frame in W."""
+    rotation: Annotated[Vector, Sized(9)]
+    """(9,) of the frame in W, column by column."""
+    goal: Annotated[Vector, Sized(N_POSE)]
+    """(12,) [m, -] position and rotation in W that it climbs to."""
+
+
+def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
+    """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
+
+    floor [m]: z in W of the highest that is known, NaN where none is to be believed.
+    """
+    m.pose(q, m.place, m.rotation)
+    yaw = math.atan2(m.rotation[1], m.rotation[0])
+    for i in range(len(m.goal)):
+        m.goal[i] = 0.0
+    m.goal[0] = m.place[0]
+    m.goal[1] = m.place[1]
+    if math.isfinite(floor):
+        m.goal[2] = max(m.place[2], floor + m.altitude)
+    else:
+        m.goal[2] = m.place[2] + m.altitude
+    m.goal[3] = math.cos(yaw)
+    m.goal[4] = math.sin(yaw)
+    m.goal[6] = -m.goal[4]
+    m.goal[7] = m.goal[3]
+    m.goal[11] = 1.0
+
+
+def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:
+    """Return the sizes of an `AscentMemory`, and what tells how low the robot is; nothing ascends
+    without an abort phase.
+
+    altimeter: its frame.
+    """
+    frame = None if mission.abort is None else mission.ascent_frame
+    return {
+        "pose": _climb_frame(robot, frame),
+        "lowest": lowest_point(robot, fallbacks.UNSEEN_SLOPE, altimeter),
+    }
+
+
+@lru_cache(maxsize=8)
+def _climb_frame(robot: Robot, frame: str | None) -> ca.Function:
+    """Q -> position and rotation of a frame as in `AscentMemory`."""
+    q = ca.SX.sym("q", robot.n_q)
+    R_WF = ca.SX.eye(3)
+    p_WF = ca.SX.zeros(3)
+    if frame is not None:
+        R_WF, p_WF = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
+    return ca.Function(
+        "climb_frame", [q], [ca.densify(p_WF), ca.densify(ca.vec(R_WF))], {"cse": True}
+    )
+
+
+def ascent_goal(memory: AscentMemory) -> pin.SE3:
+    """The goal that `aim` has left in a `AscentMemory`."""
+    goal = np.array(memory.goal)
+    return pin.SE3(goal[3:].reshape(3, 3, order="F"), goal[:3])

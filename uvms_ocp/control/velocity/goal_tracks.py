@@ -1,0 +1,143 @@
+"""Goals that move and come to rest, as samples: what a kernel can follow without the function that
+they came from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Annotated
+
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import (
+    Layout,
+    Sized,
+    Vector,
+    view,
+)
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.tasks.goals import EndingReference
+from uvms_ocp.tasks.task import Task
+
+_MOST = 20_000  # samples: 100 s at 200 Hz; a longer goal is asked at every tick
+
+
+class TracksMemory(Layout):
+    """Parameters of tasks at multiples of the control period, of one goal after the other."""
+
+    dt: float
+    """[s] between samples."""
+    n_tracks: int
+    phase: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) in which each counts."""
+    of_phase: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) which begin with it, and not at 0."""
+    place: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) first parameter of each, among those of all tasks."""
+    width: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) parameters."""
+    first: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) first number of each in `table`."""
+    last: Annotated[list[int], Sized("n_tracks")]
+    """(n_tracks,) its last sample, where it rests."""
+    table: Annotated[Vector, Sized("n_table")]
+    """(n_table,) [their units] the parameters of a sample after those of the one before."""
+
+
+def follow_tracks(
+    m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
+) -> None:
+    """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
+
+    of_phase, elapsed: [s] since the start of the phase, and of the mission.
+    """
+    for k in range(m.n_tracks):
+        if m.phase[k] == phase:
+            _sample(m, k, of_phase if m.of_phase[k] != 0 else elapsed, values)
+
+
+def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
+    """Between two samples in proportion."""
+    ticks = min(max(0.0, t / m.dt), float(m.last[k]))
+    before = min(int(ticks), m.last[k] - 1)
+    share = ticks - before
+    at = m.first[k] + before * m.width[k]
+    for i in range(m.width[k]):
+        sample = m.table[at + i]
+        then = m.table[at + m.width[k] + i]
+        values[m.place[k] + i] = sample + share * (then - sample)
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Track:
+    """The goal of one task in one phase."""
+
+    phase: int
+    """Index among all phases."""
+    task: int
+    """Index in the hierarchy."""
+    of_phase: bool
+    """It begins with the phase, and not at 0."""
+    samples: np.ndarray
+    """(n, n_parameters) [their units]"""
+
+
+def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
+    """Sample all goals that move and rest in the end, every dt [s]."""
+    tracks = []
+    for phase in range(len(mission.all_phases)):
+        for index, (task, (reference, from_phase_start)) in enumerate(
+            zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
+        ):
+            n = _length(task, dt)
+            if n and not mission.has_ascent_goal(phase, index):
+                samples = np.array([reference(k * dt) for k in range(n + 1)])
+                tracks.append(
+                    Track(phase=phase, task=index, of_phase=from_phase_start, samples=samples)
+                )
+    return tuple(tracks)
+
+
+def _length(task: Task, dt: float) -> int:
+    """The first sample at which the goal of a task surely rests; 0 where its goal is no track."""
+    goal = getattr(task, "goal", None)
+    if not (
+        isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None
+    ):
+        return 0
+    ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
+    if ticks < _MOST:
+        return math.ceil(max(0.0, ticks)) + 1
+    return 0
+
+
+def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
+    """Return the sizes of a `TracksMemory`. Tables of nearly one size have the same, so that few
+    are compiled.
+    """
+    n = sum(track.samples.size for track in tracks)
+    return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
+
+
+def write_tracks(
+    memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float
+) -> None:
+    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between
+    samples.
+    """
+    memory.dt = dt
+    memory.n_tracks = len(tracks)
+    table = view(memory.table)
+    for k, (track, end) in enumerate(
+        zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)
+    ):
+        memory.phase[k] = track.phase
+        memory.of_phase[k] = track.of_phase
+        memory.place[k] = places[track.task].start
+        memory.last[k] = len(track.samples) - 1
+        memory.width[k] = track.samples.shape[1]
+        memory.first[k] = end - track.samples.size
+        table[memory.first[k] : end] = track.samples.ravel()

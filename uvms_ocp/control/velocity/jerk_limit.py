@@ -1,0 +1,110 @@
+"""Accelerations that rise and fall instead of jumping.
+
+The acceleration limits alone let a velocity turn from full acceleration to full braking within
+one tick, and a strict hierarchy does so wherever it pays. Two things ease it: references are
+approached with an acceleration that falls to 0, and a level of its own bounds the change of
+acceleration of each axis. That level is below the tasks that keep the robot safe: braking for
+the sake of a limit is never eased.
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.robot import Robot, symbolic_bodies, thrusters
+from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
+from uvms_ocp.tasks.task import Rows, TickSymbols
+
+# [s] from rest to the acceleration limit: short enough for what gates ask for (0.2 s, half of it at
+# work)
+_RISE = 0.07
+_FALL = 0.1  # [s] from the acceleration limit to a reference; longer, so that the axes can follow
+_LITTLE = 0.05  # acceleration of a row over that of the row that the same axes move most
+_NOTHING = 1e-12  # keeps the division by a change of zero finite
+
+
+def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
+    """Each axis changes by what it changed by in the tick before, give or take what its jerk
+    allows.
+
+    previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
+    since the tick before that. Not read by the regularised pseudo-inverse.
+    """
+    dt = symbols.dt
+    n_v = symbols.robot.n_v
+    jerk = ca.DM(symbols.robot.limits.acceleration) / _RISE
+    # An axis that was braked to a standstill stays there: what is left of the braking must not push
+    # it backwards.
+    falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
+    largest_change = falling + ca.if_else(change * previous > 0, ca.inf, 0)
+    held = previous + ca.fmin(ca.fmax(change, -largest_change), largest_change)
+    free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
+    return Rows(
+        jacobian=ca.SX.eye(n_v),
+        rate=ca.SX.zeros(n_v),
+        lower=held - jerk * dt**2 - free,
+        upper=held + jerk * dt**2 + free,
+        activation=ca.SX.zeros(n_v),
+    )
+
+
+def unlimited_axes(robot: Robot) -> np.ndarray:
+    """Return (n_v,) infinity for axes that no thruster drives, and that heed no limit; 0 for the
+    others.
+    """
+    unlimited = np.zeros(robot.n_v)
+    unlimited[list(thrusters.undriven_axes(robot))] = np.inf
+    return unlimited
+
+
+def smooth_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Share (m,) of the changes `wanted` (m,) [any/s] that rates can make in this tick, so as to
+    arrive smoothly.
+
+    acceleration (m,) [any/s2]: largest of each rate. dt [s].
+    """
+    return ca.fmin(_share(desired, acceleration, dt), falling_share(desired, acceleration, dt))
+
+
+def common_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Shares (m,) of rows that change in proportion: the least of `smooth_share` over those that
+    the axes can move.
+
+    A row that they move by little, beside the row that they move most, as in a singular posture,
+    has its own share: in proportion to it none would move. wanted (m,) [any/s]; acceleration (m,)
+    [any/s2]; dt [s].
+    """
+    share = _share(desired, acceleration, dt)
+    excess = _excess(desired, acceleration, dt)
+    moved = acceleration > _LITTLE * ca.mmax(acceleration)
+    # One root for all of them.
+    smallest_share = ca.mmin(ca.if_else(moved, share, ca.inf))
+    common = ca.fmin(smallest_share, _falling(ca.mmax(ca.if_else(moved, excess, 0))))
+    return ca.if_else(moved, common, ca.fmin(ca.fmin(share, _falling(excess)), common))
+
+
+def falling_share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Limit the share like `smooth_share`, for the acceleration limit itself: it falls to 0 on the
+    last part of the way.
+
+    wanted (m,) [any/s]; acceleration (m,) [any/s2]; dt [s].
+    """
+    return _falling(_excess(desired, acceleration, dt))
+
+
+def _share(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    return acceleration * dt / ca.fmax(ca.fabs(desired), _NOTHING)
+
+
+def _excess(desired: ca.SX, acceleration: ca.SX, dt: float) -> ca.SX:
+    """Ratio of the desired change to what the jerk alone allows in one tick."""
+    jerk = ca.fmax(ca.fmin(acceleration, ENDLESS), 1 / ENDLESS) / _FALL
+    return 2 * ca.fabs(desired) / (jerk * dt**2)
+
+
+def _falling(excess: ca.SX) -> ca.SX:
+    """`stopping_speed` at that jerk of what is wanted, over what is wanted: without a difference of
+    nearly equal numbers.
+    """
+    return 2 / (1 + ca.sqrt(1 + excess))

@@ -1,0 +1,220 @@
+"""The limits on positions of a hierarchy, in the memory of the viability rule, and the rule as a
+thing to call.
+
+And what of a mission has no form in C, where limits are much of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from types import MethodType
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.kernel_layout import (
+    CallbackBinding,
+    assign,
+    view,
+)
+from uvms_ocp.control.velocity import braking, goal_tracks, goals
+from uvms_ocp.control.velocity.viability import ViabilityMemory
+from uvms_ocp.mission.mission import Mission
+from uvms_ocp.robot.limits import PositionLimit
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.collision_model import (
+    CollisionModel,
+    in_c,
+    without_c_form as not_measured,
+)
+from uvms_ocp.tasks.activation import ENDLESS
+from uvms_ocp.tasks.task import Task
+
+_MOVES = "a goal that moves without telling its end"
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PositionGuard:
+    """A limit of one task, and where its measured quantity is."""
+
+    limit: PositionLimit
+    """Limit, as its task has it."""
+    task: int
+    """Index in the hierarchy."""
+    quantity: int
+    """Index in the vector of quantities."""
+    first: int
+    """Index of its first position."""
+
+    @property
+    def positions(self) -> slice:
+        """Where they are among those of all limits."""
+        return slice(self.first, self.first + self.limit.n)
+
+    @property
+    def model(self) -> CollisionModel | None:
+        """Whose distances the positions are, where they are."""
+        values = self.limit.values
+        if isinstance(values, MethodType) and not self.limit.relative:
+            owner = values.__self__
+        else:
+            owner = None
+        if isinstance(owner, CollisionModel) and values == owner.values:
+            return owner
+        return None
+
+
+def position_guards(
+    robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
+) -> tuple[PositionGuard, ...]:
+    """The limits that `tasks` stand for, those with an expression first; quantity_names: of the
+    vector, "task.quantity".
+    """
+    limits = [
+        (k, task, limit)
+        for k, task in enumerate(tasks)
+        if (limit := task.position_limit(robot)) is not None
+    ]
+    limits.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
+    firsts = np.cumsum([0, *(limit.n for _, _, limit in limits)])
+    return tuple(
+        PositionGuard(
+            limit=limit,
+            task=k,
+            quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
+            first=int(first),
+        )
+        for (k, task, limit), first in zip(limits, firsts, strict=False)
+    )
+
+
+def without_c_form(
+    robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]
+) -> dict[str, str]:
+    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control
+    period.
+
+    Told without a controller, for which something would have to be compiled.
+    """
+    tasks = mission.hierarchy.tasks
+    moving_goals = {
+        item.name: _MOVES
+        for phase in goals.asked_in_phases(mission, goal_tracks.tracks_of(mission, dt))
+        for item in phase
+    }
+    limits = {
+        guard.task: _refusal(guard, robot)
+        for guard in position_guards(robot, tasks, quantity_names)
+    }
+    distances = {
+        task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)
+    }
+    reasons = [
+        (tasks[task].name, why) for by_task in (limits, distances) for task, why in by_task.items()
+    ]
+    return moving_goals | {name: why for name, why in reasons if why}
+
+
+def _refusal(guard: PositionGuard, robot: Robot) -> str:
+    """Why it is; empty where it is not."""
+    if guard.model is not None:
+        return not_measured(guard.model, robot)
+    if isinstance(guard.limit.values, ca.Function):
+        return ""
+    return "a limit on positions without an expression"
+
+
+def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
+    """Return the positions that the guards have."""
+    return [guard.model for guard in guards if guard.model is not None]
+
+
+def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) -> dict[str, Any]:
+    """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the
+    `distance_layout_sizes` of its guards.
+    """
+    values = (guard.limit.values for guard in guards)
+    return {
+        "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
+        "n_limits": len(guards),
+        "n_positions": sum(guard.limit.n for guard in guards),
+        "smooth": _positions(
+            robot, tuple(positions for positions in values if isinstance(positions, ca.Function))
+        ),
+        **braking.stop_sizes(robot, dt),
+    }
+
+
+@lru_cache(maxsize=8)
+def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
+    """Q to the positions of limits that have an expression."""
+    q = ca.SX.sym("q", robot.n_q)
+    return ca.Function(
+        "positions",
+        [q],
+        [ca.densify(ca.vertcat(ca.SX(0, 1), *(position(q) for position in values)))],
+        {"cse": True},
+    )
+
+
+class ViabilitySetup:
+    """Write a robot and its limits into a `ViabilityMemory`; return the guards of limits without
+    expression.
+    """
+
+    def __init__(
+        self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory
+    ) -> None:
+        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
+        up.
+        """
+        self._guards = guards
+        self._memory = memory
+        self._robot = robot
+        self._n_distances = 0
+        self._place, self._position, self._counts = map(
+            view, (memory.place, memory.position, memory.counts)
+        )
+        self.answer = CallbackBinding(memory.ask, self._look)
+        memory.n_limits = len(guards)
+        assign(
+            memory.stop,
+            dt=dt,
+            acceleration=braking.finite_acceleration(robot),
+            n_limits=len(guards),
+        )
+        for k, guard in enumerate(guards):
+            self._write(k, guard)
+
+    def _write(self, k: int, guard: PositionGuard) -> None:
+        memory = self._memory
+        limit = guard.limit
+        memory.lower[k] = limit.lower
+        memory.relative[k] = limit.relative
+        memory.task[k] = guard.task
+        memory.quantity[k] = guard.quantity
+        memory.first[k] = guard.positions.start
+        memory.end[k] = guard.positions.stop
+        memory.pairs[k] = self._measured_by(guard.model)
+        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(
+            limit.values, ca.Function
+        )
+        view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
+
+    def _measured_by(self, model: CollisionModel | None) -> int:
+        """Which of `distances` it is, or `NONE`."""
+        if model is None or not in_c(model, self._robot):
+            return braking.NONE
+        model.write(self._memory.distances[self._n_distances])
+        self._n_distances += 1
+        return self._n_distances - 1
+
+    def _look(self) -> None:
+        guard = self._guards[self._memory.asked]
+        rows = np.flatnonzero(self._counts[guard.positions])
+        self._position[guard.positions][rows] = guard.limit.values(
+            self._place, None if len(rows) == guard.limit.n else rows
+        )

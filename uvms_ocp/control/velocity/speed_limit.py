@@ -1,0 +1,95 @@
+"""Less than the hierarchy asks for: slower, no descent, the arm held; never by more than the
+acceleration limits allow.
+
+Kernels. Slower keeps the direction, and so all priorities; joints that are held brake as fast as
+they can; what sinks is lifted straight up.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
+from uvms_ocp.estimation.degraded_modes import RestrictionMemory
+from uvms_ocp.estimation.fallbacks import AltimeterMemory
+from uvms_ocp.solvers.bounded_least_squares import dot
+
+_ZERO_SPEED = 1e-12  # [m/s, rad/s]
+
+
+class SpeedLimitMemory(Layout):
+    """Quantities of the robot that limit its speed."""
+
+    step: Annotated[Vector, Sized("n_v")]
+    """(n_v,) [m/s, rad/s] largest change in one tick."""
+    is_joint: Annotated[list[int], Sized("n_v")]
+    """(n_v,) which axes are joints."""
+    has_vehicle: bool
+    """The first six axes are those of one."""
+
+
+def limit_speed(
+    m: SpeedLimitMemory,
+    less: RestrictionMemory,
+    beam: AltimeterMemory,
+    q: Vector,
+    previous: Vector,
+    pace: float,
+    v: Vector,
+) -> float:
+    """Makes of the velocity v [m/s, rad/s] that is wanted the one for this tick, and returns the
+    pace that it is at.
+
+    q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was
+    wanted then.
+    """
+    pace_taken = _pace(m, less.speed, v, previous, pace)
+    for i in range(len(m.step)):
+        if less.joints_held and m.is_joint[i] != 0:
+            v[i] = 0.0
+        else:
+            v[i] = pace_taken * v[i]
+    _within(m, v, previous)
+    if less.no_descent and m.has_vehicle:
+        _lift(beam, q, v, len(m.step))
+        _within(m, v, previous)
+    return pace_taken
+
+
+def _pace(
+    m: SpeedLimitMemory, speed: float, desired: Vector, previous: Vector, pace: float
+) -> float:
+    """Approach the speed as far as the acceleration limits allow in this tick; they always allow to
+    keep the pace.
+    """
+    low = 0.0
+    high = 1.0
+    for i in range(len(m.step)):
+        if abs(desired[i]) > _ZERO_SPEED:
+            down = (previous[i] - m.step[i]) / desired[i]
+            up = (previous[i] + m.step[i]) / desired[i]
+            low = max(low, min(down, up))
+            high = min(high, max(down, up))
+    return min(max(speed, min(low, pace)), max(high, pace))
+
+
+def _within(m: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
+    for i in range(len(m.step)):
+        v[i] = min(max(v[i], previous[i] - m.step[i]), previous[i] + m.step[i])
+
+
+def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:
+    """Neither vehicle nor altimeter sinks."""
+    x = q[3]
+    y = q[4]
+    z = q[5]
+    w = q[6]
+    up = zeros(3)
+    up[0] = 2.0 * z * x - 2.0 * y * w
+    up[1] = 2.0 * z * y + 2.0 * x * w
+    up[2] = 1.0 - (2.0 * x * x + 2.0 * y * y)
+    rise = up[0] * v[0] + up[1] * v[1] + up[2] * v[2]
+    if beam.exists:
+        rise = min(rise, dot(beam.height_jacobian, v, n))
+    for i in range(3):
+        v[i] += up[i] * max(0.0, -rise)

@@ -1,0 +1,110 @@
+"""Fit vehicles that have seen what is predicted: they bound what a prediction can explain.
+
+One vehicle is identified on all recordings that are predicted together; what it misses of them no
+single vehicle of this model explains. Each recording also gets a vehicle of its own, with what it
+has for itself (current, trim); by how much that explains more is what differs between recordings.
+Searches begin where the vehicle was identified and have its noise, segments and priors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from uvms_ocp.identification.fit import FitContext, Predictor, resumed_search
+from uvms_ocp.identification.output_error import FitStatus
+from uvms_ocp.identification.rollout import PreparedRecording
+
+TOGETHER = "one vehicle that has seen them"
+ALONE = "each by a vehicle of its own"
+"""Names of the predictors that bound a prediction."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class PredictionBounds:
+    """Vehicles that were identified on the very recordings that are predicted."""
+
+    together: FitContext
+    """Fit of one vehicle to all of them."""
+    alone: Mapping[str, FitContext]
+    """Fit to each recording alone, by the name of its file; parts of one file are fitted
+    together.
+    """
+    seconds: float
+    """[s] that these fits took."""
+
+    def predictors(self, recording: PreparedRecording) -> dict[str, Predictor]:
+        """Predictors of one of the recordings, by `TOGETHER` and `ALONE`.
+
+        The vehicle of all has what recordings have for themselves as declared, as any prediction
+        has; that of its own has it as identified.
+        """
+        alone = self.alone[recording.recording.source]
+        return {
+            TOGETHER: self.together.predictor(),
+            ALONE: _with_own(alone, recording.recording.name),
+        }
+
+    @property
+    def unfinished(self) -> tuple[str, ...]:
+        """Sentences on the searches that have not converged: their figures are too low."""
+        return tuple(self._unfinished())
+
+    def _unfinished(self) -> Iterator[str]:
+        if self.together.estimate.status is not FitStatus.CONVERGED:
+            yield f"{TOGETHER}: the search has ended by {self.together.estimate.status.value}."
+        for source, fitted in self.alone.items():
+            if fitted.estimate.status is not FitStatus.CONVERGED:
+                yield f"{source} alone: the search has ended by {fitted.estimate.status.value}."
+
+
+def fit_bounds(
+    identified: FitContext,
+    predicted: Sequence[PreparedRecording],
+    progress: Callable[[str], None] = lambda _: None,
+) -> PredictionBounds:
+    """Identify one vehicle on all recordings that are predicted, and one on each.
+
+    identified: the vehicle whose predictions are bounded; where it was identified on these very
+    recordings, as for leave-one-out, it is the vehicle of all itself and is not fitted again.
+    progress gets a line for each search.
+    """
+    begin = perf_counter()
+    together = identified
+    if not _has_seen(identified, predicted):
+        progress("bound: one vehicle of all recordings that are predicted")
+        together = _refitted(identified, predicted)
+    alone = {}
+    sources = list(dict.fromkeys(one.recording.source for one in predicted))
+    for k, source in enumerate(sources, start=1):
+        progress(f"bound {k} of {len(sources)}: {source} alone")
+        parts = [one for one in predicted if one.recording.source == source]
+        alone[source] = _refitted(together, parts)
+    return PredictionBounds(together=together, alone=alone, seconds=perf_counter() - begin)
+
+
+def _has_seen(identified: FitContext, predicted: Sequence[PreparedRecording]) -> bool:
+    """Tell whether a vehicle was identified on these recordings and no others."""
+    seen = {id(one) for one in identified.prepared}
+    return seen == {id(one) for one in predicted}
+
+
+def _refitted(near: FitContext, recordings: Sequence[PreparedRecording]) -> FitContext:
+    """Fit the vehicle to other recordings, from where it was identified, by the same settings."""
+    context = replace(near, prepared=tuple(recordings))
+    problem = context.problem()
+    problem.progress = near.search.progress
+    iterations = near.search.iterations
+    # Starts of segments come near first: they are as measured, the vehicle is identified.
+    first = problem.solve(problem.start(near.estimate.shared), iterations=iterations, frozen=1)
+    return replace(context, estimate=resumed_search(problem, first, iterations))
+
+
+def _with_own(fitted: FitContext, recording: str) -> Predictor:
+    """Predict with what a recording has for itself as identified, rather than as declared."""
+    own = fitted.vehicle.own
+    known = own.believed(fitted.estimate.own[recording]).held(np.ones(len(own.start), dtype=bool))
+    return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, own=known))

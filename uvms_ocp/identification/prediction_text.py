@@ -1,0 +1,196 @@
+"""Write in words and in data how good predictions are, and how good they could be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import tomllib
+
+from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER, PredictionBounds
+from uvms_ocp.identification.prediction_verdict import (
+    DIFFERENT,
+    FITTED_CHANNELS,
+    NEARLY_ALL,
+    FitShares,
+    MissCause,
+    PredictionJudgement,
+    fits_beside_bounds,
+    judge_predictions,
+)
+from uvms_ocp.identification.still_comparison import EQUAL_WITHIN, WorseThanStill
+from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
+
+_PROSE = tomllib.loads(
+    (files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8")
+)
+"""Texts of the report."""
+
+
+def prediction_lines(
+    recordings: Sequence[HeldOutRecording], bounds: PredictionBounds | None
+) -> Iterator[str]:
+    """Lines of Markdown: the verdict, what stands still predicts better, and the bounds.
+
+    Nothing where no recordings were predicted. bounds: as the predictions were made with.
+    """
+    if not recordings:
+        return
+    judgement = judge_predictions(recordings)
+    yield f"\n**Predictions are {judgement.verdict.value}.** {judgement.verdict.advice}"
+    yield "\n### Worse than standing still\n"
+    yield from still_lines(judgement.worse)
+    if bounds is not None:
+        yield from _bound_lines(recordings, bounds, judgement)
+
+
+def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
+    """A sentence for each channel that is predicted worse than it stands still, as a list."""
+    if not worse:
+        yield _PROSE["none_worse"].format(share=100.0 * EQUAL_WITHIN)
+    for shortfall in worse:
+        yield f"- {shortfall}"
+
+
+def verdict_words(name: str, recordings: Sequence[HeldOutRecording]) -> str:
+    """One line on a set of predictions, such as of recordings that were left out."""
+    judgement = judge_predictions(recordings)
+    words = f"{name}: {judgement.verdict.value}"
+    if judgement.worse:
+        channels = {(each.recording, each.channel) for each in judgement.worse}
+        words += f" in {len(channels)} of {judgement.compared} channels"
+    shares = [each.share for each in judgement.shares if np.isfinite(each.share)]
+    if shares:
+        words += f"; {min(shares):.0f} to {max(shares):.0f} % of what one vehicle could explain"
+    if judgement.differing:
+        words += f"; recordings differ in {', '.join(judgement.differing)}"
+    return f"{words}."
+
+
+def prediction_data(
+    recordings: Sequence[HeldOutRecording], bounds: PredictionBounds | None
+) -> dict[str, Any]:
+    """The same as numbers, for JSON; no number is `None`."""
+    judgement = judge_predictions(recordings)
+    data: dict[str, Any] = {
+        "verdict": judgement.verdict.value,
+        "advice": judgement.verdict.advice,
+        "worse_than_still": [shortfall_data(each) for each in judgement.worse],
+        "unpredicted": list(judgement.unpredicted),
+    }
+    if bounds is not None:
+        data["bounds"] = {
+            "seconds": bounds.seconds,
+            "unfinished": list(bounds.unfinished),
+            "recordings_differ": list(judgement.differing),
+            "channels": [_shares_data(each) for each in judgement.shares],
+            "recordings": [_recording_data(one) for one in recordings if one.horizons],
+        }
+    return data
+
+
+def shortfall_data(shortfall: WorseThanStill) -> dict[str, Any]:
+    """One channel that is predicted worse than it stands still, for JSON."""
+    return {
+        "sentence": str(shortfall),
+        "recording": shortfall.recording,
+        "channel": shortfall.channel,
+        "unit": shortfall.unit,
+        "error": _number(shortfall.error),
+        "baseline": shortfall.baseline,
+        "baseline_error": shortfall.baseline_error,
+        "horizon_s": shortfall.horizon,
+    }
+
+
+def _shares_data(shares: FitShares) -> dict[str, Any]:
+    return {
+        "sentence": str(shares),
+        "channel": shares.channel,
+        "predicted_percent": shares.predicted,
+        "one_vehicle_percent": shares.together,
+        "alone_percent": shares.alone,
+        "share_percent": _number(shares.share),
+        "missed_percent": {cause.value: part for cause, part in shares.missed.items()},
+        "cause": shares.cause.value,
+    }
+
+
+def _recording_data(one: HeldOutRecording) -> dict[str, Any]:
+    table = fits_beside_bounds(one)
+    fits = {
+        channel: [_number(value) for value in column]
+        for channel, column in zip(FITTED_CHANNELS, table.T, strict=True)
+    }
+    return {"recording": one.name, "fits_percent": fits, "tilt_deg": _tilts(one)}
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _bound_lines(
+    recordings: Sequence[HeldOutRecording],
+    bounds: PredictionBounds,
+    judgement: PredictionJudgement,
+) -> Iterator[str]:
+    yield _PROSE["bounds"].format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
+    yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
+    yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"
+    for one in recordings:
+        if one.horizons:
+            cells = [_fit_cell(column) for column in fits_beside_bounds(one).T]
+            yield f"| {one.name} | {' | '.join(cells)} | {_beside(_tilts(one), '.2g')} |"
+    yield _median_row(judgement.shares)
+    yield _share_row(judgement.shares)
+    yield ""
+    for shares in judgement.shares:
+        yield f"- {shares}"
+    if judgement.differing:
+        yield _PROSE["recordings_differ"].format(channels=", ".join(judgement.differing))
+    causes = {shares.cause for shares in judgement.shares}
+    for cause in MissCause:
+        if cause in causes:
+            yield f"\nWhat is missed by {cause.value}: {cause.advice}"
+    for sentence in bounds.unfinished:
+        yield f"\n{sentence} Its figures are no bound."
+
+
+def _tilts(one: HeldOutRecording) -> list[float]:
+    """[deg] root mean squares of the errors of the vertical: predicted, and by both bounds."""
+    longest = one.horizons[-1]
+    predictions = (longest.by[OTHERS], longest.bounds[TOGETHER], longest.bounds[ALONE])
+    return [float(errors(each)[-1]) for each in predictions]
+
+
+def _median_row(shares: Sequence[FitShares]) -> str:
+    by_channel = {each.channel: each for each in shares}
+    cells = []
+    for channel in FITTED_CHANNELS:
+        if channel in by_channel:
+            of_channel = by_channel[channel]
+            cells.append(_beside((of_channel.predicted, of_channel.together, of_channel.alone)))
+        else:
+            cells.append("-")
+    return f"| median | {' | '.join(cells)} | |"
+
+
+def _share_row(shares: Sequence[FitShares]) -> str:
+    by_channel = {each.channel: each.share for each in shares if np.isfinite(each.share)}
+    cells = [
+        f"{by_channel[channel]:.0f} %" if channel in by_channel else "-"
+        for channel in FITTED_CHANNELS
+    ]
+    return f"| of what one vehicle could explain | {' | '.join(cells)} | |"
+
+
+def _fit_cell(column: np.ndarray) -> str:
+    return _beside(column) if np.isfinite(column).all() else "-"
+
+
+def _beside(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:
+    """A prediction, and in brackets one vehicle that has seen it and one of its own."""
+    predicted, together, alone = (format(float(value), form) for value in values)
+    return f"{predicted} ({together}; {alone})"

@@ -1,0 +1,71 @@
+"""How near a robot came to the floor, to obstacles and to itself during a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import numpy as np
+
+from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.robot.robot import Robot, require_normalized
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.sim.environment import Environment
+from uvms_ocp.sim.seafloor import floor_obstacle
+from uvms_ocp.types import Positive, Shape
+
+_AROUND = 4.0  # [m] of floor beyond the vehicle's track
+
+
+@checked_dataclass()
+class ClosestApproach:
+    """The smallest distance over a run; 0 or less is contact."""
+
+    distance: float
+    """[m], infinite where there are no two shapes."""
+    row: int
+    """Row of the configurations given."""
+    pair: str
+    """Names of the two shapes; empty where there are none."""
+
+
+@checked
+def closest_approach(
+    robot: Robot,
+    environment: Environment,
+    q: Annotated[np.ndarray, Shape("n", "robot.n_q")],
+    *,
+    self_collision: bool = False,
+    floor: bool = True,
+    spacing: Positive = 0.25,
+    links: Sequence[str] | None = None,
+) -> ClosestApproach:
+    """The closest approach of the whole robot to the floor and all obstacles over configurations q
+    (n, n_q) [m, rad].
+
+    floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that
+    is not flat. links: names of the shapes that count, as of an arm (`Robot.arm_shapes`), all by
+    default. Raises `InvalidInput` for others.
+    """
+    require_normalized(robot.model, q)
+    if robot.n_vehicle:
+        track = q[:, :2]
+    else:
+        track = np.zeros((len(q), 2))
+    obstacles = list(environment.obstacles)
+    if floor:
+        low = track.min(axis=0) - _AROUND
+        high = track.max(axis=0) + _AROUND
+        x, y = (0.5 * (low + high)).tolist()
+        extent = float((high - low).max())
+        obstacles.append(
+            floor_obstacle(environment.seafloor, centre=(x, y), extent=extent, spacing=spacing)
+        )
+    model = CollisionModel(robot, obstacles, self_collision=self_collision, links=links)
+    distances = np.array([model.values(row) for row in q]).reshape(len(q), model.n_pairs)
+    if not distances.size:
+        return ClosestApproach(distance=np.inf, row=0, pair="")
+    row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
+    return ClosestApproach(
+        distance=float(distances[row, pair]), row=int(row), pair=model.pair_names[pair]
+    )

@@ -1,0 +1,132 @@
+"""Faults of a user's own, between the toolkit's parts or others: on what sensors tell and on what
+the plant is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.control.external import require_numbers
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.meta_values import FaultMeta
+from uvms_ocp.robot.signals import (
+    Command,
+    Readings,
+    State,
+)
+from uvms_ocp.sim.faults import Fault, is_active, plain
+from uvms_ocp.sim.loop import Sensors
+from uvms_ocp.sim.own_parts import Disturbance, part_name
+from uvms_ocp.sim.plant import Plant
+from uvms_ocp.sim.watched_sensors import WatchedSensors
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class InjectedFault:
+    """A fault, made for one run."""
+
+    maker: Any
+    made: Disturbance
+
+    def active(self, t: float) -> bool:
+        """Check that it is there at time t [s]."""
+        return is_active(self.maker.onset, self.maker.end, t)
+
+    def command(self, command: Command, t: float) -> Command:
+        """Return the command that arrives at time t [s]. Raises `InvalidInput` for one that the
+        plant cannot take.
+        """
+        changed = self.made.command(command, t)
+        name = part_name(self.maker)
+        if not isinstance(changed, Command):
+            raise InvalidInput(
+                f"fault {name} returned {type(changed).__name__} for a command; return a Command"
+            )
+        for item in ("v", "thrust", "torque"):
+            original = getattr(command, item)
+            if original is not None:
+                require_numbers(
+                    f"the command of fault {name}", item, getattr(changed, item), original.shape
+                )
+        return changed
+
+
+class FaultyPlant(Plant):
+    """A plant that does not hear all that it is told."""
+
+    def __init__(self, plant: Plant, struck: Sequence[InjectedFault]) -> None:
+        self._plant = plant
+        self._struck = tuple(struck)
+        self._t = 0.0
+        self.state = plant.state
+
+    def step(self, command: Command, dt: float) -> None:
+        """Advance by dt [s], by what is left of the command."""
+        for fault in self._struck:
+            if fault.active(self._t):
+                command = fault.command(command, self._t)
+        self._plant.step(command, dt)
+        self._t += dt
+        self.state = self._plant.state
+
+    def telemetry(self) -> dict[str, Any]:
+        """Return the telemetry of the plant."""
+        return self._plant.telemetry()
+
+
+def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
+    """Plant and sensors of a run with the own faults of a scenario between them and the others."""
+    makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
+    if not makers:
+        return plant, sensors
+    struck = [InjectedFault(maker=maker, made=maker(scenario)) for maker in makers]
+
+    def read(state: State, t: float) -> Readings:
+        readings = sensors(state, t)
+        for fault in struck:
+            if fault.active(t):
+                readings = fault.made.readings(readings, t)
+            else:
+                readings = readings
+        return readings
+
+    names = " and ".join(map(part_name, makers))
+    return FaultyPlant(plant, struck), WatchedSensors(
+        read, scenario.robot, scenario.specs, f"with fault {names}"
+    )
+
+
+def require_fault(fault: Any) -> None:
+    """Raise `InvalidInput` for what is neither a `Fault` nor makes one of a user's own with an
+    onset before its end.
+    """
+    if isinstance(fault, Fault):
+        return
+    times: list[Any] = [getattr(fault, name, None) for name in ("onset", "end")]
+    (onset, end) = times
+    numbers = all(isinstance(t, int | float | np.floating) for t in times)
+    if not (callable(fault) and numbers and 0.0 <= onset < end):
+        problem = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
+        raise InvalidInput(
+            f"{problem}; give a Fault, or what makes one, with times from 0 on, the end last, inf for"
+            " never"
+        )
+
+
+def fault_meta(fault: Any) -> FaultMeta:
+    """Metadata of a fault for the record."""
+    if np.isfinite(fault.end):
+        end = float(fault.end)
+    else:
+        end = None
+    if isinstance(fault, Fault):
+        return FaultMeta(
+            text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end
+        )
+    name = part_name(fault)
+    text = f"{name}@{plain(float(fault.onset))}" + ("" if end is None else f"-{plain(end)}")
+    return FaultMeta(text=text, target=name, kind="own", t=float(fault.onset), end=end)

@@ -1,0 +1,100 @@
+"""Faults of the machine itself: which joints cannot move, what the tool carries, and whether a
+robot can have them at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import assembly, description
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.sim.faults import Fault
+
+_NEED_WATER = {
+    "thruster": "has no thrusters",
+    "current": "feels no current",
+    "payload": "has no mass",
+}
+"""Part that the kinematic plant lacks, by the family of a fault's target."""
+
+
+def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
+    """Return the faults that are there at time t [s]."""
+    return tuple(fault for fault in faults if fault.active(t))
+
+
+def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
+    """Entries of v of the joints that cannot move."""
+    joints = [
+        robot.joints[fault.location.number - 1]
+        for fault in faults
+        if fault.location.family == "joint"
+    ]
+    return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
+
+
+def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
+    """Return the faults that put something into the tool."""
+    return tuple(fault for fault in faults if fault.location.family == "payload")
+
+
+def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
+    """The robot with these payloads: point masses at the origins of its tools' frames, of the first
+    without a number.
+    """
+    bodies = []
+    for k, fault in enumerate(carried, start=1):
+        mass, volume, *_ = *fault.values, 0.0
+        where: Any = {
+            "link": robot.tools[max(fault.location.number, 1) - 1],
+            "position": (0.0, 0.0, 0.0),
+        }
+        bodies.append(description.TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
+    return assembly.with_trim(robot, bodies)
+
+
+def joined_velocity(
+    before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()
+) -> np.ndarray:
+    """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after
+    v_next = before v``.
+
+    The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v,
+    n_v) [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries that are and stay at 0.
+    """
+    import scipy.linalg  # a tenth of a second, for the few that take hold of something
+
+    free = [i for i in range(len(v)) if i not in locked]
+    joined = np.zeros(len(v))
+    joined[free] = scipy.linalg.solve(after[np.ix_(free, free)], (before @ v)[free], assume_a="pos")
+    return joined
+
+
+def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) -> None:
+    """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have.
+    Sensors look at theirs.
+    """
+    there = {
+        "thruster": len(robot.description.thrusters),
+        "joint": len(robot.joints),
+        "payload": len(robot.tools),
+    }
+    for fault in faults:
+        family, number = fault.location.family, fault.location.number
+        if kinematic and family in _NEED_WATER:
+            raise InvalidInput(
+                f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant"
+            )
+        if family == "payload" and not robot.tools:
+            raise InvalidInput(
+                f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out"
+            )
+        if number > there.get(family, number):
+            part = {"payload": "tool"}.get(family, family)
+            raise InvalidInput(
+                f"{fault}: the robot has {there[family]} {part}s; give one of them, from 1"
+            )

@@ -1,0 +1,105 @@
+"""Somebody else's plant, whose state and telemetry are looked at before they are recorded."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.tables import SERIES
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.hull import skid_points
+from uvms_ocp.robot.signals import (
+    Command,
+    State,
+)
+from uvms_ocp.sim.plant import EFFORTS, Plant
+from uvms_ocp.sim.watched_estimator import require_state
+
+_REAL = "biuf"
+_MAYBE_UNKNOWN = "thruster_energy"
+
+
+class WatchedPlant(Plant):
+    """Another one, asked."""
+
+    def __init__(self, plant: Any, robot: Robot, name: str) -> None:
+        """name: what messages call it. Raises `InvalidInput` for what is no `Plant`, or one that
+        begins with a wrong state.
+        """
+        missing = [item for item in ("state", "step", "telemetry") if not hasattr(plant, item)]
+        if missing:
+            raise InvalidInput(
+                f"plant {name} made {type(plant).__name__} without {', '.join(missing)}; make a"
+                " Plant"
+            )
+        self._wrapped = plant
+        self._robot = robot
+        self._name = name
+        n_thrusters = len(robot.description.thrusters)
+        n_joints = robot.n_joints
+        self._shapes: dict[str, tuple[int, ...]] = dict(
+            zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
+            contact=(len(skid_points(robot)),),
+            current=(3,),
+        )
+        self.state = self._right(plant.state)
+
+    def step(self, command: Command, dt: float) -> None:
+        """Theirs, by dt [s]. Raises `InvalidInput` for a state that cannot be."""
+        self._wrapped.step(command, dt)
+        self.state = self._right(self._wrapped.state)
+
+    def telemetry(self) -> dict[str, Any]:
+        """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
+        telemetry = self._wrapped.telemetry()
+        if not isinstance(telemetry, dict):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} is {type(telemetry).__name__}; give a dict, empty"
+                " for none"
+            )
+        efforts = [name for name in EFFORTS if name in telemetry]
+        if efforts and len(efforts) < len(EFFORTS):
+            raise InvalidInput(
+                f"telemetry of plant {self._name} has {efforts[0]!r}; give all of"
+                f" {', '.join(EFFORTS)}, or none"
+            )
+        return {name: self._recorded(name, value) for name, value in telemetry.items()}
+
+    def _right(self, state: Any) -> State:
+        if not isinstance(state, State):
+            raise InvalidInput(
+                f"state of plant {self._name} is {type(state).__name__}; give a State"
+            )
+        require_state(
+            f"the state of plant {self._name}", self._robot, q=state.q, v=state.v, a=state.a
+        )
+        return state
+
+    def _recorded(self, name: str, value: Any) -> np.ndarray:
+        whose = f"telemetry of plant {self._name}"
+        array = np.asarray(value)
+        if array.dtype.kind not in _REAL or array.ndim > 1:
+            raise InvalidInput(
+                f"{whose} has {name} of shape {array.shape} and type {array.dtype}; give numbers"
+                " (n,), or one"
+            )
+        if name not in self._shapes:
+            if name in SERIES:
+                raise InvalidInput(
+                    f"{whose} has {name!r}, which means something else in records; rename it"
+                )
+            return array
+        if name == _MAYBE_UNKNOWN:
+            known_values = array[~np.isnan(array)]
+        else:
+            known_values = array
+        if array.shape != self._shapes[name] or not np.isfinite(known_values).all():
+            problem = (
+                f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
+            )
+            raise InvalidInput(
+                f"{whose} has {name} {problem}; give finite numbers of shape {self._shapes[name]}"
+            )
+        return array.astype(float)

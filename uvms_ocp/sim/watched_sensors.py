@@ -1,0 +1,70 @@
+"""Somebody else's sensors, whose readings are looked at before the monitor sees them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.health import channel_state
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import (
+    CHANNELS,
+    Reading,
+    Readings,
+    SensorSpecs,
+    State,
+    unchecked_state,
+)
+
+_all = attrgetter(*CHANNELS)
+
+
+class WatchedSensors:
+    """A callable ``(State, t) -> Readings`` that asks another one."""
+
+    def __init__(self, sensors: Any, robot: Robot, specs: SensorSpecs, name: str) -> None:
+        """specs: which channels to expect. name: what messages call them. Raises `InvalidInput` for
+        what cannot be called.
+        """
+        if not callable(sensors):
+            raise InvalidInput(
+                f"sensors {name} made {type(sensors).__name__}; make a callable (State, t) ->"
+                " Readings"
+            )
+        self._wrapped: Callable[[State, float], Readings] = sensors
+        self._name = name
+        self._sizes = channel_state.sizes_of(robot)
+        self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
+        self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
+
+    def __call__(self, state: State, t: float) -> Readings:
+        """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no
+        reading of that channel.
+        """
+        # Copied: nobody who writes to a reading reaches the true state.
+        readings = self._wrapped(unchecked_state(q=state.q.copy(), v=state.v.copy(), a=state.a), t)
+        if not isinstance(readings, Readings):
+            raise InvalidInput(
+                f"sensors {self._name} returned {type(readings).__name__}; return Readings"
+            )
+        for channel, reading in zip(CHANNELS, _all(readings), strict=True):
+            if reading is not None and reading is not self._seen[channel]:
+                self._require(channel, reading)
+                self._seen[channel] = reading
+        return readings
+
+    def _require(self, channel: str, reading: Reading[Any]) -> None:
+        if channel not in self._expected:
+            raise InvalidInput(
+                f"sensors {self._name} read {channel}, which their specs leave out; add it to them"
+            )
+        shape = np.shape(reading.value)
+        right = self._sizes[channel]
+        if shape != right:
+            raise InvalidInput(
+                f"sensors {self._name} read {channel} of shape {shape}; give {right}"
+            )
