@@ -56,7 +56,9 @@ def reach(robot: Robot, goal: PoseGoal | None = None) -> OcpProblem:
 
 
 def job(robot: Robot, goal: PoseGoal | None = None) -> ReplanningJob:
-    return ReplanningJob(problem=reach(robot, goal), period=PERIOD, options=None, clock=lambda: 0.0)
+    return ReplanningJob(
+        problem=reach(robot, goal), period=PERIOD, options=None, gains=None, clock=lambda: 0.0
+    )
 
 
 def answered(worker: RunningWorker, request: ReplanningRequest) -> ReplanningResult:

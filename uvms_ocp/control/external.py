@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import perf_counter
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from uvms_ocp.checks import replace_unchecked
+from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import SmallTable, TableDisplay
 from uvms_ocp.robot.signals import Command, StateEstimate
+
+
+@runtime_checkable
+class ReportingController(Protocol):
+    """A controller that tells how it fares, such as `uvms_ocp.control.Nmpc`."""
+
+    @property
+    def alarms(self) -> Sequence[tuple[float, str]]:
+        """Time [s] and text of all that is to be known of it so far."""
+
+    @property
+    def given_up(self) -> str:
+        """Why it cannot go on; empty while it can."""
 
 
 class SupervisedController(TableDisplay):
@@ -21,8 +35,9 @@ class SupervisedController(TableDisplay):
 
     A kinematic layer of its own measures all quantities, goes through the phases and ends the run;
     what it would command goes nowhere. So a PID, a learned policy or the exported controller gets
-    the record, report and figures of our own. What thrusters and joints meet it does not hear: it
-    gives no mission up for thrust, contact or a faulty actuator.
+    the record, report and figures of our own. Alarms of a `ReportingController` go into the record,
+    and where it gives up the mission is given up with its reason. What thrusters and joints meet
+    nobody hears: no mission is given up for thrust, contact or a faulty actuator.
     """
 
     def __init__(
@@ -42,6 +57,11 @@ class SupervisedController(TableDisplay):
         """Which watches."""
         self._wrapped = controller
         self.name = name
+        self._reporting = controller if isinstance(controller, ReportingController) else None
+        self._heard = 0
+        """Alarms that were taken over."""
+        self._fault = ""
+        """Why the controller has given up, as the mission was told."""
         robot = kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
@@ -57,11 +77,22 @@ class SupervisedController(TableDisplay):
         spent = perf_counter() - begin
         self._require(command, watched)
         self.kinematic.follow(command)
+        if self._reporting is not None:
+            self._hear(self._reporting)
         times = {"solve_time": 0.0, "tick_time": spent, "controller_time": spent}
         telemetry = {**watched.telemetry, **times, **command.telemetry}
         return replace_unchecked(
             command, finished=watched.finished or command.finished, telemetry=telemetry
         )
+
+    def _hear(self, controller: ReportingController) -> None:
+        """Take over new alarms; that it has given up the mission hears at its next tick."""
+        alarms = controller.alarms
+        self.kinematic.watchdog.alarms.extend(alarms[self._heard :])
+        self._heard = len(alarms)
+        if controller.given_up != self._fault:
+            self._fault = controller.given_up
+            self.kinematic.on_actuation_feedback(ActuationFeedback(fault=self._fault))
 
     def _table(self) -> SmallTable:
         return SmallTable(

@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor
 from uvms_ocp.control import solve_workers
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
+from uvms_ocp.control.planning_watch import PlanningWatch
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.fallbacks import LastValidEstimate
 from uvms_ocp.ocp import HessianKind, OcpProblem, hold_guess
@@ -23,6 +25,10 @@ from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 
 _ROUNDING = 1e-9
 """[s] in sums of ticks."""
+_LATE_STEP = 0.5
+"""share of the limits of accelerations by which tracking may answer the step of a plan that takes
+over late.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -36,27 +42,68 @@ class NmpcStatistics:
     missed: int
     """Solves that took longer than the period."""
     rejected: int
-    """Solves without a plan that keeps the constraints, so that the last plan went on."""
+    """Solves without a plan that may be flown, or whose plan came too late for it, so that the last
+    plan went on.
+    """
+
+
+class PlanningTimes:
+    """When plans are asked for: at the first tick at or after each multiple of the period, so that
+    the mean period is what was asked for, whatever ticks there are.
+    """
+
+    def __init__(self, dt: float, period: float) -> None:
+        """Dt, period [s]: of control and planning."""
+        self.dt = dt
+        """[s] of control."""
+        self._period = period
+        self._origin = 0.0
+
+    def begin(self, t: float) -> None:
+        """Multiples count from t [s]."""
+        self._origin = t
+
+    def multiple_after(self, t: float) -> float:
+        """Return the first multiple [s] after t [s]."""
+        periods = np.floor((t - self._origin + _ROUNDING) / self._period) + 1
+        return float(self._origin + self._period * periods)
+
+    def tick_after(self, t: float) -> float:
+        """Return when the tick [s] is that begins the next period after that at t [s]."""
+        ticks = np.ceil((self.multiple_after(t) - t - _ROUNDING) / self.dt)
+        return float(t + self.dt * ticks)
+
+    def next_at(self, asked: float, ready: float) -> float:
+        """Return the multiple [s] for which the next plan is asked for, after one that was asked
+        for at `asked` [s] and takes over at the first tick at or after `ready` [s].
+        """
+        return max(self.multiple_after(asked), self.multiple_after(ready - self.dt))
 
 
 @checked_constructor
 class Nmpc(TableDisplay):
     """A callable ``(StateEstimate, t) -> Command``.
 
-    Once per `period` a plan is made: from the state in which the present plan will leave the
-    measured one by the time that the new one is ready, and from the solution of the last problem
-    moved on in time, by real-time SQP. Until then the last plan goes on. So it does if the best
-    point found breaks constraints; the next solve starts from that point all the same, because a
-    second step mends what one step left. Between plans the newest is tracked at the control rate,
-    against disturbances that an observer measures.
+    Once per `period`, at the first tick at or after each multiple of it, a plan is made: from the
+    state in which the present plan will leave the measured one by the time that the new one is
+    ready, and from the solution of the last problem moved on in time, by real-time SQP. Until then
+    the last plan goes on. Between plans the newest is tracked at the control rate, against
+    disturbances that an observer measures; no rate is asked to pass its limit.
+
+    Whether a plan is flown is judged by the motion that the robot makes of it
+    (`uvms_ocp.control.plan_check`). Where none may be, other guesses are tried, and the last plan
+    goes on. A plan that comes late takes over with its own time stamps, unless the step to it is
+    too large to be tracked: then the next solve begins from it. After three plans in a row without
+    use, or where the worker has ended, `given_up` says why, and a mission that watches the
+    controller is aborted; it hears in `alarms` of plans that are late or overdue too.
 
     By default the solve runs within the call that begins a period, and its plan takes over when the
-    next one begins, or, where it took longer, the one after: simulations are reproducible. With
-    ``worker=Beside()`` it runs in a process of its own: no call waits for it, the plan takes over
-    as soon as solves of late would have been ready, or when it comes, and the robot stays where it
-    is until there is a first plan. If that process fails the last plan goes on, and its end is
-    held; see `worker_status`. Close the controller, or use it as a context manager, to end the
-    process.
+    next one begins, or, where solves take longer, as soon as it would have been ready: simulations
+    are reproducible. With ``worker=ProcessWorker()`` it runs in a process of its own: no call waits
+    for it, the plan takes over as soon as solves of late would have been ready, or when it comes,
+    and the robot stays where it is until there is a first plan. If that process fails the last plan
+    goes on, and its end is held; see `worker_status`. Close the controller, or use it as a context
+    manager, to end the process.
     """
 
     def __init__(
@@ -74,11 +121,11 @@ class Nmpc(TableDisplay):
         """problem: fixed durations; the measured state replaces its start, its Hessian is that of
         Gauss and Newton.
 
-        dt, period [s]: of control and planning. clock [s]: by which deadlines in line are judged.
-        worker: where solves run, by default `SynchronousWorker`. Raises `InvalidInput` unless 0 <
-        dt <= period, for a problem with free durations, a current per step or an end that is as its
-        start, and for one that cannot be sent to a worker process; `UvmsError` where that does not
-        start.
+        dt, period [s]: of control and planning; the period need be no multiple of dt. clock [s]: by
+        which deadlines in line are judged. worker: where solves run, by default
+        `SynchronousWorker`. Raises `InvalidInput` unless 0 < dt <= period, for a problem with free
+        durations, a current per step or an end that is as its start, and for one that cannot be
+        sent to a worker process; `UvmsError` where that does not start.
         """
         if not (np.isfinite([dt, period]).all() and 0 < dt <= period):
             raise InvalidInput(f"dt = {dt} s, period = {period} s; give 0 < dt <= period")
@@ -101,7 +148,7 @@ class Nmpc(TableDisplay):
         self._worker = solve_workers.start_worker(
             worker or solve_workers.SynchronousWorker(),
             solve_workers.ReplanningJob(
-                problem=self._problem, period=period, options=options, clock=clock
+                problem=self._problem, period=period, options=options, gains=gains, clock=clock
             ),
         )
         robot = problem.robot
@@ -111,7 +158,12 @@ class Nmpc(TableDisplay):
         )
         self._sound = LastValidEstimate(robot)
         self._law = ComputedTorque(
-            robot, dynamics, dt=dt, gains=gains, water=Water(velocity=problem.current)
+            robot,
+            dynamics,
+            dt=dt,
+            gains=gains,
+            water=Water(velocity=problem.current),
+            rate_limit=robot.limits.velocity if problem.limited else None,
         )
         self._now: solve_workers.TimedPlan | None = None
         self._coming: solve_workers.TimedPlan | None = None
@@ -119,10 +171,13 @@ class Nmpc(TableDisplay):
         """[s] when the coming plan does."""
         self._asked: float | None = None
         """[s] when the solve began that is not answered yet."""
+        self._due = np.inf
+        """[s] when its plan is to begin."""
+        self._planning = PlanningTimes(dt, period)
         self._next = -np.inf
-        """[s] when the next solve begins."""
+        """[s] when the next solve begins, or later: at the first tick then."""
         self._times: list[tuple[float, float]] = []
-        self._missed = self._rejected = 0
+        self._watch = PlanningWatch(period)
 
     def _table(self) -> SmallTable:
         horizon = float(self._problem.nominal_times()[-1])
@@ -133,9 +188,10 @@ class Nmpc(TableDisplay):
         values |= {
             "horizon [s]": horizon,
             "period of planning [s]": self.period,
-            "plans": self.worker_status.value,
+            "plans": self.given_up or self.worker_status.value,
         }
-        values |= {"solved": len(self._times), "missed": self._missed, "rejected": self._rejected}
+        watch = self._watch
+        values |= {"solved": len(self._times), "missed": watch.missed, "rejected": watch.rejected}
         return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @property
@@ -143,14 +199,24 @@ class Nmpc(TableDisplay):
         return NmpcStatistics(
             solve_times=tuple(wall for wall, _ in self._times),
             processor_times=tuple(processor for _, processor in self._times),
-            missed=self._missed,
-            rejected=self._rejected,
+            missed=self._watch.missed,
+            rejected=self._watch.rejected,
         )
 
     @property
     def worker_status(self) -> solve_workers.WorkerStatus:
         """Plans are still being made."""
         return self._worker.status
+
+    @property
+    def alarms(self) -> tuple[tuple[float, str], ...]:
+        """Time [s] and text of all that is to be known of its plans."""
+        return tuple(self._watch.alarms)
+
+    @property
+    def given_up(self) -> str:
+        """Why there is no plan to fly but the last one; empty while there is."""
+        return self._watch.given_up
 
     def close(self) -> None:
         """Make no more plans: the last one goes on, and its end is held."""
@@ -185,19 +251,41 @@ class Nmpc(TableDisplay):
             self._now = solve_workers.TimedPlan(
                 number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
             )
+            self._planning.begin(t)
             self._plan_ahead(state, t, t + self._worker.lead)
         self._collect(t)
         if self._coming is not None and t >= self._takes_over - _ROUNDING:
-            self._now = self._coming
+            self._take_over(self._coming, state, t)
             self._coming = None
+        if self._asked is not None:
+            self._watch.on_wait(t, self._due, self._worker.status)
         return self._now
+
+    def _take_over(self, plan: solve_workers.TimedPlan, state: State, t: float) -> None:
+        """Fly a plan from now on, unless it is late and the step to it too large to be tracked."""
+        model = self._robot.model
+        q, v, _ = plan.trajectory.state_at(model, t - plan.begin)
+        late = t - plan.begin > self._planning.dt + _ROUNDING
+        step = np.abs(self._law.correction(pin.difference(model, state.q, q), v - state.v))
+        axis = int(np.argmax(step / self._robot.limits.acceleration))
+        limit = self._robot.limits.acceleration[axis]
+        if late and step[axis] > _LATE_STEP * limit:
+            reason = (
+                f"it came {t - plan.begin:.3g} s late, too far from where the robot was by then"
+            )
+            self._watch.on_rejection(t, reason)
+            return
+        self._now = plan
+        self._watch.on_plan()
 
     def _plan_ahead(self, state: State, t: float, begin: float) -> None:
         """Ask for the next plan, at the beginning of a period; begin [s]: of the present one."""
-        if self._now is None or self._asked is not None or t < self._next - _ROUNDING:
+        waits = self._asked is not None or self._coming is not None
+        if self._now is None or waits or t < self._next - _ROUNDING:
             return
         self._asked = t
-        delay = self._worker.delay
+        delay = self._worker.delay(self._planning.tick_after(t) - t)
+        self._due = max(begin, t + delay)
         self._worker.ask(
             solve_workers.ReplanningRequest(
                 state=state, t=t, in_use=self._now.number, begin=begin, delay=delay
@@ -213,21 +301,20 @@ class Nmpc(TableDisplay):
         asked = self._asked
         self._asked = None
         if answer.first and answer.planned is not None:
+            # The robot stays until then, wherever it is to begin.
             self._next = self._takes_over = max(answer.planned.begin, t)
             self._coming = replace(answer.planned, begin=self._next)
+            self._planning.begin(self._next)
             return
+        # A solve in line is as late as if it had been made beside.
+        ready = max(t, asked + answer.solve_time)
         self._times.append((answer.solve_time, answer.processor_time))
-        self._missed += answer.solve_time > self.period
-        self._rejected += answer.planned is None
-        # A late plan keeps its time stamps, so that it is still of use; planning is slower
-        # meanwhile. That of a solve in line is as late as if it had been made beside.
-        late = (
-            0.0
-            if t > asked
-            else self.period * max(0.0, np.ceil(answer.solve_time / self.period) - 1)
-        )
+        self._watch.on_answer(ready, answer.solve_time)
+        if answer.planned is None:
+            self._watch.on_rejection(ready, answer.reason)
+            self._next = self._planning.next_at(asked, ready)
+            return
+        # One that is late keeps its time stamps, so that it is still of use.
         self._coming = answer.planned
-        self._takes_over = max(
-            (asked if answer.planned is None else answer.planned.begin) + late, t
-        )
-        self._next = max(asked + self.period + late, self._takes_over)
+        self._takes_over = max(answer.planned.begin, ready)
+        self._next = self._planning.next_at(asked, self._takes_over)

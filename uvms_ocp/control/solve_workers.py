@@ -5,8 +5,10 @@ from __future__ import annotations
 import gc
 import pickle
 import signal
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import Enum
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -18,20 +20,25 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.control.force.computed_torque import TrackingGains, undriven_axes
+from uvms_ocp.control.plan_check import CheckedPlan, PlanCheck
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, UvmsError, require_first_reading
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.signals import State, unchecked_state
-from uvms_ocp.solvers import NlpStatus, RealTimeSqp, SqpOptions, SqpResult
+from uvms_ocp.solvers import RealTimeSqp, SqpOptions
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN
+from uvms_ocp.solvers.nlp.real_time_sqp import TimeBudget
 from uvms_ocp.types import Positive
 
 # When a plan that is asked for now will be there, judged by the solves before.
 
 _FORGOTTEN = 0.95
 """what is left of the longest one after every shorter one: twenty solves count."""
+_RECENT = 5
+"""solves in line by which the next one is judged."""
 _SENT = 1e-3
 """[s] for question and answer on their way."""
 
@@ -55,6 +62,27 @@ class SolveDelay:
         self._longest = max(solve_time, _FORGOTTEN * self._longest)
 
 
+class LateSolves:
+    """The longest of the last few solves but one, as soon as there are enough of them: one that was
+    slow by chance does not count.
+    """
+
+    def __init__(self) -> None:
+        self._last = deque[float](maxlen=_RECENT)
+
+    @property
+    def seconds(self) -> float:
+        """Time from the request to the plan; 0 while there is none to judge by."""
+        longest = sorted(self._last, reverse=True)
+        if len(longest) == _RECENT:
+            return longest[1]
+        return longest[0] if longest else 0.0
+
+    def count(self, solve_time: float) -> None:
+        """One more solve took `solve_time` [s]."""
+        self._last.append(solve_time)
+
+
 # The solves of receding-horizon control, one after the other: the same in line and in a process
 # beside.
 
@@ -64,6 +92,16 @@ another.
 """
 _FIRST_SOLVES = 10
 """For the first plan, whose guess is to stay where the robot is."""
+_REMEMBERED = 30
+"""guesses that were rejected."""
+_SAME = 1e-6
+"""[unit of the variable] by which guesses differ that are the same."""
+_PLANNED_RATE = 0.97
+"""share of the limit of a rate that plans use: tracking needs the rest."""
+_PLANNED_UNDRIVEN_RATE = 0.8
+"""The same of an axis that nothing drives, such as pitch: no tracking brings it back."""
+_UNDRIVEN = 0.5
+"""share of an axis that lies along the undriven ones, from which on it counts as one of them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -101,7 +139,9 @@ class ReplanningResult:
     """Result of a solve."""
 
     planned: TimedPlan | None
-    """None where no plan keeps the constraints, so that the last one goes on."""
+    """None where no plan may be flown, so that the last one goes on."""
+    reason: str
+    """Why none may; else empty."""
     first: bool
     """The plan is the first, for which the robot stays where it is."""
     solve_time: float
@@ -110,9 +150,44 @@ class ReplanningResult:
     """[s] without what other processes took."""
 
 
+class GuessKind(Enum):
+    """What a solve begins from."""
+
+    NEWEST = 0
+    """The end of the last solve, moved on in time."""
+    IN_USE = 1
+    """The plan that is tracked, moved on in time."""
+    HOLD = 2
+    """Standing still."""
+
+    @property
+    def following(self) -> GuessKind:
+        """What is tried after it."""
+        return GuessKind((self.value + 1) % len(GuessKind))
+
+
+def planned_bounds(transcription: Transcription) -> tuple[np.ndarray, np.ndarray]:
+    """Return the bounds (n_x,) of the variables of a plan that is tracked: those of the problem,
+    with a share of the limits of all rates.
+    """
+    robot = transcription.problem.robot
+    undriven = np.linalg.norm(undriven_axes(robot), axis=1) > _UNDRIVEN
+    share = np.where(undriven, _PLANNED_UNDRIVEN_RATE, _PLANNED_RATE)
+    lower, upper = (bound.copy() for bound in transcription.bounds())
+    columns = transcription.variables.all_columns[1:, transcription.model.layout.v]
+    lower[columns] *= share
+    upper[columns] *= share
+    return lower, upper
+
+
 class Replanner:
     """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess:
     build one per run.
+
+    Whether a plan may be flown is judged by `PlanCheck`. From a guess whose plan may not be flown no
+    solve begins again: the next one begins from what the last solve has made of its guess, then from
+    the plan in use, then from standing still, and so on in turn, as many of them in one call as there
+    is time for.
     """
 
     def __init__(
@@ -120,10 +195,11 @@ class Replanner:
         problem: OcpProblem,
         *,
         options: SqpOptions | None,
+        gains: TrackingGains | None = None,
         time_limit: float,
         clock: Callable[[], float] = perf_counter,
     ) -> None:
-        """problem: with Gauss-Newton Hessian.
+        """problem: with Gauss-Newton Hessian. gains: of the law that tracks plans.
 
         time_limit [s]: after which no further step begins. clock [s]: by which solves are timed.
         """
@@ -131,15 +207,20 @@ class Replanner:
         self._time_limit = time_limit
         self._clock = clock
         self._transcription = Transcription(problem)
-        self._bounds = self._transcription.bounds()
+        self._bounds = planned_bounds(self._transcription)
         chosen = options or SqpOptions()
         self._sqp = RealTimeSqp(
             program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription),
             chosen,
         )
+        self._check = PlanCheck(self._transcription, accuracy=chosen.accuracy, gains=gains)
         self._plans: dict[int, TimedPlan] = {}
         self._newest: TimedPlan | None = None
         """Fit for use or not."""
+        self._guess = GuessKind.NEWEST
+        """With which the next solve begins."""
+        self._rejected: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
+        """What solves began with that led to no plan, since there was one."""
         self._solves = 0
 
     def __call__(self, request: ReplanningRequest) -> ReplanningResult:
@@ -149,60 +230,115 @@ class Replanner:
         wall = self._clock()
         processor = process_time()
         first = self._newest is None
-        planned = self._first(request) if first else self._replanned(request)
+        planned, reason = self._first(request) if first else self._replanned(request)
         spent = self._clock() - wall
         return ReplanningResult(
             planned=planned,
+            reason=reason,
             first=first,
             solve_time=spent,
             processor_time=process_time() - processor,
         )
 
-    def _first(self, request: ReplanningRequest) -> TimedPlan | None:
-        """Converge the first plan by a few solves, from the guess to stay."""
-        stay = last = hold_guess(self._problem, request.state)
-        self._plans[HOLD] = self._newest = best = TimedPlan(
-            number=HOLD, trajectory=stay, begin=request.t
-        )
+    def _first(self, request: ReplanningRequest) -> tuple[TimedPlan | None, str]:
+        """Converge the first plan by a few solves, from the guess to stay; where there is one after
+        the time until it is to begin, it is not improved any more.
+        """
+        stay = hold_guess(self._problem, request.state)
+        hold = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
+        self._plans[HOLD] = self._newest = hold
+        lead = request.begin - request.t
+        began = self._clock()
+        best = None
+        reason = ""
+        last = stay
         for _ in range(_FIRST_SOLVES):
-            result = self._solved(last, request.state, request.begin, np.inf)
-            last = self._transcription.unpack(result.x)
-            if result.status is NlpStatus.SOLVED:
-                best = self._numbered(last, request.begin)
+            last, checked = self._solved(last, request.state, request.begin, np.inf)
+            if checked.motion is None:
+                reason = checked.reason
+            else:
+                best = self._numbered(checked.motion, request.begin)
+                last = checked.motion
+            if best is not None and self._clock() - began > lead > 0.0:
+                break
+        if best is None:
+            self._newest = self._numbered(last, request.begin)
+            return None, reason
         self._plans[best.number] = self._newest = best
-        return best
+        return best, ""
 
-    def _replanned(self, request: ReplanningRequest) -> TimedPlan | None:
+    def _replanned(self, request: ReplanningRequest) -> tuple[TimedPlan | None, str]:
         self._plans = {
             number: plan for number, plan in self._plans.items() if number >= request.in_use
         }
         now = replace(self._plans[request.in_use], begin=request.begin)
+        if self._newest is not None and self._newest.number == now.number:
+            self._newest = now
         begin = request.t + request.delay
-        last = now if self._newest is None or self._newest.number == now.number else self._newest
         start = self._expected(now, request)
-        guess = shift_guess(self._problem, last.trajectory, begin - last.begin, start)
-        result = self._solved(guess, start, begin, self._time_limit)
-        found = self._numbered(self._transcription.unpack(result.x), begin)
-        # From a point of no use whatever, the present plan is the better guess.
-        self._newest = found if np.isfinite(result.violation) else now
-        if result.status is not NlpStatus.SOLVED:
-            return None
-        self._plans[found.number] = found
-        return found
+        budget = TimeBudget(self._time_limit, self._clock)
+        reason = ""
+        for _ in GuessKind:
+            guess = self._guess_of(self._guess, now, begin, start)
+            if self._was_rejected(guess, start, begin):
+                self._guess = self._guess.following
+                continue
+            left = max(self._time_limit - budget.elapsed, 0.0)
+            end, checked = self._solved(guess, start, begin, left)
+            budget.count()
+            self._newest = self._numbered(end if checked.motion is None else checked.motion, begin)
+            if checked.motion is not None:
+                self._guess = GuessKind.NEWEST
+                self._plans[self._newest.number] = self._newest
+                return self._newest, ""
+            reason = reason or checked.reason
+            self._guess = self._guess.following
+            if budget.over:
+                break
+        return None, reason or "every guess that there is was tried before"
+
+    def _was_rejected(self, guess: Trajectory, start: State, begin: float) -> bool:
+        """A solve from this guess, for the same goals, has led to no plan that may be flown."""
+        now = self._inputs(guess, start, begin)
+        return any(np.abs(now - tried).max() < _SAME for tried in self._rejected)
+
+    def _inputs(self, guess: Trajectory, start: State, begin: float) -> np.ndarray:
+        """All numbers that a solve begins with: variables, then parameters."""
+        p = self._transcription.parameters(t0=begin, start=start, near=guess.q)
+        return np.concatenate([self._transcription.pack(guess), p])
+
+    def _guess_of(self, kind: GuessKind, now: TimedPlan, begin: float, start: State) -> Trajectory:
+        """A guess for a plan that begins at `begin` [s] in a start."""
+        plan = now if self._newest is None or kind is GuessKind.IN_USE else self._newest
+        if kind is GuessKind.HOLD:
+            return hold_guess(self._problem, start)
+        return shift_guess(self._problem, plan.trajectory, begin - plan.begin, start)
 
     def _numbered(self, trajectory: Trajectory, begin: float) -> TimedPlan:
         self._solves += 1
         return TimedPlan(number=self._solves, trajectory=trajectory, begin=begin)
 
-    def _solved(self, guess: Trajectory, start: State, t0: float, time_limit: float) -> SqpResult:
-        return self._sqp.solve(
-            self._transcription.pack(guess),
-            p=self._transcription.parameters(t0=t0, start=start, near=guess.q),
+    def _solved(
+        self, guess: Trajectory, start: State, t0: float, time_limit: float
+    ) -> tuple[Trajectory, CheckedPlan]:
+        """Return the end of a solve, or the guess where it has none, and what may be flown."""
+        inputs = self._inputs(guess, start, t0)
+        x, p = np.split(inputs, [self._transcription.n_x])
+        result = self._sqp.solve(
+            x,
+            p=p,
             x_lower=self._bounds[0],
             x_upper=self._bounds[1],
             time_limit=time_limit,
             clock=self._clock,
         )
+        end = self._transcription.unpack(result.x)
+        checked = self._check.judged(end, start, t0, result.violation)
+        if checked.motion is None:
+            self._rejected.append(inputs)
+        else:
+            self._rejected.clear()
+        return end, checked
 
     def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
         """The state in which the plan will begin: the measured one, moved as planned."""
@@ -254,6 +390,8 @@ class ReplanningJob:
     period: float
     """[s] of planning."""
     options: SqpOptions | None
+    gains: TrackingGains | None
+    """Of the law that tracks plans."""
     clock: Callable[[], float]
     """[s] by which solves in line are timed; a process has a clock of its own."""
 
@@ -303,21 +441,31 @@ class RunningSynchronously:
 
     def __init__(self, job: ReplanningJob) -> None:
         self._replanner = Replanner(
-            job.problem, options=job.options, time_limit=job.period, clock=job.clock
+            job.problem,
+            options=job.options,
+            gains=job.gains,
+            time_limit=job.period,
+            clock=job.clock,
         )
         self._answer: ReplanningResult | None = None
         self.lead = 0.0
         """[s] from the request for the first plan to its beginning."""
-        self.delay = job.period
-        """[s] from any other request to the beginning of the plan, however long a solve takes: runs
-        are the same on every machine.
-        """
         self.status = WorkerStatus.WORKING
+        self._delay = LateSolves()
+
+    def delay(self, period: float) -> float:
+        """Time [s] from a request to the beginning of the plan: until the next request, in a period
+        [s], so that runs are the same on every machine, unless solves of late took longer.
+        """
+        return max(period, self._delay.seconds)
 
     def ask(self, request: ReplanningRequest) -> None:
         """Begin a solve; only where the last one was answered."""
-        if self.status is WorkerStatus.WORKING:
-            self._answer = self._replanner(request)
+        if self.status is not WorkerStatus.WORKING:
+            return
+        self._answer = self._replanner(request)
+        if not self._answer.first:
+            self._delay.count(self._answer.solve_time)
 
     def answer(self) -> ReplanningResult | None:
         """Return the result of the solve that was asked for, once; `None` while there is none.
@@ -371,9 +519,10 @@ class RunningProcess:
         self._end(WorkerStatus.CRASHED)
         raise UvmsError(f"the process of the solver: {error}")
 
-    @property
-    def delay(self) -> float:
-        """[s] from a request to the beginning of the plan, by the solves of late."""
+    def delay(self, period: float) -> float:
+        """Time [s] from a request to the beginning of the plan, by the solves of late; period [s]:
+        until the next request, which does not matter.
+        """
         return self._delay.seconds
 
     def ask(self, request: ReplanningRequest) -> None:
@@ -424,7 +573,7 @@ RunningWorker: TypeAlias = RunningSynchronously | RunningProcess
 
 def _sent(job: ReplanningJob) -> bytes:
     try:
-        return pickle.dumps((job.problem, job.period, job.options))
+        return pickle.dumps((job.problem, job.period, job.options, job.gains))
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InvalidInput(
             f"the problem cannot be sent to another process ({error}); define its goals and tasks"
@@ -437,8 +586,8 @@ def _serve(connection: Connection, words: bytes) -> None:
     # Whoever interrupts the controller leaves it to the controller to end this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        problem, period, options = pickle.loads(words)
-        replanner = Replanner(problem, options=options, time_limit=_PATIENCE * period)
+        problem, period, options, gains = pickle.loads(words)
+        replanner = Replanner(problem, options=options, gains=gains, time_limit=_PATIENCE * period)
     except Exception as error:
         connection.send(f"{type(error).__name__}: {error}")
         return

@@ -82,6 +82,13 @@ class Dynamics(FieldTable):
         n_v = self.symbolic.model.nv
         return self._evaluate("damping_matrix", q, v, water.velocity.T)[0].reshape(n_v, n_v)
 
+    def drag_slope(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
+        """Derivative (n_v, n_v) [N/(m/s), N m/(rad/s)] of drag and joint friction with respect to v
+        (n_v,) [m/s, rad/s], its symmetric part, at q (n_q,) [m, rad].
+        """
+        n_v = self.symbolic.model.nv
+        return self._evaluate("drag_slope", q, v, water.velocity.T)[0].reshape(n_v, n_v)
+
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 

@@ -1,0 +1,261 @@
+"""Judge whether a plan may be flown: by bounds and constraints of the motion that the robot would
+make, and not by how far the solve of it came.
+
+A plan that keeps the rows of its problem is a motion of the robot, and is flown as it is. Any other
+one asks for what the robot cannot do, such as a moment about an axis that no thruster turns. What
+the robot would make of it is simulated: the law that tracks plans follows it, with the forces that
+thrusters and motors have, on the model of the plan. That motion is judged in place of the plan, and
+is what is flown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.codegen.elementwise import interval_excess
+from uvms_ocp.control.force.computed_torque import (
+    Actuators,
+    RateLimiter,
+    TrackingGains,
+    attained_acceleration,
+    feedback_gains,
+    undriven_axes,
+)
+from uvms_ocp.ocp.problem import OcpProblem
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, hold_guess
+from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.hydrodynamics import Water
+from uvms_ocp.robot.signals import State
+
+# What the robot makes of a plan.
+
+_LONGEST_STEP = 0.1
+"""[s] of the simulation, in which drag is implicit."""
+
+
+class PlannedMotion:
+    """Simulates how the robot of a problem follows a plan of it, on the model of the plan.
+
+    Semi-implicit Euler steps; thrusters are taken to follow their commands at once, and the water
+    to move as the problem has it.
+    """
+
+    def __init__(self, problem: OcpProblem, gains: TrackingGains | None) -> None:
+        self._problem = problem
+        self._robot = problem.robot
+        self._dynamics = robot_dynamics(problem.robot)
+        chosen = gains or TrackingGains()
+        self._stiffness, self._damping = feedback_gains(problem.robot, chosen)
+        self._actuators = Actuators(problem.robot, lead=chosen.lead, dt=_LONGEST_STEP)
+        limit = problem.robot.limits.velocity
+        unlimited = np.full(problem.robot.n_v, np.inf)
+        self._rates = RateLimiter(
+            problem.robot, limit if problem.limited else unlimited, _LONGEST_STEP
+        )
+        self._undriven = undriven_axes(problem.robot)
+        self._as_thrust = has_thrusters(problem)
+
+    def of(self, plan: Trajectory, start: State) -> Trajectory:
+        """Return the motion from a start, which may differ from the first state of the plan."""
+        n_steps = len(plan.a)
+        q = np.empty_like(plan.q)
+        v = np.empty_like(plan.v)
+        thrust = np.empty_like(plan.thrust)
+        torque = np.empty_like(plan.torque)
+        q[0] = start.q
+        v[0] = start.v
+        for k in range(n_steps):
+            q[k + 1], v[k + 1], thrust[k], torque[k] = self._over_step(plan, k, q[k], v[k])
+        a = np.diff(v, axis=0) / np.diff(plan.t)[:, None]
+        return Trajectory(
+            t=plan.t, q=q, v=v, a=a, thrust=thrust, torque=torque, of_wrench=plan.of_wrench
+        )
+
+    def _over_step(
+        self, plan: Trajectory, k: int, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Follow step k from q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s]; return both at its end,
+        and the mean thrust and torque.
+        """
+        model = self._robot.model
+        n_parts = int(np.ceil((plan.t[k + 1] - plan.t[k]) / _LONGEST_STEP))
+        h = (plan.t[k + 1] - plan.t[k]) / n_parts
+        thrusts = []
+        torques = []
+        for part in range(n_parts):
+            wanted_q, wanted_v, a = plan.state_at(model, plan.t[k] + part * h)
+            error = pin.difference(model, q, wanted_q)
+            rate_error = self._rates.velocity(wanted_v) - v
+            asked = a + self._stiffness * error + self._damping * rate_error
+            wanted = self._rates.acceleration(asked, v)
+            acceleration, thrust, torque = self._accelerated(q, v, wanted, h, k)
+            q = pin.integrate(model, q, h * v + h * h / 2 * acceleration)
+            v = v + h * acceleration
+            thrusts.append(thrust)
+            torques.append(torque)
+        return q, v, np.mean(thrusts, axis=0), np.mean(torques, axis=0)
+
+    def _accelerated(
+        self, q: np.ndarray, v: np.ndarray, wanted: np.ndarray, h: float, step: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the acceleration (n_v,) [m/s2, rad/s2] where `wanted` is asked for at q (n_q,)
+        [m, rad] and v (n_v,) [m/s, rad/s], over h [s], and the thrust and torque that make it.
+        """
+        dynamics = self._dynamics
+        water = Water(velocity=self._problem.currents[step])
+        # drag at the end of h, so that steps overshoot none
+        inertia = dynamics.mass_matrix(q) + h * dynamics.drag_slope(q, v, water)
+        bias = dynamics.bias_force(q, v, water)
+        attained = attained_acceleration(self._undriven, inertia, bias, wanted)
+        realized = self._actuators.realize(inertia @ attained + bias)
+        acceleration = np.linalg.solve(inertia, realized.force - bias)
+        n = self._robot.n_vehicle
+        thrust = realized.allocation.thrust if self._as_thrust else realized.force[:n]
+        return acceleration, thrust, realized.torque
+
+
+# Whether a motion may be flown.
+
+_POSITION = 1e-3
+"""[rad or m] by which joints may pass the limits of their positions."""
+_RATE = 0.02
+"""share by which rates may pass their limits."""
+_FIRST = np.array([0])
+"""Number of the first node."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class CheckedPlan:
+    """A plan after it was judged."""
+
+    motion: Trajectory | None
+    """The motion to fly; None where the plan is of no use."""
+    reason: str
+    """Why it is of none; else empty."""
+
+
+class PlanCheck:
+    """Judges plans of one problem.
+
+    A motion may be flown that passes no joint limit by more than `_POSITION`, no limit of a rate by
+    more than the share `_RATE`, and no constraint by more than `accuracy`, at its nodes; or by no
+    more than the robot passes them where the motion starts, which no plan can undo.
+    """
+
+    def __init__(
+        self, transcription: Transcription, *, accuracy: float, gains: TrackingGains | None
+    ) -> None:
+        """accuracy [unit of the scaled row]: of constraints. gains: of the law that tracks."""
+        self._whole = transcription
+        self._problem = transcription.problem
+        self._accuracy = accuracy
+        self._motion = PlannedMotion(transcription.problem, gains)
+        self._constrained = [
+            (block, block.rows.own)
+            for block in transcription.blocks
+            if (block.rows.level == CONSTRAINT).any()
+        ]
+        # All functions are made before any clock runs.
+        hold = hold_guess(self._problem)
+        self.unsafe(self._motion.of(hold, self._problem.start), 0.0)
+
+    def judged(self, plan: Trajectory, start: State, t0: float, violation: float) -> CheckedPlan:
+        """Judge a plan that begins at t0 [s] in a start.
+
+        violation: of its rows, by a solver that has evaluated them at the plan; infinite for a
+        point that no step has led to.
+        """
+        if not np.isfinite(violation):
+            return CheckedPlan(motion=None, reason="no step of the solver came to an end")
+        if violation <= self._accuracy:
+            return CheckedPlan(motion=plan, reason="")
+        motion = self._motion.of(plan, start)
+        reason = self.unsafe(motion, t0)
+        return CheckedPlan(motion=None if reason else motion, reason=reason)
+
+    def unsafe(self, motion: Trajectory, t0: float) -> str:
+        """Describe what a motion that begins at t0 [s] breaks; empty where that is nothing."""
+        if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
+            return "the motion that it leads to grows beyond all numbers"
+        broken = self._broken_constraint(motion, t0)
+        if self._problem.limited:
+            broken = broken or self._passed_position(motion) or self._passed_rate(motion)
+        return broken
+
+    def _passed_position(self, motion: Trajectory) -> str:
+        robot = self._problem.robot
+        lower, upper = robot.configuration_bounds
+        excess = interval_excess(motion.q, lower, upper)[:, robot.joint_q]
+        allowed = np.maximum(_POSITION, excess[0])
+        over = excess - allowed
+        if not (over > 0).any():
+            return ""
+        node, joint = np.unravel_index(int(over.argmax()), over.shape)
+        return f"joint {joint} passes its limit by {excess[node, joint]:.2g} rad or m"
+
+    def _passed_rate(self, motion: Trajectory) -> str:
+        share = np.abs(motion.v) / self._problem.robot.limits.velocity
+        over = share - np.maximum(1.0 + _RATE, share[0])
+        if not (over > 0).any():
+            return ""
+        node, axis = np.unravel_index(int(over.argmax()), over.shape)
+        return f"the rate of axis {axis} is {share[node, axis]:.3g} times its limit"
+
+    def _broken_constraint(self, motion: Trajectory, t0: float) -> str:
+        for block, numbers in self._constrained:
+            kept = block.rows.level == CONSTRAINT
+            excess = self._excess(block, numbers, motion, t0, block.nodes)[:, kept]
+            at_start = self._excess(block, numbers, motion, t0, _FIRST)[:, kept]
+            over = excess - np.maximum(self._accuracy, np.nan_to_num(at_start))
+            # a row that is no number is broken
+            bad = ~(over <= 0)
+            if bad.any():
+                node, row = np.argwhere(bad)[np.argmax(excess[bad])]
+                name = np.array(block.rows.names)[kept][row]
+                return f"constraint {name!r} is broken by {excess[node, row]:.2g}"
+        return ""
+
+    def _excess(
+        self,
+        block: TermBlock,
+        numbers: TermNumbers,
+        motion: Trajectory,
+        t0: float,
+        at: np.ndarray,
+    ) -> np.ndarray:
+        """(n, n_rows) [unit of the scaled row] by which the rows of a block are broken at the nodes
+        numbered `at` (n,).
+        """
+        nodes = TermNodes(
+            times=(t0 + motion.t[at]).tolist(),
+            active=[True] * len(at),
+            q=motion.q[at],
+            tightened={},
+        )
+        parameters = numbers.parameters(nodes, 1.0 / motion.t[-1]).reshape(len(at), -1)
+        currents = self._problem.currents[np.minimum(at, len(motion.a) - 1)]
+        z = self._variables(motion)[at]
+        rows = [
+            np.array(block.rows.value(*arguments)).ravel()
+            for arguments in zip(z, parameters, currents, strict=True)
+        ]
+        return np.asarray(interval_excess(np.array(rows), numbers.lower, numbers.upper))
+
+    def _variables(self, motion: Trajectory) -> np.ndarray:
+        """Variables (n_nodes, n_z) of every node; of the last one the state alone."""
+        model = self._whole.model
+        layout = model.layout
+        z = np.zeros((len(motion.t), layout.n_z))
+        z[:, layout.q] = motion.q
+        z[:, layout.v] = motion.v
+        z[:-1, layout.h] = np.diff(motion.t)
+        z[:-1, layout.a] = motion.a
+        if model.has_force_variables:
+            z[:-1, layout.thrust] = motion.thrust / model.actuators.thrust_unit
+            z[:-1, layout.torque] = motion.torque / model.actuators.torque_unit
+        return z
