@@ -145,7 +145,9 @@ def _side_by_side(given: Array) -> memoryview:
 
 
 def _memory(size: tuple[int, int]) -> Array:
-    return np.zeros(size[0]) if size[1] == 1 else np.zeros(size, order="F")
+    if size[1] == 1:
+        return np.zeros(size[0])
+    return np.zeros(size, order="F")
 
 
 # Calls of CasADi functions on memory that stays where it is; results that nobody wants are not
@@ -246,18 +248,19 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
     """None where one of them is none; each function is looked for once, as looking for one that
     cannot be compiled takes long.
     """
-    library = calls_library() if has_compiler() else None
+    if has_compiler():
+        library = calls_library()
+    else:
+        library = None
     if library is None:
         return None
     symbols = {
         function: compiled_symbol(function)
         for function in dict.fromkeys(call.function for call in calls)
     }
-    return (
-        None
-        if None in symbols.values()
-        else _MachineCode(library, [symbols[call.function] for call in calls], calls)
-    )
+    if None in symbols.values():
+        return None
+    return _MachineCode(library, [symbols[call.function] for call in calls], calls)
 
 
 class _MachineCode:
@@ -297,11 +300,10 @@ def _pairs(calls: Sequence[_Call]) -> list[int]:
     """
     found = [0] * len(calls)
     for i, (one, other) in enumerate(pairwise(calls)):
-        twice = (
-            two_calls(one.function)
-            if one.function is other.function and not (i and found[i - 1])
-            else None
-        )
+        if one.function is other.function and not (i and found[i - 1]):
+            twice = two_calls(one.function)
+        else:
+            twice = None
         if twice and not any(
             np.may_share_memory(*pair) for pair in product(one.results, other.arguments)
         ):
@@ -320,4 +322,6 @@ def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
 def calls_library() -> ctypes.CDLL | None:
     """The code that makes `BoundCalls`, compiled at the first call."""
     path = compile_library(_SOURCE, name="calls one after the other")
-    return None if path is None else loaded_library(path)
+    if path is None:
+        return None
+    return loaded_library(path)

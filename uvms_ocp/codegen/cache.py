@@ -82,7 +82,10 @@ def _candidates() -> list[Path]:
     )  # without an entry of the user it stays "~", which is no place
     bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
     base = next((base for base in bases if os.path.isabs(base)), None)
-    user = os.getuid() if sys.platform != "win32" else "user"
+    if sys.platform != "win32":
+        user = os.getuid()
+    else:
+        user = "user"
     return [
         *([Path(base) / "uvms_ocp"] if base else []),
         Path(tempfile.gettempdir()) / f"uvms_ocp-{user}",

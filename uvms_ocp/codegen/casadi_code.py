@@ -76,15 +76,12 @@ _STRAIGHT = re.compile(
     r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
     r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
 )
-_STATEMENT, _VARIABLE = re.compile(r"  (?:(a\d+)=)?(.*\n)"), re.compile(r"\ba\d+\b")
-_IF_WANTED, _IF_GIVEN = (
-    re.compile(r"if \(res\[\d+\]!=0\) "),
-    re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0"),
-)
-_VECTOR, _ARITHMETIC = (
-    re.compile(r"\b(?:arg|res)\["),
-    re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n"),
-)
+_STATEMENT = re.compile(r"  (?:(a\d+)=)?(.*\n)")
+_VARIABLE = re.compile(r"\ba\d+\b")
+_IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
+_IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
+_VECTOR = re.compile(r"\b(?:arg|res)\[")
+_ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
 # Where nearly all is arithmetic one call takes as long as two at once, each in its half of a
 # register.
 # share of arithmetic from which it does; name in C of what makes both
@@ -121,7 +118,8 @@ def _parted(found: re.Match[str], number: int) -> str:
         for first in range(0, len(statements), _PART)
     )
     targets = [one.target for one in statements if one.target]
-    (n_given, most_given), (n_wanted, most_wanted) = _sizes("arg", body), _sizes("res", body)
+    (n_given, most_given) = _sizes("arg", body)
+    (n_wanted, most_wanted) = _sizes("res", body)
     sizes = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}"
     n = max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)

@@ -31,7 +31,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from functools import cache, lru_cache, partial
 from importlib.resources import files
@@ -389,7 +389,9 @@ def library_from(name: str, content: str, make: Callable[[], str], *modules: str
     `compiled_from`.
     """
     entry, kept = _looked_up(name, content, *modules)
-    return kept[0] if kept else _keep(entry, _NONE, partial(compile_library, make(), name=name))
+    if kept:
+        return kept[0]
+    return _keep(entry, _NONE, partial(compile_library, make(), name=name))
 
 
 def _looked_up(
@@ -464,7 +466,9 @@ def finish_compiling() -> None:
 
 def n_processors() -> int:
     """Count the processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    if sys.platform == "linux":
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @cache
@@ -506,7 +510,9 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
 
 def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> ca.Function | None:
     try:
-        return None if path is None else _external(name, path, numbers.tobytes())
+        if path is None:
+            return None
+        return _external(name, path, numbers.tobytes())
     except RuntimeError:  # the library is one, but not of this source
         _warn_once(f"{path} does not define {name}")
     except OSError as error:
@@ -666,7 +672,11 @@ def _build(
         )
     try:
         # Who works behind all others takes no turn, or they would wait for that.
-        turn = nullcontext() if _BEHIND.is_set() else turn_to_make(library, compile_timeout())
+        turn: AbstractContextManager[None]
+        if _BEHIND.is_set():
+            turn = nullcontext()
+        else:
+            turn = turn_to_make(library, compile_timeout())
         with turn, tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=library.parent) as folder:
             return _is_usable(library) or _build_in(Path(folder), compiler, sources, flags, library)
     except OSError as error:

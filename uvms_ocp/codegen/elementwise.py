@@ -29,11 +29,9 @@ def clipped(y: Array, lower: Array, upper: Array) -> Array:
     """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be
     NaN.
     """
-    return (
-        ca.fmin(ca.fmax(y, lower), upper)
-        if is_symbolic(y, lower, upper)
-        else np.minimum(np.maximum(y, lower), upper)
-    )
+    if is_symbolic(y, lower, upper):
+        return ca.fmin(ca.fmax(y, lower), upper)
+    return np.minimum(np.maximum(y, lower), upper)
 
 
 def where(condition: Array, if_true: Array, if_false: Array) -> Array:
@@ -48,30 +46,36 @@ def where(condition: Array, if_true: Array, if_false: Array) -> Array:
 
 def logical_and(a: Array, b: Array) -> Array:
     """True where both a (...) and b (...) are."""
-    return ca.logic_and(a, b) if is_symbolic(a, b) else a & b
+    if is_symbolic(a, b):
+        return ca.logic_and(a, b)
+    return a & b
 
 
 def logical_or(a: Array, b: Array) -> Array:
     """True where a (...) or b (...) is."""
-    return ca.logic_or(a, b) if is_symbolic(a, b) else a | b
+    if is_symbolic(a, b):
+        return ca.logic_or(a, b)
+    return a | b
 
 
 def all_entries(condition: Array) -> Array:
     """True if the condition (...) holds for all entries, also where there are none."""
-    return (
-        ca.sum1(ca.vec(condition)) >= condition.numel()
-        if is_symbolic(condition)
-        else condition.all()
-    )
+    if is_symbolic(condition):
+        return ca.sum1(ca.vec(condition)) >= condition.numel()
+    return condition.all()
 
 
 def row_sums(matrix: Array) -> Array:
     """Column (m,) of the sums of the rows of a matrix (m, n) [any]."""
-    return ca.sum2(matrix) if is_symbolic(matrix) else matrix.sum(axis=1)
+    if is_symbolic(matrix):
+        return ca.sum2(matrix)
+    return matrix.sum(axis=1)
 
 
 def _spread(value: Array, condition: Array) -> Array:
-    return value if is_symbolic(value) else value * ca.DM.ones(condition.shape)
+    if is_symbolic(value):
+        return value
+    return value * ca.DM.ones(condition.shape)
 
 
 # How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions

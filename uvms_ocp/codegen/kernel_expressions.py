@@ -89,7 +89,9 @@ def column_size(kind: CType) -> int:
     if kind.structure is None or kind.sizes:
         return 0
     alone = all(of_ctypes(item[1]).name == "double" for item in kind.structure._fields_)
-    return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double) if alone else 0
+    if alone:
+        return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double)
+    return 0
 
 
 # Expressions of kernels, from Python to C.
@@ -131,7 +133,9 @@ _TAKEN = frozenset(_WORDS.split())
 
 def c_name(name: str) -> str:
     """A name of Python in C, where some have another meaning."""
-    return f"{name}_" if name in _TAKEN else name
+    if name in _TAKEN:
+        return f"{name}_"
+    return name
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,13 +198,13 @@ def literal(value: Any) -> CExpression | None:
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
     if isinstance(value, float):
-        text = (
-            "NAN"
-            if math.isnan(value)
-            else f"{'-' if value < 0 else ''}INFINITY"
-            if math.isinf(value)
-            else repr(value)
-        )
+        if math.isnan(value):
+            text = "NAN"
+        else:
+            if math.isinf(value):
+                text = f"{'-' if value < 0 else ''}INFINITY"
+            else:
+                text = repr(value)
         return CExpression(f"({text})" if text.startswith("-") else text, DOUBLE)
     return None
 
@@ -213,7 +217,9 @@ def constant(node: ast.expr, scope: Scope) -> Any:
         return scope.names.get(node.id)
     if isinstance(node, ast.Attribute):
         owner = constant(node.value, scope)
-        return None if owner is None else getattr(owner, node.attr, None)
+        if owner is None:
+            return None
+        return getattr(owner, node.attr, None)
     return None
 
 
@@ -270,7 +276,10 @@ def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
         return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
-    cast = "(double)" if whole and isinstance(node.op, ast.Div) else ""
+    if whole and isinstance(node.op, ast.Div):
+        cast = "(double)"
+    else:
+        cast = ""
     return CExpression(
         f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})",
         INT if whole and not cast else DOUBLE,

@@ -117,9 +117,10 @@ def _with_functions(kind: Any) -> tuple[str, ...]:
     """
     if kind not in _FUNCTIONS:
         if issubclass(kind, (ctypes.Array, FunctionStructure)):
-            _FUNCTIONS[kind] = (
-                _with_functions(kind._type_) if issubclass(kind, ctypes.Array) else ("",)
-            )
+            if issubclass(kind, ctypes.Array):
+                _FUNCTIONS[kind] = _with_functions(kind._type_)
+            else:
+                _FUNCTIONS[kind] = ("",)
         else:
             _FUNCTIONS[kind] = tuple(
                 name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of)
@@ -142,19 +143,15 @@ def _numbers(vector: Any) -> np.ndarray:
     """On the memory of the vector, if it is one of ctypes."""
     if isinstance(vector, ctypes.Structure):
         return column_view(vector)
-    return (
-        np.ctypeslib.as_array(vector)
-        if isinstance(vector, ctypes.Array)
-        else np.array(vector, dtype=float)
-    )
+    if isinstance(vector, ctypes.Array):
+        return np.ctypeslib.as_array(vector)
+    return np.array(vector, dtype=float)
 
 
 def _given(vector: Any, size: tuple[int, int]) -> Any:
-    return (
-        np.zeros(size)
-        if vector is None
-        else _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
-    )
+    if vector is None:
+        return np.zeros(size)
+    return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
 
 
 # Questions of kernels to Python: for what has no other form.
@@ -315,7 +312,9 @@ def _item(hint: Any) -> Any:
     item = get_args(hint)[0]
     while get_origin(item) is not None:
         item = get_args(item)[0]
-    return float if item is Any else item
+    if item is Any:
+        return float
+    return item
 
 
 def assign(memory: Layout, **values: Any) -> None:

@@ -73,7 +73,10 @@ def _reads(value: ast.expr, target: ast.expr) -> bool:
     called = any(
         isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts
     )
-    others = [part.value for part in parts if isinstance(part, ast.Subscript)] if whole else []
+    if whole:
+        others = [part.value for part in parts if isinstance(part, ast.Subscript)]
+    else:
+        others = []
     aliases = any(not isinstance(part, ast.Attribute) or not name for part in others)
     return (
         called
@@ -99,7 +102,8 @@ def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[st
         return _to_variable(target, value, scope)
     if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
         return _copy(target, target.slice, value, scope)
-    place, found = c_code.number(target, scope), c_code.number(value, scope)
+    place = c_code.number(target, scope)
+    found = c_code.number(value, scope)
     return [f"{place.text} = {_fitting(target, place.type, found)};"]
 
 
@@ -117,7 +121,8 @@ def _copy(
         and ast.unparse(value.slice) == f":{ast.unparse(n)}"
     ):
         of = value.value
-    to, source = c_code.expression(target.value, scope), c_code.expression(of, scope)
+    to = c_code.expression(target.value, scope)
+    source = c_code.expression(of, scope)
     fits = to.type.name == source.type.name and len(to.type.sizes) == len(source.type.sizes) == 1
     equal = (
         n is not None or len({to.type.sizes, source.type.sizes} - {(0,)}) < 2
@@ -128,7 +133,11 @@ def _copy(
         target,
         "has to become the first numbers of another array, as many",
     )
-    end = c_code.length(target, target.value, scope) if n is None else c_code.number(n, scope).text
+    end: int | str
+    if n is None:
+        end = c_code.length(target, target.value, scope)
+    else:
+        end = c_code.number(n, scope).text
     k = f"at_{target.lineno}"
     last = f"end_{target.lineno}"
     return [
@@ -167,7 +176,10 @@ def _size(call: ast.Call, scope: c_code.Scope) -> int:
         and ast.unparse(of.func) == "len"
     ):
         return c_code.length(of, of.args[0], scope)
-    value = of.value if isinstance(of, ast.Constant) else c_code.constant(of, scope)
+    if isinstance(of, ast.Constant):
+        value = of.value
+    else:
+        value = c_code.constant(of, scope)
     if not isinstance(value, int) or value < 1:
         raise c_code.kernel_error(
             call, "needs a size that is known: a number > 0 or the len of an array in a layout"
@@ -193,7 +205,8 @@ def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> 
 def _augmented(node: ast.AugAssign, scope: c_code.Scope) -> list[str]:
     value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
     ast.copy_location(value, node)
-    place, found = c_code.number(_as_read(node.target), scope), c_code.number(value, scope)
+    place = c_code.number(_as_read(node.target), scope)
+    found = c_code.number(value, scope)
     return [f"{place.text} = {_fitting(node, place.type, found)};"]
 
 
@@ -247,11 +260,10 @@ def _while(node: ast.While, scope: c_code.Scope) -> list[str]:
 def _return(node: ast.Return, scope: c_code.Scope) -> list[str]:
     fits = (node.value is None) == (scope.result == c_code.NOTHING)
     c_code.require(fits, node, "does not return what the kernel is annotated with")
-    value = (
-        ""
-        if node.value is None
-        else f" {_fitting(node, scope.result, c_code.number(node.value, scope))}"
-    )
+    if node.value is None:
+        value = ""
+    else:
+        value = f" {_fitting(node, scope.result, c_code.number(node.value, scope))}"
     return [f"return{value};"]
 
 
@@ -261,11 +273,9 @@ def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
     if not isinstance(node.value, ast.Call):
         raise c_code.kernel_error(node, "does nothing")
     function = _called_function(node.value, scope)
-    return (
-        [f"{c_code.expression(node.value, scope).text};"]
-        if function is None
-        else _smooth_call(node.value, function, scope)
-    )
+    if function is None:
+        return [f"{c_code.expression(node.value, scope).text};"]
+    return _smooth_call(node.value, function, scope)
 
 
 def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression | None:
@@ -273,11 +283,9 @@ def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression 
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
-    return (
-        c_code.expression(call.func, scope)
-        if isinstance(owner, ast.Name) and owner.id in scope.local
-        else None
-    )
+    if isinstance(owner, ast.Name) and owner.id in scope.local:
+        return c_code.expression(call.func, scope)
+    return None
 
 
 def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope) -> list[str]:
@@ -425,7 +433,9 @@ _DEEPEST = 2  # dots in module.Enumeration.MEMBER
 
 def _named_value(value: Any) -> str:
     number = c_code.literal(value)
-    return number.text if number else getattr(value, "__qualname__", type(value).__qualname__)
+    if number:
+        return number.text
+    return getattr(value, "__qualname__", type(value).__qualname__)
 
 
 def structure_signature(kind: Any) -> Any:
@@ -434,11 +444,9 @@ def structure_signature(kind: Any) -> Any:
         return kind.__name__, *buffered.argument_sizes(kind.function)
     if issubclass(kind, ctypes.Structure):
         return kind.__name__, *((name, structure_signature(part)) for name, part in kind._fields_)
-    return (
-        (kind._length_, structure_signature(kind._type_))
-        if issubclass(kind, ctypes.Array)
-        else kind
-    )
+    if issubclass(kind, ctypes.Array):
+        return (kind._length_, structure_signature(kind._type_))
+    return kind
 
 
 class _Program:

@@ -65,25 +65,35 @@ def _text(value: Any) -> str:
     if isinstance(value, ctypes.Structure):
         fields = {name: _text(getattr(value, name)) for name, *_ in value._fields_}
         lines = [f".{c_name(name)} = {text}" for name, text in fields.items() if text]
-        return f"{{{', '.join(lines)}}}" if lines else ""
+        if lines:
+            return f"{{{', '.join(lines)}}}"
+        return ""
     if isinstance(value, ctypes.Array):
         items = [_text(item) for item in value]
         while items and not items[-1]:
             items.pop()
         empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
-        return f"{{{', '.join(item or empty for item in items)}}}" if items else ""
+        if items:
+            return f"{{{', '.join(item or empty for item in items)}}}"
+        return ""
     return number(value)
 
 
 def number(value: float) -> str:
     """Write a number in C, exact to the last bit; empty for 0."""
     if isinstance(value, int):
-        return str(value) if value else ""
+        if value:
+            return str(value)
+        return ""
     if value != value:
         return "NAN"
     if value in (float("inf"), float("-inf")):
-        return "INFINITY" if value > 0 else "-INFINITY"
-    return value.hex() if value or str(value) == "-0.0" else ""
+        if value > 0:
+            return "INFINITY"
+        return "-INFINITY"
+    if value or str(value) == "-0.0":
+        return value.hex()
+    return ""
 
 
 # Kernels as things to call: compiled once, in Python where that cannot be.
@@ -101,7 +111,9 @@ def bind_kernels(
     structures: those that they work on, as `structure_of` makes them. A vector is given as an array
     in a structure. Raises `InvalidInput` for a function that is no kernel.
     """
-    return _bound(tuple(kernels), tuple(structures)) if compiled else tuple(kernels)
+    if compiled:
+        return _bound(tuple(kernels), tuple(structures))
+    return tuple(kernels)
 
 
 def make_memory(

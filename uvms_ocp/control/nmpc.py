@@ -295,7 +295,10 @@ class Nmpc(TableDisplay):
 
     def _collect(self, t: float) -> None:
         """Take the answer to the last solve, if there is one."""
-        answer = self._worker.answer() if self._asked is not None else None
+        if self._asked is not None:
+            answer = self._worker.answer()
+        else:
+            answer = None
         if answer is None or self._asked is None:
             return
         asked = self._asked

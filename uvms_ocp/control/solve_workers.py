@@ -76,7 +76,9 @@ class LateSolves:
         longest = sorted(self._last, reverse=True)
         if len(longest) == _RECENT:
             return longest[1]
-        return longest[0] if longest else 0.0
+        if longest:
+            return longest[0]
+        return 0.0
 
     def count(self, solve_time: float) -> None:
         """One more solve took `solve_time` [s]."""
@@ -230,7 +232,10 @@ class Replanner:
         wall = self._clock()
         processor = process_time()
         first = self._newest is None
-        planned, reason = self._first(request) if first else self._replanned(request)
+        if first:
+            planned, reason = self._first(request)
+        else:
+            planned, reason = self._replanned(request)
         spent = self._clock() - wall
         return ReplanningResult(
             planned=planned,
@@ -309,7 +314,10 @@ class Replanner:
 
     def _guess_of(self, kind: GuessKind, now: TimedPlan, begin: float, start: State) -> Trajectory:
         """A guess for a plan that begins at `begin` [s] in a start."""
-        plan = now if self._newest is None or kind is GuessKind.IN_USE else self._newest
+        if self._newest is None or kind is GuessKind.IN_USE:
+            plan = now
+        else:
+            plan = self._newest
         if kind is GuessKind.HOLD:
             return hold_guess(self._problem, start)
         return shift_guess(self._problem, plan.trajectory, begin - plan.begin, start)
@@ -429,11 +437,9 @@ def start_worker(worker: SynchronousWorker | ProcessWorker, job: ReplanningJob) 
     Raises `InvalidInput` for a problem that cannot be sent to a process, and `UvmsError` where that
     does not get ready.
     """
-    return (
-        RunningProcess(job, worker)
-        if isinstance(worker, ProcessWorker)
-        else RunningSynchronously(job)
-    )
+    if isinstance(worker, ProcessWorker):
+        return RunningProcess(job, worker)
+    return RunningSynchronously(job)
 
 
 class RunningSynchronously:

@@ -301,9 +301,9 @@ def controller_memory(controller: KinematicController | DynamicController, core:
 
 def kernel_of(memory: Any) -> Callable[..., None]:
     """The tick of a `controller_memory`."""
-    return (
-        exported_tick.control_force if hasattr(memory, "force") else exported_tick.control_velocity
-    )
+    if hasattr(memory, "force"):
+        return exported_tick.control_force
+    return exported_tick.control_velocity
 
 
 def controller_library(
@@ -423,7 +423,9 @@ def _recorded(scenario: Scenario, sizes: dict[str, int]) -> RecordingController:
 
 
 def _n_thrusters(scenario: Scenario) -> int:
-    return len(scenario.robot.description.thrusters) if scenario.takes_forces else 0
+    if scenario.takes_forces:
+        return len(scenario.robot.description.thrusters)
+    return 0
 
 
 def _require_c_form(scenario: Scenario) -> None:

@@ -43,7 +43,9 @@ def _name_like(mission: str) -> str:
     if not name[0].isalpha():
         name = f"m_{name}"
     name = name[:_LONGEST]
-    return f"{name}_" if _KEYWORD.fullmatch(name) else name
+    if _KEYWORD.fullmatch(name):
+        return f"{name}_"
+    return name
 
 
 def structures_in(code: str) -> set[str]:

@@ -79,13 +79,16 @@ def write_measurement(inputs: Any, estimate: StateEstimate, t: float) -> None:
     """Write a measurement at time t [s] into `ControllerInputs`."""
     inputs.t = t
     inputs.altimeter_range = estimate.altimeter_range
-    inputs.age, inputs.joint_age = estimate.age, estimate.joint_age
+    inputs.age = estimate.age
+    inputs.joint_age = estimate.joint_age
     view(inputs.q)[:], view(inputs.v)[:] = estimate.q, estimate.v
     for place in range(len(CHANNELS)):
-        inputs.trust[place], inputs.since[place] = Trust.GOOD, 0.0
+        inputs.trust[place] = Trust.GOOD
+        inputs.since[place] = 0.0
     for item in estimate.health:
         place = _PLACE[item.channel]
-        inputs.trust[place], inputs.since[place] = item.trust, item.since
+        inputs.trust[place] = item.trust
+        inputs.since[place] = item.since
 
 
 def command_in(outputs: Any, arrays: Any, *, forces: bool) -> Command:

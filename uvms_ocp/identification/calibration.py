@@ -72,7 +72,9 @@ def mixed_thrusters(
         best = found[text]
         B = ways[text]
         changes.append(text)
-    return " and ".join(changes) if best > _WELL * axes else ""
+    if best > _WELL * axes:
+        return " and ".join(changes)
+    return ""
 
 
 def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray], float]:
@@ -195,7 +197,10 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
     """
     current = recording.channels.get("current")
     free = subject.vehicle.own.declaration.quantities["current"].free
-    size = 0.0 if current is None else float(np.linalg.norm(current.values.mean(axis=0)))
+    if current is None:
+        size = 0.0
+    else:
+        size = float(np.linalg.norm(current.values.mean(axis=0)))
     if size > _STRONG and not free.any():
         given = (
             f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still"
@@ -278,7 +283,10 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     best = estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
-            found = None if (chosen <= kept).all() else _held(fitted, kept | chosen)
+            if (chosen <= kept).all():
+                found = None
+            else:
+                found = _held(fitted, kept | chosen)
             allowed = uncertainty.INTERVAL**2 * inflation * int((kept | chosen).sum())
             if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
                 kept = kept | chosen
@@ -305,7 +313,9 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
         near, iterations=fitted.search.iterations, tolerance=1e-3
     )  # from near: a step leaves its square
     exact = replace(found, shared=np.where(which, shared.start, found.shared))
-    return exact if found.status is FitStatus.CONVERGED else None
+    if found.status is FitStatus.CONVERGED:
+        return exact
+    return None
 
 
 # What a fit takes for known: what numbers would be if it were otherwise. What is assumed widens
@@ -393,13 +403,10 @@ def held_constants(
 
     for name in dict.fromkeys(owners.tolist()):
         of_file = name in _FILED or (name == "lag" and settings.commands != "wrench")
-        known = (
-            "given"
-            if getattr(settings, name, None) is not None
-            else "robot's file"
-            if of_file
-            else "assumed"
-        )
+        if getattr(settings, name, None) is not None:
+            known = "given"
+        else:
+            known = "robot's file" if of_file else "assumed"
         own = moved[:, owners == name]
         assumed = assumed + own @ own.T * (known == "assumed" and name not in _SEEN)
         alike = [
@@ -609,9 +616,10 @@ def calibrate(
             progress("what constants would change")
             estimate, constants = held_constants(fitted, settings, inflation)
             fitted = replace(fitted, estimate=estimate)
-        left_out_bounds = (
-            fit_bounds(fitted, prepared, progress) if leave_one_out and bounds else None
-        )
+        if leave_one_out and bounds:
+            left_out_bounds = fit_bounds(fitted, prepared, progress)
+        else:
+            left_out_bounds = None
         predicted_bounds = None
         if prepared_others and bounds:
             predicted_bounds = fit_bounds(fitted, prepared_others, progress)
@@ -715,7 +723,8 @@ def _comparison(
     fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted
 ) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
-    after, before = fitted.predictor(), fitted.predictor(fitted.vehicle.shared.start)
+    after = fitted.predictor()
+    before = fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(
         name=one.recording.name,
         calibrated=after.of(whole),

@@ -194,7 +194,8 @@ def _rate_issues(
     aligned = _aligned(recording, name, reference)
     if aligned is None:
         return
-    (seen, late, steady, factor), partner = aligned, _PARTNER[name]
+    (seen, late, steady, factor) = aligned
+    partner = _PARTNER[name]
     jump = (
         "its clock and that of the {} differ at the end by another time than at the beginning: a"
         " jump?"
@@ -442,7 +443,10 @@ def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> 
     share = shares[:, moved].mean(axis=1)
     late = float(SHIFTS[int(np.argmax(share))])
     if share.max() > share[MAY].max() + _CLEARER:
-        when = f"{late:.2f} s after" if late > 0 else f"{-late:.2f} s before"
+        if late > 0:
+            when = f"{late:.2f} s after"
+        else:
+            when = f"{-late:.2f} s before"
         yield f"the vehicle accelerates {when} what it says: a clock of its own?"
     if signed:
         yield from _wrench_axes(held, motion, late)

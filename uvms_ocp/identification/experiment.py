@@ -98,7 +98,8 @@ class ExperimentLimits:
         """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they
         begin from 0.
         """
-        found, before = np.empty_like(commands), np.zeros(commands.shape[1])
+        found = np.empty_like(commands)
+        before = np.zeros(commands.shape[1])
         for k, wanted in enumerate(commands):
             before = found[k] = self.after(before, wanted, step)
         return found
@@ -117,11 +118,14 @@ class ExperimentLimits:
         margin: default: the limits' own.
         """
         left = 1.0 - (self.margin if margin is None else margin)
-        far, slope = np.zeros((len(x), 4)), np.zeros((len(x), 4, 7))
+        far = np.zeros((len(x), 4))
+        slope = np.zeros((len(x), 4, 7))
         far[:, :3], slope[:, :3] = self._far(x)
         # The root of qx^2 + qy^2 is the sine of half the tilt.
-        leaning, most = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9), np.sin(left * self.tilt / 2)
-        far[:, 3], slope[:, 3, 3:5] = leaning / most, x[:, 3:5] / leaning[:, None] / most
+        leaning = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9)
+        most = np.sin(left * self.tilt / 2)
+        far[:, 3] = leaning / most
+        slope[:, 3, 3:5] = x[:, 3:5] / leaning[:, None] / most
         over = far - [left, left, left, 1.0]
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
@@ -129,10 +133,8 @@ class ExperimentLimits:
         """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half
         widths]; slope (n, 3, 7).
         """
-        centre, (size, half) = (
-            self.hull.mean(axis=0),
-            (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool)),
-        )
+        centre = self.hull.mean(axis=0)
+        (size, half) = (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool))
         R = _turned(x[:, 3:7])
         with_q = np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
@@ -229,7 +231,8 @@ class TrajectorySimulator:
         """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late
         (n, n_u) [N/s, N m/s].
         """
-        x, stage = self.states(u), self._stage
+        x = self.states(u)
+        stage = self._stage
         A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
         B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
         S = chained(A, B, np.zeros((stage.n_x, stage.n_p)))
@@ -468,7 +471,8 @@ def _lines(n: int, inner: int, each: float) -> Any:
     place = each * np.arange(n)
     knot = np.minimum(place.astype(int), inner)
     share = place - knot
-    rows, columns = np.tile(np.arange(n), 2), np.concatenate([knot, knot + 1])
+    rows = np.tile(np.arange(n), 2)
+    columns = np.concatenate([knot, knot + 1])
     return csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))[
         :, 1:-1
     ]

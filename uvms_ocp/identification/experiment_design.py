@@ -86,11 +86,10 @@ class ExperimentTask:
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
-        known = (
-            np.zeros((len(priors),) * 2)
-            if self.prior_information is None
-            else self.prior_information
-        )
+        if self.prior_information is None:
+            known = np.zeros((len(priors),) * 2)
+        else:
+            known = self.prior_information
         return experiment.InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
             prior_information=known + np.diag(1.0 / priors**2),

@@ -53,10 +53,14 @@ def kind_of(path: Path) -> Kind:
     if _JSON.match(head):
         return _kind_of_json(path)
     if head.startswith(b"PK\x03\x04"):
-        return "npz" if b".npy" in head else _archive(path)
+        if b".npy" in head:
+            return "npz"
+        return _archive(path)
     if path.suffix == ".tlog" and len(head) > _STAMP and head[_STAMP] in _MAVLINK_STARTS:
         return "tlog"
-    return _packed_text(path) if head.startswith(b"\x1f\x8b") else "text"
+    if head.startswith(b"\x1f\x8b"):
+        return _packed_text(path)
+    return "text"
 
 
 def _kind_of_json(path: Path) -> Kind:
@@ -64,11 +68,9 @@ def _kind_of_json(path: Path) -> Kind:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         first = file.readline(LONGEST_LINE).strip()
         more = file.read(64).strip()
-    return (
-        "json"
-        if first.startswith("{") and first.endswith("}") and (more or "[" not in first)
-        else "arrays"
-    )
+    if first.startswith("{") and first.endswith("}") and (more or "[" not in first):
+        return "json"
+    return "arrays"
 
 
 def _archive(path: Path) -> Kind:
@@ -100,8 +102,6 @@ def _packed_text(path: Path) -> Kind:
 
 def holds_messages(path: Path) -> bool:
     """Recognise a file or a folder of messages; nothing that is not there."""
-    return (
-        (path / BAG_METADATA).is_file()
-        if path.is_dir()
-        else path.is_file() and kind_of(path) in MESSAGES
-    )
+    if path.is_dir():
+        return (path / BAG_METADATA).is_file()
+    return path.is_file() and kind_of(path) in MESSAGES

@@ -208,7 +208,9 @@ def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
         np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)]
     )  # motions may alternate
     some = [replace(one, recording=f"{one.recording} {k}") for k in drawn for one in minutes[k]]
-    return some if every > 1 else stretches
+    if every > 1:
+        return some
+    return stretches
 
 
 def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:

@@ -292,7 +292,10 @@ def _json_messages(
                 raise InvalidInput(
                     f"{path}: line {number} is no JSON ({error}); mend it, or leave it out"
                 ) from None
-            topic = str(message.get("type", "")) if isinstance(message, dict) else ""
+            if isinstance(message, dict):
+                topic = str(message.get("type", ""))
+            else:
+                topic = ""
             if topics is None or topic in topics:
                 yield topic, number, message
 
@@ -321,11 +324,10 @@ def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterat
             layout = getattr(
                 message, "fmt", None
             )  # of dataflash, whose first messages say it; of telemetry the protocol does
-            said.units = (
-                dict(zip(layout.columns, layout.units or (), strict=False))
-                if layout
-                else message.fieldunits_by_name
-            )
+            if layout:
+                said.units = dict(zip(layout.columns, layout.units or (), strict=False))
+            else:
+                said.units = message.fieldunits_by_name
             yield message.get_type(), round(1e9 * message._timestamp), said
 
 
@@ -399,7 +401,9 @@ def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
     is no number.
     """
     value = _value_at(message, steps)
-    return [_number(x, steps) for x in value] if _is_array(value) else [_number(value, steps)]
+    if _is_array(value):
+        return [_number(x, steps) for x in value]
+    return [_number(value, steps)]
 
 
 def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
@@ -409,7 +413,9 @@ def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
     Raises NameNotFound, and InvalidInput for what is neither.
     """
     value = _value_at(message, steps)
-    names = () if isinstance(value, (int, float)) else _names_in(value)
+    names: tuple[str, ...] = ()
+    if not isinstance(value, (int, float)):
+        names = _names_in(value)
     for whole, part in _STAMPS:
         if whole in names and part in names:
             return _number(_field(value, whole), steps) + 1e-9 * _number(_field(value, part), steps)
@@ -429,7 +435,9 @@ def _value_at(message: Any, steps: Sequence[str]) -> Any:
 
 def _field(value: Any, name: str) -> Any:
     require_known("field", name, _names_in(value))
-    return value[name] if isinstance(value, Mapping) else getattr(value, name)
+    if isinstance(value, Mapping):
+        return value[name]
+    return getattr(value, name)
 
 
 def _names_in(value: Any) -> tuple[str, ...]:
@@ -529,7 +537,10 @@ class _Rows:
 
     def __init__(self, wanted: TopicColumns) -> None:
         self.wanted = wanted
-        self.time = steps_of(wanted.time) if wanted.time else ()
+        if wanted.time:
+            self.time = steps_of(wanted.time)
+        else:
+            self.time = ()
         self.columns = tuple(map(steps_of, wanted.columns))
         self.numbers = array("d")
         self.width = 0
@@ -566,7 +577,9 @@ class _Rows:
         more columns than paths.
         """
         found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
-        return found if len(found) == self.width else (found[0], *("",) * (self.width - 1))
+        if len(found) == self.width:
+            return found
+        return (found[0], *("",) * (self.width - 1))
 
     def whole(self, path: Path) -> np.ndarray:
         if self.numbers:

@@ -127,12 +127,16 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     x = ca.SX.sym("x", N_Q + N_V + n_u)
     u = ca.SX.sym("u", n_u)
     joints = ca.SX.sym("joints", 3 * n_j)
-    p, h = ca.SX.sym("p", vehicle.n_p), ca.SX.sym("h")
+    p = ca.SX.sym("p", vehicle.n_p)
+    h = ca.SX.sym("h")
     values = vehicle.values(p)
     zones = (
         vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse")
     )
-    edge = _SHARP if sharp and not any(one.free.any() for one in zones) else _EDGE
+    if sharp and not any(one.free.any() for one in zones):
+        edge = _SHARP
+    else:
+        edge = _EDGE
     after = _after(vehicle, values, x, u, joints, h, edge)
     outputs = _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
@@ -220,7 +224,8 @@ def _acceleration(
     dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
     n_j = joints.numel() // 3
     n_links = len(dynamics.links)
-    all_q, all_v = ca.vertcat(q, joints[:n_j]), ca.vertcat(nu, joints[n_j : 2 * n_j])
+    all_q = ca.vertcat(q, joints[:n_j])
+    all_v = ca.vertcat(nu, joints[n_j : 2 * n_j])
     held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
     wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
@@ -233,7 +238,8 @@ def _acceleration(
 
 
 def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
-    linear, angular = x[N_Q : N_Q + 3], x[N_Q + 3 : N_Q + N_V]
+    linear = x[N_Q : N_Q + 3]
+    angular = x[N_Q + 3 : N_Q + N_V]
     vertical = quaternion_to_matrix(x[3:N_Q])[2, :].T
     at_point = linear + cross(angular, values["velocity_point"])
     return ca.vertcat(

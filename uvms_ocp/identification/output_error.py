@@ -439,7 +439,10 @@ class OutputErrorProblem:
 
     def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
         far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
-        pulled = 0.0 if self._pull is None else self._pull.cost(point.shared)
+        if self._pull is None:
+            pulled = 0.0
+        else:
+            pulled = self._pull.cost(point.shared)
         return float(sum(costs) + far @ far / 2 + pulled)
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
@@ -535,7 +538,8 @@ class OutputErrorProblem:
         weight = 1.0 / self._vehicle.own.sigma**2
         far = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
-        every, pulls = np.array([one.H for one in seen]), np.array([one.g for one in seen])
+        every = np.array([one.H for one in seen])
+        pulls = np.array([one.g for one in seen])
         every[:, size:, size:] += np.eye(N_START) / self._noise.start**2
         pulls[:, size:] += np.array(far) / self._noise.start
         gaps = self._gaps(k, point, seen)

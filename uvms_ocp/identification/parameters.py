@@ -119,7 +119,8 @@ class Quantity:
         coordinates do not reach.
         """
         x = coordinates.encode(value)
-        none, endless = np.zeros(len(x), dtype=bool), np.full(len(x), np.inf)
+        none = np.zeros(len(x), dtype=bool)
+        endless = np.full(len(x), np.inf)
         return Quantity(
             unit=unit,
             coordinates=coordinates,
@@ -262,7 +263,8 @@ class Unknowns:
             x = ca.SX(ca.DM(one.x))
             if n:
                 x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
-            found[name], first = one.coordinates.decode(x), first + n
+            found[name] = one.coordinates.decode(x)
+            first = first + n
         return found
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
@@ -285,7 +287,8 @@ class Unknowns:
             changed = getattr(one, column).copy()
             n = int(one.free.sum())
             changed[one.free] = values[first : first + n]
-            found[name], first = replace(one, **{column: changed}), first + n
+            found[name] = replace(one, **{column: changed})
+            first = first + n
         return Unknowns(Declaration(quantities=found), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:

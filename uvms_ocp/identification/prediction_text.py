@@ -128,7 +128,9 @@ def _recording_data(one: HeldOutRecording) -> dict[str, Any]:
 
 
 def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    if np.isfinite(value):
+        return float(value)
+    return None
 
 
 def _bound_lines(
@@ -187,7 +189,9 @@ def _share_row(shares: Sequence[FitShares]) -> str:
 
 
 def _fit_cell(column: np.ndarray) -> str:
-    return _beside(column) if np.isfinite(column).all() else "-"
+    if np.isfinite(column).all():
+        return _beside(column)
+    return "-"
 
 
 def _beside(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:

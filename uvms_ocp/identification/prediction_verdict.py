@@ -133,7 +133,10 @@ class FitShares:
     def __str__(self) -> str:
         """One sentence: how much is missed, and by what."""
         parts = ", ".join(f"{part:.0f} by {cause.value}" for cause, part in self.missed.items())
-        share = "" if np.isnan(self.share) else f", {self.share:.0f} % of what one vehicle could"
+        if np.isnan(self.share):
+            share = ""
+        else:
+            share = f", {self.share:.0f} % of what one vehicle could"
         return (
             f"{self.channel}: {self.predicted:.0f} % explained{share};"
             f" {100.0 - self.predicted:.0f} % missed ({parts}), mostly by {self.cause.value}."

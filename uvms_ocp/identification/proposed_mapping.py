@@ -49,11 +49,10 @@ def propose_mapping(path: Path) -> str:
     """
     known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
-    named = (
-        dict(_fields(path, forms))
-        if file_kinds.holds_messages(path)
-        else {"": list(tables.column_names(path))}
-    )
+    if file_kinds.holds_messages(path):
+        named = dict(_fields(path, forms))
+    else:
+        named = {"": list(tables.column_names(path))}
     found = _Found()
     labels = dict[str, tuple[str, str]]()
     if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
@@ -163,7 +162,10 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
 
 
 def _leaves(prefix: str, value: Any) -> Iterator[str]:
-    parts = value if isinstance(value, dict) else getattr(value, "__dict__", {})
+    if isinstance(value, dict):
+        parts = value
+    else:
+        parts = getattr(value, "__dict__", {})
     for name, part in parts.items():
         yield from _leaves(f"{prefix}.{name}".strip("."), part)
     if isinstance(value, int | float):
@@ -180,7 +182,9 @@ def _plain(name: str) -> str:
 def _unit_of(name: str) -> str:
     """Unit at the end of a name, such as of ``vel_x_mm_s``."""
     match = _SUFFIX.search(_plain(name.removeprefix("-")))
-    return unit_named(match["unit"].replace("_", "/")) if match else ""
+    if match:
+        return unit_named(match["unit"].replace("_", "/"))
+    return ""
 
 
 def _label(topic: str, name: str) -> str:
@@ -207,12 +211,14 @@ def _matched(
     ]
     best = max(fitting, key=len, default={})
     signs = form.get("signs", [""] * len(axes))
-    there = range(len(axes)) if "axes" in form else sorted(best)
-    return (
-        [signs[k] + best[k] if k in best else 0.0 for k in there]
-        if len(best) >= form.get("least", len(axes))
-        else []
-    )
+    there: Sequence[int]
+    if "axes" in form:
+        there = range(len(axes))
+    else:
+        there = sorted(best)
+    if len(best) >= form.get("least", len(axes)):
+        return [signs[k] + best[k] if k in best else 0.0 for k in there]
+    return []
 
 
 def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
@@ -231,11 +237,11 @@ def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
         if (match := re.fullmatch(_TABLE["time"], _plain(label)))
     ]
     found.sort(key=lambda one: "header" not in one[0])  # rather than when it was logged
-    return (
-        {"time": found[0][0]} | ({"time_unit": unit_named(found[0][1])} if found[0][1] else {})
-        if found
-        else {}
-    )
+    if found:
+        return {"time": found[0][0]} | (
+            {"time_unit": unit_named(found[0][1])} if found[0][1] else {}
+        )
+    return {}
 
 
 # Cures: what a doubt says, applied and judged by what is doubtful then.
@@ -245,7 +251,8 @@ def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
     """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and
     doubts that were cured.
     """
-    cured, (ranges, doubts) = defaultdict[str, list[str]](list), _judged(path, found)
+    cured = defaultdict[str, list[str]](list)
+    (ranges, doubts) = _judged(path, found)
     for _ in range(_ROUNDS):
         for doubt in tuple(doubts):
             least = _left(found, ranges, doubts, doubts)
@@ -319,21 +326,17 @@ def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
         axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]]
         for axis in axes
     }
-    return (
-        [turned[letter] for letter in letters]
-        if len(axes) == len(letters)
-        else [turned[axis[-1]] for axis in axes]
-    )
+    if len(axes) == len(letters):
+        return [turned[letter] for letter in letters]
+    return [turned[axis[-1]] for axis in axes]
 
 
 def _opposite(column: str | float) -> str | float:
-    return (
-        -column
-        if isinstance(column, float)
-        else column[1:]
-        if column.startswith("-")
-        else f"-{column}"
-    )
+    if isinstance(column, float):
+        return -column
+    if column.startswith("-"):
+        return column[1:]
+    return f"-{column}"
 
 
 def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
@@ -350,7 +353,11 @@ def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, 
             found, key=lambda name: text.find(name) if name in text else len(text)
         )  # the first that is named
         others = {name: one for name, one in found.items() if name != wrong}
-        ranges, doubts = _judged(path, others) if others else ({}, [])
+        if others:
+            ranges, doubts = _judged(path, others)
+        else:
+            ranges = {}
+            doubts = []
         return ranges, [(wrong, text), *doubts]
     issues = data_quality.check_data_quality(recording)
     ranges = {

@@ -164,11 +164,9 @@ def read_mapping(path: Path | str) -> RecordingMapping:
     found = untrusted.read_yaml_as(path, RecordingMapping)
     for key, one in found.channels.items():
         _require_meaning(key, one)
-    return (
-        found.model_copy(update={"messages": str(path.parent / found.messages)})
-        if found.messages
-        else found
-    )
+    if found.messages:
+        return found.model_copy(update={"messages": str(path.parent / found.messages)})
+    return found
 
 
 def _require_meaning(key: str, one: ChannelMapping) -> None:
@@ -193,7 +191,10 @@ def _require_meaning(key: str, one: ChannelMapping) -> None:
             raise InvalidInput(
                 f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column"
             )
-    wanted = 3 if one.format == "rpy" else len(recordings.CHANNEL_KINDS[key].columns)
+    if one.format == "rpy":
+        wanted = 3
+    else:
+        wanted = len(recordings.CHANNEL_KINDS[key].columns)
     arrays = (
         any("." in column or "[" in column for column in one.fields) or one.topic
     )  # which may have all of them
@@ -216,11 +217,10 @@ def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
 
 def units_of(key: str, form: str | None) -> dict[str, float]:
     """Units that a channel may be given in, an attitude in a form, and their factors."""
-    bases = (
-        _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
-        if key != "attitude" or form == "rpy"
-        else ()
-    )
+    if key != "attitude" or form == "rpy":
+        bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
+    else:
+        bases = ()
     return {unit: factor for base in bases for unit, factor in UNITS[base].items()}
 
 
@@ -280,7 +280,10 @@ def _mapped_rows(
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     known_topics = cache(topics_of)  # which may read all of a file
     for key, one in mapping.channels.items():
-        path = source / one.file.replace("{name}", name) if one.file else source
+        if one.file:
+            path = source / one.file.replace("{name}", name)
+        else:
+            path = source
         if file_kinds.holds_messages(path):
             if not one.topic and "" not in known_topics(path):  # as messages that name no type are
                 raise InvalidInput(
@@ -327,7 +330,10 @@ def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableC
     if unit not in recordings.SECONDS:
         largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
         unit = next((name for name, least in _UNIX_TIME.items() if largest >= least), "s")
-        layout = layout if unit == "s" else ", ".join(filter(None, (layout, f"times in {unit}")))
+        if unit == "s":
+            layout = layout
+        else:
+            layout = ", ".join(filter(None, (layout, f"times in {unit}")))
     return replace(
         rows,
         values=np.column_stack([recordings.SECONDS[unit] * times, rows.values[:, 1:]]),
@@ -345,11 +351,13 @@ def _table_rows(
             " and no topic"
         )
     # a period stands for as many times as there are rows of another column
-    times = (
-        one.time
-        if isinstance(one.time, tuple)
-        else (one.time if isinstance(one.time, str) else named[0],)
-    )
+    times: tuple[str, ...]
+    if isinstance(one.time, tuple):
+        times = one.time
+    elif isinstance(one.time, str):
+        times = (one.time,)
+    else:
+        times = (named[0],)
     table = tables.read_table(path, [*times, *named], given, (*(None for _ in times), *one.words))
     if isinstance(one.time, tuple):
         both = table.values[:, :2] @ [1.0, 1e-9]
@@ -368,10 +376,8 @@ def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables
     Where most rows have no cell at all, a file has those of other channels between them.
     """
     n = len(one.rows)
-    values, which = (
-        table.values[:, : table.values.shape[1] - n],
-        table.values[:, table.values.shape[1] - n :],
-    )
+    values = table.values[:, : table.values.shape[1] - n]
+    which = table.values[:, table.values.shape[1] - n :]
     if n:
         values = values[
             (which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(
@@ -426,7 +432,9 @@ def _factors(
     units = [recordings.unit_named(unit) or unit.strip() for unit in said]
     other = sorted({unit for unit in units if unit and unit not in known})
     turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
-    notes = (f"{key}: in {', '.join(turned)}, as the file says",) if turned else ()
+    notes: tuple[str, ...] = ()
+    if turned:
+        notes = (f"{key}: in {', '.join(turned)}, as the file says",)
     plain = " or ".join(unit for unit, factor in known.items() if factor == 1.0)
     doubtful = (
         f"in {', '.join(other)} as the file says, and taken for {plain}: give its unit, or a scale"
@@ -587,7 +595,9 @@ def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(
         one.frame or recordings.CHANNEL_KINDS[key].frame, False
     )
-    return values * np.tile(np.diag(_DOWN), values.shape[1] // 3) if turned else values
+    if turned:
+        return values * np.tile(np.diag(_DOWN), values.shape[1] // 3)
+    return values
 
 
 def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
@@ -613,11 +623,10 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
             f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit"
         )
     w_first = one.format == "quaternion wxyz"
-    R = (
-        Rotation.from_euler("xyz", values)
-        if width == 3
-        else Rotation.from_quat(values, scalar_first=w_first)
-    )
+    if width == 3:
+        R = Rotation.from_euler("xyz", values)
+    else:
+        R = Rotation.from_quat(values, scalar_first=w_first)
     world, body = (
         Rotation.from_matrix(_DOWN if z_down else np.eye(3))
         for z_down in (one.world == "NED", one.body == "FRD")
@@ -687,23 +696,25 @@ def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
     for less added mass.
     """
     for name in [name for name in _MEASURED if name in record.series]:
-        channel, (values, t) = name.removeprefix("measured_"), np.split(record[name], [-1], axis=1)
+        channel = name.removeprefix("measured_")
+        (values, t) = np.split(record[name], [-1], axis=1)
         taken = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
         known = (
             taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]
         )  # clocks that fail give times again
         if known.sum() > 1:
-            right = (
-                recordings.continuous_quaternions(values[known])
-                if channel == "attitude"
-                else values[known]
-            )
+            if channel == "attitude":
+                right = recordings.continuous_quaternions(values[known])
+            else:
+                right = values[known]
             yield channel, recordings.Channel(t=t[known, 0], values=right)
 
 
 def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordings.Channel:
     """Name its columns where there is one for each: not for joints that turn without end."""
-    return replace(channel, columns=names) if len(names) == channel.values.shape[1] else channel
+    if len(names) == channel.values.shape[1]:
+        return replace(channel, columns=names)
+    return channel
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
@@ -748,11 +759,9 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
 
 def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
     known = np.isfinite(values).all(axis=1)
-    return (
-        recordings.Channel(t=t, values=values)
-        if known.all()
-        else recordings.Channel(t=t[known], values=values[known])
-    )
+    if known.all():
+        return recordings.Channel(t=t, values=values)
+    return recordings.Channel(t=t[known], values=values[known])
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
@@ -814,11 +823,9 @@ def _own(path: Path) -> recordings.Recording:
         return _of_record(path)
     if file_kinds.holds_messages(path):
         raise _needs_mapping(path)
-    return (
-        tables.stored_recording(path)
-        if kind != "parquet" or tables.is_stored(tables.column_names(path))
-        else _of_record(path)
-    )
+    if kind != "parquet" or tables.is_stored(tables.column_names(path)):
+        return tables.stored_recording(path)
+    return _of_record(path)
 
 
 def _of_record(path: Path) -> recordings.Recording:

@@ -133,7 +133,9 @@ class Channel:
     @property
     def undelayed_t(self) -> np.ndarray:
         """(n,) [s] without the delay."""
-        return self.t - self.delay if self.delay else self.t
+        if self.delay:
+            return self.t - self.delay
+        return self.t
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -345,7 +347,8 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
     # (n, 2) [s] from the last sample before each to the first after it.
     t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
     last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
-    silences, (begin, end) = np.column_stack([t[last], t[last + 1]]), one.span
+    silences = np.column_stack([t[last], t[last + 1]])
+    (begin, end) = one.span
     if (
         not len(silences) or begin >= end
     ):  # channels without a time in common are no matter of silences
@@ -384,14 +387,17 @@ def _between(one: Recording, begin: float, end: float) -> Recording | None:
     """Cut a recording from one time [s] to another; `None` if that is too short."""
     cut = {name: _cut(channel, begin, end) for name, channel in one.channels.items()}
     channels = {name: channel for name, channel in cut.items() if channel is not None}
-    part = replace(one, channels=channels) if len(channels) == len(cut) else None
-    return None if part is None or part.span[1] - part.span[0] < SHORTEST else part
+    if len(channels) == len(cut):
+        part = replace(one, channels=channels)
+    else:
+        part = None
+    if part is None or part.span[1] - part.span[0] < SHORTEST:
+        return None
+    return part
 
 
 def _cut(channel: Channel, begin: float, end: float) -> Channel | None:
     inside = (channel.undelayed_t >= begin) & (channel.undelayed_t <= end)
-    return (
-        replace(channel, t=channel.t[inside], values=channel.values[inside])
-        if inside.sum() > 1
-        else None
-    )
+    if inside.sum() > 1:
+        return replace(channel, t=channel.t[inside], values=channel.values[inside])
+    return None

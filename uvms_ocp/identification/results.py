@@ -87,12 +87,17 @@ def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
     name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(
         quantities
     )
-    return _PROSE["advice"][name] if name else None
+    if name:
+        return _PROSE["advice"][name]
+    return None
 
 
 def _motion(text: str, entry: str) -> str:
     axes = entry.replace(" from ", "-").split("-")
-    driven = axes[0] if len(axes) == 1 else f"{' and '.join(axes)} together"
+    if len(axes) == 1:
+        driven = axes[0]
+    else:
+        driven = f"{' and '.join(axes)} together"
     return text.format(entry=entry, axes=driven, tilt=_PROSE["tilts"].get(entry, "every way"))
 
 
@@ -168,9 +173,10 @@ def _of_file(one: Calibration) -> dict[str, np.ndarray]:
     now = {name: np.asarray(ca.DM(value)) for name, value in found.items() if name in IN_FILE}
     start = one.subject.start
     volume = float(now["volume"].item()) + before.volume - start.volume
-    centre = (
-        np.zeros(3) if before.centre_of_buoyancy is None else np.array(before.centre_of_buoyancy)
-    )
+    if before.centre_of_buoyancy is None:
+        centre = np.zeros(3)
+    else:
+        centre = np.array(before.centre_of_buoyancy)
     floats = start.volume * (start.centre_of_buoyancy + origin) - before.volume * centre
     first = float(now["volume"].item()) * (now["centre_of_buoyancy"].ravel() + origin) - floats
     return {**now, "volume": np.array(volume), "centre_of_buoyancy": first / volume}
@@ -180,11 +186,9 @@ def _source(name: str, one: Calibration) -> str:
     parts = [
         f"{each.entry or name} {_word(each, one)}" for each in one.numbers if each.quantity == name
     ]
-    return (
-        "; ".join(parts) + "; the others as before"
-        if parts
-        else "follows from the others: floats are apart"
-    )
+    if parts:
+        return "; ".join(parts) + "; the others as before"
+    return "follows from the others: floats are apart"
 
 
 def _word(number: IdentifiedNumber, one: Calibration) -> str:
@@ -309,7 +313,9 @@ def _beside(one: HorizonPrediction) -> Iterator[str]:
 
 
 def _cell(value: float, worse: bool) -> str:
-    return f"**{value:.2g}**" if worse else f"{value:.2g}"
+    if worse:
+        return f"**{value:.2g}**"
+    return f"{value:.2g}"
 
 
 # A calibration in words: numbers, how sure they are, what is not determined, and how well
@@ -432,7 +438,9 @@ def _own(one: Calibration) -> Iterator[str]:
 def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
     if each.quantity not in IN_FILE or not one.exported.usable:
         return "no"
-    return "as before" if each.name in one.exported.kept else "yes"
+    if each.name in one.exported.kept:
+        return "as before"
+    return "yes"
 
 
 def _profiles(one: Calibration) -> Iterator[str]:
@@ -450,11 +458,9 @@ def _profiles(one: Calibration) -> Iterator[str]:
 
 def _ends(interval: tuple[float, float]) -> str:
     wide = interval[1] > _DECADES * abs(interval[0]) and interval[0] >= 0.0
-    return (
-        f"{interval[0]:.4g} to {interval[1]:.4g}"
-        if np.isfinite(interval).all() and not wide
-        else "open"
-    )
+    if np.isfinite(interval).all() and not wide:
+        return f"{interval[0]:.4g} to {interval[1]:.4g}"
+    return "open"
 
 
 def _open(one: Calibration) -> Iterator[str]:
@@ -475,18 +481,19 @@ def _held(one: Calibration) -> Iterator[str]:
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
             values = np.round(each.value.ravel(), 5)
-            shown = (
-                f"{values.min():.4g}"
-                if np.ptp(values) == 0.0
-                else f"{values.min():.4g} to {values.max():.4g}"
-            )
+            if np.ptp(values) == 0.0:
+                shown = f"{values.min():.4g}"
+            else:
+                shown = f"{values.min():.4g} to {values.max():.4g}"
             of = effects.get(name)
-            other = "robot's file" if name in _OF_FILE or not one.constants else "assumed"
-            effect = (
-                f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}"
-                if of
-                else f"{other} | - | -"
-            )
+            if name in _OF_FILE or not one.constants:
+                other = "robot's file"
+            else:
+                other = "assumed"
+            if of:
+                effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}"
+            else:
+                effect = f"{other} | - | -"
             yield f"| {name} | {shown} | {each.unit} | {effect} |"
     box = one.subject.vehicle.shared.declaration.quantities["centre_of_buoyancy"].coordinates
     if isinstance(box, coordinates.Interval):
@@ -505,7 +512,10 @@ def _white(one: Calibration) -> Iterator[str]:
     yield _PROSE["white"].format(level=LEVEL)
     for each in one.whiteness:
         word = "yes" if each.white else "no"
-        p = f"{each.p:.2g}" if each.p > LEAST_P else f"below {LEAST_P:g}"
+        if each.p > LEAST_P:
+            p = f"{each.p:.2g}"
+        else:
+            p = f"below {LEAST_P:g}"
         yield f"| {each.channel} | {each.size:.2g} | {each.inflation:.3g} | {p} | {word} |"
 
 

@@ -91,7 +91,8 @@ class PreparedRecording:
         Raises InvalidInput for a channel that is missing or of other joints or actuators, and for
         channels that have no time in common.
         """
-        attitude, channels = recording.channel("attitude"), recording.channels
+        attitude = recording.channel("attitude")
+        channels = recording.channels
         begin, end = recording.span
         if not begin < end:
             given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
@@ -124,7 +125,10 @@ class PreparedRecording:
         """
         begin, end = self.recording.span
         total = int((end - begin) / step)
-        n = max(1, round(total * step / duration)) if duration else 1
+        if duration:
+            n = max(1, round(total * step / duration))
+        else:
+            n = 1
         if total < n:
             given = (
                 f"{self.recording.name}: {end - begin:.4g} s in stretches of"
@@ -151,10 +155,8 @@ class PreparedRecording:
         return self._parts(whole, np.arange(0, n - before - after + 1, after), before + after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
-        attitude, velocity = (
-            self.recording.channel("attitude"),
-            self.recording.channel("linear_velocity"),
-        )
+        attitude = self.recording.channel("attitude")
+        velocity = self.recording.channel("linear_velocity")
         return Segment(
             recording=self.recording.name,
             edges=edges,
@@ -333,7 +335,9 @@ class Rollout:
                 " vehicle"
             )
         run = _StretchRun(self, stretches, starts, p, n.pop())
-        return run.rows() if weights is None else run.with_slopes(weights)
+        if weights is None:
+            return run.rows()
+        return run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
         """A function n times after itself, m of these beside each other, on all processors; or,
@@ -406,7 +410,8 @@ class _StretchRun:
     def with_slopes(self, weights: Weights) -> list[PredictedOutputs]:
         m, n, _ = self._x.shape
         y, *slopes = self._outputs(np.arange(m * n))
-        y, (y_x, y_p) = y.T.reshape(m, n, N_SEEN), (_blocks(one, -1, m, n) for one in slopes)
+        y = y.T.reshape(m, n, N_SEEN)
+        (y_x, y_p) = (_blocks(one, -1, m, n) for one in slopes)
         S = self._sensitivities()
         found = []
         for k in range(len(self._stretches)):
@@ -436,7 +441,8 @@ class _StretchRun:
         g = np.zeros(n_p)
         late = np.concatenate([-self._delays[k][1][1], np.zeros(N_START)])
         for sensor, (w, wr) in enumerate(weights):
-            (index, share), s = self._place(k, sensor), slopes[:, 3 * sensor : 3 * sensor + 3]
+            (index, share) = self._place(k, sensor)
+            s = slopes[:, 3 * sensor : 3 * sensor + 3]
             # A delay shifts all samples along the rate of their step, but those before the first,
             # where there is only its start.
             steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
@@ -521,7 +527,10 @@ class _StretchRun:
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
         one = self._stretches[k]
-        late = float(self._delays[k][0][1, 0]) if sensor == 0 else 0.0
+        if sensor == 0:
+            late = float(self._delays[k][0][1, 0])
+        else:
+            late = 0.0
         place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
         index = np.clip(place.astype(int), 0, self._n - 1)
         return index, place - index
@@ -534,7 +543,8 @@ def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
     A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
     """
     S = np.empty((len(A) + 1, *first.shape))
-    S[0], n_p = first, B.shape[-1]
+    S[0] = first
+    n_p = B.shape[-1]
     for k, (a, b) in enumerate(zip(A, B, strict=True)):
         S[k + 1] = a @ S[k]
         S[k + 1, ..., :n_p] += b

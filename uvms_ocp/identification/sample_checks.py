@@ -110,11 +110,9 @@ def _of_unit(factor: float, one: float, of_rate: str, of_pose: str) -> Iterator[
 
 def describe_delay(late: float) -> str:
     """An offset late [s] in words; empty where it is none."""
-    return (
-        f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}"
-        if abs(late) > _LATE
-        else ""
-    )
+    if abs(late) > _LATE:
+        return f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}"
+    return ""
 
 
 def offset(
@@ -126,7 +124,8 @@ def offset(
     Of wanted (m, k) [any] at t (m,) [s] and seen (n, k) [any] at t_seen (n,) [s], from magnitudes,
     which have no axes.
     """
-    size, magnitude = np.linalg.norm(wanted, axis=1), np.linalg.norm(seen, axis=1)
+    size = np.linalg.norm(wanted, axis=1)
+    magnitude = np.linalg.norm(seen, axis=1)
     inside = np.flatnonzero((t > t_seen[0] + _LATEST) & (t < t_seen[-1] - _LATEST))
     if len(inside) < 2 * _LEAST_SAMPLES:
         return 0.0, True
@@ -320,7 +319,8 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
     zero = size == 0.0
     if name not in MOVES or not zero.any() or zero.all():
         return
-    moved, at = channel.t[~zero], channel.t[zero]
+    moved = channel.t[~zero]
+    at = channel.t[zero]
     at = at[(at > moved[0]) & (at < moved[-1])]  # before and after it may have been at rest
     lost = int((np.interp(at, moved, size[~zero]) > MOVES[name]).sum())
     if lost:
@@ -343,11 +343,9 @@ def _pairs(channel: Channel) -> float:
         return 0.0
     apart = np.abs(values[close + 1] - values[close]).max(axis=1)
     moved = np.abs(values[close] - values[close - 1]).max(axis=1)
-    return (
-        float((apart > 0.0).mean() * len(close) / len(steps))
-        if np.median(apart) >= np.median(moved) / 2
-        else 0.0
-    )
+    if np.median(apart) >= np.median(moved) / 2:
+        return float((apart > 0.0).mean() * len(close) / len(steps))
+    return 0.0
 
 
 def _far_off(name: str, channel: Channel) -> Iterator[str]:
@@ -357,7 +355,11 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
     for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
         for extreme in (float(values.min()), float(values.max())):
             others = values[values != extreme]
-            low, high = np.percentile(others, [0.1, 99.9]) if len(others) else (extreme, extreme)
+            if len(others):
+                low, high = np.percentile(others, [0.1, 99.9])
+            else:
+                low = extreme
+                high = extreme
             gap = max(low - extreme, extreme - high)
             n = len(values) - len(others)
             if gap > max(
@@ -407,7 +409,10 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
     next to them.
     """
     kind = CHANNEL_KINDS[name]
-    looked_at = kind.columns if name in _SATURATES and not any(_far_off(name, channel)) else ()
+    if name in _SATURATES and not any(_far_off(name, channel)):
+        looked_at = kind.columns
+    else:
+        looked_at = ()
     for label, values in zip(looked_at, channel.values.T, strict=False):
         for way in (1.0, -1.0):
             ends, counts = np.unique(way * values, return_counts=True)
@@ -587,17 +592,17 @@ def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
 def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[str, str]]:
     """By magnitudes, which have no axes."""
     one, other = recording.channels[pose], recording.channels[velocity]
-    t, rate = (
-        smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
-        if pose == "position"
-        else angular_rate(one, WINDOW)
-    )
+    if pose == "position":
+        t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
+    else:
+        t, rate = angular_rate(one, WINDOW)
     speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
     apart = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
         # [s] from when to when its samples are the same for longest.
         new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
-        first, last = np.r_[0, new], np.r_[new - 1, len(channel.t) - 1]
+        first = np.r_[0, new]
+        last = np.r_[new - 1, len(channel.t) - 1]
         k = int(np.argmax(channel.undelayed_t[last] - channel.undelayed_t[first]))
         begin = float(channel.undelayed_t[first[k]])
         end = float(channel.undelayed_t[last[k]])

@@ -77,11 +77,9 @@ class QuantitySettings(_SettingsSection):
             raise InvalidInput("prior and bounds given; allowed: one of them")
         if self.bounds is not None:
             return parameters.Bounded(lower=self.bounds[0], upper=self.bounds[1], only=self.free)
-        return (
-            parameters.Free(only=self.free)
-            if self.prior is None
-            else parameters.Prior(sigma=self.prior, only=self.free)
-        )
+        if self.prior is None:
+            return parameters.Free(only=self.free)
+        return parameters.Prior(sigma=self.prior, only=self.free)
 
 
 class NoiseSettings(_SettingsSection):
@@ -180,7 +178,10 @@ class CalibratedRobot:
         """
         description = self.robot.description
         link = self.robot.description.links.get(self.frame)
-        found = None if link is None else link.coefficients or _of_shape(description, self.frame)
+        if link is None:
+            found = None
+        else:
+            found = link.coefficients or _of_shape(description, self.frame)
         if found is None or description.convention != "FLU" or np.round(found.pose.rpy, 9).any():
             raise InvalidInput(
                 f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it"
@@ -204,7 +205,10 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     """
     urdf, file = _files(settings, Path(folder))
     robot = loading.load_robot(urdf=urdf, hydrodynamics=file)
-    robot = assembly.without_arm(robot) if settings.arm == "taken off" else robot
+    if settings.arm == "taken off":
+        robot = assembly.without_arm(robot)
+    else:
+        robot = robot
     if not robot.n_vehicle:
         raise InvalidInput(
             f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float"
@@ -253,11 +257,9 @@ def _along(
     names = known.quantities[name].coordinates.names if name in known.quantities else ()
     others = set(parameters.AXES) - set(axes)
     held = [one for one in names if others.intersection(one.replace(" from ", "-").split("-"))]
-    return (
-        replace(status, only=tuple(one for one in status.only or names if one not in held))
-        if held
-        else status
-    )
+    if held:
+        return replace(status, only=tuple(one for one in status.only or names if one not in held))
+    return status
 
 
 def with_delays(
@@ -299,11 +301,10 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
     urdf = folder / settings.robot
     if urdf.suffix != ".urdf":
         urdf = (urdf if urdf.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
-    file = (
-        urdf.parent / "hydrodynamics.yaml"
-        if settings.hydrodynamics is None
-        else folder / settings.hydrodynamics
-    )
+    if settings.hydrodynamics is None:
+        file = urdf.parent / "hydrodynamics.yaml"
+    else:
+        file = folder / settings.hydrodynamics
     return urdf, file if settings.hydrodynamics is not None or file.is_file() else None
 
 

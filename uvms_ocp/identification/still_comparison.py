@@ -55,7 +55,10 @@ class WorseThanStill:
 
     def __str__(self) -> str:
         """One sentence that names the recording, the channel and both errors."""
-        span = "" if self.horizon is None else f" over {self.horizon:g} s"
+        if self.horizon is None:
+            span = ""
+        else:
+            span = f" over {self.horizon:g} s"
         return (
             f"{self.recording}: {self.channel}{span} is predicted worse than by"
             f' "{self.baseline}": off by {self.error:.3g} {self.unit},'

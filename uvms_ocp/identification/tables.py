@@ -77,7 +77,10 @@ def read_table(
         values, remarks = text_columns(path, places, layout, asked)
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
-    values = _from_parquet(path, wanted) if kind == "parquet" else _from_arrays(path, wanted)
+    if kind == "parquet":
+        values = _from_parquet(path, wanted)
+    else:
+        values = _from_arrays(path, wanted)
     return TableColumns(values=values, units=("",) * len(wanted))
 
 
@@ -95,7 +98,9 @@ def column_names(path: Path) -> tuple[str, ...]:
     if kind == "parquet":
         with _parquet(path) as file:
             return tuple(file.schema_arrow.names)
-    return text_layout(path).names if kind in ("text", "workbook") else tuple(_arrays(path))
+    if kind in ("text", "workbook"):
+        return text_layout(path).names
+    return tuple(_arrays(path))
 
 
 def require_there(path: Path) -> None:
@@ -138,11 +143,10 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
     found: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
-        numbers = (
-            array.astype("datetime64[ns]").astype(np.int64) * 1e-9
-            if array.dtype.kind == "M"
-            else array
-        )
+        if array.dtype.kind == "M":
+            numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9
+        else:
+            numbers = array
         if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2) or not numbers.size:
             continue
         table = numbers.astype(float).reshape(len(numbers), -1)
@@ -204,9 +208,11 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     elif isinstance(value, list):
         with suppress(TypeError, ValueError):  # words, and rows that are not alike
             value = np.array(value, dtype=float)
-    names = (
-        value if isinstance(value, dict) else getattr(getattr(value, "dtype", None), "names", None)
-    )
+    names: Any
+    if isinstance(value, dict):
+        names = value
+    else:
+        names = getattr(getattr(value, "dtype", None), "names", None)
     if names:
         for name in names:
             yield from _flat(f"{prefix}.{name}" if prefix else name, value[name])

@@ -108,20 +108,21 @@ class TextLayout:
     """The sheet of a workbook, and all that it has."""
 
     def __str__(self) -> str:
-        header = (
-            f"header in line {self.header}" if self.header else "no header, columns are #1, #2, ..."
-        )
-        others = f" of {', '.join(self.sheets)}" if len(self.sheets) > 1 else ""
-        text = (
-            f"sheet {self.sheet}{others}"
-            if self.sheet
-            else f"{self.encoding}, {self.delimiter!r} between cells"
-        )
-        return (
-            f"{text}, {header}"
-            if self.sheet
-            else f"{text}, decimals after {self.decimal!r}, {header}"
-        )
+        if self.header:
+            header = f"header in line {self.header}"
+        else:
+            header = "no header, columns are #1, #2, ..."
+        if len(self.sheets) > 1:
+            others = f" of {', '.join(self.sheets)}"
+        else:
+            others = ""
+        if self.sheet:
+            text = f"sheet {self.sheet}{others}"
+        else:
+            text = f"{self.encoding}, {self.delimiter!r} between cells"
+        if self.sheet:
+            return f"{text}, {header}"
+        return f"{text}, decimals after {self.decimal!r}, {header}"
 
 
 def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
@@ -143,7 +144,10 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
             row[-1] for _, row in cells if len(row) == widest
         ):  # lines that end by a delimiter
             cells = [(k, row[:-1] if row[-1] == "" else row) for k, row in cells]
-        width = Counter(len(row) for _, row in cells).most_common(1)[0][0] if cells else 0
+        if cells:
+            width = Counter(len(row) for _, row in cells).most_common(1)[0][0]
+        else:
+            width = 0
         table = [(k, row) for k, row in cells if len(row) == width]
         decimal = given.decimal or _decimal([row for _, row in table], delimiter)
         first = _first_row(table, decimal)
@@ -164,16 +168,22 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         of_units = len(before) > 1 and all(
             unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in before[-1][1] if cell
         )
-        units = before.pop() if of_units else None
+        if of_units:
+            units = before.pop()
+        else:
+            units = None
         if given.header is not None:
             before = [(k, row) for k, row in cells + comments if k == given.header]
             first = max(first, given.header + 1)
-        line, names = before[-1] if before else (0, [f"#{k + 1}" for k in range(width)])
-        said = (
-            tuple(cell.strip("[]() ") for cell in units[1])
-            if units
-            else tuple(map(_unit_in, names))
-        )
+        if before:
+            line, names = before[-1]
+        else:
+            line = 0
+            names = [f"#{k + 1}" for k in range(width)]
+        if units:
+            said = tuple(cell.strip("[]() ") for cell in units[1])
+        else:
+            said = tuple(map(_unit_in, names))
         table_of = {
             "encoding": encoding,
             "delimiter": delimiter,
@@ -268,7 +278,11 @@ def _delimiter(lines: Sequence[str]) -> str:
 
     def share(name: str) -> float:
         rows = [_split(line, name) for line in lines]
-        width, n = Counter(map(len, rows)).most_common(1)[0] if rows else (0, 0)
+        if rows:
+            width, n = Counter(map(len, rows)).most_common(1)[0]
+        else:
+            width = 0
+            n = 0
         if width < 2:
             return 0.0
         cells = [cell for row in rows for cell in row if len(row) == width]
@@ -296,11 +310,9 @@ def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
         return "."
     cells = [cell for row in rows for cell in row]
     commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for cell in cells)
-    return (
-        ","
-        if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells)
-        else "."
-    )
+    if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells):
+        return ","
+    return "."
 
 
 def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
@@ -386,7 +398,10 @@ def _cells(
             f"row {number} has {len(row)} cells; its table has {len(layout.names)} columns"
         )
     for place in places:
-        cell = row[place].replace(",", ".") if layout.decimal == "," else row[place]
+        if layout.decimal == ",":
+            cell = row[place].replace(",", ".")
+        else:
+            cell = row[place]
         try:
             if "_" in cell and place not in words:
                 raise ValueError
@@ -413,11 +428,10 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
             f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
         )
     said = found.groupdict()
-    hours = (
-        int(said["hours"]) % 12 + 12 * (said["half"] in "pP")
-        if said["half"]
-        else int(said["hours"])
-    )
+    if said["half"]:
+        hours = int(said["hours"]) % 12 + 12 * (said["half"] in "pP")
+    else:
+        hours = int(said["hours"])
     time = (
         3600.0 * hours
         + 60.0 * int(said["minutes"])

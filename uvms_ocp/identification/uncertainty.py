@@ -263,7 +263,10 @@ def number_of(
     (value,) = (
         each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry)
     )
-    scaled = ca.log(value) if one.positive else value
+    if one.positive:
+        scaled = ca.log(value)
+    else:
+        scaled = value
     function = ca.Function("number", [theta], [scaled, ca.densify(ca.jacobian(scaled, theta))])
 
     def evaluate(shared: np.ndarray) -> tuple[float, np.ndarray]:

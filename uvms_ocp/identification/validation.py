@@ -213,7 +213,9 @@ def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
 
 def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
     with np.errstate(divide="ignore"):
-        return np.log(np.array(ends)) if one.positive else np.array(ends)
+        if one.positive:
+            return np.log(np.array(ends))
+        return np.array(ends)
 
 
 # Vehicles that do not move, as predictors: others are worth as much as they are better.
@@ -476,7 +478,10 @@ def _horizons(
     bounds: PredictionBounds | None,
 ) -> Iterator[HorizonPrediction]:
     step = others.search.step
-    bounding = {} if bounds is None else bounds.predictors(held)
+    if bounds is None:
+        bounding = {}
+    else:
+        bounding = bounds.predictors(held)
     predictor = others.predictor()
     before = others.predictor(others.vehicle.shared.start)
     left = Predicted.joined(list(others.residuals().values()))

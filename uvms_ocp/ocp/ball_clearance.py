@@ -157,7 +157,11 @@ class Ball:
         """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not
         finite there.
         """
-        goal = self.centre if callable(self.centre) else np.array(self.centre, dtype=float)
+        goal: VectorReference | np.ndarray
+        if callable(self.centre):
+            goal = self.centre
+        else:
+            goal = np.array(self.centre, dtype=float)
         centre = evaluate_vector("ball", goal, t)[0]
         if centre.shape != (3,):
             raise InvalidInput(f"ball: centre {centre} at t = {t} s; give three numbers [m]")

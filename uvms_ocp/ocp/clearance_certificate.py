@@ -42,7 +42,9 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
     obstacles move: their speed is unknown.
     """
     motion = SteppedMotion(term=term, trajectory=trajectory)
-    return _unproven(motion) if term.moving else check_motion(motion, term.scene)
+    if term.moving:
+        return _unproven(motion)
+    return check_motion(motion, term.scene)
 
 
 def _unproven(motion: SteppedMotion) -> ClearanceReport:
@@ -122,7 +124,8 @@ class SteppedMotion:
             h = np.diff(path.t)[k]
             farthest = _norm(v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
             result[:, :n] = 0.0
-            result[:, 0], result[:, 3] = way + turn * farthest / 2, turn
+            result[:, 0] = way + turn * farthest / 2
+            result[:, 3] = turn
         return result
 
     @cached_property

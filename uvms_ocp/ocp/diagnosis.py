@@ -49,7 +49,9 @@ class BoundGroup:
 
     def named(self, axes: tuple[str, ...]) -> str:
         """With the axes that matter."""
-        return f"{self.name} ({', '.join(axes)})" if axes else self.name
+        if axes:
+            return f"{self.name} ({', '.join(axes)})"
+        return self.name
 
     def change(self, amount: float, axes: tuple[str, ...] = ()) -> str:
         """Describe a change by an amount [-, or unit of the row] in its measure."""
@@ -92,7 +94,8 @@ def variable_groups(transcription: Transcription) -> GroupIndex:
     number = np.full(layout.n_x, -1)
     scale = np.ones(layout.n_x)
     names = np.full(layout.n_x, "", dtype=object)
-    number[columns], scale[columns] = numbers[entries], np.array(scales)[entries]
+    number[columns] = numbers[entries]
+    scale[columns] = np.array(scales)[entries]
     names[columns] = np.array(axes, dtype=object)[entries]
     return GroupIndex(groups=groups, number=number, scale=scale, axes=tuple(names.tolist()))
 
@@ -114,14 +117,14 @@ def _labels(transcription: Transcription) -> tuple[list[BoundGroup | None], list
     def set_part(part: slice, kind: str, units: np.ndarray, of: list[str]) -> None:
         group = BoundGroup(name=f"the {kind} limits", measure=RelaxationUnit.SHARE)
         for i, unit, axis in zip(range(part.start, part.stop), units, of, strict=True):
-            labels[i], scales[i], names[i] = group, float(unit) if np.isfinite(unit) else 1.0, axis
+            labels[i] = group
+            scales[i] = float(unit) if np.isfinite(unit) else 1.0
+            names[i] = axis
 
     for joint in robot.joints:
         for i in range(joint.q.start, joint.q.stop):
-            labels[i], names[i] = (
-                BoundGroup(name="the joint limits", measure=RelaxationUnit.POSITION),
-                joint.name,
-            )
+            labels[i] = BoundGroup(name="the joint limits", measure=RelaxationUnit.POSITION)
+            names[i] = joint.name
     set_part(layout.v, "velocity", limits.velocity, axes)
     set_part(layout.a, "acceleration", limits.acceleration, axes)
     thrusters = [item.name for item in robot.description.thrusters][: layout.n_thrust]
@@ -176,7 +179,9 @@ def level_prices(
         float(np.linalg.norm(multipliers[above.frozen]))
         for above in transcription.ranges().levels[:level]
     )
-    return () if np.isnan(prices).any() else prices
+    if np.isnan(prices).any():
+        return ()
+    return prices
 
 
 # The least by which limits and constraints would have to give way for any motion to keep them, or
@@ -300,8 +305,10 @@ class _Elastic:
         self.grouped = grouped = _together(rows.grouped, variable_groups(transcription))
         self.groups = grouped.groups
         self.n_x = transcription.n_x
-        number, (low, up) = grouped.number, transcription.bounds(problem)
-        lower, upper = np.concatenate([rows.lower, low]), np.concatenate([rows.upper, up])
+        number = grouped.number
+        (low, up) = transcription.bounds(problem)
+        lower = np.concatenate([rows.lower, low])
+        upper = np.concatenate([rows.upper, up])
         hard = number < 0
         soft = number >= 0
         parts = (
@@ -316,10 +323,8 @@ class _Elastic:
         Q[np.arange(m), np.maximum(number[chosen], 0)] = sign * grouped.scale[chosen]
         self.P = ca.DM.triplet(list(range(m)), chosen.tolist(), ca.DM.ones(m), m, len(number))
         self.Q = ca.sparsify(ca.DM(Q))
-        self.lower, self.upper = (
-            np.where(sign < 0, -np.inf, lower[chosen]),
-            np.where(sign > 0, np.inf, upper[chosen]),
-        )
+        self.lower = np.where(sign < 0, -np.inf, lower[chosen])
+        self.upper = np.where(sign > 0, np.inf, upper[chosen])
         self.functions = transcription.row_functions(rows.raw)
         self.p = p
 
@@ -491,7 +496,9 @@ def bindings(
                 )
                 break
         known &= least.converged
-    return tuple(found) if found or known else None
+    if found or known:
+        return tuple(found)
+    return None
 
 
 def _together(rows: GroupIndex, variables: GroupIndex) -> GroupIndex:
@@ -556,7 +563,8 @@ class Diagnosis:
         verdict = self.judge(result)
         status, reason = verdict.status, verdict.reason
         if NlpStatus.INTERRUPTED in result.level_status:
-            status, reason = OcpStatus.INTERRUPTED, self._interrupted(result)
+            status = OcpStatus.INTERRUPTED
+            reason = self._interrupted(result)
         elif status is OcpStatus.BROKEN and result.violation > self.feasibility:
             return self._broken(result, verdict, again)
         elif status is OcpStatus.MISSED:
@@ -582,7 +590,10 @@ class Diagnosis:
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
         wrong = [i for i, one in enumerate(result.level_status) if one is NlpStatus.NOT_A_NUMBER]
-        level = wrong[0] if wrong else len(result.level_status) - 1
+        if wrong:
+            level = wrong[0]
+        else:
+            level = len(result.level_status) - 1
         text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
         if names:
             text += (
@@ -597,7 +608,10 @@ class Diagnosis:
         groups = self.transcription.violations(result.x, self.p, self.problem)
         name = max(groups, key=lambda key: groups[key])
         failed = _first_failure(result)
-        level = len(result.level_status) - 1 if failed is None else failed
+        if failed is None:
+            level = len(result.level_status) - 1
+        else:
+            level = failed
         status = result.level_status[level]
         text = f"level {self._name(level)}: {status.value} with {name} broken by {groups[name]:.4g}"
         if groups[name] <= self.feasibility:
@@ -638,7 +652,10 @@ class Diagnosis:
         if improvable is None or improvable > missed:
             return self._why_missed(missed, result)
         status = result.level_status[improvable]
-        ended = "" if status.optimal else f": {status.value}"
+        if status.optimal:
+            ended = ""
+        else:
+            ended = f": {status.value}"
         gain = describe_gain(verdict.report.levels[improvable])
         return OcpStatus.UNFINISHED, f"{verdict.reason}{ended}; {gain}"
 
@@ -681,7 +698,9 @@ class Diagnosis:
     @property
     def _left(self) -> float:
         """[s] until the deadline."""
-        return 0.0 if self.deadline is None else max(self.deadline - perf_counter(), 0.0)
+        if self.deadline is None:
+            return 0.0
+        return max(self.deadline - perf_counter(), 0.0)
 
     def _longer(self, residual: float) -> Iterator[OcpProblem]:
         """The last leaves every axis the time to move by the residual, at its limits from rest to
@@ -734,14 +753,17 @@ def _change(binding: Binding, residual: float) -> str:
 def _describe_relaxations(least: PhaseOne) -> str:
     """Describe the relaxations that are needed, and the bounds that oppose them."""
     changes = _listed([item.group.change(item.amount, item.axes) for item in least.relaxations])
-    against = (
-        f", against {_listed([group.name for group in least.opposing])}" if least.opposing else ""
-    )
+    if least.opposing:
+        against = f", against {_listed([group.name for group in least.opposing])}"
+    else:
+        against = ""
     return f"for any motion near to keep them all, {changes}{against}"
 
 
 def _listed(texts: list[str]) -> str:
-    return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
+    if len(texts) == 1:
+        return texts[0]
+    return f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
 def _seconds(problem: OcpProblem) -> str:

@@ -58,7 +58,9 @@ class LevelGain:
     @property
     def share(self) -> float:
         """Gain as a share of the residual."""
-        return self.gain / self.residual if self.residual > 0.0 else 0.0
+        if self.residual > 0.0:
+            return self.gain / self.residual
+        return 0.0
 
 
 def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) -> list[Array]:

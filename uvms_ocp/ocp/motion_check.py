@@ -50,7 +50,10 @@ def between_checks(
     constraints; see `motion_check`.
     """
     motion = Motion(problem=problem, trajectory=trajectory, t0=t0)
-    limits = [check_positions(motion), *check_forces(motion)] if problem.limited else []
+    if problem.limited:
+        limits = [check_positions(motion), *check_forces(motion)]
+    else:
+        limits = []
     return (*limits, *_constraints(motion))
 
 

@@ -48,7 +48,8 @@ def check_dynamics(motion: Motion) -> list[RangeCheck]:
     )
     h = motion.h[:, None]
     if problem.integrator is Integrator.EULER:
-        q, v = path.q[:-1], path.v[:-1]
+        q = path.q[:-1]
+        v = path.v[:-1]
     else:
         middle = h / 2 * path.v[:-1] + h**2 / 8 * path.a + _bracket(motion, h / 2)
         q = np.array(
@@ -98,7 +99,10 @@ def required_forces(motion: Motion, steps: Indices, q: Array, v: Array) -> Array
 
 @lru_cache(maxsize=8)
 def _inverse_dynamics(robot: Robot, water: bool) -> ca.Function:
-    model = cached_dynamics(robot).symbolic if water else SymbolicDynamics(model=robot.model)
+    if water:
+        model = cached_dynamics(robot).symbolic
+    else:
+        model = SymbolicDynamics(model=robot.model)
     return model.function("inverse_dynamics")
 
 
@@ -125,7 +129,10 @@ def check_ends(motion: Motion) -> list[RangeCheck]:
     model = motion.robot.model
     state = (*(f"axis {i}" for i in range(2 * motion.robot.n_v)),)
     freedom = problem.start_freedom
-    width = np.zeros(len(state)) if freedom is None else np.asarray(freedom, dtype=float)
+    if freedom is None:
+        width = np.zeros(len(state))
+    else:
+        width = np.asarray(freedom, dtype=float)
     first = (path.q[0], path.v[0])
     given = (problem.start.q, problem.start.v)
     start = QuantityRange(

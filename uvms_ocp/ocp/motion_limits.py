@@ -112,11 +112,10 @@ def check_forces(motion: Motion) -> list[RangeCheck]:
     spread = actuators.thrust_unit[:, None] * actuators.spread
     middles = path.t[:-1] + motion.h / 2
     every = np.arange(motion.N)
-    thrusters = (
-        tuple(thruster.name for thruster in robot.description.thrusters)
-        if has_thrusters(motion.problem)
-        else axis_names(robot)[:n]
-    )
+    if has_thrusters(motion.problem):
+        thrusters = tuple(thruster.name for thruster in robot.description.thrusters)
+    else:
+        thrusters = axis_names(robot)[:n]
     thrust = QuantityRange(
         kind=RangeKind.THRUST,
         name="thrust limits",

@@ -214,7 +214,10 @@ def scanned(
     above = np.zeros((motion.N, m))
     times = np.zeros((motion.N, m))
     unseen = np.zeros((motion.N, m))
-    inner = slice(0, None) if inputs else slice(1, -1)
+    if inputs:
+        inner = slice(0, None)
+    else:
+        inner = slice(1, -1)
     allowed = _given_by_start(motion, scope, rows)
     for times_as_many in _CLOSER:
         samples = motion.samples(steps, times_as_many * motion.looks)

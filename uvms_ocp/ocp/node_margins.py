@@ -58,7 +58,10 @@ class NodeMargins:
 
     def at(self, nodes: Indices) -> NodeMargins:
         """Select consecutive nodes (n,)."""
-        first = int(nodes[0]) if len(nodes) else 0
+        if len(nodes):
+            first = int(nodes[0])
+        else:
+            first = 0
         sides = tuple(
             replace(side, node=side.node - first)
             for side in self.sides

@@ -240,11 +240,9 @@ class Plan(TableDisplay):
     @property
     def peak_thrust(self) -> float | None:
         """[N] Largest of any thruster; `None` where a wrench was planned."""
-        return (
-            None
-            if self.trajectory.has_wrench
-            else float(np.abs(self.trajectory.thrust).max(initial=0.0))
-        )
+        if self.trajectory.has_wrench:
+            return None
+        return float(np.abs(self.trajectory.thrust).max(initial=0.0))
 
     def powers(self) -> tuple[np.ndarray, np.ndarray]:
         """Electrical power of every thruster (N, n_thrusters) and of every joint (N, n_joints) at
@@ -253,7 +251,10 @@ class Plan(TableDisplay):
         NaN where it is not known: of thrusters without power data, and of the axes of a wrench (N,
         n_vehicle).
         """
-        factor, exponent = (np.nan, 1.0) if self.trajectory.of_wrench else power_law(self.robot)
+        if self.trajectory.of_wrench:
+            factor, exponent = np.array(np.nan), np.array(1.0)
+        else:
+            factor, exponent = power_law(self.robot)
         rates = self.trajectory.v[:, self.robot.joint_v]
         joints = joint_power(
             self.trajectory.torque,
@@ -266,7 +267,9 @@ class Plan(TableDisplay):
     def energy(self) -> float | None:
         """[J] Electrical, of thrusters and joints; `None` where it is not known."""
         energy = float(np.diff(self.trajectory.t) @ np.hstack(self.powers()).sum(axis=1))
-        return None if np.isnan(energy) else energy
+        if np.isnan(energy):
+            return None
+        return energy
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""
@@ -367,7 +370,10 @@ def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot:
     if robot.name != values.robot:
         raise InvalidInput(f"a plan of robot {values.robot[:60]!r}, not of {robot.name!r}")
     trajectory = plan_file.stored_trajectory(robot, arrays, of_wrench=values.of_wrench)
-    result = None if values.solver is None else plan_file.stored_result(values.solver, arrays)
+    if values.solver is None:
+        result = None
+    else:
+        result = plan_file.stored_result(values.solver, arrays)
     unknown = arrays.keys() - _arrays(trajectory, result).keys()
     if unknown:
         raise InvalidInput(f"array {min(unknown)[:60]!r} is none of a plan")

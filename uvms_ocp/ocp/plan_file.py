@@ -199,9 +199,10 @@ def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
     Raises `InvalidInput`, in one line, for what is no such file, is damaged or too large.
     """
     try:
-        values, arrays = (
-            _from_text(source) if source.suffix == ".json" else from_arrays(source, _TEXT, _NO_PLAN)
-        )
+        if source.suffix == ".json":
+            values, arrays = _from_text(source)
+        else:
+            values, arrays = from_arrays(source, _TEXT, _NO_PLAN)
         for name, array in arrays.items():
             if array.dtype != np.float64 or not np.isfinite(array).all():
                 raise InvalidInput(
@@ -263,8 +264,14 @@ def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Traje
     """The trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none of this
     robot.
     """
-    n = len(arrays["t"]) if "t" in arrays and arrays["t"].ndim == 1 else 0
-    thrusters = robot.n_vehicle if of_wrench else len(robot.description.thrusters)
+    if "t" in arrays and arrays["t"].ndim == 1:
+        n = len(arrays["t"])
+    else:
+        n = 0
+    if of_wrench:
+        thrusters = robot.n_vehicle
+    else:
+        thrusters = len(robot.description.thrusters)
     widths = {
         "q": robot.n_q,
         "v": robot.n_v,
@@ -314,7 +321,10 @@ def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
     belong together.
     """
     levels = range(len(values.level_status))
-    n = arrays["x"].shape if "x" in arrays and arrays["x"].ndim == 1 else None
+    if "x" in arrays and arrays["x"].ndim == 1:
+        n = arrays["x"].shape
+    else:
+        n = None
     try:
         points = tuple(_point(arrays, i) for i in levels)
         rows = {

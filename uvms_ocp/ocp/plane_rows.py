@@ -49,7 +49,8 @@ class PlaneRowGroup:
         """Heights of the points over their planes [m], less offsets, for parameters
         (n_parameters,).
         """
-        bodies, n = self._bodies(symbols), self.size
+        bodies = self._bodies(symbols)
+        n = self.size
         first, second = (_columns(bodies, joints) for joints in (self.first, self.second))
         return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
 
@@ -100,7 +101,9 @@ def ranks(sample: Indices) -> Indices:
 
 
 def _n_shares(joints: Sequence[int]) -> int:
-    return len(joints) if len(joints) > 1 else 0
+    if len(joints) > 1:
+        return len(joints)
+    return 0
 
 
 def _columns(bodies: Sequence[SymbolicPose], joints: Sequence[int]) -> ca.SX:

@@ -83,8 +83,14 @@ class Planner:
         waited for always where there is a time limit, and with IPOPT where steps are many.
         """
         given = options or NlpOptions()
-        plugin = transcription.plugin if transcription is not None else stagewise_or(IPOPT, problem)
-        self.options = replace(given, plugin=plugin) if given.plugin == AUTO else given
+        if transcription is not None:
+            plugin = transcription.plugin
+        else:
+            plugin = stagewise_or(IPOPT, problem)
+        if given.plugin == AUTO:
+            self.options = replace(given, plugin=plugin)
+        else:
+            self.options = given
         """With the solver that was chosen."""
         many = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
         self.problem = problem
@@ -208,8 +214,13 @@ class Planner:
                 compared[seen[-1].residual] = self.transcription.unpack(
                     long.solved_once(guess, guess.q).result.x, given
                 )
-        motions = compared if compared and len(compared) == len(best) else kept
-        return motions[min(motions)] if motions else hold
+        if compared and len(compared) == len(best):
+            motions = compared
+        else:
+            motions = kept
+        if motions:
+            return motions[min(motions)]
+        return hold
 
     @cached_property
     def _by_ipopt(self) -> Planner:
@@ -254,7 +265,11 @@ class Planner:
                 levels=(),
             )
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
-        start = self._first_guess(given, t0, ends) if guess is None else guess
+        start: MotionGuess
+        if guess is None:
+            start = self._first_guess(given, t0, ends)
+        else:
+            start = guess
         found = refinement.solved(start)
         finder = self
         note = ""
@@ -323,7 +338,9 @@ class Planner:
     def _start(self, guess: Guess) -> np.ndarray | LexicographicResult:
         if isinstance(guess, Plan):
             guess = guess.trajectory if guess.result is None else guess.result
-        return guess if isinstance(guess, LexicographicResult) else self.transcription.pack(guess)
+        if isinstance(guess, LexicographicResult):
+            return guess
+        return self.transcription.pack(guess)
 
     def _court(
         self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None
@@ -332,7 +349,10 @@ class Planner:
             numbers = self.transcription.parameters(
                 other, t0=t0, near=found.near, tightened=found.tightened
             )
-            guess = hold_guess(other) if x is None else self.transcription.unpack(x, other)
+            if x is None:
+                guess = hold_guess(other)
+            else:
+                guess = self.transcription.unpack(x, other)
             return self.solve(
                 numbers, guess, problem=other, time_limit=limit, tightened=found.tightened
             )
@@ -362,11 +382,10 @@ class Planner:
 
     def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
         trajectory = self._motion(given, verdict.result)
-        reports = (
-            [certificate(term, trajectory) for term in held_apart(given)]
-            if verdict.status.usable
-            else []
-        )
+        if verdict.status.usable:
+            reports = [certificate(term, trajectory) for term in held_apart(given)]
+        else:
+            reports = []
         clearance = min(
             reports,
             key=lambda report: (report.collision_free, report.nearest.distance),

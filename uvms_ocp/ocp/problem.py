@@ -87,7 +87,9 @@ class OcpPhase:
     @property
     def range(self) -> tuple[float, float]:
         """Shortest and longest duration [s]."""
-        return self.duration if isinstance(self.duration, tuple) else (self.duration, self.duration)
+        if isinstance(self.duration, tuple):
+            return self.duration
+        return (self.duration, self.duration)
 
     @property
     def nominal(self) -> float:

@@ -161,7 +161,9 @@ def _least_lacking(
         return last
     amounts = [amount for amount, _ in looked_at]
     least = looked_at[int(np.argmin(amounts))][1]
-    return last if amounts[-1] == 0.0 else least.after_all(last)
+    if amounts[-1] == 0.0:
+        return last
+    return least.after_all(last)
 
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
@@ -170,7 +172,9 @@ def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
     new = after.level_residuals
     share = (old - new) / np.maximum(old, _ZERO)
     changed = np.flatnonzero((np.abs(share) > _GAIN) & (np.maximum(old, new) > _ZERO))
-    return float(abs(share[changed[0]])) if len(changed) else 0.0
+    if len(changed):
+        return float(abs(share[changed[0]]))
+    return 0.0
 
 
 def held_apart(given: OcpProblem) -> list[ShapeClearance]:

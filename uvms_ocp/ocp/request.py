@@ -171,7 +171,9 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = coordinates(request.robot, reference=request.start)
-    floor = (seafloor(request.seabed),) if np.isfinite(request.seabed) else ()
+    floor: tuple[Obstacle, ...] = ()
+    if np.isfinite(request.seabed):
+        floor = (seafloor(request.seabed),)
     scene = collision_scene(planned, (*request.obstacles, *floor))
     problem = _problem(request, scene)
     scene.check_no_overlap(start_distances(scene, request.start), "the start")
@@ -189,7 +191,10 @@ def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None
     shorter steps.
     """
     plans = []
-    options = NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
+    if request.obstacles:
+        options = NlpOptions(barrier=_BARRIER)
+    else:
+        options = NlpOptions()
     for finer in (1, 2):
         given = replace(
             problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),)

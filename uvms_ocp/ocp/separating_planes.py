@@ -138,7 +138,8 @@ class Poses:
         p = np.empty((len(q), model.njoints, 3))
         for k, row in enumerate(q):
             pin.forwardKinematics(model, data, row)
-            R[k], p[k] = [X.rotation for X in data.oMi], [X.translation for X in data.oMi]
+            R[k] = [X.rotation for X in data.oMi]
+            p[k] = [X.translation for X in data.oMi]
         return Poses(R=R, p=p)
 
 

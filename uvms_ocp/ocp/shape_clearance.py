@@ -243,7 +243,10 @@ class ShapeClearance(Term):
         """
         if not self.moving:
             return self._coal.distances_at(q, chosen)
-        wanted = np.ones((len(q), self.scene.n_pairs), dtype=bool) if chosen is None else chosen
+        if chosen is None:
+            wanted = np.ones((len(q), self.scene.n_pairs), dtype=bool)
+        else:
+            wanted = chosen
         parts = [
             self._placed(t).distances_at(row[None], asked[None])
             for t, row, asked in zip(times, q, wanted, strict=True)

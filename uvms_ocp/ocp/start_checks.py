@@ -72,9 +72,10 @@ def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | Non
             low = lower[joint.q][i]
             high = upper[joint.q][i]
             if least > high + _ROUNDING or most < low - _ROUNDING:
-                span = (
-                    f"{longest:.3g}" if shortest == longest else f"{shortest:.3g} to {longest:.3g}"
-                )
+                if shortest == longest:
+                    span = f"{longest:.3g}"
+                else:
+                    span = f"{shortest:.3g} to {longest:.3g}"
                 return (
                     f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot"
                     f" stay between {low:.4g} and {high:.4g} in the first step of {span} s"
@@ -171,11 +172,10 @@ def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
     model = robot.model
     for joint in range(1, model.njoints):
         vehicle = model.joints[joint].nv == 6
-        named = (
-            goal.position is not None or goal.rpy is not None
-            if vehicle
-            else model.names[joint] in goal.joints
-        )
+        if vehicle:
+            named = goal.position is not None or goal.rpy is not None
+        else:
+            named = model.names[joint] in goal.joints
         if named and model.parents[joint] in known:
             known.add(joint)
     return known
@@ -184,10 +184,8 @@ def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
 def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
     robot = scene.coordinates.robot
     shapes = list(scene.geometry.geometryObjects)
-    links, obstacles = (
-        shapes[: robot.collision_model.ngeoms],
-        shapes[robot.collision_model.ngeoms :],
-    )
+    links = shapes[: robot.collision_model.ngeoms]
+    obstacles = shapes[robot.collision_model.ngeoms :]
     frame = robot.model.frames[robot.frame_id(goal.frame)]
     placed: list[tuple[str, coal.CollisionGeometry, pin.SE3]] = []
     if isinstance(goal.target, pin.SE3):

@@ -307,7 +307,10 @@ class _FunctionTerm(Term):
         return self.label
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        value = self.rows(stage) if self.parameters is None else self.rows(stage, parameters)
+        if self.parameters is None:
+            value = self.rows(stage)
+        else:
+            value = self.rows(stage, parameters)
         if not isinstance(value, ca.SX) or value.shape[1] != 1 or not value.shape[0]:
             given = f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
             raise InvalidInput(
@@ -327,14 +330,14 @@ class _FunctionTerm(Term):
         return Residual(value=value, lower=lower, upper=upper)
 
     def n_parameters(self, robot: Robot) -> int:
-        return 0 if self.parameters is None else len(self.reference(0.0))
+        if self.parameters is None:
+            return 0
+        return len(self.reference(0.0))
 
     def reference(self, t: float) -> np.ndarray:
-        return (
-            np.zeros(0)
-            if self.parameters is None
-            else evaluate_vector(self.label, self.parameters, t)[0].ravel()
-        )
+        if self.parameters is None:
+            return np.zeros(0)
+        return evaluate_vector(self.label, self.parameters, t)[0].ravel()
 
 
 @checked

@@ -111,7 +111,10 @@ def _asked(old: NodeMargins | None, item: RangeCheck, problem: OcpProblem) -> No
     """Add what is missing inside every step to what was asked of its nodes."""
     amount = _amount(item)
     has_sides = item.term is not None and item.term.has_sides
-    effect = 1.0 if old is None or has_sides else _effect(old, item)
+    if old is None or has_sides:
+        effect = 1.0
+    else:
+        effect = _effect(old, item)
     factor = _MORE / effect
     below, above = (factor * _at_nodes(part, item) for part in _missing(item))
     sides: tuple[Side, ...] = ()
@@ -140,7 +143,10 @@ def _at_nodes(amounts: Array, item: RangeCheck) -> Array:
     """
     shapes = isinstance(item.term, ShapeClearance)
     reach = 1 + _BESIDE * int(shapes)
-    shifts = range(1) if item.kind in _OF_STEPS else range(1 - reach, 1 + reach)
+    if item.kind in _OF_STEPS:
+        shifts = range(1)
+    else:
+        shifts = range(1 - reach, 1 + reach)
     n = len(amounts)
     result = np.zeros((n + 1, amounts.shape[1]))
     for shift in shifts:

@@ -92,7 +92,8 @@ class Trajectory:
         q = ends.reshape(q.shape)
         v = v + s * a
         over = t >= self.t[-1]
-        q[over], v[over] = self.q[-1], self.v[-1]
+        q[over] = self.q[-1]
+        v[over] = self.v[-1]
         return q, v, steps
 
 
@@ -114,7 +115,8 @@ def intervals_of(times: np.ndarray, t: np.ndarray | float) -> Indices:
 @checked
 def hold_guess(problem: OcpProblem, start: State | None = None) -> Trajectory:
     """Guess: stay at the start of the problem or at another one, at rest."""
-    robot, t = problem.robot, problem.nominal_times()
+    robot = problem.robot
+    t = problem.nominal_times()
     state = start or problem.start
     n = len(t)
     return Trajectory(
@@ -136,7 +138,8 @@ def shift_guess(problem: OcpProblem, last: Trajectory, delay: float, start: Stat
     """
     t = problem.nominal_times()
     q, v, steps = last.states_at(problem.robot.model, t + delay)
-    q[0], v[0] = start.q, start.v
+    q[0] = start.q
+    v[0] = start.v
     inputs = {"thrust": last.thrust[steps[:-1]], "torque": last.torque[steps[:-1]]}
     return Trajectory(t=t, q=q, v=v, a=last.a[steps[:-1]], **inputs, of_wrench=last.of_wrench)
 
@@ -160,7 +163,10 @@ def guess_through(
     model = problem.robot.model
     t = problem.nominal_times()
     q = np.array([_between(model, times, configurations, moment) for moment in t])
-    turn = slice(3, 7) if problem.robot.n_vehicle else slice(0)
+    if problem.robot.n_vehicle:
+        turn = slice(3, 7)
+    else:
+        turn = slice(0)
     for before, here in zip([problem.start.q, *q[:-1]], q, strict=True):
         here[turn] *= -1.0 if before[turn] @ here[turn] < 0.0 else 1.0
     h = np.diff(t)
@@ -228,15 +234,11 @@ def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
 
     Every second one goes half the way: most goals are reached in a posture near that of the start.
     """
-    hold, robot, (lower, upper) = (
-        hold_guess(problem),
-        problem.robot,
-        problem.robot.configuration_bounds,
-    )
-    places, along = (
-        np.flatnonzero(np.isfinite(upper - lower)),
-        np.linspace(0.0, 1.0, problem.n_steps + 1),
-    )
+    hold = hold_guess(problem)
+    robot = problem.robot
+    (lower, upper) = problem.robot.configuration_bounds
+    places = np.flatnonzero(np.isfinite(upper - lower))
+    along = np.linspace(0.0, 1.0, problem.n_steps + 1)
     ratio = np.roots([1.0, *np.zeros(max(len(places) - 1, 0)), -1.0, -1.0]).real.max()
     yield hold
     for k in range(1, 1 + _POSTURES * bool(len(places))):

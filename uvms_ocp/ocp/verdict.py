@@ -53,13 +53,17 @@ class Verdict:
     def missed(self) -> int | None:
         """Number of the first level whose goal is missed."""
         missed = [i for i, level in enumerate(self.report.levels) if level.missed]
-        return missed[0] if missed else None
+        if missed:
+            return missed[0]
+        return None
 
     @property
     def improvable(self) -> int | None:
         """Number of the first level that a step would improve by more than the tolerance."""
         levels = [i for i, level in enumerate(self.report.levels) if not level.optimal]
-        return levels[0] if levels else None
+        if levels:
+            return levels[0]
+        return None
 
 
 @checked
@@ -121,7 +125,10 @@ def describe_broken(item: RangeCheck) -> str:
     at_nodes = item.at_nodes.amount >= item.between.amount
     peak = item.worst
     place = "at" if at_nodes else "between nodes, at"
-    name = f"{item.name} ({peak.quantity})" if peak.quantity else item.name
+    if peak.quantity:
+        name = f"{item.name} ({peak.quantity})"
+    else:
+        name = item.name
     return f"{name} is broken by {peak.amount:.3g} {item.unit} {place} {peak.time:.3g} s"
 
 

@@ -127,7 +127,8 @@ def check_motion(
         undecided |= bool(short.any())
         middle = middle[open_ & ~short]
         half = half[open_ & ~short] / 2.0
-        middle, half = np.concatenate([middle - half, middle + half]), np.concatenate([half, half])
+        middle = np.concatenate([middle - half, middle + half])
+        half = np.concatenate([half, half])
     return ClearanceReport(
         collision_free=worst.distance > 0.0 and not undecided,
         undecided=worst.distance > 0.0 and undecided,

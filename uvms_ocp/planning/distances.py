@@ -119,7 +119,10 @@ class CoalDistances:
         """
         result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data
-        wanted = np.ones(result.shape, dtype=bool) if chosen is None else chosen
+        if chosen is None:
+            wanted = np.ones(result.shape, dtype=bool)
+        else:
+            wanted = chosen
         for row, configuration, asked in zip(result, q, wanted, strict=True):
             pairs = np.flatnonzero(asked)
             self._place(configuration)

@@ -486,7 +486,8 @@ class PathCost:
         return nodes.transpose(1, 0, 2).reshape(nodes.shape[1], -1)
 
     def _hessian(self, collision: _SampleSlopes, limits: _SampleSlopes) -> BlockTridiagonal:
-        k2, (n_samples, n_pieces, n) = 2 * self.pieces.k, collision.position.slope.shape
+        k2 = 2 * self.pieces.k
+        (n_samples, n_pieces, n) = collision.position.slope.shape
         outer, h = self._outer, self._h
         full = outer[0] @ collision.position.curvature.reshape(n_samples, -1)
         blocks = full.reshape(k2, k2, n_pieces, n, n).transpose(2, 0, 1, 3, 4)

@@ -85,11 +85,10 @@ def tool_goal(
     planned = distances.scene.coordinates
     frame_id = planned.robot.frame_id(frame)
     first = finite_array("guess", guess, (planned.n_axes,))
-    target = (
-        goal
-        if isinstance(goal, pin.SE3)
-        else finite_array("goal, a pose (pin.SE3) or a position", goal, (3,))
-    )
+    if isinstance(goal, pin.SE3):
+        target = goal
+    else:
+        target = finite_array("goal, a pose (pin.SE3) or a position", goal, (3,))
     rng = np.random.default_rng(settings.seed)
     for attempt in range(settings.attempts):
         spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
@@ -109,7 +108,8 @@ def _reached(
     options: ToolGoalOptions,
 ) -> Array | None:
     """Damped Gauss-Newton on the logarithm of the error, clipped to the limits at every step."""
-    (lower, upper), x = planned.limits(), start
+    (lower, upper) = planned.limits()
+    x = start
     for _ in range(options.iterations):
         x = np.clip(x, lower, upper)
         error, jacobian = _error(planned, frame_id, goal, x)
@@ -170,7 +170,9 @@ class ToolGoal:
     def target(self) -> pin.SE3 | Array:
         """X_WF, or p_WF (3,) [m]."""
         p = np.array(self.position)
-        return p if self.rpy is None else pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), p)
+        if self.rpy is None:
+            return p
+        return pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), p)
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array | None:
         """Planned axes (n_axes,) [m, rad] with the frame at its goal and nothing touching, or None
@@ -181,7 +183,9 @@ class ToolGoal:
         planned = distances.scene.coordinates
         start = planned.reference[planned.planned]
         goal = tool_goal(distances, self.frame, self.target, start, ToolGoalOptions(seed=seed))
-        return None if goal is None else planned.shortest_turn(goal, start)
+        if goal is None:
+            return None
+        return planned.shortest_turn(goal, start)
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
         """The task that has the goal as its own, wherever the start (n_q,) [m, rad] is.
@@ -283,7 +287,10 @@ def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
     """
     if goal.position is None or not np.isfinite(goal.position).all():
         return  # said by others, with the axis
-    here = start[:3] if robot.n_vehicle else np.zeros(3)
+    if robot.n_vehicle:
+        here = start[:3]
+    else:
+        here = np.zeros(3)
     # Within what can be squared.
     way = float(np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(here, -1e99, 1e99)))
     if way > _FARTHEST:
@@ -349,9 +356,10 @@ def plan_path(request: PlanRequest) -> PlanResult:
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
-    yaw = (
-        float(planned.reference[5]) if request.robot.n_vehicle and request.axes != AXES[2] else 0.0
-    )
+    if request.robot.n_vehicle and request.axes != AXES[2]:
+        yaw = float(planned.reference[5])
+    else:
+        yaw = 0.0
     if yaw == 0.0:
         return _planned(request)
     # The optimiser and its random numbers know the axes of the world: in one that looks ahead with
@@ -373,16 +381,21 @@ def _turned(request: PlanRequest, yaw: float) -> PlanRequest:
     start = request.start.copy()
     goal = request.goal
     start[:7] = pin.SE3ToXYZQUAT(X_NW * pin.XYZQUATToSE3(start[:7]))
-    position = None if goal.position is None else X_NW.act(np.array(goal.position)).tolist()
-    rpy = None if goal.rpy is None else (*goal.rpy[:2], remainder(goal.rpy[2] - yaw, 2.0 * np.pi))
+    if goal.position is None:
+        position = None
+    else:
+        position = X_NW.act(np.array(goal.position)).tolist()
+    if goal.rpy is None:
+        rpy = None
+    else:
+        rpy = (*goal.rpy[:2], remainder(goal.rpy[2] - yaw, 2.0 * np.pi))
     obstacles = tuple(
         replace(obstacle, X_WO=X_NW * obstacle.X_WO) for obstacle in request.obstacles
     )
-    goal = (
-        replace(goal, rpy=rpy)
-        if position is None
-        else replace(goal, position=tuple(position), rpy=rpy)
-    )
+    if position is None:
+        goal = replace(goal, rpy=rpy)
+    else:
+        goal = replace(goal, position=tuple(position), rpy=rpy)
     return replace(request, start=start, goal=goal, obstacles=obstacles)
 
 

@@ -67,9 +67,10 @@ class Coordinates:
         """(n, n_q) [m, rad] configurations from x (n, n_axes) [m, rad]."""
         full = self.all_axes(x)
         n = self.robot.n_vehicle
-        vehicle = (
-            np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1) if n else full[:, :0]
-        )
+        if n:
+            vehicle = np.concatenate([full[:, :3], _quaternions(full[:, 3:6])], axis=1)
+        else:
+            vehicle = full[:, :0]
         return np.concatenate([vehicle, *_joint_columns(self.robot, full[:, n:].T)], axis=1)
 
     def x(self, q: ArrayLike) -> Array:
@@ -214,10 +215,16 @@ def coordinates(
             " fixes it"
         )
     names = _axis_names(robot)
-    wanted = names if axes is None else tuple(axes)
+    if axes is None:
+        wanted = names
+    else:
+        wanted = tuple(axes)
     for name in wanted:
         require_known("axis", name, names)
-    q = robot.configuration() if reference is None else robot.check_configuration(reference)
+    if reference is None:
+        q = robot.configuration()
+    else:
+        q = robot.check_configuration(reference)
     planned = np.array([names.index(name) for name in wanted], dtype=np.intp)
     return Coordinates(robot=robot, reference=_axis_values(robot, q), planned=planned)
 
@@ -233,7 +240,9 @@ def joint_axis(robot: Robot, joint: str) -> str:
     """Name of the axis of a joint: its own, or another one where an axis of the vehicle is called
     so.
     """
-    return f"joint {joint}" if robot.n_vehicle and joint in VEHICLE_AXES else joint
+    if robot.n_vehicle and joint in VEHICLE_AXES:
+        return f"joint {joint}"
+    return joint
 
 
 def _axis_values(robot: Robot, q: Array) -> Array:
@@ -250,13 +259,17 @@ def _joint_columns(robot: Robot, values: Array) -> Iterator[Array]:
     cosine and sine.
     """
     for joint, value in zip(robot.joints, values, strict=True):
-        entries = (np.cos(value), np.sin(value)) if joint.endless else (value,)
-        yield from (entry[:, None] for entry in entries)
+        if joint.endless:
+            yield np.cos(value)[:, None]
+            yield np.sin(value)[:, None]
+        else:
+            yield value[:, None]
 
 
 def _quaternions(rpy: Array) -> Array:
     """(n, 4) xyzw of Rz Ry Rx."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0).T, np.sin(rpy / 2.0).T
+    (cr, cp, cy) = np.cos(rpy / 2.0).T
+    (sr, sp, sy) = np.sin(rpy / 2.0).T
     x = sr * cp * cy - cr * sp * sy
     y = cr * sp * cy + sr * cp * sy
     z = cr * cp * sy - sr * sp * cy
@@ -267,8 +280,10 @@ def _body_rate_maps(rpy: Array) -> tuple[Array, Array]:
     """R_BW (n, 3, 3), and (n, 3, 3) from Euler rates to the angular velocity in B, [Gao2022] eq.
     (9).
     """
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
-    zero, one = np.zeros_like(cr), np.ones_like(cr)
+    (cr, cp, cy) = np.cos(rpy).T
+    (sr, sp, sy) = np.sin(rpy).T
+    zero = np.zeros_like(cr)
+    one = np.ones_like(cr)
     R_WB = np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],

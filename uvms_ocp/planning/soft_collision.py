@@ -126,11 +126,14 @@ class TrustRegion:
             actual = here.parts.total - there.parts.total
             refused = actual <= 0.0
             done = (predicted if refused else actual) <= self.tolerance * here.parts.total
-            x, here, mu = (
-                (x, here, mu * 8.0)
-                if refused
-                else (x + step, there, mu * _damping_change(actual / predicted))
-            )
+            if refused:
+                x = x
+                here = here
+                mu = mu * 8.0
+            else:
+                x = x + step
+                here = there
+                mu = mu * _damping_change(actual / predicted)
             if done:
                 return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
         return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
@@ -145,7 +148,10 @@ def _step(
     slope = model.gradient * free
     while True:
         factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
-        step = -slope if factor is None else -factor.solve(slope)
+        if factor is None:
+            step = -slope
+        else:
+            step = -factor.solve(slope)
         if factor is not None and np.abs(step[:, : model.n_axes]).max() <= _LONGEST_STEP:
             break
         mu *= 4.0
@@ -155,7 +161,11 @@ def _step(
 
 def _damping_change(ratio: float) -> float:
     """Factor on mu after an accepted step, by actual over predicted decrease."""
-    return 0.25 if ratio > 0.75 else 1.0 if ratio > 0.25 else 4.0
+    if ratio > 0.75:
+        return 0.25
+    if ratio > 0.25:
+        return 1.0
+    return 4.0
 
 
 # Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
@@ -190,11 +200,14 @@ def sampled_waypoints(
     start and goal (n_axes,) [m, rad].
     """
     settings = options or SamplingOptions()
-    a, b = np.asarray(start, dtype=float), np.asarray(goal, dtype=float)
+    a = np.asarray(start, dtype=float)
+    b = np.asarray(goal, dtype=float)
     rng = np.random.default_rng(settings.seed)
     lower, upper = _sampled_box(distances, a, b, settings.room)
     path = _connected(distances, a, b, lower, upper, rng, settings)
-    return None if path is None else _shortened(distances, path, rng, settings)
+    if path is None:
+        return None
+    return _shortened(distances, path, rng, settings)
 
 
 def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
@@ -228,7 +241,8 @@ class _SearchTree:
 
     def __init__(self, root: Array, capacity: int) -> None:
         self.points = np.empty((capacity, root.size))
-        self.points[0], self.parents = root, [-1]
+        self.points[0] = root
+        self.parents = [-1]
 
     def nearest(self, x: Array) -> int:
         return int(np.argmin(np.sum((self.points[: len(self.parents)] - x) ** 2, axis=1)))
@@ -260,7 +274,10 @@ def _connected(
     near = _SearchTree(a, 256)
     far = _SearchTree(b, 256)
     for turn in range(options.max_samples):
-        target = far.points[0].copy() if turn == 0 else rng.uniform(lower, upper)
+        if turn == 0:
+            target = far.points[0].copy()
+        else:
+            target = rng.uniform(lower, upper)
         grown = _extended(distances, near, target, options, once=turn > 0)
         met = _extended(distances, far, near.points[grown], options, once=False)
         if np.array_equal(far.points[met], near.points[grown]):
@@ -545,11 +562,11 @@ class _PathProblem:
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
         """Out of collision first, then the whole cost."""
         low, high = self.cost.distances.scene.coordinates.limits()
-        lower, upper = np.full(self.start.shape, -np.inf), np.full(self.start.shape, np.inf)
-        lower[:, : low.size], upper[:, : high.size] = (
-            low,
-            high,
-        )  # positions are the first of the variables of a node
+        lower = np.full(self.start.shape, -np.inf)
+        upper = np.full(self.start.shape, np.inf)
+        # positions are the first of the variables of a node
+        lower[:, : low.size] = low
+        upper[:, : high.size] = high
         whole = DescentProblem(
             model=self.cost.model,
             start=start,
@@ -575,11 +592,9 @@ class _PathProblem:
         were given.
         """
         found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        return (
-            found
-            if self.timed and self.cost.limits.ratio(found) <= 1.0
-            else scale_to_limits(found, self.cost.limits)
-        )
+        if self.timed and self.cost.limits.ratio(found) <= 1.0:
+            return found
+        return scale_to_limits(found, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
         values = self.cost.values(variables)

@@ -78,7 +78,9 @@ def _leads_forward(meta: RunMeta, event: EventMeta) -> bool:
 def _is_true_of(condition: MetConditionMeta, value: float) -> bool:
     """Judge a value by the limit, or by the release that stands in for it once a condition holds."""
     limit = condition.limit if condition.release is None else condition.release
-    return value < limit if condition.sign == "<" else value > limit
+    if condition.sign == "<":
+        return value < limit
+    return value > limit
 
 
 def ended_prematurely(record: Record) -> list[dict[str, Any]]:
@@ -132,7 +134,10 @@ def cause_of_end(record: Record) -> dict[str, str]:
             "kind": "ended too early",
             "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}",
         }
-    doubt = _doubt_of_completion(record) if meta.completed else ""
+    if meta.completed:
+        doubt = _doubt_of_completion(record)
+    else:
+        doubt = ""
     if doubt:
         return {"kind": "truth unknown", "text": f"complete by the estimate; {doubt}"}
     if meta.completed:

@@ -48,7 +48,10 @@ def solve_positive(s: LeastSquaresRows, n: int) -> None:
             total = s.K[i][j]
             for k in range(j):
                 total -= s.K[i][k] * s.K[j][k]
-            s.K[i][j] = math.sqrt(max(total, 0.0)) if i == j else total / s.K[j][j]
+            if i == j:
+                s.K[i][j] = math.sqrt(max(total, 0.0))
+            else:
+                s.K[i][j] = total / s.K[j][j]
     for i in range(n):
         for k in range(i):
             s.y[i] -= s.K[i][k] * s.y[k]
@@ -227,7 +230,8 @@ def solve_bounded(p: BoundedProblem) -> int:
 def _unit_weights(p: BoundedProblem) -> None:
     for j in range(p.columns):
         p.scale[j] = math.sqrt(p.weight[j])
-        p.low[j], p.high[j] = p.lower[j] * p.scale[j], p.upper[j] * p.scale[j]
+        p.low[j] = p.lower[j] * p.scale[j]
+        p.high[j] = p.upper[j] * p.scale[j]
         for i in range(p.rows):
             p.M[i][j] = p.A[i][j] / p.scale[j]
 
@@ -277,7 +281,8 @@ def _advance(p: BoundedProblem, exact: bool) -> None:
             p.x[j] += share * (p.optimum[j] - p.x[j])
         if k < 0:
             break
-        p.x[k], p.free[k] = p.high[k] if rises else p.low[k], False
+        p.x[k] = p.high[k] if rises else p.low[k]
+        p.free[k] = False
 
 
 def _free_ones(p: BoundedProblem) -> int:
@@ -365,7 +370,9 @@ def _most_wrong(p: BoundedProblem) -> int:
         if not p.free[j] and p.low[j] != p.high[j] and gain > most:
             worst = j
             most = gain
-    return worst if most > _TOLERANCE * _EPSILON * (1.0 + largest) else -1
+    if most > _TOLERANCE * _EPSILON * (1.0 + largest):
+        return worst
+    return -1
 
 
 def room_for(n: int) -> int:
@@ -434,13 +441,22 @@ def _begin_row(p: LinearProgram, i: int) -> None:
     n = len(p.c)
     rest = p.b[i]
     for j in range(n):
-        p.x[j], p.cost[j], p.basic[j] = p.lower[j], 0.0, False
+        p.x[j] = p.lower[j]
+        p.cost[j] = 0.0
+        p.basic[j] = False
         rest -= p.A[i][j] * p.x[j]
     for j in range(len(p.x)):
         missing = 1.0 if j == n + i else 0.0
-        p.tableau[i][j] = math.copysign(1.0, rest) * p.A[i][j] if j < n else missing
-    p.x[n + i], p.upper[n + i], p.lower[n + i] = abs(rest), math.inf, 0.0
-    p.cost[n + i], p.basic[n + i], p.basis[i] = -1.0, True, n + i
+        if j < n:
+            p.tableau[i][j] = math.copysign(1.0, rest) * p.A[i][j]
+        else:
+            p.tableau[i][j] = missing
+    p.x[n + i] = abs(rest)
+    p.upper[n + i] = math.inf
+    p.lower[n + i] = 0.0
+    p.cost[n + i] = -1.0
+    p.basic[n + i] = True
+    p.basis[i] = n + i
 
 
 def _count_what_counts(p: LinearProgram) -> None:
@@ -471,7 +487,10 @@ def _entering(p: LinearProgram) -> int:
     """The first variable at a bound that pays to leave it; -1 for none."""
     for j in range(len(p.x)):
         if not p.basic[j] and p.lower[j] < p.upper[j]:
-            price = _price(p, j) if p.x[j] <= p.lower[j] else -_price(p, j)
+            if p.x[j] <= p.lower[j]:
+                price = _price(p, j)
+            else:
+                price = -_price(p, j)
             if price > _LEAST_PRICE:
                 return j
     return -1
@@ -516,7 +535,9 @@ def _to_bound(p: LinearProgram, entering: int, up: float, step: float, leaving: 
     k = p.basis[leaving]
     p.x[k] = p.upper[k] if up * p.tableau[leaving][entering] < 0.0 else p.lower[k]
     p.x[entering] += up * step
-    p.basic[k], p.basic[entering], p.basis[leaving] = False, True, entering
+    p.basic[k] = False
+    p.basic[entering] = True
+    p.basis[leaving] = entering
     _pivot(p, leaving, entering)
 
 

@@ -46,7 +46,10 @@ class Actuators:
         self._thrust = np.zeros(len(self._lag.lower))
         self._torque = np.zeros(robot.n_joints)
         approach = self._lag.lead * (1.0 - self._lag.decay)
-        self.lag = dt * float(np.mean(1.0 / approach - 0.5)) if len(approach) else 0.0
+        if len(approach):
+            self.lag = dt * float(np.mean(1.0 / approach - 0.5))
+        else:
+            self.lag = 0.0
         """[s] by which thrust comes later than it is asked for, driven ahead of its own lag."""
 
     @property

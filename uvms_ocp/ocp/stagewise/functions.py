@@ -96,7 +96,9 @@ class Tangent:
         """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
         own = self._along(ca.jacobian(rows, self.model.z), controls)
         through = ca.jacobian(rows, self.model.force)
-        return own + through @ self.force_slope[:, : own.shape[1]] if through.nnz() else own
+        if through.nnz():
+            return own + through @ self.force_slope[:, : own.shape[1]]
+        return own
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
         """Project a derivative (m, n_z) in z."""
@@ -113,7 +115,8 @@ class Tangent:
         What forces bend is not in it, see `step_curvature`.
         """
         slope = self._along(ca.jacobian(value, self.model.z), controls).T
-        weights, H = self.weights(value), self.jacobian(slope, controls=controls)
+        weights = self.weights(value)
+        H = self.jacobian(slope, controls=controls)
         if weights.nnz():
             H += self.force_slope[:, : H.shape[0]].T @ self.jacobian(weights, controls=controls)
         return (H + H.T) / 2
@@ -127,7 +130,9 @@ class Tangent:
         """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend."""
 
         def made() -> tuple[list[ca.SX], list[ca.SX]]:
-            middle, z, (bent, slope, H) = self.model.midpoint, self.model.z, self.model.bent
+            middle = self.model.midpoint
+            z = self.model.z
+            (bent, slope, H) = self.model.bent
             z_next = ca.SX.sym("z_next", z.shape)
             costates = ca.SX.sym("costates", self.n_x)
             D = self.jacobian(middle)
@@ -255,11 +260,9 @@ class BlockFunctions:
         """
         value, y, e = self._weighted
         forced = ca.depends_on(value, self.tangent.model.force)
-        return (
-            self._function("weights", lambda: [self.tangent.weights(value)], y, e)
-            if forced
-            else None
-        )
+        if forced:
+            return self._function("weights", lambda: [self.tangent.weights(value)], y, e)
+        return None
 
     @cached_property
     def curvature(self) -> ca.Function:
@@ -287,7 +290,8 @@ class BlockFunctions:
         """The sum of all rows by multipliers, and these."""
         held = ca.vertcat(ca.SX(0, 1), *(group.rows for group in self.held[:-1]))
         errors = ca.vertcat(ca.SX(0, 1), *(group.rows for group in self.errors))
-        y, e = ca.SX.sym("y", held.numel()), ca.SX.sym("e", errors.numel())
+        y = ca.SX.sym("y", held.numel())
+        e = ca.SX.sym("e", errors.numel())
         return ca.dot(y, held) + ca.dot(e, errors), y, e
 
     def _jacobian(self, rows: ca.SX) -> ca.SX:

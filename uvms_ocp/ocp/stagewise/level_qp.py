@@ -35,7 +35,8 @@ class StageLevelQp:
             n_r=tuple(len(part) for part in memory.residual_parts(level)),
             n_c=tuple(sum(own[: level + 1]) for own in memory.group_sizes),
         )
-        self.qp, self._solver = StageQp(self.shape), StageQpSolver(self.shape, options)
+        self.qp = StageQp(self.shape)
+        self._solver = StageQpSolver(self.shape, options)
         self.held = leading(map(sum, memory.group_sizes), self.shape.n_c)
         self._bends = False
         """Rows (m,) that may be held and are rows of the QP, and whether it has curvature."""
@@ -172,7 +173,9 @@ class StageLevelQp:
         less than the tolerance asks for. Only what no curvature bends is explained where it fails.
         """
         flat = self.qp.flat
-        flat["damping"][:], flat["l1"][self._above], flat["l2"][self._above] = damping, give, kept
+        flat["damping"][:] = damping
+        flat["l1"][self._above] = give
+        flat["l2"][self._above] = kept
         self._load(ranges)
         tolerance = max(rough, self._solver.options.tolerance)
         explained = not (self._bends or self.most)

@@ -80,7 +80,8 @@ class StageMemory:
         self.steps = np.array([i for i, stage in enumerate(self.stages) if stage.step])
         n = len(self.stages)
         layout = self.tangent.model.layout
-        self.z, self.z_from = np.zeros((n, layout.n_z)), np.zeros((n, layout.n_z))
+        self.z = np.zeros((n, layout.n_z))
+        self.z_from = np.zeros((n, layout.n_z))
         self.n_u = tuple(
             self.tangent.n_u if stage.step else int(self.tangent.free) for stage in self.stages[:-1]
         )
@@ -130,7 +131,9 @@ class StageMemory:
         return self._residuals[level][1]
 
     def function(self, stage: Stage) -> functions.BlockFunctions | None:
-        return None if stage.block is None else self.functions[stage.block]
+        if stage.block is None:
+            return None
+        return self.functions[stage.block]
 
     def arguments(self, i: int) -> list[Array]:
         """Return the arguments of the functions of rows at stage i."""
@@ -177,7 +180,9 @@ class StageMemory:
     def groups(self, stage: Stage) -> tuple[functions.HeldRows, ...]:
         """Rows of a stage that may be held."""
         function = self.function(stage)
-        return () if function is None else function.held
+        if function is None:
+            return ()
+        return function.held
 
     def _level_rows(self, level: int) -> tuple[Array, list[Array]]:
         found = [self.function(stage) for stage in self.stages]
@@ -279,17 +284,16 @@ class StageVariables:
         z = memory.z[memory.steps]
         column = variables.columns(0)
         steps = x[: N * n].reshape(N, n)
-        steps[:, : target.h], steps[:, column[target.a]] = z[:, : layout.h], z[:, layout.a]
+        steps[:, : target.h] = z[:, : layout.h]
+        steps[:, column[target.a]] = z[:, layout.a]
         x[N * n : N * n + target.h] = memory.z[-1, : layout.h]
         if variables.free:
             steps[:, column[target.h]] = z[:, layout.h]
             x[N * n + target.h] = z[-1, layout.h]
         if target.n_thrust + target.n_torque:
             memory.find_inputs()
-            steps[:, column[target.thrust]], steps[:, column[target.torque]] = (
-                memory.thrust,
-                memory.torque,
-            )
+            steps[:, column[target.thrust]] = memory.thrust
+            steps[:, column[target.torque]] = memory.torque
         return x
 
 
@@ -309,7 +313,8 @@ class StageRanges:
         above = [(layout.constraints, slice(0, len(layout.constraints)))]
         above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
         for rows, own in above:
-            raw[0, rows], raw[1, rows] = bounds.lower[own], bounds.upper[own]
+            raw[0, rows] = bounds.lower[own]
+            raw[1, rows] = bounds.upper[own]
         forces = places.force_ranges(bounds.x_lower, bounds.x_upper)
         z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
@@ -415,7 +420,10 @@ class StageIndices:
                 own = np.concatenate(
                     [own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)]
                 )
-            used = own >= 0 if stage.starts_phase is None else np.zeros(len(own), dtype=bool)
+            if stage.starts_phase is None:
+                used = own >= 0
+            else:
+                used = np.zeros(len(own), dtype=bool)
             places.append(np.where(own >= 0, i * n_z + own, 0))
             numbers.append(np.where(used, columns[np.maximum(own, 0)], -1))
             if stage.starts_phase is not None and tangent.free:
@@ -453,7 +461,8 @@ class StageIndices:
         x = np.zeros(whole.n_x + 1)
         raw = np.zeros(layout.n_rows + 1)
         kept = np.zeros(whole.ranges().n_rows)
-        x[self._x], x[self._force_x] = found.y[len(rows) :], y[self.raw < 0]
+        x[self._x] = found.y[len(rows) :]
+        x[self._force_x] = y[self.raw < 0]
         x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
         raw[self.raw] = y
         kept[: len(layout.constraints)] = raw[layout.constraints]

@@ -140,9 +140,13 @@ class StageLevelSolver:
                 point=start, status=NlpStatus.TIME_LIMIT, iterations=0, violation=np.inf
             )
         self._levels.go_to(start.x, p)
-        level, ranges = self._levels.level(self._index), self._levels.ranges(bounds, self._index)
+        level = self._levels.level(self._index)
+        ranges = self._levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
-        warm = warm if warm is not None and warm.shape == level.shape else None
+        if warm is not None and warm.shape == level.shape:
+            warm = warm
+        else:
+            warm = None
         return self._outcome(
             StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start
         )
@@ -232,7 +236,10 @@ class StagewiseLevelModel:
         near = self._last.get(level)
         # A second step of a level, which mends the first, is welcome, but not at the price of many
         # iterations.
-        own.most = _BRIEF if level and self._ranges is before else None
+        if level and self._ranges is before:
+            own.most = _BRIEF
+        else:
+            own.most = None
         solution = own.solve(ranges, damping, 0.0, near, kept=self._kept[level])
         if not solution.status.usable:
             return NlpStatus.STALLED
@@ -360,7 +367,9 @@ def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | Sta
     """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as
     `StagewiseProgram` does.
     """
-    return StagewiseProgram(whole) if plugin == STAGEWISE else whole.program
+    if plugin == STAGEWISE:
+        return StagewiseProgram(whole)
+    return whole.program
 
 
 def stagewise_or(other: str, problem: OcpProblem) -> str:
@@ -373,7 +382,9 @@ def stagewise_or(other: str, problem: OcpProblem) -> str:
         or problem.limits_total
         or not problem.fixed_start
     )
-    return STAGEWISE if has_compiler() and not coupled else other
+    if has_compiler() and not coupled:
+        return STAGEWISE
+    return other
 
 
 def _relaxed(problem: OcpProblem) -> list[str]:

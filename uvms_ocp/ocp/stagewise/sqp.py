@@ -307,9 +307,9 @@ class StageSqp:
     def _near(self) -> WarmStart | None:
         """Return the start of QPs: the last one, if it has an optimum."""
         last = self._solution
-        return (
-            last.warm_start() if last is not None and last.status is StageQpStatus.SOLVED else None
-        )
+        if last is not None and last.status is StageQpStatus.SOLVED:
+            return last.warm_start()
+        return None
 
     def _search(
         self, here: FilterMerit, solution: FlatSolution, promise: float
@@ -370,7 +370,9 @@ class StageSqp:
 
     def _lowered(self, damping: float) -> float:
         less = damping / _LESS
-        return less if less > self._unit * _NO_DAMPING else 0.0
+        if less > self._unit * _NO_DAMPING:
+            return less
+        return 0.0
 
     def _refusal(self, here: FilterMerit) -> NlpStatus | None:
         """Tell why no share of a step was accepted: there is nothing to gain, or, where more
@@ -382,7 +384,9 @@ class StageSqp:
             return NlpStatus.INEXACT
         self._damping = before
         self._raise_damping()
-        return None if self._damping > before else NlpStatus.STALLED
+        if self._damping > before:
+            return None
+        return NlpStatus.STALLED
 
     def _corrected(self, trial: FilterMerit, here: FilterMerit) -> FilterMerit:
         """Correct a whole step to the second order: back to the rows from where it leads

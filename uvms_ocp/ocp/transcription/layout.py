@@ -139,7 +139,8 @@ class VariableLayout:
         if problem.fixed_start:
             # It is given by rows; bounds on it could only contradict them.
             first = self.columns(0)[: self.model.layout.h]
-            low[first], up[first] = -np.inf, np.inf
+            low[first] = -np.inf
+            up[first] = np.inf
         return low, up
 
     def _narrow(self, tightened: Tightening, low: np.ndarray, up: np.ndarray) -> None:
@@ -158,7 +159,8 @@ class VariableLayout:
             columns = self.all_columns[:, places]
             used = columns >= 0
             lower, upper = more.narrowed(low[columns], up[columns], unit)
-            low[columns[used]], up[columns[used]] = lower[used], upper[used]
+            low[columns[used]] = lower[used]
+            up[columns[used]] = upper[used]
 
     def _bound_durations(self, problem: OcpProblem, low: np.ndarray, up: np.ndarray) -> None:
         phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
@@ -167,13 +169,15 @@ class VariableLayout:
             # A range of no width would leave interior points no inside.
             slack = 0.0 if phase.free else 1e-6
             h = self.columns(k)[self.model.layout.h]
-            low[h], up[h] = (shortest - slack) / phase.n_steps, (longest + slack) / phase.n_steps
+            low[h] = (shortest - slack) / phase.n_steps
+            up[h] = (longest + slack) / phase.n_steps
 
     def _step_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         robot = self.model.robot
         layout = self.model.layout
         actuators = self.model.actuators
-        lower, upper = np.full(layout.n_z, -np.inf), np.full(layout.n_z, np.inf)
+        lower = np.full(layout.n_z, -np.inf)
+        upper = np.full(layout.n_z, np.inf)
         if not self.model.problem.limited:
             return lower, upper
         lower[layout.q], upper[layout.q] = robot.configuration_bounds
@@ -181,9 +185,12 @@ class VariableLayout:
             (layout.v, robot.limits.velocity),
             (layout.a, robot.limits.acceleration),
         ):
-            lower[part], upper[part] = -limit, limit
-        lower[layout.thrust], upper[layout.thrust] = actuators.thrust_lower, actuators.thrust_upper
-        lower[layout.torque], upper[layout.torque] = -actuators.torque_limit, actuators.torque_limit
+            lower[part] = -limit
+            upper[part] = limit
+        lower[layout.thrust] = actuators.thrust_lower
+        upper[layout.thrust] = actuators.thrust_upper
+        lower[layout.torque] = -actuators.torque_limit
+        upper[layout.torque] = actuators.torque_limit
         return lower, upper
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
@@ -225,7 +232,10 @@ class VariableLayout:
         Z = np.zeros((self.N + 1, layout.n_z))
         used = self.all_columns >= 0
         Z[used] = x[self.all_columns[used]]
-        steps = Z[:-1, layout.h] if self.free else np.diff(problem.nominal_times())
+        if self.free:
+            steps = Z[:-1, layout.h]
+        else:
+            steps = np.diff(problem.nominal_times())
         Z[:-1, layout.h] = steps
         thrust, torque = (
             part.reshape(-1, self.N).T for part in self._inputs(Z[:-1].T, problem.currents.T)
@@ -288,7 +298,10 @@ class ParameterLayout:
         rate = 1.0 / nominal[-1]
         last_share = 0.5 * (nominal[-1] - nominal[-2]) * rate
         n_phases = len(given.problem.phases)
-        about = np.tile(state.q, (len(times), 1)) if near is None else near
+        if near is None:
+            about = np.tile(state.q, (len(times), 1))
+        else:
+            about = near
         parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
         for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
             own = block.nodes
@@ -371,7 +384,10 @@ def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.nda
     if freedom is None:
         rows = first - given
         return rows, np.zeros(rows.numel())
-    parts = [slice(3, 7)] if model.robot.n_vehicle else []
+    if model.robot.n_vehicle:
+        parts = [slice(3, 7)]
+    else:
+        parts = []
     parts += [
         slice(joint.q.stop - 2, joint.q.stop)
         for joint in model.robot.joints
@@ -466,7 +482,8 @@ class RowLayout:
         upper = self.upper.copy()
         upper[self.total] = longest
         for rows, own in zip(self.terms, numbers, strict=True):
-            lower[rows], upper[rows] = own.lower, own.upper
+            lower[rows] = own.lower
+            upper[rows] = own.upper
         for more in margins:
             rows = self.terms[more.block][:, more.columns]
             lower[rows], upper[rows] = more.margins.narrowed(lower[rows], upper[rows], more.unit)

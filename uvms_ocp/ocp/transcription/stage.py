@@ -48,8 +48,14 @@ class ActuationModel:
     def __init__(self, robot: Robot, actuation: Actuation) -> None:
         thrusters = bool(robot.n_vehicle) and actuation is Actuation.THRUSTERS
         n = robot.n_vehicle
-        self.matrix = thruster_matrix(robot)[:n] if thrusters else np.eye(n)
-        limits = thrust_limits(robot) if thrusters else (np.full(n, -np.inf), np.full(n, np.inf))
+        if thrusters:
+            self.matrix = thruster_matrix(robot)[:n]
+        else:
+            self.matrix = np.eye(n)
+        if thrusters:
+            limits = thrust_limits(robot)
+        else:
+            limits = (np.full(n, -np.inf), np.full(n, np.inf))
         self.thrust_unit = finite_or(
             np.maximum(np.abs(limits[0]), np.abs(limits[1])), _VEHICLE_FORCE
         )
@@ -147,12 +153,22 @@ def derivatives(
     With `residuals`, vectors r whose ``1/2 |r|^2`` are the costs, the Hessian is that of Gauss and Newton: no curvature
     of residuals or rows.
     """
-    c = ca.SX(0, 1) if costs is None else costs
-    sigma, lam = ca.SX.sym("sigma", c.shape[0]), ca.SX.sym("lam", rows.shape[0])
+    if costs is None:
+        c = ca.SX(0, 1)
+    else:
+        c = costs
+    sigma = ca.SX.sym("sigma", c.shape[0])
+    lam = ca.SX.sym("lam", rows.shape[0])
     J = ca.jacobian(rows, z)
-    gradient = ca.gradient(ca.dot(sigma, c), z) if c.numel() else ca.SX.zeros(z.shape)
+    if c.numel():
+        gradient = ca.gradient(ca.dot(sigma, c), z)
+    else:
+        gradient = ca.SX.zeros(z.shape)
     lagrangian = ca.dot(sigma, c) + ca.dot(lam, rows)
-    H = ca.hessian(lagrangian, z)[0] if residuals is None else _gauss_newton(residuals, sigma, z)
+    if residuals is None:
+        H = ca.hessian(lagrangian, z)[0]
+    else:
+        H = _gauss_newton(residuals, sigma, z)
 
     def function(kind: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
         # Common subexpressions are shared by how rows are written: looking for more takes as long
@@ -226,18 +242,19 @@ class StageModel:
         self.z = ca.SX.sym("z", self.layout.n_z)
         self.water = ca.SX.sym("u", 3)
         """(3,) [m/s] velocity of the water."""
-        self._dynamics = (
-            cached_dynamics(robot).symbolic
-            if problem.water
-            else SymbolicDynamics(model=robot.model)
-        )
+        if problem.water:
+            self._dynamics = cached_dynamics(robot).symbolic
+        else:
+            self._dynamics = SymbolicDynamics(model=robot.model)
         self._eliminated = eliminated
         self._compiled = compiled
 
     @property
     def derivatives(self) -> Callable[..., Derivatives]:
         """Return `compiled_derivatives`, or `derivatives` where nothing is to be compiled."""
-        return compiled_derivatives if self._compiled else derivatives
+        if self._compiled:
+            return compiled_derivatives
+        return derivatives
 
     @property
     def kind(self) -> tuple[object, ...]:
@@ -403,7 +420,9 @@ class StageModel:
         """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated
         once for all rows.
         """
-        return ca.SX.sym("f", self.robot.n_v) if self._eliminated else self.required_force
+        if self._eliminated:
+            return ca.SX.sym("f", self.robot.n_v)
+        return self.required_force
 
     @cached_property
     def inputs(self) -> tuple[ca.SX, ca.SX]:
@@ -425,17 +444,16 @@ class StageModel:
         function = ca.Function(
             "inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs]
         )
-        return (
-            function if self.has_force_variables else available_function(start_compiling(function))
-        )
+        if self.has_force_variables:
+            return function
+        return available_function(start_compiling(function))
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
         """Configuration after the time h of constant acceleration."""
-        step = (
-            h * v + h**2 * a
-            if self.problem.integrator is Integrator.EULER
-            else h * v + h**2 / 2 * a
-        )
+        if self.problem.integrator is Integrator.EULER:
+            step = h * v + h**2 * a
+        else:
+            step = h * v + h**2 / 2 * a
         if self.problem.integrator is Integrator.MAGNUS and self.robot.n_vehicle:
             # Omega = int V + 1/2 int int [V(s), V(t)] ... = h v + h^2/2 a + h^3/12 [v, a] for V = v
             # + a t.

@@ -184,7 +184,8 @@ class TermBlock:
 
 def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
     """All terms of a problem: the steps of every phase, then the end of every phase."""
-    nodes, phases = model.problem.starts_of_phases(), model.problem.phases
+    nodes = model.problem.starts_of_phases()
+    phases = model.problem.phases
     spans = [np.arange(first, end) for first, end in pairwise(nodes)]
     entry = cache(partial(_entry, model))  # a term is asked for its rows once, wherever it counts
     paths = []
@@ -271,13 +272,18 @@ def _term_rows(
     own = term_numbers([member.term for member in members], [member.residual for member in members])
     kinds = row_kinds(own.lower, own.upper)
     m = len(own.lower)
-    common, roots = ca.SX.sym("common", _N_COMMON), ca.SX.sym("root", len(members))
-    lower, upper = ca.SX.sym("lower", m), ca.SX.sym("upper", m)
+    common = ca.SX.sym("common", _N_COMMON)
+    roots = ca.SX.sym("root", len(members))
+    lower = ca.SX.sym("lower", m)
+    upper = ca.SX.sym("upper", m)
     s = ca.vertcat(common, roots, lower, upper, *(member.goals for member in members))
     rows = ca.vertcat(
         ca.SX(0, 1), *[roots[i] * member.residual.value for i, member in enumerate(members)]
     )
-    step = model.z[model.layout.h] if on_path else ca.SX(1)
+    if on_path:
+        step = model.z[model.layout.h]
+    else:
+        step = ca.SX(1)
     shares = [step * common[1] if member.term.at is At.PATH else ca.SX(1) for member in members]
     costs, errors = _costs(
         len(model.problem.levels), members, (rows, lower, upper, kinds), shares, common[0]
@@ -447,11 +453,10 @@ def _same_expression(one: ca.SX, other: ca.SX, *symbols: ca.SX) -> bool:
 
 
 def _other(model: StageModel, member: TermEntry, given: Term) -> InvalidInput:
-    place = (
-        "constraints"
-        if member.level == CONSTRAINT
-        else f"level {model.problem.levels[member.level].name!r}"
-    )
+    if member.level == CONSTRAINT:
+        place = "constraints"
+    else:
+        place = f"level {model.problem.levels[member.level].name!r}"
     found = ", ".join(_differences(member.term, given))
     return InvalidInput(
         f"{place}: term {given.name!r} differs in {found} from the planner's: build a new Planner"
@@ -468,7 +473,10 @@ def _differences(built: object, given: object, path: str = "") -> Iterator[str]:
     for attribute in {**_attributes(built), **_attributes(given)}:
         one = getattr(built, attribute, None)
         other = getattr(given, attribute, None)
-        name = f"{path}.{attribute}" if path else attribute
+        if path:
+            name = f"{path}.{attribute}"
+        else:
+            name = attribute
         if is_dataclass(one) and one is not other:
             yield from _differences(one, other, name)
         elif not _same(one, other):
@@ -500,9 +508,8 @@ def _same(one: object, other: object) -> bool:
         return len(one) == len(other) and all(_same(a, b) for a, b in zip(one, other, strict=True))
     if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
         return bool(np.array_equal(one, other))  # type: ignore[arg-type]
-    same = (
-        type(one) is type(other) and not any(_differences(one, other))
-        if is_dataclass(one)
-        else one == other
-    )
+    if is_dataclass(one):
+        same = type(one) is type(other) and not any(_differences(one, other))
+    else:
+        same = one == other
     return bool(same)

@@ -243,7 +243,8 @@ class Horizon:
         """
         only = ca.DM(np.eye(self.n_levels)[index])
         values = [self.costs[index], self.rows[raw_rows.tolist()]]
-        lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", len(raw_rows))
+        lam_f = ca.MX.sym("lam_f")
+        lam_g = ca.MX.sym("lam_g", len(raw_rows))
         position = np.full(self.layout.n_rows, len(raw_rows))
         position[raw_rows] = np.arange(len(raw_rows))
         lam = ca.vertcat(lam_g, 0)[position.tolist()]
@@ -274,7 +275,8 @@ def horizon(
     ends: layouts.BoundaryRows,
 ) -> Horizon:
     """Symbols of the variables and parameters of a problem, and its rows in them."""
-    x, p = ca.MX.sym("x", variables.n_x), ca.MX.sym("p", parameters.n)
+    x = ca.MX.sym("x", variables.n_x)
+    p = ca.MX.sym("p", parameters.n)
     nodes = variables.nodes(x, p[parameters.steps])
     n = layout.n_state
     columns = variables.all_columns
@@ -417,11 +419,9 @@ class Transcription:
         """
         if tightened.limits:
             return self.variables.bounds(problem or self.problem, tightened)
-        return (
-            self._own_bounds
-            if problem is None or not problem.free_time
-            else self.variables.bounds(problem)
-        )
+        if problem is None or not problem.free_time:
+            return self._own_bounds
+        return self.variables.bounds(problem)
 
     def ranges(
         self, problem: OcpProblem | None = None, tightened: Tightening = NO_TIGHTENING
@@ -430,7 +430,9 @@ class Transcription:
         given = self._fitted(problem)
         if tightened.terms:
             return self._ranges(given, self._margins_of_rows(given, tightened))
-        return self._own_ranges if given is self._own else self._ranges(given)
+        if given is self._own:
+            return self._own_ranges
+        return self._ranges(given)
 
     def _margins_of_rows(
         self, given: term_rows.ReusedProblem, tightened: Tightening
@@ -561,7 +563,8 @@ class Transcription:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Z (n_z,) of the start without inputs, and the parameters of terms with these numbers."""
         z = np.zeros(self.model.layout.n_z)
-        z[self.model.layout.q], z[self.model.layout.v] = problem.start.q, problem.start.v
+        z[self.model.layout.q] = problem.start.q
+        z[self.model.layout.v] = problem.start.v
         here = term_rows.TermNodes(
             times=[0.0], active=[False], q=problem.start.q[None], tightened={}
         )

@@ -264,7 +264,8 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
         way = float(np.linalg.norm(goal.translation - place))
         least += max(way - nearby - threshold, 0.0) / fastest
-        place, nearby = goal.translation, threshold
+        place = goal.translation
+        nearby = threshold
     if least > setup.duration:
         text = (
             f"the phases take {least:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"

@@ -122,7 +122,8 @@ class _ActiveSet:
         stalled = 0
         rule = _Rule.GREEDY
         above, below = self._violated(self.v)
-        self.state[above], self.state[below] = UPPER, LOWER
+        self.state[above] = UPPER
+        self.state[below] = LOWER
         pending = bool((above | below).any())
         budget = tolerances.iteration_budget(len(self.A))
         most = min(budget.most_iterations, left)
@@ -145,9 +146,12 @@ class _ActiveSet:
             dropped = self._wrong_row(rule)
             if dropped < 0:
                 return self.v, iteration
-            self.state[dropped], pending, stalled = FREE, True, stalled + 1
+            self.state[dropped] = FREE
+            pending = True
+            stalled = stalled + 1
             if stalled > budget.tabu_stalls or iteration > budget.tabu_iterations:
-                rule, self.tabu[dropped] = _Rule.TABU, True
+                rule = _Rule.TABU
+                self.tabu[dropped] = True
             elif stalled > budget.bland_stalls:
                 rule = _Rule.BLAND
         return self.v, most
@@ -185,7 +189,8 @@ class _ActiveSet:
                         break
                     smallest = float(min(smallest, part))
                     rank = rank + 1
-                rows, Q[:, column:] = rows[order], Q[:, column:] @ turn
+                rows = rows[order]
+                Q[:, column:] = Q[:, column:] @ turn
             T = self.A[rows] @ Q
             end = column + rank
             T[:rank, end:] = 0.0
@@ -241,14 +246,13 @@ class _ActiveSet:
             )
             if not significant.any():
                 continue
-            multiplier[own.rows[significant]], g = (
-                slack[significant],
-                slack @ own.T[:, : own.column],
-            )
+            multiplier[own.rows[significant]] = slack[significant]
+            g = slack @ own.T[:, : own.column]
             for rows, T, column, rank in reversed(self.blocks[:k]):
                 if rank:
                     own_part = np.linalg.solve(T[:rank, column : column + rank].T, -g[column:])
-                    multiplier[rows[:rank]], g = own_part, g[:column] + own_part @ T[:rank, :column]
+                    multiplier[rows[:rank]] = own_part
+                    g = g[:column] + own_part @ T[:rank, :column]
             value = np.where(
                 (self.state == EQUAL) | decided, 0.0, multiplier * self.state * self.norm
             )
@@ -303,7 +307,8 @@ def solve_levels(
     sizes: rows of each level.
     """
     if not is_valid(J, lower, upper, gate):
-        v, nothing = np.zeros(J.shape[1]), np.zeros(len(lower))
+        v = np.zeros(J.shape[1])
+        nothing = np.zeros(len(lower))
         return SolvedRows(
             v=v,
             active_set=nothing,
@@ -336,7 +341,8 @@ class _Attempts:
     def __init__(self, rows: NormalRows) -> None:
         self.rows = rows
         self.left = tolerances.iteration_budget(len(rows.J)).most_of_all
-        self.w, self.active_set = np.zeros(rows.J.shape[1]), np.zeros(len(rows.J))
+        self.w = np.zeros(rows.J.shape[1])
+        self.active_set = np.zeros(len(rows.J))
         self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
         self._missed: Array | None = None
         self._near = tolerances.TOUCHING * (1.0 + np.abs(rows.J).sum(axis=1))
@@ -348,12 +354,17 @@ class _Attempts:
         if active_set.any() and self._is_proven(*self._run(self.rows)):
             return Status.COLD_STARTED
         found = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
-        return Status.CASCADED if found else Status.INEXACT
+        if found:
+            return Status.CASCADED
+        return Status.INEXACT
 
     def _run(
         self, rows: NormalRows, active_set: Array | None = None, rules: PivotRules = ORDINARY
     ) -> tuple[Array, Array]:
-        start = np.zeros(len(rows.J)) if active_set is None else active_set
+        if active_set is None:
+            start = np.zeros(len(rows.J))
+        else:
+            start = active_set
         w, reached, iterations = lexicographic_least_squares(rows, start, rules, self.left)
         self.left -= iterations
         return w, reached
@@ -398,10 +409,8 @@ class _Attempts:
     def _without(self, end: int) -> NormalRows:
         """The rows before `end`; the others are free."""
         given = np.arange(len(self.rows.J)) < end
-        lower, upper = (
-            np.where(given, self.rows.lower, -np.inf),
-            np.where(given, self.rows.upper, np.inf),
-        )
+        lower = np.where(given, self.rows.lower, -np.inf)
+        upper = np.where(given, self.rows.upper, np.inf)
         return replace(self.rows, lower=lower, upper=upper)
 
     def _is_proven(self, w: Array, active_set: Array) -> bool:

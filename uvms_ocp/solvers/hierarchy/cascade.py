@@ -406,7 +406,10 @@ class QpTick:
                     step.conic.checkout()
                 self._set_up()
                 outputs = self._tick(*inputs)
-                outputs = self._stepwise(inputs) if self._tick.failed else outputs
+                if self._tick.failed:
+                    outputs = self._stepwise(inputs)
+                else:
+                    outputs = outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, said, missed, *extras = outputs
@@ -443,11 +446,9 @@ class QpTick:
             RowState.LOWER
         )
         polished = solve_levels(given, lower, upper, gate, held, self._sizes)
-        return (
-            (polished.v, polished.status, polished.residual)
-            if polished.status.exact
-            else (v, solution.Status.INEXACT, missed)
-        )
+        if polished.status.exact:
+            return (polished.v, polished.status, polished.residual)
+        return (v, solution.Status.INEXACT, missed)
 
     def _set_up(self) -> None:
         for step in self._steps:
@@ -470,7 +471,8 @@ class QpTick:
             v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
             y = J[rows] @ v
             fixed[rows] = fixed_rows(y, low[rows], up[rows])
-            bounds[0][rows], bounds[1][rows] = np.minimum(low[rows], y), np.maximum(up[rows], y)
+            bounds[0][rows] = np.minimum(low[rows], y)
+            bounds[1][rows] = np.maximum(up[rows], y)
             inexact = max(inexact, float(failed[0]))
             held = rows.stop
         return (v, np.array([inexact]), residual(J_given, v, lower, upper, gate), *extras)
@@ -479,7 +481,9 @@ class QpTick:
 def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
     function = BufferedFunction(step.solve)
     outputs = function(*inputs)
-    return BufferedFunction(step.give_up)(*inputs) if function.failed else outputs
+    if function.failed:
+        return BufferedFunction(step.give_up)(*inputs)
+    return outputs
 
 
 _OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not

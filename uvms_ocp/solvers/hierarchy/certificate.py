@@ -144,7 +144,10 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     divisor = np.repeat(level, sizes)
     lost = ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
-    asked = _asked(lower, upper, real) / largest if largest > 0.0 else 0.0
+    if largest > 0.0:
+        asked = _asked(lower, upper, real) / largest
+    else:
+        asked = 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower = lower / divisor
     upper = upper / divisor
@@ -180,17 +183,21 @@ def _norms(J: Array) -> Array:
 
 def _power(size: float) -> float:
     """The power of two above a size; 1 for 0."""
-    return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023))) if 0.0 < size < np.inf else 1.0
+    if 0.0 < size < np.inf:
+        return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023)))
+    return 1.0
 
 
 def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
     n = J.shape[1]
-    low, up = np.full(n, -np.inf), np.full(n, np.inf)
+    low = np.full(n, -np.inf)
+    up = np.full(n, np.inf)
     alone = ((J != 0.0).sum(axis=1) == 1) & (lower > -np.inf) & (upper < np.inf)
     for row in np.flatnonzero(alone):
         c = int(np.flatnonzero(J[row])[0])
         ends = sorted((lower[row] / J[row, c], upper[row] / J[row, c]))
-        low[c], up[c] = max(low[c], ends[0]), min(up[c], ends[1])
+        low[c] = max(low[c], ends[0])
+        up[c] = min(up[c], ends[1])
     return VelocityBox(lower=low, upper=up)
 
 
@@ -275,11 +282,9 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
     sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
-    return (
-        float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0))
-        if np.isfinite(excesses).all()
-        else np.inf
-    )
+    if np.isfinite(excesses).all():
+        return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0))
+    return np.inf
 
 
 def _checked_velocity(v: ArrayLike, n: int) -> Array:
@@ -296,7 +301,8 @@ def _length(w: Array) -> float:
 def _default_region(rows: NormalRows, w: Array) -> _Region:
     reach = tolerances.REACH
     boxed = (rows.box.lower > -np.inf) & (rows.box.upper < np.inf)
-    down, up = np.maximum(w - rows.box.lower, 0.0), np.maximum(rows.box.upper - w, 0.0)
+    down = np.maximum(w - rows.box.lower, 0.0)
+    up = np.maximum(rows.box.upper - w, 0.0)
     return _Region(
         down=np.where(boxed, down, reach),
         up=np.where(boxed, up, reach),
@@ -379,7 +385,8 @@ def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
     """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
     rows = found.J[:above]
     noise = found.noise[:above]
-    c, gap = np.concatenate([rows, -rows]), np.concatenate([found.up[:above], found.down[:above]])
+    c = np.concatenate([rows, -rows])
+    gap = np.concatenate([found.up[:above], found.down[:above]])
     useful = np.isfinite(gap) & c.any(axis=1)
     return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
 

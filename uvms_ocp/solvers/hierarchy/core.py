@@ -68,7 +68,10 @@ class CoreTick:
         r"""tick: of `CompiledSolver.function`. levels: inputs -> J, lower, upper, rate, activation,
         gate, \*extras.
         """
-        self._tick = None if tick is None else BufferedFunction(tick)
+        if tick is None:
+            self._tick = None
+        else:
+            self._tick = BufferedFunction(tick)
         self._levels = BufferedFunction(levels)
         self._in_python = in_python
         self._width = levels.size2_out(0)
@@ -160,7 +163,9 @@ class CompiledSolver:
 
         n: velocities. sizes: rows of each level.
         """
-        return external_core(self.core_source(n, sizes)) if self.compiled and any(sizes) else None
+        if self.compiled and any(sizes):
+            return external_core(self.core_source(n, sizes))
+        return None
 
     def _bind_cold(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
         tick = self.bind(levels_function, sizes)

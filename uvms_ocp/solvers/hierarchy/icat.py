@@ -76,7 +76,10 @@ class Icat(core.CompiledSolver):
                 all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation))
                 and np.isfinite(rate).all()
             )
-            v = self.velocity(J, rate, activation, sizes) if valid else np.full(n, np.inf)
+            if valid:
+                v = self.velocity(J, rate, activation, sizes)
+            else:
+                v = np.full(n, np.inf)
             if (np.abs(v) < tolerances.ENDLESS).all():
                 return [
                     v,
@@ -105,7 +108,8 @@ class Icat(core.CompiledSolver):
             raise InvalidInput(
                 f"sizes = {sizes} of levels; give some that add up to the {len(J)} rows of J"
             )
-        rho, Q = np.zeros(J.shape[1]), np.eye(J.shape[1])
+        rho = np.zeros(J.shape[1])
+        Q = np.eye(J.shape[1])
         for rows in row_slices(sizes):
             # Without an active row the step is the identity, exactly.
             if activation[rows].any():

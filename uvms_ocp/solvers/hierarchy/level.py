@@ -162,7 +162,9 @@ def row_slices(sizes: Sequence[int]) -> Iterator[slice]:
 
 
 def _label(name: str, field: str) -> str:
-    return f"level {name!r}: {field}" if name else f"level: {field}"
+    if name:
+        return f"level {name!r}: {field}"
+    return f"level: {field}"
 
 
 def _numbers(name: str, field: str, value: ArrayLike) -> Array:

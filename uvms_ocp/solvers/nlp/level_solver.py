@@ -321,7 +321,8 @@ class OptimalityConditions:
         self._rows = nlp.rows
         own = nlp.functions
         if "nlp_grad_f" in own and "nlp_jac_g" in own:
-            self._gradient, self._jacobian = own["nlp_grad_f"], own["nlp_jac_g"]
+            self._gradient = own["nlp_grad_f"]
+            self._jacobian = own["nlp_jac_g"]
             return
         x, p, f, g = (nlp.nlp[name] for name in ("x", "p", "f", "g"))
         self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
@@ -337,7 +338,8 @@ class OptimalityConditions:
         g, J = self._jacobian(point.x, p)
         y = point.row_multipliers[self._rows]
         slope = gradient + np.array(J.T @ y).ravel() + point.x_multipliers
-        lower, upper = bounds.lower[self._rows], bounds.upper[self._rows]
+        lower = bounds.lower[self._rows]
+        upper = bounds.upper[self._rows]
         left = max(
             _left(y, np.array(g).ravel(), lower, upper),
             _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
@@ -380,7 +382,10 @@ class LevelSolver:
 
     def fits(self, point: NlpPoint) -> bool:
         """True for a start with as many variables and rows as this program has."""
-        n_rows = self._n_rows if point.row_multipliers is None else len(point.row_multipliers)
+        if point.row_multipliers is None:
+            n_rows = self._n_rows
+        else:
+            n_rows = len(point.row_multipliers)
         return len(point.x) == self._nlp.nlp["x"].numel() and n_rows == self._n_rows
 
     def __call__(self, start: NlpPoint, p: np.ndarray, bounds: RowBounds) -> NlpOutcome:
@@ -440,7 +445,9 @@ class LevelSolver:
         if said is NlpStatus.SOLVED and error <= self._options.convergence:
             return said
         reduced = error <= _REDUCED * self._options.convergence
-        return NlpStatus.INEXACT if reduced else NlpStatus.STALLED
+        if reduced:
+            return NlpStatus.INEXACT
+        return NlpStatus.STALLED
 
     def _interrupted(self, best: BestIterate) -> NlpOutcome:
         """Without multipliers: they are not those of the best iterate."""

@@ -121,12 +121,12 @@ class LexicographicNlp:
     ) -> None:
         self.program = program
         given = options or level_solver.NlpOptions()
-        self.options = (
-            replace(given, plugin=level_solver.IPOPT)
-            if given.plugin == level_solver.AUTO
-            else given
-        )
-        self.deadline, self.watch = level_solver.Deadline(), level_solver.SolveMonitor()
+        if given.plugin == level_solver.AUTO:
+            self.options = replace(given, plugin=level_solver.IPOPT)
+        else:
+            self.options = given
+        self.deadline = level_solver.Deadline()
+        self.watch = level_solver.SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
@@ -164,14 +164,16 @@ class LexicographicNlp:
         """
         begin = perf_counter()
         points = self._starts(start)
-        parameters = np.zeros(0) if p is None else np.asarray(p, dtype=float)
+        if p is None:
+            parameters = np.zeros(0)
+        else:
+            parameters = np.asarray(p, dtype=float)
         if not np.isfinite(parameters).all():
             raise InvalidInput("parameters have NaN or infinite entries; give finite numbers")
-        limit = (
-            self.options.time_limit
-            if time_limit is None
-            else min(time_limit, self.options.time_limit)
-        )
+        if time_limit is None:
+            limit = self.options.time_limit
+        else:
+            limit = min(time_limit, self.options.time_limit)
         given = ranges or self.program.ranges
         run = _Run(
             self,
@@ -243,7 +245,9 @@ class _Run:
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
         if not (outcome.status.optimal and outcome.usable):
             self._spent = outcome.iterations
-            return self._stopped(outcome) if self._nlp.watch.should_stop else None
+            if self._nlp.watch.should_stop:
+                return self._stopped(outcome)
+            return None
         statuses = (nlp.NlpStatus.SOLVED,) * len(above)
         points = (outcome.point,) * len(self._levels)
         return self._result(
@@ -267,7 +271,8 @@ class _Run:
             statuses.append(nlp.NlpStatus.STALLED if stalled else outcome.status)
             iterations.append(outcome.iterations)
             if outcome.usable or best is None:
-                best, points[index] = outcome, outcome.point
+                best = outcome
+                points[index] = outcome.point
             if not outcome.usable or self._nlp.deadline.over or self._nlp.watch.should_stop:
                 break
             if index + 1 < len(self._levels):
@@ -300,11 +305,9 @@ class _Run:
         """A warm start of this level if there is one; otherwise where the level above ended,
         cold.
         """
-        return (
-            self._points[index]
-            if best is None or self._points[index].warm
-            else level_solver.NlpPoint(x=best.point.x)
-        )
+        if best is None or self._points[index].warm:
+            return self._points[index]
+        return level_solver.NlpPoint(x=best.point.x)
 
     def _result(
         self,
@@ -338,4 +341,6 @@ _ORDER = tuple(nlp.NlpStatus)
 
 def _severity(status: nlp.NlpStatus) -> int:
     """SKIPPED is only ever the consequence of another status."""
-    return 1 if status is nlp.NlpStatus.SKIPPED else _ORDER.index(status)
+    if status is nlp.NlpStatus.SKIPPED:
+        return 1
+    return _ORDER.index(status)

@@ -162,11 +162,9 @@ class LevelRows:
         """Largest norm of the residual with which a level that has reached `norm` keeps it;
         tolerance.
         """
-        return (
-            norm + tolerance
-            if self.relax is None
-            else float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
-        )
+        if self.relax is None:
+            return norm + tolerance
+        return float(((1 + self.relax) * norm**2 + 2 * tolerance) ** 0.5)
 
     def frozen_bounds(
         self, y: np.ndarray, cost: float, tolerance: float
@@ -178,12 +176,13 @@ class LevelRows:
         solver's own accuracy the rest.
         """
         if self.relax is None:
-            equal = (self.lower == self.upper) if tolerance == 0 else np.zeros(len(y), dtype=bool)
+            if tolerance == 0:
+                equal = self.lower == self.upper
+            else:
+                equal = np.zeros(len(y), dtype=bool)
             slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _SLACK)
-            low, up = (
-                np.where(equal, y, np.minimum(self.lower, y)),
-                np.where(equal, y, np.maximum(self.upper, y)),
-            )
+            low = np.where(equal, y, np.minimum(self.lower, y))
+            up = np.where(equal, y, np.maximum(self.upper, y))
             return low - slack, up + slack
         return np.array([-np.inf]), np.array([(1 + self.relax) * cost + tolerance])
 
@@ -214,7 +213,8 @@ def nlp_functions(
     lam: symbols for the multipliers of f and g. derivatives: gradient (n,) of f, Jacobian (m, n) of
     g, Hessian (n, n) of ``lam_f f + lam_g' g``, the upper triangle.
     """
-    (f, g), (gradient, J, H) = values, derivatives
+    (f, g) = values
+    (gradient, J, H) = derivatives
     primal = ["x", "p"]
     dual = ["x", "p", "lam_f", "lam_g"]
     everything = [*variables, *lam]
@@ -341,8 +341,14 @@ def signed_excess(
     """
     distance = y - lower
     for i in np.flatnonzero(~kinds.equal).tolist():
-        high = ca.fmax(y[i] - upper[i], 0) if kinds.above[i] else 0
-        low = ca.fmax(lower[i] - y[i], 0) if kinds.below[i] else 0
+        if kinds.above[i]:
+            high = ca.fmax(y[i] - upper[i], 0)
+        else:
+            high = 0
+        if kinds.below[i]:
+            low = ca.fmax(lower[i] - y[i], 0)
+        else:
+            low = 0
         distance[i] = high - low
     return distance
 
@@ -381,8 +387,14 @@ def lexicographic_program(
     """
     if not levels:
         raise InvalidInput("a lexicographic program needs levels; give at least one")
-    parameters = type(x).sym("p", 0) if p is None else p
-    constraints = type(x)(0, 1) if g is None else g
+    if p is None:
+        parameters = type(x).sym("p", 0)
+    else:
+        parameters = p
+    if g is None:
+        constraints = type(x)(0, 1)
+    else:
+        constraints = g
     rows = []
     first = int(constraints.numel())
     for name, bound in (("g_lower", g_lower), ("g_upper", g_upper)):
@@ -488,9 +500,11 @@ def row_bounds(
             "x_lower and x_upper exclude every x; give x_lower <= x_upper, and infinity only"
             " outwards"
         )
-    lower, upper = np.full(ranges.n_rows, -np.inf), np.full(ranges.n_rows, np.inf)
+    lower = np.full(ranges.n_rows, -np.inf)
+    upper = np.full(ranges.n_rows, np.inf)
     m = len(ranges.lower)
-    lower[:m], upper[:m] = ranges.lower, ranges.upper
+    lower[:m] = ranges.lower
+    upper[:m] = ranges.upper
     return RowBounds(
         x_lower=np.broadcast_to(np.asarray(x_lower, dtype=float), (n_x,)),
         x_upper=np.broadcast_to(np.asarray(x_upper, dtype=float), (n_x,)),

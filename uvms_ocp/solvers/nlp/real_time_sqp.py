@@ -81,7 +81,10 @@ def acceptance(
     """
     above = [level.kept(norm, tolerance) for level, norm in zip(levels, reached, strict=False)]
     mending = not above and here.violation > accuracy
-    own = np.inf if mending else here.residuals[len(reached)] + tolerance
+    if mending:
+        own = np.inf
+    else:
+        own = here.residuals[len(reached)] + tolerance
     return Acceptance(violation=max(accuracy, here.violation), residuals=np.array([*above, own]))
 
 
@@ -240,9 +243,11 @@ class LexicographicSqp:
         """Move the point by the step of the next level."""
         i = len(point.reached)
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
-        share, found = (
-            (0.0, point) if failure is not None else self._searched(point, levels, bounds)
-        )
+        if failure is not None:
+            share = 0.0
+            found = point
+        else:
+            share, found = self._searched(point, levels, bounds)
         self._weights.adapt(i, share)
         return found
 
@@ -257,9 +262,12 @@ class LexicographicSqp:
         tried = [self._model.moved(1.0)]
         while not rule.allows(tried[-1].merit) and len(tried) < len(SHARES):
             tried.append(self._model.moved(SHARES[len(tried)]))
-        share, found = (
-            (SHARES[len(tried) - 1], tried[-1]) if rule.allows(tried[-1].merit) else (0.0, point)
-        )
+        if rule.allows(tried[-1].merit):
+            share = SHARES[len(tried) - 1]
+            found = tried[-1]
+        else:
+            share = 0.0
+            found = point
         if share < 1.0:
             mended = self._mended(tried[0], i, bounds)
             if rule.allows(mended.merit) and mended.merit.residuals[i] <= found.merit.residuals[i]:
@@ -274,7 +282,9 @@ class LexicographicSqp:
         failure = self._model.step(
             level, whole, bounds, self._options.damping + self._weights[level]
         )
-        return whole if failure is not None else self._model.moved(1.0)
+        if failure is not None:
+            return whole
+        return self._model.moved(1.0)
 
     def _rule(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> Acceptance:
         options = self._options

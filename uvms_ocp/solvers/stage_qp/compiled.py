@@ -166,7 +166,8 @@ class CompiledCore:
         self._load(qp, options)
         for name, array in self._table.items():
             array[:] = np.ravel(getattr(table, name).T)
-        self._stage_work["fixed"][:], self._work["point"][:] = table.fixed, 0.0
+        self._stage_work["fixed"][:] = table.fixed
+        self._work["point"][:] = 0.0
         self._parts[0][:] = z
         self._problem.start = int(
             problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD
@@ -198,7 +199,8 @@ class CompiledCore:
     def stationarity(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
         """Return the stationarity error as `SparseCore.stationarity`."""
         self._load(qp, None)
-        stages, m = ctypes.byref(self._problem.stages), ctypes.c_int(self._problem.m)
+        stages = ctypes.byref(self._problem.stages)
+        m = ctypes.c_int(self._problem.m)
         return float(
             self._library.stationarity(stages, _address(near.costate), _address(near.y), m)
         )
@@ -210,11 +212,15 @@ class CompiledCore:
             _point(memory, {name: qp.flat[own] for name, own in _BOUNDS.items()})
             self._loaded = qp
         if options is not None:
-            memory.tolerance, memory.max_iterations = options.tolerance, options.max_iterations
-            memory.warm_mu, memory.cold_mu = options.warm_mu, options.cold_mu
+            memory.tolerance = options.tolerance
+            memory.max_iterations = options.max_iterations
+            memory.warm_mu = options.warm_mu
+            memory.cold_mu = options.cold_mu
 
     def _end(self, qp: problem.StageQp) -> problem.FlatSolution:
-        memory, now, (z, costate, equal, _, sides) = self._problem, self._problem.now, self._parts
+        memory = self._problem
+        now = self._problem.now
+        (z, costate, equal, _, sides) = self._parts
         y = equal + sides[1::2]
         y -= sides[::2]
         y[memory.m :] -= self._now["held"]

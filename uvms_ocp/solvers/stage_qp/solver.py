@@ -40,7 +40,8 @@ def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
         n = qp.shape.n_c[k]
         norm = problem.norms(J)
         other.lower[k][n:] = other.upper[k][n:] = -r / norm
-        other.l1[k][n:], other.l2[k][n:] = 0.0, norm**2
+        other.l1[k][n:] = 0.0
+        other.l2[k][n:] = norm**2
     return other
 
 
@@ -93,18 +94,17 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
     curved = [H[np.abs(H).any(axis=1)] for H in qp.H]
     other = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
     steepest = max(np.abs(qp.flat["g"]).max(), 1e-300)
-    other.flat["dynamics"][:], other.flat["damping"][:] = qp.flat["dynamics"], 1.0
+    other.flat["dynamics"][:] = qp.flat["dynamics"]
+    other.flat["damping"][:] = 1.0
     other.flat["g"][:] = qp.flat["g"] / steepest
     for name in ("z_lower", "z_upper", "z_l1", "z_l2"):
         other.flat[name][:] = qp.flat[name]
     for z in ("", "z_"):
         _make_cone(other, z, steepest)
     bent = qp.flat["damping"] > 0.0
-    other.flat["z_lower"][bent], other.flat["z_upper"][bent], other.flat["z_l1"][bent] = (
-        0.0,
-        0.0,
-        np.inf,
-    )
+    other.flat["z_lower"][bent] = 0.0
+    other.flat["z_upper"][bent] = 0.0
+    other.flat["z_l1"][bent] = np.inf
     return other
 
 
@@ -113,9 +113,11 @@ def _make_cone(other: problem.StageQp, z: str, steepest: float) -> None:
     for side, endless in _SIDES:
         bound = other.flat[f"{z}{side}"]
         bound[bound != endless] = 0.0
-    l1, l2 = other.flat[f"{z}l1"], other.flat[f"{z}l2"]
+    l1 = other.flat[f"{z}l1"]
+    l2 = other.flat[f"{z}l2"]
     l1 /= steepest
-    l1[l2 > 0.0], l2[:] = np.inf, 0.0
+    l1[l2 > 0.0] = np.inf
+    l2[:] = 0.0
 
 
 def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool:
@@ -169,12 +171,15 @@ class StageQpSolver:
     ) -> None:
         self.shape = shape
         self.options = options or problem.StageQpOptions()
-        library = compiled.qp_library() if self.options.compiled else None
-        self._core = (
-            sparse_core.SparseCore(shape)
-            if library is None
-            else compiled.CompiledCore(library, shape)
-        )
+        if self.options.compiled:
+            library = compiled.qp_library()
+        else:
+            library = None
+        self._core: sparse_core.SparseCore | compiled.CompiledCore
+        if library is None:
+            self._core = sparse_core.SparseCore(shape)
+        else:
+            self._core = compiled.CompiledCore(library, shape)
 
     def solve(
         self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None
@@ -270,7 +275,9 @@ class StageQpSolver:
             if best.status is problem.StageQpStatus.NOT_A_NUMBER
             else problem.StageQpStatus.ITERATION_LIMIT
         )
-        return problem.StageQpStatus.INEXACT if best.worst <= self._inexact else status
+        if best.worst <= self._inexact:
+            return problem.StageQpStatus.INEXACT
+        return status
 
     def _is_unbounded(self, qp: problem.StageQp) -> bool:
         """Check whether there is a direction along which the cost falls for ever."""

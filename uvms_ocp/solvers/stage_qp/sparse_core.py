@@ -284,7 +284,8 @@ class SparseCore:
             )
             if k < self._shape.N:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
-            M[table.fixed[z]], M[:, table.fixed[z]] = 0.0, 0.0
+            M[table.fixed[z]] = 0.0
+            M[:, table.fixed[z]] = 0.0
             least = tolerances.INDEFINITE * (
                 np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most
             )
@@ -300,7 +301,9 @@ class SparseCore:
         """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the
         multipliers of another, but for what is fixed.
         """
-        (_, grad), m, N = _cost(qp), len(qp.flat["lower"]), self._shape.N
+        (_, grad) = _cost(qp)
+        m = len(qp.flat["lower"])
+        N = self._shape.N
         costate = [near.costate[own] for own in problem.slices(self._shape.n_x)]
         y = near.y[m:]
         for k, own in enumerate(problem.slices(self._shape.n_z)):
