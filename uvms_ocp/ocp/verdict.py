@@ -9,7 +9,7 @@ multipliers, planes or scalings. See the guide on optimal control for what each 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def judge_motion(
     check = motion_check(problem, trajectory, t0=t0)
     broken = tuple(item for item in check.ranges if _excess(item, problem) > 1.0)
     levels = tuple(
-        _level_verdict(level, gain)
+        _level_verdict(level, gain, has_levels_below=level is not problem.levels[-1])
         for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True)
     )
     looks = Motion(problem=problem, trajectory=trajectory, t0=t0).looks
@@ -142,7 +142,10 @@ def describe_gain(level: LevelVerdict) -> str:
     )
 
 
-def _level_verdict(level: OcpLevel, gain: LevelGain) -> LevelVerdict:
+def _level_verdict(level: OcpLevel, step: LevelGain, *, has_levels_below: bool) -> LevelVerdict:
+    gain = step
+    if level.relax is not None and has_levels_below:
+        gain = replace(step, gain=_gain_beyond(step, level.relax))
     weights = [term.weight for term in level.terms if term.is_goal]
     allowed = TOLERANCES.goal * min(1.0, *weights, 1.0) ** 0.5
     missed = bool(weights) and not gain.residual <= allowed
@@ -156,6 +159,16 @@ def _level_verdict(level: OcpLevel, gain: LevelGain) -> LevelVerdict:
         missed=missed,
         optimal=is_met or bool(gain.gain <= enough),
     )
+
+
+def _gain_beyond(step: LevelGain, relax: float) -> float:
+    """By how much a step lowers a level below what it may rise to for the sake of levels below it: to
+    (1 + relax) times the least cost.
+    """
+    if not np.isfinite(step.gain):
+        return step.gain
+    allowed = (1.0 + relax) ** 0.5 * max(step.residual - step.gain, 0.0)
+    return max(step.residual - allowed, 0.0)
 
 
 # By how much ranges may be left.
