@@ -1,0 +1,130 @@
+"""Judge a motion at its nodes and between them, from the statement of its problem alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from truth.planes import Distances
+from truth.statement import PathRows, Statement, n_thrust_of, node_symbols, units_of_problem
+from uvms_ocp.ocp import OcpProblem, Trajectory
+
+_LOOKS = 600  # along a motion
+_FEWEST = 6  # in a step
+_CLOSER = 40  # in each of the steps in which a row is worst
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Finding:
+    """By how much one kind of limit is broken."""
+
+    name: str
+    excess: float
+    """[unit of the row], negative where there is room."""
+    time: float
+    """[s]"""
+    at_node: bool
+
+    def __str__(self) -> str:
+        where = "at a node" if self.at_node else "between nodes"
+        return f"{self.name} by {self.excess:.2g} {where} at {self.time:.3g} s"
+
+
+def worst_of_limits(
+    problem: OcpProblem, statement: Statement, trajectory: Trajectory
+) -> list[Finding]:
+    """Look along a motion for the worst of every limit, at nodes and between them: two findings
+    each.
+    """
+    per_step = max(_FEWEST, -(-_LOOKS // len(trajectory.a)))
+    steps = np.arange(len(trajectory.a) * per_step + 1) / per_step
+    t = np.interp(steps, np.arange(len(trajectory.t)), trajectory.t)
+    findings = _looked(problem, statement, trajectory, t, np.arange(len(t)) % per_step == 0)
+    closer = []
+    for finding in findings:
+        if not finding.at_node:
+            gap = float(np.diff(trajectory.t).max()) / per_step
+            closer.append(finding.time + np.linspace(-gap, gap, _CLOSER))
+    if closer:
+        t = np.clip(np.concatenate(closer), 0.0, trajectory.t[-1])
+        nodes = np.zeros(len(t), dtype=bool)
+        findings += _looked(problem, statement, trajectory, t, nodes)
+    worst: dict[tuple[str, bool], Finding] = {}
+    for finding in findings:
+        key = finding.name, finding.at_node
+        if key not in worst or finding.excess > worst[key].excess:
+            worst[key] = finding
+    return list(worst.values())
+
+
+def _looked(
+    problem: OcpProblem,
+    statement: Statement,
+    trajectory: Trajectory,
+    t: np.ndarray,
+    nodes: np.ndarray,
+) -> list[Finding]:
+    """Worst of every limit at times t (n,) [s], of which some are `nodes` (n,)."""
+    robot = problem.robot
+    q, v, steps = trajectory.states_at(robot.model, t)
+    of_steps = np.minimum(steps, len(trajectory.a) - 1)
+    excess: dict[str, np.ndarray] = {}
+    if problem.limited:
+        lower, upper = robot.configuration_bounds
+        excess["joint limits"] = np.maximum(lower - q, q - upper).max(axis=1)
+        excess["velocity limits"] = (np.abs(v) - robot.limits.velocity).max(axis=1)
+    nominal = _nominal_times(problem, trajectory, t)
+    for rows in statement.path:
+        excess[rows.name] = _excess_of(problem, rows, trajectory, (q, v, of_steps, nominal))
+    if statement.shapes is not None:
+        distances = Distances(robot, statement.shapes)
+        measured = np.array(
+            [distances.measure(row, moment) for row, moment in zip(q, nominal, strict=True)]
+        )
+        if measured.size:
+            excess["clearance"] = (statement.shapes.margins - measured).max(axis=1)
+            excess["touching"] = -measured.min(axis=1)
+    findings = []
+    for name, values in excess.items():
+        for at_node in (True, False):
+            chosen = np.flatnonzero(nodes == at_node)
+            if problem.fixed_start:
+                chosen = chosen[t[chosen] > 0.0]  # of which nobody is free to choose
+            if len(chosen):
+                k = chosen[int(np.argmax(values[chosen]))]
+                findings.append(
+                    Finding(name=name, excess=float(values[k]), time=float(t[k]), at_node=at_node)
+                )
+    return findings
+
+
+def _nominal_times(problem: OcpProblem, trajectory: Trajectory, t: np.ndarray) -> np.ndarray:
+    """Times (n,) [s] with nominal durations, by which things move, at times t (n,) [s]."""
+    return np.asarray(np.interp(t, trajectory.t, problem.nominal_times()))
+
+
+def _excess_of(
+    problem: OcpProblem,
+    rows: PathRows,
+    trajectory: Trajectory,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """(n,) by which rows leave their range."""
+    units = units_of_problem(problem)
+    node = node_symbols(problem.robot, n_thrust_of(problem))
+    value = rows.rows(node)
+    inputs = [node.q, node.v, node.a, node.thrust, node.torque, node.t]
+    function = ca.Function("rows", inputs, [ca.densify(value)])
+    q, v, steps, t = states
+    arguments = (
+        q.T,
+        v.T,
+        trajectory.a[steps].T,
+        (trajectory.thrust / units.thrust)[steps].T,
+        (trajectory.torque / units.torque)[steps].T,
+        t[None],
+    )
+    values = np.array(function.map(len(t))(*arguments))
+    return np.asarray(np.maximum(rows.lower - values, values - rows.upper).max(axis=0))
