@@ -11,9 +11,10 @@ below v are 0. Only inverse dynamics and the poses of frames are expressions of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from time import process_time
 
 import casadi as ca
 import numpy as np
@@ -21,12 +22,14 @@ import pinocchio as pin
 
 from truth.planes import PlaneRows, plane_rows
 from truth.statement import Node, Statement, node_symbols, units_of, units_of_problem
+from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.ocp import OcpProblem, Trajectory
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.solvers.nlp.program import nlp_functions
 
 _ITERATIONS = 250  # of IPOPT for one solve
+_SECONDS = 8.0  # [s] of a processor for one solve of IPOPT; no further round begins after twice that
 _TOLERANCE = 1e-7  # error of the optimality conditions
 FEASIBLE = 1e-5
 """[unit of the row] violation up to which a point keeps its rows."""
@@ -174,7 +177,18 @@ def _dynamics_blocks(robot: Robot, wrench: bool, n_thrust: int) -> tuple[Block, 
     scale = np.concatenate([np.abs(units.matrix) @ units.thrust / 4, units.torque])
     scale = np.maximum(scale, 1e-3 * scale.max(initial=1.0))
     balance = (required - made) / ca.DM(scale)
-    return block_of("motion", z, ca.SX(0, 1), motion), block_of("balance", z, water, balance)
+    return block_of("motion", z, ca.SX(0, 1), motion), _compiled(
+        block_of("balance", z, water, balance)
+    )
+
+
+def _compiled(block: Block) -> Block:
+    """The same in machine code, where there is a compiler."""
+    return replace(
+        block,
+        jacobian=compile_function(block.jacobian),
+        hessian=compile_function(block.hessian),
+    )
 
 
 # The whole program, assembled from blocks.
@@ -218,19 +232,11 @@ class Collocation:
     """One statement, transcribed for IPOPT."""
 
     def __init__(
-        self,
-        problem: OcpProblem,
-        statement: Statement,
-        motions: Sequence[Trajectory],
-        *,
-        seconds: float = 20.0,
+        self, problem: OcpProblem, statement: Statement, motions: Sequence[Trajectory]
     ) -> None:
-        """motions: where pairs of shapes may come near. seconds [s]: of a processor, for one solve
-        of IPOPT.
-        """
+        """motions: where pairs of shapes may come near."""
         self.problem = problem
         self.statement = statement
-        self.seconds = seconds
         robot = problem.robot
         self.units = units_of_problem(problem)
         self.N = problem.n_steps
@@ -435,7 +441,7 @@ class Collocation:
                 "sb": "yes",
                 "max_iter": _ITERATIONS,
                 "tol": _TOLERANCE,
-                "max_cpu_time": self.seconds,
+                "max_cpu_time": _SECONDS,
                 "mu_strategy": "adaptive",
             },
         }
@@ -552,7 +558,10 @@ class Collocation:
         x = self.pack(start)
         lower, upper = self.bounds
         status = ""
+        begin = process_time()
         for _ in range(rounds if self.planes is not None and self.planes.pairs else 1):
+            if process_time() - begin > 2 * _SECONDS:
+                break
             before = x
             p = self._plane_parameters(x)
             kept: list[float] = []
