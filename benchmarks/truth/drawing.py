@@ -54,7 +54,7 @@ from uvms_ocp.ocp import (
 from uvms_ocp.planning import Obstacle, collision_scene, coordinates, mesh_shape
 from uvms_ocp.robot import Kinematics, Robot, State
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.tasks import JointTracking, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks import JointTracking, MinimumAltitude, ToolPose, ToolPosition, VehiclePose
 
 ROBOTS = (
     "bluerov2",
@@ -89,9 +89,11 @@ SURROUNDINGS = (
     "shapes",
 )
 """What is around the robot, in turn."""
-GUESSES = ("default", "hold", "far")
+_KINDS = ("sphere", "box", "capsule", "cylinder", "cone", "ellipsoid", "mesh", "mesh")
+GUESSES = ("default", "hold", "far", "default", "hold", "noise")
 FEWEST_STEPS = 8
 MOST_STEPS = 80
+_ALTIMETER = "altimeter"
 _DEPTH = -10.0  # [m] of the start
 _ROOM = 0.04  # [m] beyond the margin that start and goal have
 _LINK_ROOM = 0.005  # [m] between links at start and goal
@@ -142,6 +144,8 @@ class Draft:
     ends: list[EndRows] = field(default_factory=list)
     shapes: ShapeRows | None = None
     traits: list[str] = field(default_factory=list)
+    floor: float = -np.inf
+    """[m]"""
     moves: bool = False
     """Something moves by the clock: durations are fixed then, or nobody could say where it is."""
 
@@ -238,6 +242,8 @@ def _own_rows(draft: Draft) -> None:
     makers: list[Callable[[Draft], None]] = [_tilt_row, _speed_row, _effort_row]
     if draft.robot.n_vehicle:
         makers += [_plane_row, _pillar_row, _plane_row]
+        if draft.robot.has_frame(_ALTIMETER):
+            makers.append(_altitude_row)
     else:
         makers = [_wall_row, _speed_row, _effort_row]
     for k in draft.rng.choice(len(makers), size=int(draft.rng.integers(1, 3)), replace=False):
@@ -290,6 +296,21 @@ def _pillar_row(draft: Draft) -> None:
 
     own = PathRows(name="pillar", rows=lambda node: away(node.pose("base_link")[1]), lower=radius)
     _add_rows(draft, "pillar", own, lambda stage: away(stage.tick.kinematics.pose("base_link")[1]))
+
+
+def _altitude_row(draft: Draft) -> None:
+    """The altimeter stays above the floor, by hardly less than at start or goal."""
+    first, last = _places(draft, _ALTIMETER)
+    least = float(draft.rng.uniform(0.5, 1.5))
+    floor = min(first[2], last[2]) - least - float(draft.rng.uniform(0.01, 0.1))
+    draft.floor = floor
+    draft.constraints.append(TaskTerm(task=MinimumAltitude(threshold=least), at=At.PATH))
+    draft.path.append(
+        PathRows(
+            name="altitude", rows=lambda node: node.pose(_ALTIMETER)[1][2] - floor, lower=least
+        )
+    )
+    draft.traits.append("altitude")
 
 
 def _wall_row(draft: Draft) -> None:
@@ -421,12 +442,14 @@ def _drawn_obstacle(draft: Draft, name: str) -> tuple[str, Obstacle, Obstacle]:
     rotation = pin.rpy.rpyToMatrix(*rng.uniform(-1.5, 1.5, 3))
     X = pin.SE3(rotation, position)
     size = rng.uniform(0.05, 0.35, 3)
-    kind = ("sphere", "box", "capsule", "cylinder", "mesh")[int(rng.integers(5))]
+    kind = _KINDS[int(rng.integers(len(_KINDS)))]
     solid: coal.CollisionGeometry = {
         "sphere": lambda: coal.Sphere(size[0]),
         "box": lambda: coal.Box(*(2 * size)),
         "capsule": lambda: coal.Capsule(size[0] / 2, 4 * size[1]),
         "cylinder": lambda: coal.Cylinder(size[0] / 2, 4 * size[1]),
+        "cone": lambda: coal.Cone(size[0], 2 * size[1]),
+        "ellipsoid": lambda: coal.Ellipsoid(*size),
         "mesh": lambda: coal.Box(*(2 * size)),
     }[kind]()
     told = _box_mesh(size) if kind == "mesh" else solid
@@ -558,6 +581,7 @@ def _problem(draft: Draft, robot_name: str) -> tuple[OcpProblem, tuple[Cost, ...
         levels=(*levels, *cost_levels),
         constraints=tuple(draft.constraints),
         current=_current(draft, sum(phase.n_steps for phase in phases)),
+        floor=draft.floor,
         actuation=Actuation.WRENCH if wrench else Actuation.THRUSTERS,
     )
     return problem, costs
@@ -731,6 +755,11 @@ def _guess(name: str, problem: OcpProblem, rng: np.random.Generator) -> Trajecto
         return hold_guess(problem)
     robot = problem.robot
     times = problem.nominal_times()
+    if name == "noise":
+        hold = hold_guess(problem)
+        steps = rng.normal(size=(len(times), robot.n_v)) * float(rng.choice([0.01, 0.1, 0.5]))
+        path = [pin.integrate(robot.model, problem.start.q, step) for step in steps]
+        return replace(hold, q=np.array(path), v=rng.normal(size=hold.v.shape) * 0.1)
     places = [problem.start.q]
     for _ in range(2):
         places.append(_configuration(robot, rng, places[-1], 2 * _WAY))
