@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from time import process_time
 
 import casadi as ca
@@ -501,13 +502,17 @@ class Collocation:
         model, layout = self.problem.robot.model, self.layout
         h = np.diff(trajectory.t)
         Z = np.zeros((self.N + 1, layout.n))
-        Z[:, layout.q], Z[:, layout.v] = trajectory.q, trajectory.v
+        q = trajectory.q.copy()
+        if self.problem.robot.n_vehicle:
+            for before, after in pairwise(q):  # of two quaternions of an attitude the nearer one
+                after[3:7] *= -1.0 if before[3:7] @ after[3:7] < 0.0 else 1.0
+        Z[:, layout.q], Z[:, layout.v] = q, trajectory.v
         Z[:-1, layout.h], Z[:-1, layout.a] = h, trajectory.a
         Z[:-1, layout.thrust] = trajectory.thrust / self.units.thrust
         Z[:-1, layout.torque] = trajectory.torque / self.units.torque
         for k in range(self.N):
             way = h[k] / 2 * trajectory.v[k] + h[k] ** 2 / 8 * trajectory.a[k]
-            Z[k, layout.middle] = pin.integrate(model, trajectory.q[k], way)
+            Z[k, layout.middle] = pin.integrate(model, q[k], way)
         return Z.ravel()
 
     def unpack(self, x: np.ndarray) -> Trajectory:
