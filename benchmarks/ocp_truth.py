@@ -47,11 +47,11 @@ A plan has {limit:g} s.
 broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no message.
 These counts are to be 0. Seeds: {seeds}.
 
-From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper minimum in
-{another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
+From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
+minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
 
-Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps everything at the
-nodes alone. Seeds: {seeds_known}.
+Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps
+everything at the nodes alone. Seeds: {seeds_known}.
 """
 
 

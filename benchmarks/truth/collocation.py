@@ -30,7 +30,9 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.solvers.nlp.program import nlp_functions
 
 _ITERATIONS = 250  # of IPOPT for one solve
-_SECONDS = 8.0  # [s] of a processor for one solve of IPOPT; no further round begins after twice that
+_SECONDS = (
+    8.0  # [s] of a processor for one solve of IPOPT; no further round begins after twice that
+)
 _TOLERANCE = 1e-7  # error of the optimality conditions
 FEASIBLE = 1e-5
 """[unit of the row] violation up to which a point keeps its rows."""
@@ -57,9 +59,7 @@ def layout_of(robot: Robot, n_thrust: int) -> Layout:
     sizes = (robot.n_q, robot.n_v, 1, robot.n_v, n_thrust, robot.n_joints, robot.n_q)
     ends = np.cumsum([0, *sizes]).tolist()
     q, v, h, a, thrust, torque, middle = map(slice, ends[:-1], ends[1:])
-    return Layout(
-        q=q, v=v, h=h.start, a=a, thrust=thrust, torque=torque, middle=middle, n=ends[-1]
-    )
+    return Layout(q=q, v=v, h=h.start, a=a, thrust=thrust, torque=torque, middle=middle, n=ends[-1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -300,8 +300,13 @@ class Collocation:
             n += numbers.size
             groups.append(
                 Placed(
-                    name=name, block=block, nodes=nodes, s=s_of, numbers=numbers,
-                    lower=lower, upper=upper,
+                    name=name,
+                    block=block,
+                    nodes=nodes,
+                    s=s_of,
+                    numbers=numbers,
+                    lower=lower,
+                    upper=upper,
                 )
             )
         return groups
@@ -397,9 +402,7 @@ class Collocation:
         for block, nodes, s, multipliers in placed:
             if not block.hessian_pattern.nnz():
                 continue
-            nonzeros = block.hessian.map(len(nodes))(
-                self._Z[:, nodes.tolist()], s, multipliers
-            )
+            nonzeros = block.hessian.map(len(nodes))(self._Z[:, nodes.tolist()], s, multipliers)
             rows, columns = (
                 self.layout.n * nodes[:, None] + np.array(part, dtype=int)
                 for part in block.hessian_pattern.get_triplet()

@@ -15,8 +15,8 @@ import casadi as ca
 import coal
 import numpy as np
 import pinocchio as pin
-
 from studies.drawn_robots import Body, write_robot
+
 from truth.planes import Distances
 from truth.statement import (
     Cost,
@@ -192,9 +192,7 @@ def _robot(name: str, rng: np.random.Generator, folder: Path) -> Robot:
     shape = rng.uniform([1.2, 0.8, 0.5], [2.5, 1.2, 0.9])
     x, y, z = (shape * (mass / 1025.0 / float(np.prod(shape))) ** (1 / 3)).tolist()
     arms = () if rng.random() < 0.4 else (int(rng.integers(1, 5)),)
-    body = Body(
-        mass=mass, size=(x, y, z), thrusters=int(rng.integers(6, 10)), arms=arms, load=0.0
-    )
+    body = Body(mass=mass, size=(x, y, z), thrusters=int(rng.integers(6, 10)), arms=arms, load=0.0)
     return write_robot(body, rng, folder)
 
 
@@ -325,7 +323,9 @@ def _wall_row(draft: Draft) -> None:
 def _tilt_row(draft: Draft) -> None:
     """The z axis of the first frame stays near where it is at start and goal."""
     name = _frame(draft.robot)
-    tilts = [Kinematics(draft.robot, q).pose(name).rotation[2, 2] for q in (draft.start, draft.goal)]
+    tilts = [
+        Kinematics(draft.robot, q).pose(name).rotation[2, 2] for q in (draft.start, draft.goal)
+    ]
     least = min(tilts) - float(draft.rng.uniform(0.02, 0.2))
     own = PathRows(name="tilt", rows=lambda node: node.pose(name)[0][2, 2], lower=least)
     _add_rows(draft, "tilt", own, lambda stage: stage.tick.kinematics.pose(name)[0][2, 2])
@@ -407,9 +407,7 @@ def _spread_links(draft: Draft) -> None:
             break
 
 
-def _free_obstacle(
-    draft: Draft, name: str, margin: float
-) -> tuple[str, Obstacle, Obstacle] | None:
+def _free_obstacle(draft: Draft, name: str, margin: float) -> tuple[str, Obstacle, Obstacle] | None:
     """An obstacle that start and goal are free of, or none after many tries."""
     for _ in range(_TRIES):
         kind, told, solid = _drawn_obstacle(draft, name)
@@ -501,7 +499,9 @@ def _keep_balls_apart(draft: Draft, *, fast: float) -> None:
             size = float(rng.uniform(0.04, 0.3))
             rooms = [
                 float(np.linalg.norm(Kinematics(robot, q).pose(frame).translation - centre))
-                - own - size - margin
+                - own
+                - size
+                - margin
                 for q in (draft.start, draft.goal)
                 for frame, own in balls
             ]

@@ -13,8 +13,8 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-
 from studies.study import Study, seeds_from
+
 from truth.collocation import Collocation, Way
 from truth.dense_check import Finding, worst_of_limits
 from truth.drawing import SURROUNDINGS, DrawnProblem, drawn_problem

@@ -5,6 +5,7 @@ wrong.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import casadi as ca
@@ -106,7 +107,9 @@ def test_derivatives_are_those_of_the_rows(tmp_path: Path) -> None:
     slope = ca.gradient(lagrangian, x)
     direction = np.random.default_rng(4).normal(size=x.numel())
     along = ca.jtimes(slope, x, ca.DM(direction))
-    other = ca.Function("other", [x, p, lam, sigma], [ca.jtimes(whole._g, x, ca.DM(direction)), along])
+    other = ca.Function(
+        "other", [x, p, lam, sigma], [ca.jtimes(whole._g, x, ca.DM(direction)), along]
+    )
     rates, bend = other(at, np.zeros(p.numel()), weights, worth)
     np.testing.assert_allclose(np.array(J @ direction), np.array(rates), atol=1e-8)
     np.testing.assert_allclose(np.array(H @ direction), np.array(bend), atol=1e-7)
@@ -118,9 +121,7 @@ def through(one: DrawnProblem, places: np.ndarray) -> Trajectory:
     model = problem.robot.model
     hold = hold_guess(problem)
     h = np.diff(hold.t)
-    v = np.array(
-        [pin.difference(model, *pair) for pair in zip(places[:-1], places[1:], strict=True)]
-    )
+    v = np.array([pin.difference(model, *pair) for pair in pairwise(places)])
     v = np.vstack([v / h[:, None], np.zeros(problem.robot.n_v)])
     return replace(hold, q=places, v=v)
 
