@@ -34,6 +34,16 @@ _SECONDS = (
     8.0  # [s] of a processor for one solve of IPOPT; no further round begins after twice that
 )
 _TOLERANCE = 1e-7  # error of the optimality conditions
+_FREE = {"mu_strategy": "adaptive"}
+_NEAR = {
+    "mu_strategy": "monotone",
+    "mu_init": 1e-6,
+    "bound_push": 1e-8,
+    "bound_frac": 1e-8,
+    "slack_bound_push": 1e-8,
+    "slack_bound_frac": 1e-8,
+}
+"""Options of IPOPT for a start from anywhere, and for one that may be an optimum."""
 FEASIBLE = 1e-5
 """[unit of the row] violation up to which a point keeps its rows."""
 _SERIES = 11  # terms: exact to rounding for steps that turn by up to 3 rad
@@ -422,8 +432,10 @@ class Collocation:
             total += _matrix(values[:, k], rows.astype(int), places, total.shape)
         return total
 
-    def _solver(self, level: int) -> ca.Function:
-        """Of the cost of a level, below those of the levels above it."""
+    def _solver(self, level: int, *, near: bool) -> ca.Function:
+        """Of the cost of a level, below those of the levels above it; near: what stays by its
+        start, instead of going to the middle of all bounds first.
+        """
         above = list(range(level))
         g = ca.vertcat(self._g, self._costs[above]) if above else self._g
         gradients = self._cost_gradients()
@@ -446,15 +458,19 @@ class Collocation:
                 "max_iter": _ITERATIONS,
                 "tol": _TOLERANCE,
                 "max_cpu_time": _SECONDS,
-                "mu_strategy": "adaptive",
+                **(_NEAR if near else _FREE),
             },
         }
         nlp = {"x": self._x, "p": self._p, "f": values[0], "g": g}
         return ca.nlpsol("own", "ipopt", nlp, options)
 
     @cached_property
-    def _solvers(self) -> list[ca.Function]:
-        return [self._solver(level) for level in range(self.n_levels)]
+    def _free_solvers(self) -> list[ca.Function]:
+        return [self._solver(level, near=False) for level in range(self.n_levels)]
+
+    @cached_property
+    def _near_solvers(self) -> list[ca.Function]:
+        return [self._solver(level, near=True) for level in range(self.n_levels)]
 
     @cached_property
     def _evaluate(self) -> ca.Function:
@@ -559,10 +575,11 @@ class Collocation:
             violations[f"limits of {name}"] = float(part.max(initial=0.0))
         return costs, violations
 
-    def solve(self, start: Trajectory, *, rounds: int = 5) -> Way:
-        """Solve from a start, level of costs after level; rounds: in which planes between shapes
-        are written anew where the last motion is.
+    def solve(self, start: Trajectory, *, near: bool = False, rounds: int = 5) -> Way:
+        """Solve from a start, level of costs after level; near: stay by it. rounds: in which planes
+        between shapes are written anew where the last motion is.
         """
+        solvers = self._near_solvers if near else self._free_solvers
         x = self.pack(start)
         lower, upper = self.bounds
         status = ""
@@ -573,7 +590,7 @@ class Collocation:
             before = x
             p = self._plane_parameters(x)
             kept: list[float] = []
-            for level, solver in enumerate(self._solvers):
+            for level, solver in enumerate(solvers):
                 most = np.array(kept)
                 result = solver(
                     x0=x,

@@ -118,10 +118,13 @@ class Court:
 
     def ways(self, result: Trajectory | None) -> dict[str, Way]:
         """What IPOPT comes to from the straight way, from the start held, and from a result."""
-        starts = {"straight": self.drawn.straight, "hold": self.hold}
+        ways = {
+            "straight": self.collocation.solve(self.drawn.straight),
+            "hold": self.collocation.solve(self.hold),
+        }
         if result is not None:
-            starts["result"] = result
-        return {name: self.collocation.solve(start) for name, start in starts.items()}
+            ways["result"] = self.collocation.solve(result, near=True)
+        return ways
 
 
 def ratio_of(costs: np.ndarray, best: np.ndarray) -> float:
