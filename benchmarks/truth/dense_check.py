@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,10 @@ import numpy as np
 from truth.planes import Distances
 from truth.statement import PathRows, Statement, n_thrust_of, node_symbols, units_of_problem
 from uvms_ocp.ocp import OcpProblem, Trajectory
+from uvms_ocp.robot import Robot
+from uvms_ocp.robot.dynamics import cached_dynamics
 
+FORCES = "forces in a step"
 _LOOKS = 600  # along a motion
 _FEWEST = 6  # in a step
 _CLOSER = 40  # in each of the steps in which a row is worst
@@ -75,6 +79,7 @@ def _looked(
         lower, upper = robot.configuration_bounds
         excess["joint limits"] = np.maximum(lower - q, q - upper).max(axis=1)
         excess["velocity limits"] = (np.abs(v) - robot.limits.velocity).max(axis=1)
+        excess[FORCES] = _excess_of_forces(problem, trajectory, (q, v, of_steps))
     nominal = _nominal_times(problem, trajectory, t)
     for rows in statement.path:
         excess[rows.name] = _excess_of(problem, rows, trajectory, (q, v, of_steps, nominal))
@@ -89,7 +94,9 @@ def _looked(
     findings = []
     for name, values in excess.items():
         for at_node in (True, False):
-            chosen = np.flatnonzero(nodes == at_node)
+            # What forces are stated to be is that at the middle of the steps, which is elsewhere.
+            of_place = nodes if name != FORCES else np.zeros(len(t), dtype=bool)
+            chosen = np.flatnonzero(of_place == at_node)
             if problem.fixed_start:
                 chosen = chosen[t[chosen] > 0.0]  # of which nobody is free to choose
             if len(chosen):
@@ -103,6 +110,41 @@ def _looked(
 def _nominal_times(problem: OcpProblem, trajectory: Trajectory, t: np.ndarray) -> np.ndarray:
     """Times (n,) [s] with nominal durations, by which things move, at times t (n,) [s]."""
     return np.asarray(np.interp(t, trajectory.t, problem.nominal_times()))
+
+
+def _excess_of_forces(
+    problem: OcpProblem,
+    trajectory: Trajectory,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """(n,) in shares of limits, of inputs that the motion takes in its steps: those of the middle,
+    with the least change that makes up for the difference.
+    """
+    robot = problem.robot
+    units = units_of_problem(problem)
+    q, v, steps = states
+    water = problem.currents[steps]
+    needed = np.array(_forces_of(robot).map(len(q))(q.T, v.T, trajectory.a[steps].T, water.T)).T
+    n = robot.n_vehicle
+    per_share = units.matrix * units.thrust
+    share = trajectory.thrust[steps] / units.thrust
+    missing = needed[:, :n] - share @ per_share.T
+    share = share + missing @ np.linalg.pinv(per_share, rcond=1e-9).T
+    torque = np.abs(needed[:, n:]) / units.torque - units.torque_limit
+    beyond = np.maximum(units.thrust_lower - share, share - units.thrust_upper)
+    both = np.hstack([beyond, torque])
+    return np.asarray(both.max(axis=1, initial=-np.inf))
+
+
+@lru_cache(maxsize=4)
+def _forces_of(robot: Robot) -> ca.Function:
+    """``q, v, a, water (3,) -> generalised forces (n_v,)``"""
+    dynamics = cached_dynamics(robot).symbolic
+    q, v, a = (ca.SX.sym(*item) for item in (("q", robot.n_q), ("v", robot.n_v), ("a", robot.n_v)))
+    water = ca.SX.sym("water", 3)
+    waters = ca.repmat(water, 1, len(dynamics.links))
+    forces = dynamics.inverse_dynamics(q, v, a, waters, ca.SX(*waters.shape))
+    return ca.Function("forces", [q, v, a, water], [ca.densify(forces)], {"cse": True})
 
 
 def _excess_of(

@@ -89,6 +89,8 @@ SURROUNDINGS = (
     "shapes",
 )
 """What is around the robot, in turn."""
+AT_REST = "at rest"
+"""Name of the one end that is a constraint, not a goal."""
 _KINDS = ("sphere", "box", "capsule", "cylinder", "cone", "ellipsoid", "mesh", "mesh")
 GUESSES = ("default", "hold", "far", "default", "hold", "noise")
 FEWEST_STEPS = 8
@@ -566,7 +568,7 @@ def _problem(draft: Draft, robot_name: str) -> tuple[OcpProblem, tuple[Cost, ...
         draft.constraints.append(AtRest())
         limit = robot.limits.velocity
         unit = ca.DM(np.where(np.isfinite(limit) & (limit > 0.0), limit, 1.0))
-        draft.ends.append(EndRows(name="at rest", rows=lambda node: node.v / unit))
+        draft.ends.append(EndRows(name=AT_REST, rows=lambda node: node.v / unit))
     else:
         draft.traits.append("ends in motion")
     velocity = np.zeros(robot.n_v)

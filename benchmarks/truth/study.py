@@ -17,7 +17,7 @@ from studies.study import Study, seeds_from
 
 from truth.collocation import Collocation, Way
 from truth.dense_check import Finding, worst_of_limits
-from truth.drawing import SURROUNDINGS, DrawnProblem, drawn_problem
+from truth.drawing import AT_REST, SURROUNDINGS, DrawnProblem, drawn_problem
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.ocp import Plan, Planner, Trajectory, hold_guess
@@ -62,6 +62,8 @@ class Kept:
     """[unit of the row] the worst at a node."""
     between: float
     """[unit of the row] the worst between nodes."""
+    limits: float
+    """[unit of the row] the worst anywhere, goals aside."""
     touching: float
     """[m] the deepest overlap, negative for a distance."""
     what: str
@@ -102,12 +104,15 @@ class Court:
         found += [finding for finding in limits if finding.at_node]
         between = [finding for finding in limits if not finding.at_node]
         worst = max(found, key=lambda finding: finding.excess)
+        goals = {end.name for end in self.drawn.statement.ends} - {AT_REST}
+        anywhere = [*found, *between]
         beyond = max(between, key=lambda finding: finding.excess, default=worst)
         words = [str(worst)] if worst.excess > AT_NODES else []
         words += [str(beyond)] if not beyond.at_node and beyond.excess > BETWEEN else []
         return Kept(
             nodes=worst.excess,
             between=-np.inf if beyond.at_node else beyond.excess,
+            limits=max(finding.excess for finding in anywhere if finding.name not in goals),
             touching=touching,
             what="; ".join(words),
         )
