@@ -22,6 +22,7 @@ from truth.study import (
     BETWEEN,
     NEAR,
     NOTES,
+    OF_FORCES,
     SOLVED,
     TIME_LIMIT,
     WRONGS,
@@ -39,7 +40,7 @@ water, still and moving shapes and balls, their own links, or a user's own rows;
 durations fixed or free. Start and goal keep everything, so most problems have a way.
 
 Of every plan the motion is looked at in 600 places and more, by coal and by rows written for this benchmark: it may break a
-limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them. IPOPT solves a transcription
+limit by {nodes:g} (m, rad, shares of limits) at a node, by {between:g} between them, those of forces by {forces:g} inside a step. IPOPT solves a transcription
 written for this benchmark from the straight way, the start held and the plan's own result. Costs within {near:.0%} are one.
 A plan has {limit:g} s.
 
@@ -69,6 +70,7 @@ def prose(rows: list[Row]) -> str:
         last=rows[-1]["seed"],
         nodes=AT_NODES,
         between=BETWEEN,
+        forces=OF_FORCES,
         near=NEAR,
         limit=TIME_LIMIT,
         solved=solved,

@@ -14,6 +14,7 @@ from uvms_ocp.ocp import OcpProblem, Trajectory
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.dynamics import cached_dynamics
 
+CLEARANCE = "clearance"
 FORCES = "forces in a step"
 _LOOKS = 600  # along a motion
 _FEWEST = 6  # in a step
@@ -89,7 +90,7 @@ def _looked(
             [distances.measure(row, moment) for row, moment in zip(q, nominal, strict=True)]
         )
         if measured.size:
-            excess["clearance"] = (statement.shapes.margins - measured).max(axis=1)
+            excess[CLEARANCE] = (statement.shapes.margins - measured).max(axis=1)
             excess["touching"] = -measured.min(axis=1)
     findings = []
     for name, values in excess.items():

@@ -89,8 +89,16 @@ SURROUNDINGS = (
     "shapes",
 )
 """What is around the robot, in turn."""
-AT_REST = "at rest"
-"""Name of the one end that is a constraint, not a goal."""
+GOALS = (
+    "joints",
+    "way point",
+    "vehicle: place",
+    "vehicle: attitude",
+    "tool position: place",
+    "tool pose: place",
+    "tool pose: attitude",
+)
+"""Names of rows of ends that are goals; being at rest is a constraint."""
 _KINDS = ("sphere", "box", "capsule", "cylinder", "cone", "ellipsoid", "mesh", "mesh")
 GUESSES = ("default", "hold", "far", "default", "hold", "noise")
 FEWEST_STEPS = 8
@@ -568,7 +576,7 @@ def _problem(draft: Draft, robot_name: str) -> tuple[OcpProblem, tuple[Cost, ...
         draft.constraints.append(AtRest())
         limit = robot.limits.velocity
         unit = ca.DM(np.where(np.isfinite(limit) & (limit > 0.0), limit, 1.0))
-        draft.ends.append(EndRows(name=AT_REST, rows=lambda node: node.v / unit))
+        draft.ends.append(EndRows(name="at rest", rows=lambda node: node.v / unit))
     else:
         draft.traits.append("ends in motion")
     velocity = np.zeros(robot.n_v)

@@ -16,8 +16,8 @@ import numpy as np
 from studies.study import Study, seeds_from
 
 from truth.collocation import Collocation, Way
-from truth.dense_check import Finding, worst_of_limits
-from truth.drawing import AT_REST, SURROUNDINGS, DrawnProblem, drawn_problem
+from truth.dense_check import CLEARANCE, FORCES, Finding, worst_of_limits
+from truth.drawing import GOALS, SURROUNDINGS, DrawnProblem, drawn_problem
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.ocp import Plan, Planner, Trajectory, hold_guess
@@ -27,10 +27,14 @@ from uvms_ocp.types import Count
 NEAR = 0.01
 """Share of a cost within which two are one."""
 _NOTHING = 1e-6  # cost below which differences say nothing: thrusts of a thousandth of their limits
-AT_NODES = 1e-4
-"""[unit of the row] by which a limit may be broken at a node: ten times what plans state."""
-BETWEEN = 1e-3
-"""[unit of the row] by which a limit may be broken between nodes."""
+AT_NODES = 5e-4
+"""[unit of the row] by which a limit may be broken at a node; plans state 3e-4."""
+BETWEEN = 1.5e-3
+"""[unit of the row] by which a limit may be broken between nodes; plans state 1e-3 for shapes."""
+OF_FORCES = 1.5e-2
+"""[share] by which a force may exceed its limit inside a step; plans state 1e-2."""
+OF_GOALS = 1.5e-3
+"""[m, rad] by which a goal may be missed; plans state 1e-3 for all of a level."""
 TIME_LIMIT = 120.0
 """[s] of a plan."""
 SOLVED = "solved"
@@ -54,28 +58,50 @@ everything, or keeps it at the nodes.
 """
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Kept:
-    """By how much a motion breaks its limits."""
+    """By how much a motion breaks its limits and misses its goals."""
 
-    nodes: float
-    """[unit of the row] the worst at a node."""
-    between: float
-    """[unit of the row] the worst between nodes."""
+    nodes: Finding
+    """The worst at a node, as shares of what is allowed go."""
+    between: Finding | None
+    """The worst between nodes; None where nothing is limited there."""
     limits: float
-    """[unit of the row] the worst anywhere, goals aside."""
+    """Share of what is allowed, the worst anywhere, goals aside."""
     touching: float
     """[m] the deepest overlap, negative for a distance."""
-    what: str
-    """The worst, in words; empty where all are kept."""
 
     @property
     def at_nodes(self) -> bool:
-        return self.nodes <= AT_NODES
+        return allowed_share(self.nodes) <= 1.0
+
+    @property
+    def in_steps(self) -> bool:
+        return self.between is None or allowed_share(self.between) <= 1.0
 
     @property
     def everywhere(self) -> bool:
-        return self.at_nodes and self.between <= BETWEEN
+        return self.at_nodes and self.in_steps
+
+    @property
+    def what(self) -> str:
+        """What is broken, in words; empty where all is kept."""
+        words = [] if self.at_nodes else [str(self.nodes)]
+        words += [] if self.between is None or self.in_steps else [str(self.between)]
+        return "; ".join(words)
+
+
+def allowed_share(finding: Finding) -> float:
+    """By how many times what is allowed a limit is broken."""
+    if finding.name == FORCES:
+        allowed = OF_FORCES
+    elif finding.name == CLEARANCE or not finding.at_node:
+        allowed = BETWEEN
+    elif finding.name in GOALS:
+        allowed = OF_GOALS
+    else:
+        allowed = AT_NODES
+    return finding.excess / allowed
 
 
 class Court:
@@ -103,18 +129,13 @@ class Court:
         ]
         found += [finding for finding in limits if finding.at_node]
         between = [finding for finding in limits if not finding.at_node]
-        worst = max(found, key=lambda finding: finding.excess)
-        goals = {end.name for end in self.drawn.statement.ends} - {AT_REST}
-        anywhere = [*found, *between]
-        beyond = max(between, key=lambda finding: finding.excess, default=worst)
-        words = [str(worst)] if worst.excess > AT_NODES else []
-        words += [str(beyond)] if not beyond.at_node and beyond.excess > BETWEEN else []
         return Kept(
-            nodes=worst.excess,
-            between=-np.inf if beyond.at_node else beyond.excess,
-            limits=max(finding.excess for finding in anywhere if finding.name not in goals),
+            nodes=max(found, key=allowed_share),
+            between=max(between, key=allowed_share, default=None),
+            limits=max(
+                allowed_share(item) for item in (*found, *between) if item.name not in GOALS
+            ),
             touching=touching,
-            what="; ".join(words),
         )
 
     def costs(self, trajectory: Trajectory) -> np.ndarray:
@@ -219,8 +240,8 @@ def _outcome(drawn: DrawnProblem) -> dict[str, Any]:
         kept = court.kept(plan.trajectory)
         row |= {
             "cost": float(court.costs(plan.trajectory)[-1]),
-            "at_nodes": kept.nodes,
-            "between": kept.between if np.isfinite(kept.between) else None,
+            "at_nodes": kept.nodes.excess,
+            "between": None if kept.between is None else kept.between.excess,
             "broken": kept.what,
             "nearest_m": -kept.touching if np.isfinite(kept.touching) else None,
         }
@@ -254,7 +275,7 @@ def _compared(
     costs = court.costs(plan.trajectory)
     if not kept.at_nodes:
         wrong.append("broken at nodes")
-    if kept.between > BETWEEN:
+    if not kept.in_steps:
         wrong.append("broken between nodes")
     again = planner.plan(guess=plan.trajectory, diagnose=False)
     row: dict[str, Any] = {"again": again.status.value}
