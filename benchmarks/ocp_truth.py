@@ -40,9 +40,9 @@ water, still and moving shapes and balls, their own links, or a user's own rows;
 durations fixed or free. Start and goal keep everything, so most problems have a way.
 
 Of every plan the motion is looked at in 600 places and more, by coal and by rows written for this benchmark: it may break a
-limit by {nodes:g} (m, rad, shares of limits) at a node, by {between:g} between them, those of forces by {forces:g} inside a step. IPOPT solves a transcription
-written for this benchmark from the straight way, the start held and the plan's own result. Costs within {near:.0%} are one.
-A plan has {limit:g} s.
+limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them, that of a force by {forces:g} inside
+a step, a little more than plans state. IPOPT solves a transcription written for this benchmark from the straight way, the
+start held and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
 
 {solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them finds; {nodes_broken} are
 broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no message.
