@@ -51,8 +51,8 @@ These counts are to be 0. Seeds: {seeds}.
 From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
 minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
 
-Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps
-everything at the nodes alone. Seeds: {seeds_known}.
+Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps everything at
+the nodes alone; {good} keep everything themselves, and nothing cheaper is known. Seeds: {seeds_known}.
 """
 
 
@@ -63,7 +63,7 @@ def prose(rows: list[Row]) -> str:
     statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)
     solved = len(rows) - sum(statuses.values())
     dearer, nodes, between, touching, faults = (len(wrong[kind]) for kind in WRONGS)
-    no_minimum, another, known, known_at_nodes = (len(notes[kind]) for kind in NOTES)
+    no_minimum, another, known, known_at_nodes, good = (len(notes[kind]) for kind in NOTES)
     return PROSE.format(
         problems=len(rows),
         first=rows[0]["seed"],
@@ -88,7 +88,8 @@ def prose(rows: list[Row]) -> str:
         statuses=", ".join(f"{n} {status}" for status, n in statuses.most_common()) or "none",
         known=known,
         known_at_nodes=known_at_nodes,
-        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:3] if notes[kind]}),
+        good=good,
+        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:] if notes[kind]}),
     )
 
 

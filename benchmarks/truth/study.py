@@ -51,10 +51,12 @@ NOTES = (
     "another minimum is cheaper",
     "a way is known",
     "a way is known at nodes only",
+    "as good as solved",
 )
 """What is told beside: IPOPT goes on from the result and gets more than 1 % cheaper; it does so
 from elsewhere; the plan is not solved, and IPOPT or another guess comes to a motion that keeps
-everything, or keeps it at the nodes.
+everything, or keeps it at the nodes; or it is itself one that keeps everything, and IPOPT finds
+nothing that is more than 1 % cheaper.
 """
 
 
@@ -254,7 +256,7 @@ def _outcome(drawn: DrawnProblem) -> dict[str, Any]:
     if plan.status.value == SOLVED:
         row |= _compared(court, planner, plan, ways, wrong, notes)
     else:
-        row |= _known_way(court, planner, ways, notes)
+        row |= _known_way(court, planner, plan if judged else None, ways, notes)
     return {**row, "wrong": ", ".join(wrong), "note": ", ".join(notes)}
 
 
@@ -283,8 +285,7 @@ def _compared(
         row["to_again"] = ratio_of(costs, court.costs(again.trajectory))
         if row["to_again"] > 1.0 + NEAR:
             wrong.insert(0, "dearer than planning again")
-    good = {name: way for name, way in ways.items() if court.kept(way.trajectory).everywhere}
-    ratios = {name: ratio_of(costs, way.costs) for name, way in good.items()}
+    ratios = _ratios(court, costs, ways)
     if ratios:
         row["to_ipopt"] = max(ratios.values())
         row["to_ipopt_from_result"] = ratios.get("result")
@@ -295,10 +296,22 @@ def _compared(
     return row
 
 
+def _ratios(court: Court, costs: np.ndarray, ways: dict[str, Way]) -> dict[str, float]:
+    """How many times those of IPOPT's motions that keep everything the costs (n_levels,) are."""
+    good = {name: way for name, way in ways.items() if court.kept(way.trajectory).everywhere}
+    return {name: ratio_of(costs, way.costs) for name, way in good.items()}
+
+
 def _known_way(
-    court: Court, planner: Planner, ways: dict[str, Way], notes: list[str]
+    court: Court, planner: Planner, plan: Plan | None, ways: dict[str, Way], notes: list[str]
 ) -> dict[str, Any]:
     """Of a plan that is not solved: does anybody know a motion that keeps everything?"""
+    if plan is not None and court.kept(plan.trajectory).everywhere:
+        ratios = _ratios(court, court.costs(plan.trajectory), ways)
+        best = max(ratios.values(), default=1.0)
+        if best <= 1.0 + NEAR:
+            notes.append("as good as solved")
+            return {"to_ipopt": best}
     kept = {name: court.kept(way.trajectory) for name, way in ways.items()}
     good = [f"ipopt from {name}" for name in ways if kept[name].everywhere]
     if not good:
