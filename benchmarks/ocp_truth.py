@@ -17,6 +17,8 @@ from pathlib import Path
 
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
+from truth.dense_check import LOOKS
+from truth.drawing import FEWEST_STEPS, MOST_STEPS
 from truth.study import (
     AT_NODES,
     BETWEEN,
@@ -34,12 +36,12 @@ from truth.study import (
 PROBLEMS = 400
 PROSE = """
 {problems} problems with seeds from {first} to {last}, one row each in `ocp_truth.csv`; `python benchmarks/ocp_truth.py --seed K`
-runs one again. Robots are the shipped ones and drawn ones of 6 to 14 degrees of freedom, with 8 to 80 steps in one to three
-phases of uneven steps; guesses are the planner's own, the start held, or a way to somewhere else; around them are open
-water, still and moving shapes and balls, their own links, or a user's own rows; goals are of one or several strict levels,
-durations fixed or free. Start and goal keep everything, so most problems have a way.
+runs one again. Robots are the shipped ones and drawn ones, of {fewest_dof} to {most_dof} degrees of freedom, with {fewest} to {most}
+steps or so in one to three phases of uneven steps; guesses are the planner's own, the start held, a way to somewhere else, or
+noise; around them are open water, still and moving shapes and balls, their own links, or a user's own rows; goals are of
+one or several strict levels, durations fixed or free. Start and goal keep everything, so most problems have a way.
 
-Of every plan the motion is looked at in 600 places and more, by coal and by rows written for this benchmark: it may break a
+Of every plan the motion is looked at in {looks} places and more, by coal and by rows written for this benchmark: it may break a
 limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them, that of a force by {forces:g} inside
 a step, a little more than plans state. IPOPT solves a transcription written for this benchmark from the straight way, the
 start held and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
@@ -68,6 +70,11 @@ def prose(rows: list[Row]) -> str:
         problems=len(rows),
         first=rows[0]["seed"],
         last=rows[-1]["seed"],
+        fewest_dof=min(row["dof"] for row in rows),
+        most_dof=max(row["dof"] for row in rows),
+        fewest=FEWEST_STEPS,
+        most=MOST_STEPS,
+        looks=LOOKS,
         nodes=AT_NODES,
         between=BETWEEN,
         forces=OF_FORCES,

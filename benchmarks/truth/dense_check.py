@@ -16,7 +16,8 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 
 CLEARANCE = "clearance"
 FORCES = "forces in a step"
-_LOOKS = 600  # along a motion
+LOOKS = 600
+"""Along a motion, at least."""
 _FEWEST = 6  # in a step
 _CLOSER = 40  # in each of the steps in which a row is worst
 
@@ -43,7 +44,7 @@ def worst_of_limits(
     """Look along a motion for the worst of every limit, at nodes and between them: two findings
     each.
     """
-    per_step = max(_FEWEST, -(-_LOOKS // len(trajectory.a)))
+    per_step = max(_FEWEST, -(-LOOKS // len(trajectory.a)))
     steps = np.arange(len(trajectory.a) * per_step + 1) / per_step
     t = np.interp(steps, np.arange(len(trajectory.t)), trajectory.t)
     findings = _looked(problem, statement, trajectory, t, np.arange(len(t)) % per_step == 0)
