@@ -36,10 +36,10 @@ from truth.study import (
 PROBLEMS = 400
 PROSE = """
 {problems} problems with seeds from {first} to {last}, one row each in `ocp_truth.csv`; `python benchmarks/ocp_truth.py --seed K`
-runs one again. Robots are the shipped ones and drawn ones, of {fewest_dof} to {most_dof} degrees of freedom, with {fewest} to {most}
-steps or so in one to three phases of uneven steps; guesses are the planner's own, the start held, a way to somewhere else, or
-noise; around them are open water, still and moving shapes and balls, their own links, or a user's own rows; goals are of
-one or several strict levels, durations fixed or free. Start and goal keep everything, so most problems have a way.
+runs one again. Robots are the shipped ones and drawn ones, of {fewest_dof} to {most_dof} degrees of freedom; there are {fewest}
+to {most} steps or so, in one to three phases of uneven steps. Guesses are the planner's own, the start held, a way to somewhere
+else, or noise. Around the robots are open water, still and moving shapes and balls, their own links, or a user's own rows.
+Goals are of one or several strict levels, durations fixed or free. Start and goal keep everything, so most problems have a way.
 
 Of every plan the motion is looked at in {looks} places and more, by coal and by rows written for this benchmark: it may break a
 limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them, that of a force by {forces:g} inside
@@ -48,7 +48,7 @@ start held and the plan's own result. Costs within {near:.0%} are one. A plan ha
 
 {solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them finds; {nodes_broken} are
 broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no message.
-These counts are to be 0. Seeds: {seeds}.
+None of these may be. Seeds: {seeds}.
 
 From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
 minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
