@@ -47,8 +47,9 @@ a step, a little more than plans state. IPOPT solves a transcription written for
 start held and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
 
 {solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them finds; {nodes_broken} are
-broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no message.
-None of these may be. Seeds: {seeds}.
+broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no
+message. Of all plans that the dense look finds broken `judge_motion` overlooks {unseen}. None of these may be. Seeds:
+{seeds}.
 
 From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
 minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
@@ -64,7 +65,7 @@ def prose(rows: list[Row]) -> str:
     notes = {kind: _seeds(rows, "note", kind) for kind in NOTES}
     statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)
     solved = len(rows) - sum(statuses.values())
-    dearer, nodes, between, touching, faults = (len(wrong[kind]) for kind in WRONGS)
+    dearer, nodes, between, touching, unseen, faults = (len(wrong[kind]) for kind in WRONGS)
     no_minimum, another, known, known_at_nodes, good = (len(notes[kind]) for kind in NOTES)
     return PROSE.format(
         problems=len(rows),
@@ -86,6 +87,7 @@ def prose(rows: list[Row]) -> str:
         nodes_broken=nodes,
         between_broken=between,
         touching=touching,
+        unseen=unseen,
         faults=faults,
         seeds=_listed({kind: seeds for kind, seeds in wrong.items() if seeds}),
         no_minimum=no_minimum,

@@ -20,7 +20,8 @@ from truth.dense_check import CLEARANCE, FORCES, Finding, worst_of_limits
 from truth.drawing import GOALS, SURROUNDINGS, DrawnProblem, drawn_problem
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.errors import UvmsError, plain_line
-from uvms_ocp.ocp import Plan, Planner, Trajectory, hold_guess
+from uvms_ocp.ocp import OcpStatus, Plan, Planner, Trajectory, hold_guess
+from uvms_ocp.ocp.verdict import judge_motion
 from uvms_ocp.solvers import NlpOptions
 from uvms_ocp.types import Count
 
@@ -43,9 +44,12 @@ WRONGS = (
     "broken at nodes",
     "broken between nodes",
     "certified and touching",
+    "not seen by the judge",
     "fault",
 )
-"""What must not be."""
+"""What must not be. Not seen by the judge: `judge_motion` calls nothing broken where the dense look
+does.
+"""
 NOTES = (
     "no minimum by IPOPT",
     "another minimum is cheaper",
@@ -211,6 +215,7 @@ def _blank() -> dict[str, Any]:
         "at_nodes": None,
         "between": None,
         "broken": "",
+        "judged": "",
         "certified": False,
         "nearest_m": None,
         "way": "",
@@ -247,6 +252,10 @@ def _outcome(drawn: DrawnProblem) -> dict[str, Any]:
             "broken": kept.what,
             "nearest_m": -kept.touching if np.isfinite(kept.touching) else None,
         }
+        verdict = judge_motion(problem, plan.trajectory)
+        row["judged"] = f"{verdict.status.value}: {plain_line(verdict.reason, 200)}"
+        if kept.limits > 1.0 and verdict.status is not OcpStatus.BROKEN:
+            wrong.append("not seen by the judge")
         if plan.certified_free and kept.touching > 0.0:
             wrong.append("certified and touching")
     began = process_time()
