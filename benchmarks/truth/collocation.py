@@ -150,7 +150,8 @@ def _series(s: ca.SX, first: int) -> ca.SX:
 
 def rotation(x: ca.SX) -> ca.SX:
     """R (3, 3) of a unit quaternion xyzw."""
-    u, w = x[:3], x[3]
+    u = x[:3]
+    w = x[3]
     return ca.SX.eye(3) + 2 * w * ca.skew(u) + 2 * ca.skew(u) @ ca.skew(u)
 
 
@@ -268,9 +269,11 @@ class Collocation:
 
     def _node(self) -> tuple[Node, ca.SX]:
         """Symbols of a node, and its z made of them."""
-        robot, layout = self.problem.robot, self.layout
+        robot = self.problem.robot
+        layout = self.layout
         node = node_symbols(robot, self.units.matrix.shape[1])
-        h, middle = ca.SX.sym("h"), ca.SX.sym("middle", robot.n_q)
+        h = ca.SX.sym("h")
+        middle = ca.SX.sym("middle", robot.n_q)
         z = ca.vertcat(node.q, node.v, h, node.a, node.thrust, node.torque, middle)
         assert z.numel() == layout.n
         return node, z
@@ -440,12 +443,14 @@ class Collocation:
         g = ca.vertcat(self._g, self._costs[above]) if above else self._g
         gradients = self._cost_gradients()
         J = ca.vertcat(self._jacobian(), gradients[above, :]) if above else self._jacobian()
-        lam_f, lam = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.numel())
+        lam_f = ca.MX.sym("lam_f")
+        lam = ca.MX.sym("lam_g", g.numel())
         below = self.n_levels - level - 1
         sigma = ca.vertcat(lam[self.n_rows :], lam_f, ca.MX.zeros(below))
         H = ca.triu(self._hessian(lam[: self.n_rows], sigma))
         gradient = ca.densify(gradients[level, :]).T
-        variables, values = [self._x, self._p], [self._costs[level], g]
+        variables = [self._x, self._p]
+        values = [self._costs[level], g]
         functions = nlp_functions(variables, values, [lam_f, lam], (gradient, J, H))
         options = {
             "cache": functions,
@@ -481,7 +486,8 @@ class Collocation:
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables."""
-        problem, layout = self.problem, self.layout
+        problem = self.problem
+        layout = self.layout
         robot = problem.robot
         lower = np.full((self.N + 1, layout.n), -np.inf)
         upper = np.full((self.N + 1, layout.n), np.inf)
@@ -518,15 +524,18 @@ class Collocation:
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
         """Variables (n_x,) of a trajectory."""
-        model, layout = self.problem.robot.model, self.layout
+        model = self.problem.robot.model
+        layout = self.layout
         h = np.diff(trajectory.t)
         Z = np.zeros((self.N + 1, layout.n))
         q = trajectory.q.copy()
         if self.problem.robot.n_vehicle:
             for before, after in pairwise(q):  # of two quaternions of an attitude the nearer one
                 after[3:7] *= -1.0 if before[3:7] @ after[3:7] < 0.0 else 1.0
-        Z[:, layout.q], Z[:, layout.v] = q, trajectory.v
-        Z[:-1, layout.h], Z[:-1, layout.a] = h, trajectory.a
+        Z[:, layout.q] = q
+        Z[:, layout.v] = trajectory.v
+        Z[:-1, layout.h] = h
+        Z[:-1, layout.a] = trajectory.a
         Z[:-1, layout.thrust] = trajectory.thrust / self.units.thrust
         Z[:-1, layout.torque] = trajectory.torque / self.units.torque
         for k in range(self.N):

@@ -377,7 +377,8 @@ def _own_links(draft: Draft) -> None:
 
 def _keep_apart(draft: Draft, *, n: int, moves: bool) -> None:
     """Shapes between start and goal, and the links of the robot among themselves."""
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     margin = float(rng.uniform(0.0, 0.08))
     _spread_links(draft)
     obstacles: list[Obstacle] = []
@@ -405,7 +406,8 @@ def _keep_apart(draft: Draft, *, n: int, moves: bool) -> None:
 
 def _spread_links(draft: Draft) -> None:
     """Draw start and goal again until no links of the robot touch."""
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     alone = _scene(robot, [], 0.0)
     for _ in range(_TRIES):
         if _least_room(alone, robot, draft.start) > _LINK_ROOM:
@@ -494,7 +496,8 @@ def _moving_balls(draft: Draft) -> None:
 
 def _keep_balls_apart(draft: Draft, *, fast: float) -> None:
     """Balls between start and goal, and one or two of the robot; fast [m/s]: at most."""
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     frames = [_frame(robot)] if not robot.n_vehicle else list({"base_link", _frame(robot)})
     frames = sorted(frames)
     radius = 0.15 if robot.n_vehicle else 0.04
@@ -566,7 +569,8 @@ _SURROUNDERS: dict[str, Callable[[Draft], None]] = {
 
 
 def _problem(draft: Draft, robot_name: str) -> tuple[OcpProblem, tuple[Cost, ...]]:
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     phases, free = _phases(draft)
     levels = _goal_levels(draft)
     if len(phases) > 1 and draft.chance(0.5):
@@ -611,7 +615,8 @@ def _current(draft: Draft, n_steps: int) -> np.ndarray:
 
 def _phases(draft: Draft) -> tuple[tuple[OcpPhase, ...], bool]:
     """Phases, and whether their durations are free."""
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     n_steps = round(float(np.exp(rng.uniform(np.log(FEWEST_STEPS), np.log(MOST_STEPS)))))
     way = np.abs(pin.difference(robot.model, draft.start, draft.goal))
     limits = robot.limits
@@ -668,7 +673,8 @@ def _goal_term(draft: Draft, kind: str) -> Term:
         return TaskTerm(task=JointTracking(joints=robot.joint_names, goal=values))
     frame = "base_link" if kind == "vehicle" else robot.tools[0]
     goal = kinematics.pose(frame)
-    p, R = ca.DM(goal.translation), ca.DM(goal.rotation)
+    p = ca.DM(goal.translation)
+    R = ca.DM(goal.rotation)
     draft.ends.append(EndRows(name=f"{kind}: place", rows=lambda node: node.pose(frame)[1] - p))
     if kind == "tool position":
         return TaskTerm(task=ToolPosition(frame=frame, goal=goal))
@@ -702,7 +708,8 @@ def _ways(node: Node, values: np.ndarray) -> ca.SX:
 
 def _way_point(draft: Draft, phase: str) -> Term:
     """A place that a frame passes at the end of the first phase."""
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     between = pin.interpolate(robot.model, draft.start, draft.goal, float(rng.uniform(0.3, 0.7)))
     frame = _frame(robot)
     place = Kinematics(robot, between).pose(frame)
@@ -713,7 +720,8 @@ def _way_point(draft: Draft, phase: str) -> Term:
 
 
 def _cost_levels(draft: Draft, *, free: bool) -> tuple[list[OcpLevel], tuple[Cost, ...]]:
-    robot, rng = draft.robot, draft.rng
+    robot = draft.robot
+    rng = draft.rng
     weight = float(rng.choice([0.01, 0.09, 0.5]))
     powers = all(thruster.power is not None for thruster in robot.description.thrusters)
     thrusters = bool(robot.description.thrusters) or not robot.n_vehicle
