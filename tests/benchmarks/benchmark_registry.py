@@ -75,6 +75,7 @@ ALONE = tuple(
         "ocp_random_reach",
         "ocp_reach",
         "ocp_scenes",
+        "ocp_truth",
         "patrol",
         "payloads",
         "random_missions",

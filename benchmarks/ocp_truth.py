@@ -1,0 +1,155 @@
+"""Drawn problems of optimal control, and what is true of what is said of their plans:
+``python benchmarks/ocp_truth.py [--problems N] [--jobs N] [--work DIR --hours H] [--seed K]``.
+
+Robots, starts, goals, guesses, phases, obstacles, own rows and costs are drawn. Every plan is
+judged by a dense look along its motion, by IPOPT on a transcription of its own from three starts,
+and by planning again from the result. Writes ocp_truth.csv, one row a problem, and its sums to
+ocp_truth.md. With --work DIR it goes on where it was; --seed K runs one problem and prints its row.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from recording.kept_rows import kept_rows
+from recording.report import Report, Row, Table, begin, parser_of
+from truth.dense_check import LOOKS
+from truth.drawing import FEWEST_STEPS, MOST_STEPS
+from truth.study import (
+    AT_NODES,
+    BETWEEN,
+    NEAR,
+    NOTES,
+    OF_FORCES,
+    SOLVED,
+    TIME_LIMIT,
+    WRONGS,
+    ocp_truth,
+    run_problem,
+    totals,
+)
+
+PROBLEMS = 400
+PROSE = """
+{problems} problems with seeds from {first} to {last}, one row each in `ocp_truth.csv`; `python benchmarks/ocp_truth.py --seed K`
+runs one again. Robots are the shipped ones and drawn ones, of {fewest_dof} to {most_dof} degrees of freedom; there are {fewest}
+to {most} steps or so, in one to three phases of uneven steps. Guesses are the planner's own, the start held, a way to somewhere
+else, or noise. Around the robots are open water, still and moving shapes and balls, their own links, or a user's own rows.
+Goals are of one or several strict levels, durations fixed or free. Start and goal keep everything, so most problems have a way.
+
+Of every plan the motion is looked at in {looks} places and more, by coal and by rows written for this benchmark: it may break a
+limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them, that of a force by {forces:g} inside
+a step, a little more than plans state. IPOPT solves a transcription written for this benchmark from the straight way, the
+start held and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
+
+{solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them finds; {nodes_broken} are
+broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no
+message. Of all plans that the dense look finds broken `judge_motion` overlooks {unseen}. None of these may be. Seeds:
+{seeds}.
+
+From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
+minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
+
+Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps everything at
+the nodes alone; {good} keep everything themselves, and nothing cheaper is known. Seeds: {seeds_known}.
+"""
+
+
+def prose(rows: list[Row]) -> str:
+    """With the figures of all problems."""
+    wrong = {kind: _seeds(rows, "wrong", kind) for kind in WRONGS}
+    notes = {kind: _seeds(rows, "note", kind) for kind in NOTES}
+    statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)
+    solved = len(rows) - sum(statuses.values())
+    dearer, nodes, between, touching, unseen, faults = (len(wrong[kind]) for kind in WRONGS)
+    no_minimum, another, known, known_at_nodes, good = (len(notes[kind]) for kind in NOTES)
+    return PROSE.format(
+        problems=len(rows),
+        first=rows[0]["seed"],
+        last=rows[-1]["seed"],
+        fewest_dof=min(row["dof"] for row in rows),
+        most_dof=max(row["dof"] for row in rows),
+        fewest=FEWEST_STEPS,
+        most=MOST_STEPS,
+        looks=LOOKS,
+        nodes=AT_NODES,
+        between=BETWEEN,
+        forces=OF_FORCES,
+        near=NEAR,
+        limit=TIME_LIMIT,
+        solved=solved,
+        share=solved / len(rows),
+        dearer=dearer,
+        nodes_broken=nodes,
+        between_broken=between,
+        touching=touching,
+        unseen=unseen,
+        faults=faults,
+        seeds=_listed({kind: seeds for kind, seeds in wrong.items() if seeds}),
+        no_minimum=no_minimum,
+        another=another,
+        seeds_first=_listed({kind: notes[kind] for kind in NOTES[:1] if notes[kind]}),
+        unsolved=len(rows) - solved,
+        statuses=", ".join(f"{n} {status}" for status, n in statuses.most_common()) or "none",
+        known=known,
+        known_at_nodes=known_at_nodes,
+        good=good,
+        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:] if notes[kind]}),
+    )
+
+
+def _seeds(rows: list[Row], column: str, kind: str) -> list[int]:
+    return [row["seed"] for row in rows if kind in str(row[column]).split(", ")]
+
+
+def _listed(seeds: dict[str, list[int]]) -> str:
+    parts = [f"{kind} {', '.join(map(str, numbers))}" for kind, numbers in seeds.items()]
+    return "; ".join(parts) or "none"
+
+
+def show(seed: int) -> None:
+    """Run one problem, and print what becomes of it."""
+    for name, value in run_problem({"seed": seed}).items():
+        sys.stdout.write(f"{name:>22}  {value}\n")
+
+
+def main() -> None:
+    """Run the study, or one problem of it."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--problems", type=int, default=PROBLEMS, metavar="N")
+    parser.add_argument("--first", type=int, default=0, metavar="K", help="seed of the first")
+    parser.add_argument("--seed", type=int, metavar="K", help="run this problem alone")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
+    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
+    parser.add_argument(
+        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
+    )
+    given, run = begin(parser)
+    os.environ.setdefault("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs a few times
+    if given.seed is not None:
+        show(given.seed)
+        return
+    n = 1 if run.quick else given.problems
+    with tempfile.TemporaryDirectory() as folder:
+        work = given.work or Path(folder) / "work"
+        jobs = 1 if run.quick else given.jobs
+        rows = kept_rows(ocp_truth(n=n, seed=given.first), work, jobs, given.hours)
+    run.write(
+        Report(
+            name="ocp_truth",
+            title="What is said of plans, and what is so",
+            prose=prose(rows),
+            tables=[Table(rows=totals(rows))],
+            data={"ocp_truth": rows},
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Drawn problems of optimal control, and judges of plans that know nothing of the planner."""
