@@ -1,5 +1,4 @@
-"""Time per Python call of dynamics in water and of thrust allocation: ``python
-benchmarks/calls.py``.
+"""Time per Python call of dynamics in water and of thrust allocation: ``python benchmarks/calls.py``.
 
 Writes calls.csv and calls.md, one row per robot and call.
 """

@@ -1,5 +1,4 @@
-"""Designed excitation against steps and chirps by hand: ``python
-benchmarks/identification_excitation.py``.
+"""Designed excitation against steps and chirps by hand: ``python benchmarks/identification_excitation.py``.
 
 All of one length, within the same limits of thrust and the same pool. Standard errors are compared
 as the information has them, and as fits of simulated recordings have them. Writes

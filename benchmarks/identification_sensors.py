@@ -1,5 +1,4 @@
-"""Identification with sensors of which little is known: ``python
-benchmarks/identification_sensors.py``.
+"""Identification with sensors of which little is known: ``python benchmarks/identification_sensors.py``.
 
 Vehicles with drawn numbers are seen by sensors with drawn delays, places, mounting and biases, and
 identified by settings that say nothing of these, as a recording of others is. Writes

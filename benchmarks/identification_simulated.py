@@ -1,5 +1,4 @@
-"""Identification of vehicles whose numbers are known: ``python
-benchmarks/identification_simulated.py``.
+"""Identification of vehicles whose numbers are known: ``python benchmarks/identification_simulated.py``.
 
 Vehicles with drawn numbers are driven by a designed excitation, again and again, seen by noisy
 sensors, and identified from where all of them were drawn. Writes identification_simulated.csv and

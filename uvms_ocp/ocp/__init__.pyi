@@ -29,3 +29,4 @@ from .trajectory import (
     guess_through as guess_through,
     hold_guess as hold_guess,
 )
+from .verdict import judge_motion as judge_motion
