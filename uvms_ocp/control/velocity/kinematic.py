@@ -258,8 +258,9 @@ class KinematicController(TableDisplay):
     @checked_on_failure
     def on_actuation_feedback(self, feedback: ActuationFeedback) -> None:
         """Take in what the force layer meets."""
+        jammed = feedback.jammed  # first: what is no feedback changes nothing
         self._feedback = feedback
-        self._jammed = feedback.jammed
+        self._jammed = jammed
 
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
