@@ -131,6 +131,10 @@ ANY_NORM = {
         ("ToolGoal.as_tasks.start", "PostureGoal.as_tasks.start", "Term.references.q"),
         "not read here",
     ),
+    **dict.fromkeys(
+        ("Ball.centre_in_world.q", "BallClearance.references.q", "Coordinates.x_beyond_limits.q"),
+        "of motions that are judged and drawn as they are",
+    ),
 }
 """Configurations whose quaternion may have any norm, and why."""
 SHAPES: dict[str, tuple[tuple[int, ...], ...]] = {

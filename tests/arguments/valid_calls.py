@@ -875,7 +875,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Task.with_goal": lambda: {"goal": pin.SE3.Identity()},
     "TaskTerm.residual": lambda: parameters(18),
     "Posture.residual": lambda: parameters(robot().model.nq),
-    "BallClearance.residual": lambda: parameters(4),
+    "BallClearance.residual": lambda: parameters(POOL["BallClearance"]().n_parameters(robot())),
     **{f"CoalDistances.{kind}": lambda: {"q": q()[None]} for kind in ("contacts", "distances_at")},
     "ShapeClearance": lambda: {"scene": scene(), "margins": np.zeros(scene().n_pairs)},
     **{
@@ -883,6 +883,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
         for kind in ("Term", "ShapeClearance")
     },
     "ShapeClearance.distances": lambda: {"times": [0.0], "q": q()[None]},
+    "ShapeClearance.obstacle_motion": lambda: {"times": np.zeros(1), "half": np.full(1, 0.1)},
     "ShapeClearance.mismatch": lambda: {"times": [0.0], "written": q()[None], "q": q()[None]},
     "ShapeClearance.residual": lambda: parameters(POOL["ShapeClearance"]().n_parameters(robot())),
     "ToolGoal.as_tasks": lambda: {"start": q()},

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -18,13 +18,13 @@ from uvms_ocp.ocp.node_margins import NodeMargins, Side
 from uvms_ocp.ocp.plane_rows import PlaneRowGroup, ranks
 from uvms_ocp.ocp.separating_planes import Planes, Poses, planes
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
-from uvms_ocp.planning.distances import CoalDistances, Configurations, Contacts
+from uvms_ocp.planning.distances import ChosenPairs, CoalDistances, Configurations, Contacts
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.record.meta_values import ObstacleMeta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.tasks.task import Residual, bounded_residual
-from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask
+from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask, Shape
 
 _IN_TURN = 0.25
 """[m] beyond its margin up to which a pair has its first row before any other has its second: one pair
@@ -236,7 +236,7 @@ class ShapeClearance(Term):
     # --- distances --------------------------------------------------------------------------------
 
     def distances(
-        self, times: Sequence[float], q: Configurations, chosen: Mask | None = None
+        self, times: Sequence[float], q: Configurations, chosen: ChosenPairs | None = None
     ) -> Array:
         """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad],
         by coal; infinite for those that are not chosen (n, n_pairs).
@@ -253,7 +253,9 @@ class ShapeClearance(Term):
         ]
         return np.concatenate([np.zeros((0, self.scene.n_pairs)), *parts])
 
-    def obstacle_motion(self, times: Array, half: Array) -> Array:
+    def obstacle_motion(
+        self, times: Annotated[Array, Shape("n")], half: Annotated[Array, Shape("n")]
+    ) -> Array:
         """(n, n_pairs) [m] How far the obstacle of each pair moves within half (n,) [s] of times
         (n,) [s], by its places there and at both ends.
         """

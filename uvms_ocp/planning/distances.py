@@ -83,6 +83,8 @@ class _Bounds:
 
 
 Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")]
+ChosenPairs = Annotated[Mask, Shape("n", "self.scene.n_pairs")]
+"""(n, n_pairs) True for the pairs that are asked for at each configuration."""
 Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 
 
@@ -113,7 +115,7 @@ class CoalDistances:
         """
         return self.distances_at(self.scene.coordinates.configurations(x))
 
-    def distances_at(self, q: Configurations, chosen: Mask | None = None) -> Array:
+    def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
         """The same at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
         (n, n_pairs), by default all are.
         """
@@ -121,6 +123,8 @@ class CoalDistances:
         data = self._geometry_data
         if chosen is None:
             wanted = np.ones(result.shape, dtype=bool)
+        elif chosen.dtype != np.bool_:
+            raise TypeError(f"chosen of {chosen.dtype}")  # which the check of arguments explains
         else:
             wanted = chosen
         for row, configuration, asked in zip(result, q, wanted, strict=True):
