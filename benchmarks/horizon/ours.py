@@ -46,7 +46,7 @@ def settings(kind: str, n_steps: int) -> Iterator[tuple[str, str, OcpProblem]]:
 
 
 def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, Any]]:
-    """One row per setting: times of whole calls of `Planner.plan`, cold and from the solution."""
+    """One row per setting: times of solves, cold and from the solution, and of `Planner.plan`."""
     chosen = list(settings(kind, n_steps))
     rows = []
     for plugin, hessian, problem in chosen[:1] if quick else chosen:
@@ -70,21 +70,25 @@ def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, 
 
 
 def measured(planner: Planner, repeats: int) -> dict[str, Any]:
-    """Times and outcome of cold and warm calls."""
+    """Times and outcome of cold and warm solves, and of a whole plan: refined between nodes, and
+    judged.
+    """
     rest = hold_guess(planner.problem)
-    cold = timed(lambda: planner.plan(guess=rest, diagnose=False), repeats, LONG)
-    plan = cold.value
-    warm = timed(lambda: planner.plan(guess=plan, diagnose=False), repeats, LONG)
-    assert plan.result is not None
+    parameters = planner.transcription.parameters()
+    cold = timed(lambda: planner.solve(parameters, rest), repeats, LONG)
+    result = cold.value
+    warm = timed(lambda: planner.solve(parameters, result), repeats, LONG)
+    whole = timed(lambda: planner.plan(guess=rest, diagnose=False), repeats, LONG)
     return {
         "wall": cold.wall,
         "cpu": cold.cpu,
         "warm_cpu": warm.cpu,
-        "iterations": plan.iterations,
-        "warm_iterations": warm.value.iterations,
-        "status": plan.result.status.value,
-        "cost": cost(sparse_program(planner), plan.result.x),
-        "duration": plan.duration,
+        "plan_cpu": whole.cpu,
+        "iterations": sum(result.iterations),
+        "warm_iterations": sum(warm.value.iterations),
+        "status": result.status.value,
+        "cost": cost(sparse_program(planner), result.x),
+        "duration": float(planner.transcription.unpack(result.x).t[-1]),
     }
 
 
