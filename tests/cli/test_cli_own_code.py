@@ -103,7 +103,7 @@ class Deaf:
 
 def scenario():
     {scenario}
-    return replace(uo.scenario.reach(plant="kinematic", duration=0.1), controller=Deaf)
+    return replace(uo.scenario.reach(plant="kinematic", duration=60.0), controller=Deaf)
 """
 FAILURES = {
     "of a function": (
