@@ -58,7 +58,7 @@ class Broken:
         return {}
 
 def broken():
-    return replace(uo.scenario.reach(duration=1.0), plant=Broken)
+    return replace(uo.scenario.reach(duration=60.0), plant=Broken)
 
 def no_frame():
     return uo.scenario.case1(tasks={"T": {"frame": "tol"}})
