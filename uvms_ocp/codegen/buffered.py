@@ -137,11 +137,11 @@ def _buffer_on(
     return buffer, evaluate
 
 
-def _side_by_side(given: Array) -> memoryview:
+def _side_by_side(array: Array) -> memoryview:
     """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses
     those with gaps.
     """
-    return (given.T if given.flags.f_contiguous else given).data
+    return (array.T if array.flags.f_contiguous else array).data
 
 
 def _memory(size: tuple[int, int]) -> Array:
@@ -200,12 +200,12 @@ class BoundCalls:
         """
         for i, argument in enumerate(arguments):
             _require(function, argument, function.nnz_in(i))
-        wanted = [result if result is not None and result.size else None for result in results]
-        for i, result in enumerate(wanted):
+        requested = [result if result is not None and result.size else None for result in results]
+        for i, result in enumerate(requested):
             if result is not None:
                 _require(function, result, function.nnz_out(i))
         self._calls.append(
-            _Call(function=function, arguments=tuple(arguments), results=tuple(wanted))
+            _Call(function=function, arguments=tuple(arguments), results=tuple(requested))
         )
         self._make = None
 
@@ -225,10 +225,10 @@ class BoundCalls:
         self._for_now = waits
 
 
-def _require(function: ca.Function, given: Array, size: int) -> None:
-    if given.size != size or given.dtype != np.float64 or not given.flags.c_contiguous:
+def _require(function: ca.Function, array: Array, size: int) -> None:
+    if array.size != size or array.dtype != np.float64 or not array.flags.c_contiguous:
         raise InvalidInput(
-            f"{function.name()}: memory of shape {given.shape}; give {size} numbers side by side"
+            f"{function.name()}: memory of shape {array.shape}; give {size} numbers side by side"
         )
 
 
@@ -271,20 +271,24 @@ class _MachineCode:
     def __init__(
         self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
     ) -> None:
-        taken = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
-        given = [_addresses(call.results, call.function.sz_res()) for call in calls]
+        argument_addresses = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
+        result_addresses = [_addresses(call.results, call.function.sz_res()) for call in calls]
         rows = [
             (*at, a.ctypes.data, r.ctypes.data)
-            for *at, a, r in zip(symbols, _pairs(calls), taken, given, strict=True)
+            for *at, a, r in zip(
+                symbols, _pairs(calls), argument_addresses, result_addresses, strict=True
+            )
         ]
         table = np.array(rows, dtype=np.uintp)
-        whole = np.zeros(max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64)
+        integer_work = np.zeros(
+            max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64
+        )
         work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
-        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, whole, work))
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, integer_work, work))
         self._make = library.make_calls
         self._given = (ctypes.c_int(len(calls)), *pointers)
         self._calls = calls
-        self._kept = (taken, given, table, whole, work)
+        self._kept = (argument_addresses, result_addresses, table, integer_work, work)
 
     def __call__(self) -> None:
         failed = self._make(0, *self._given)
@@ -298,24 +302,24 @@ def _pairs(calls: Sequence[_Call]) -> list[int]:
     """(n,) what makes a call and the next one at once, where these do not build on each other; else
     0.
     """
-    found = [0] * len(calls)
-    for i, (one, other) in enumerate(pairwise(calls)):
-        if one.function is other.function and not (i and found[i - 1]):
-            twice = two_calls(one.function)
+    pairs = [0] * len(calls)
+    for i, (first, second) in enumerate(pairwise(calls)):
+        if first.function is second.function and not (i and pairs[i - 1]):
+            twice = two_calls(first.function)
         else:
             twice = None
         if twice and not any(
-            np.may_share_memory(*pair) for pair in product(one.results, other.arguments)
+            np.may_share_memory(*pair) for pair in product(first.results, second.arguments)
         ):
-            found[i] = twice
-    return found
+            pairs[i] = twice
+    return pairs
 
 
 def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
     """(size,) of the memory of arrays, 0 for none; functions write into what is left over."""
-    found = np.zeros(max(size, len(arrays)), dtype=np.uintp)
-    found[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
-    return found
+    addresses = np.zeros(max(size, len(arrays)), dtype=np.uintp)
+    addresses[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
+    return addresses
 
 
 @lru_cache(maxsize=1)

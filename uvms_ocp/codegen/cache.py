@@ -44,14 +44,14 @@ def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
     """Those of a cache folder, and the numbers of functions in them, used last first: when, is
     their time of modification.
     """
-    found = dict[Path, os.stat_result]()
+    libraries = dict[Path, os.stat_result]()
     for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
         with suppress(OSError):  # another process removes it
-            found[path] = path.stat()
-    return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
+            libraries[path] = path.stat()
+    return dict(sorted(libraries.items(), key=lambda pair: -pair[1].st_mtime))
 
 
-def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
+def shrink_cache(folder: Path, max_size: float) -> dict[Path, os.stat_result]:
     """Remove those used longest ago until at most that many bytes are left; returns what was
     removed.
 
@@ -61,11 +61,11 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
         with suppress(OSError):
             if time() - path.stat().st_mtime > _FORGOTTEN:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-    left = 0
+    total_size = 0
     gone = dict[Path, os.stat_result]()
     for path, status in cached_libraries(folder).items():
-        left += status.st_size
-        if left > most:
+        total_size += status.st_size
+        if total_size > max_size:
             with suppress(OSError):  # it is in use, or another process removes it
                 path.unlink()
                 gone[path] = status
@@ -74,9 +74,9 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
 
 
 def _candidates() -> list[Path]:
-    given = os.environ.get("UVMS_OCP_CACHE")
-    if given:
-        return [Path(given)]
+    configured = os.environ.get("UVMS_OCP_CACHE")
+    if configured:
+        return [Path(configured)]
     home = os.environ.get(
         "HOME", os.path.expanduser("~")
     )  # without an entry of the user it stays "~", which is no place

@@ -23,22 +23,22 @@ def without_numbers(code: str) -> tuple[str, np.ndarray]:
     """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be
     given, and these.
     """
-    found: list[str] = []
+    numbers: list[str] = []
 
     def array(match: re.Match[str]) -> str:
-        found.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
+        numbers.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
         return (
             f"#undef {match[1]}\n#define {match[1]} (numbers +"
-            f" {len(found) - match[2].count(',') - 1})"
+            f" {len(numbers) - match[2].count(',') - 1})"
         )
 
     def number(match: re.Match[str]) -> str:
         if match[0] in _OF_FORM:
             return match[0]
-        found.append(match[0])
-        return f"numbers[{len(found) - 1}]"
+        numbers.append(match[0])
+        return f"numbers[{len(numbers) - 1}]"
 
-    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(found, dtype=float)
+    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(numbers, dtype=float)
 
 
 def with_numbers(function: ca.Function, numbers: Sequence[float]) -> ca.Function:
@@ -58,12 +58,13 @@ def with_variable(code: str, name: str, values: Sequence[float]) -> str:
     `name` of a file beside it.
     """
     arrays = (
-        (one, np.fromstring(one[2].replace("casadi_", ""), sep=","))
-        for one in _ARRAY.finditer(code)
+        (match, np.fromstring(match[2].replace("casadi_", ""), sep=","))
+        for match in _ARRAY.finditer(code)
     )
-    found = next(one for one, numbers in arrays if np.array_equal(numbers, values))
+    declaration = next(match for match, numbers in arrays if np.array_equal(numbers, values))
     return code.replace(
-        found[0], f"extern double {name}[];\n#undef {found[1]}\n#define {found[1]} {name}"
+        declaration[0],
+        f"extern double {name}[];\n#undef {declaration[1]}\n#define {declaration[1]} {name}",
     )
 
 
@@ -105,37 +106,37 @@ def in_parts(code: str) -> str:
     return _STRAIGHT.sub(lambda found: _parted(found, next(numbers)), code)
 
 
-def _parted(found: re.Match[str], number: int) -> str:
-    body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", found[2]))
+def _parted(function: re.Match[str], number: int) -> str:
+    body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", function[2]))
     statements = [
-        _Statement(one[0], one[1], [*dict.fromkeys(_VARIABLE.findall(one[2]))])
-        for one in _STATEMENT.finditer(body)
+        _Statement(statement[0], statement[1], [*dict.fromkeys(_VARIABLE.findall(statement[2]))])
+        for statement in _STATEMENT.finditer(body)
     ]
     if len(statements) < 2 * _PART:
-        return found[0]
+        return function[0]
     calls = "".join(
         f"  part{number}_{first}(given, wanted, kept);\n"
         for first in range(0, len(statements), _PART)
     )
-    targets = [one.target for one in statements if one.target]
+    targets = [statement.target for statement in statements if statement.target]
     (n_given, most_given) = _sizes("arg", body)
     (n_wanted, most_wanted) = _sizes("res", body)
     sizes = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}"
     n = max(n_given, n_wanted)
-    plain = sum(_ARITHMETIC.fullmatch(one.line) is not None for one in statements)
-    if "casadi_f0(" not in found[1] or plain < _PAIRED * len(targets):
+    plain = sum(_ARITHMETIC.fullmatch(statement.line) is not None for statement in statements)
+    if "casadi_f0(" not in function[1] or plain < _PAIRED * len(targets):
         return (
-            f"{_parts(number, statements, 'double')}{found[1]}  MEMORY_OF_PARTS({sizes})\n{calls} "
+            f"{_parts(number, statements, 'double')}{function[1]}  MEMORY_OF_PARTS({sizes})\n{calls} "
             " return 0;\n"
         )
     statements = [
-        one if _ARITHMETIC.fullmatch(one.line) else one._replace(line=_paired(one.line, n))
-        for one in statements
+        statement
+        if _ARITHMETIC.fullmatch(statement.line)
+        else statement._replace(line=_paired(statement.line, n))
+        for statement in statements
     ]
     both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
-    return (
-        f"{_parts(number, statements, 'pair')}{both}{found[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
-    )
+    return f"{_parts(number, statements, 'pair')}{both}{function[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
@@ -149,9 +150,9 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
             f" double** res, {kind}* kept)"
         )
         texts.append(f"{head} {{\n{_part(part, later, kind)}}}\n")
-        for one in reversed(part):
-            later.discard(one.target)
-            later.update(one.read)
+        for statement in reversed(part):
+            later.discard(statement.target)
+            later.update(statement.read)
     return "".join(texts)
 
 
@@ -160,30 +161,30 @@ def _paired(line: str, n: int) -> str:
     stands n places later.
     """
     lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
-    first, other = (_VARIABLE.sub(rf"{lane}(\g<0>)", one) for lane, one in lanes.items())
-    return f"  {first} AND_OTHER({other})\n"
+    first, second = (_VARIABLE.sub(rf"{lane}(\g<0>)", text) for lane, text in lanes.items())
+    return f"  {first} AND_OTHER({second})\n"
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:
     """How many vectors are read or written at most, and how many numbers of one."""
-    found = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
-    return 1 + max((k for k, _ in found), default=0), 1 + max((i for _, i in found), default=0)
+    places = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
+    return 1 + max((k for k, _ in places), default=0), 1 + max((i for _, i in places), default=0)
 
 
 def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -> str:
     """Statements that read what they need of earlier ones from memory, and leave there what is read
     `later`.
     """
-    last = {one.target: k for k, one in enumerate(statements)}
-    known = dict[str, None]()
+    last = {statement.target: k for k, statement in enumerate(statements)}
+    declared = dict[str, None]()
     text = list[str]()
     for k, (line, target, read) in enumerate(statements):
-        text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in known]
+        text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in declared]
         text.append(line)
-        known |= dict.fromkeys([*read, target] if target else read)
+        declared |= dict.fromkeys([*read, target] if target else read)
         if target and target in later and last[target] == k:
             text.append(f"  kept[{_place(target)}]={target};\n")
-    return f"  {kind} {', '.join(known)};\n{''.join(text)}"
+    return f"  {kind} {', '.join(declared)};\n{''.join(text)}"
 
 
 def _place(name: str) -> int:

@@ -65,14 +65,14 @@ def compile_timeout() -> float:
     """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput`
     where that is no time.
     """
-    given = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
+    configured = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
     try:
-        seconds = float(given or _TIMEOUT)
+        seconds = float(configured or _TIMEOUT)
     except ValueError:
         seconds = -1.0
     if not 0.0 < seconds < 1e9:
         raise InvalidInput(
-            f"UVMS_OCP_COMPILE_TIMEOUT = {given!r}; give seconds, such as {_TIMEOUT:g}"
+            f"UVMS_OCP_COMPILE_TIMEOUT = {configured!r}; give seconds, such as {_TIMEOUT:g}"
         )
     return seconds
 
@@ -84,12 +84,12 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
     with all its children.
     """
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         with _STARTING:
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=said,
+                stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
@@ -101,8 +101,8 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
             raise
         finally:
             _RUNNING.discard(process)
-        said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
-        return code, said.read().decode(errors="replace")
+        output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
+        return code, output.read().decode(errors="replace")
 
 
 @atexit.register
@@ -110,14 +110,14 @@ def _end_compilers() -> (
     None
 ):  # as the process ends, of which threads that wait for them hear nothing
     _STARTING.acquire()  # and none begins any more
-    left = [work for result, work in _BEGUN if not result.ready()]
+    unfinished = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
         _kill(process)
-    if left:
-        _hand_over(left)
+    if unfinished:
+        _hand_over(unfinished)
 
 
-def _hand_over(left: Sequence[Callable[[], object]]) -> None:
+def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
     """Give what nobody has waited for to a process of its own, for the next process that needs
     it.
     """
@@ -125,7 +125,7 @@ def _hand_over(left: Sequence[Callable[[], object]]) -> None:
         return  # but a program that has Python in it, and would begin anew
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
     with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
-        pickle.dump(left, file)
+        pickle.dump(unfinished, file)
         file.seek(0)
         subprocess.Popen(
             [sys.executable, "-c", f"{imports}; compile_what_is_left()"],
@@ -143,7 +143,7 @@ def compile_what_is_left() -> None:
     if sys.platform != "win32":
         os.nice(19)
     _BEHIND.set()
-    for work in [_workers(os.getpid()).apply_async(one) for one in pickle.load(sys.stdin.buffer)]:
+    for work in [_workers(os.getpid()).apply_async(job) for job in pickle.load(sys.stdin.buffer)]:
         work.wait()
 
 
@@ -309,12 +309,12 @@ def _awaited(result: AsyncResult[Path | None]) -> Path | None:
 
 
 @contextmanager
-def compiling_beside(beside: bool) -> Iterator[None]:
+def compiling_beside(in_background: bool) -> Iterator[None]:
     """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is
     set.
     """
     before = _WAITS.set(
-        not beside or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
+        not in_background or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
     )
     try:
         yield
@@ -380,17 +380,17 @@ def compiled_from(
     and with which numbers. content: of all that the function depends on but CasADi, the compiler,
     and the files `modules` of the code that `make` runs.
     """
-    entry, kept = _looked_up(name, content, *modules)
-    return (kept and _function_in(kept[0], name, kept[1])) or start_compiling(make(), entry)
+    entry, cached = _looked_up(name, content, *modules)
+    return (cached and _function_in(cached[0], name, cached[1])) or start_compiling(make(), entry)
 
 
 def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:
     """`compile_library` of the source that `make` makes of a content, which is kept as by
     `compiled_from`.
     """
-    entry, kept = _looked_up(name, content, *modules)
-    if kept:
-        return kept[0]
+    entry, cached = _looked_up(name, content, *modules)
+    if cached:
+        return cached[0]
     return _keep(entry, _NONE, partial(compile_library, make(), name=name))
 
 
@@ -444,10 +444,10 @@ def _keep(
 def _kept(entry: Path) -> tuple[Path, np.ndarray] | None:
     """Library and numbers; None where one of both is not there, or damaged."""
     with suppress(OSError):
-        whole = entry.read_bytes()
-        if whole[:64] != _digest(whole[64:]).encode():
+        content = entry.read_bytes()
+        if content[:64] != _digest(content[64:]).encode():
             return None
-        name, _, numbers = whole[64:].partition(b"\n")
+        name, _, numbers = content[64:].partition(b"\n")
         library = entry.with_name(name.decode())
         if _is_usable(library):
             for path in (entry, library):
@@ -533,9 +533,9 @@ def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
             library.numbers_address.restype = ctypes.c_void_p
             ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
-        known = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
+        symbols = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
         _ADDRESSES[function] = {
-            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in known
+            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in symbols
         }
         _close(library)  # the function holds it
     return function
@@ -597,10 +597,10 @@ def has_compiler() -> bool:
 @lru_cache(maxsize=1)
 def _compiler() -> str | None:
     names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
-    found = next((path for name in names if name and (path := shutil.which(name))), None)
-    if found is None:
+    compiler = next((path for name in names if name and (path := shutil.which(name))), None)
+    if compiler is None:
         _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
-    return found
+    return compiler
 
 
 @lru_cache(maxsize=4)
@@ -610,12 +610,12 @@ def _version(compiler: str) -> str:
     return ""
 
 
-def _warn_once(what: str, detail: str = "") -> None:
+def _warn_once(event: str, detail: str = "") -> None:
     if (
-        what not in _SAID and threading.main_thread().is_alive()
+        event not in _SAID and threading.main_thread().is_alive()
     ):  # not where its compiler was ended with it
-        _SAID.add(what)
-        _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
+        _SAID.add(event)
+        _log.warning("%s: %s", f"{event} ({detail})" if detail else event, _SLOWER)
 
 
 @lru_cache(maxsize=1)
@@ -691,11 +691,11 @@ def _build_in(
     codes = [folder / f"source{k}.c" for k in range(len(sources))]
     for code, source in zip(codes, sources, strict=True):
         code.write_text(source, encoding="utf-8")
-    failed, said = run_compiler(
+    failed, output = run_compiler(
         [compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout()
     )
     if failed:
-        _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
+        _warn_once(f"{compiler} failed", ascii(" ".join(output.split())[-200:]))
         return False
     problem = _load_error(built)
     if problem:

@@ -21,9 +21,9 @@ def kernel_error(node: ast.AST, why: str) -> InvalidInput:
     return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
 
 
-def require(kept: bool, node: ast.AST, why: str) -> None:
+def require(condition: bool, node: ast.AST, why: str) -> None:
     """Raise `kernel_error` where a rule is not kept."""
-    if not kept:
+    if not condition:
         raise kernel_error(node, why)
 
 
@@ -186,11 +186,11 @@ def refused(node: ast.AST, scope: Scope) -> NoReturn:
 
 def number(node: ast.expr, scope: Scope) -> CExpression:
     """An expression that is a number."""
-    found = expression(node, scope)
+    value = expression(node, scope)
     require(
-        found.type.is_number and found.type != NOTHING, node, f"is no number but {found.type.name}"
+        value.type.is_number and value.type != NOTHING, node, f"is no number but {value.type.name}"
     )
-    return found
+    return value
 
 
 def literal(value: Any) -> CExpression | None:
@@ -224,25 +224,25 @@ def constant(node: ast.expr, scope: Scope) -> Any:
 
 
 def _constant(node: ast.Constant, scope: Scope) -> CExpression:
-    found = literal(node.value)
-    if found is None:
+    value = literal(node.value)
+    if value is None:
         raise kernel_error(node, "is no number")
-    return found
+    return value
 
 
 def _name(node: ast.Name, scope: Scope) -> CExpression:
     if node.id in scope.local:
         return CExpression(c_name(node.id), scope.local[node.id])
-    found = literal(constant(node, scope))
-    if found is None:
+    value = literal(constant(node, scope))
+    if value is None:
         raise kernel_error(node, "is no variable and no number of the module")
-    return found
+    return value
 
 
 def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
-    found = literal(constant(node, scope))
-    if found is not None:
-        return found
+    value = literal(constant(node, scope))
+    if value is not None:
+        return value
     owner = expression(node.value, scope)
     require(owner.type.structure is not None and not owner.type.sizes, node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
@@ -270,19 +270,19 @@ def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
 def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     left = number(node.left, scope)
     right = number(node.right, scope)
-    whole = left.type == right.type == INT
+    is_integer = left.type == right.type == INT
     if type(node.op) in _WHOLE:
-        require(whole, node, "is only for whole numbers, which are not negative")
+        require(is_integer, node, "is only for whole numbers, which are not negative")
         return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
-    if whole and isinstance(node.op, ast.Div):
+    if is_integer and isinstance(node.op, ast.Div):
         cast = "(double)"
     else:
         cast = ""
     return CExpression(
         f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})",
-        INT if whole and not cast else DOUBLE,
+        INT if is_integer and not cast else DOUBLE,
     )
 
 
@@ -333,10 +333,10 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
         return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
-    for known, result in ((_OF_NUMBERS, DOUBLE), (_TESTS, INT)):
-        if function in known:
+    for table, result in ((_OF_NUMBERS, DOUBLE), (_TESTS, INT)):
+        if function in table:
             arguments = ", ".join(number(argument, scope).text for argument in node.args)
-            return CExpression(f"{known[function]}({arguments})", result)
+            return CExpression(f"{table[function]}({arguments})", result)
     return _kernel_call(node, function, scope)
 
 
@@ -363,11 +363,11 @@ def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
 
 def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
     terms = [number(argument, scope) for argument in node.args]
-    whole = all(term.type == INT for term in terms)
+    is_integer = all(term.type == INT for term in terms)
     text = terms[0].text
     for term in terms[1:]:
-        text = f"{name}{'_int' if whole else ''}({text}, {term.text})"
-    return CExpression(text, INT if whole else DOUBLE)
+        text = f"{name}{'_int' if is_integer else ''}({text}, {term.text})"
+    return CExpression(text, INT if is_integer else DOUBLE)
 
 
 def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
@@ -378,15 +378,15 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
         node,
         f"has to give {len(signature.parameters)} arguments",
     )
-    given = [expression(argument, scope) for argument in node.args]
-    for argument, (name, wanted) in zip(given, signature.parameters.items(), strict=True):
-        alike = argument.type.is_number == wanted.is_number and (
-            wanted.is_number or argument.type.name == wanted.name
+    arguments = [expression(argument, scope) for argument in node.args]
+    for argument, (name, expected) in zip(arguments, signature.parameters.items(), strict=True):
+        alike = argument.type.is_number == expected.is_number and (
+            expected.is_number or argument.type.name == expected.name
         )
-        require(alike, node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
-        require(wanted != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
+        require(alike, node, f"gives {argument.type.name} as {name}, which is {expected.name}")
+        require(expected != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
     return CExpression(
-        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})",
+        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in arguments)})",
         signature.result,
     )
 

@@ -46,10 +46,10 @@ class FunctionStructure(ctypes.Structure):
         """Call the function without a compiler, as C does."""
         call = _buffered(self.function)
         n = self.function.n_in()
-        found = call(
+        results = call(
             *(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n]))
         )
-        for target, values in zip(vectors[n:], found, strict=True):
+        for target, values in zip(vectors[n:], results, strict=True):
             if target is not None:
                 _numbers(target)[: values.size] = values.ravel(order="F")
 
@@ -257,12 +257,15 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
 
 @lru_cache(maxsize=80)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
-    known = dict(sizes)
+    known_sizes = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)
     fields = [
-        (name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()
+        (name, _field(f"{layout.__name__}.{name}", hint, known_sizes))
+        for name, hint in hints.items()
     ]
-    arrays = {name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known))}
+    arrays = {
+        name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known_sizes))
+    }
     body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
     return type(layout.__name__, (ctypes.Structure,), body)
 
@@ -296,10 +299,12 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     return kind
 
 
-def _required(name: str, asked: str, given: Mapping[str, Any]) -> Any:
-    if asked not in given:
-        raise InvalidInput(f"{name} needs {asked!r}, which is not given; given: {sorted(given)}")
-    return given[asked]
+def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
+    if size_name not in sizes:
+        raise InvalidInput(
+            f"{name} needs {size_name!r}, which is not given; given: {sorted(sizes)}"
+        )
+    return sizes[size_name]
 
 
 def _item(hint: Any) -> Any:
@@ -324,8 +329,8 @@ def assign(memory: Layout, **values: Any) -> None:
     for name, value in values.items():
         field = getattr(memory, name)
         if isinstance(field, ctypes.Array):
-            given = np.asarray(value)
-            view(field)[tuple(map(slice, given.shape))] = given
+            array = np.asarray(value)
+            view(field)[tuple(map(slice, array.shape))] = array
         else:
             setattr(memory, name, value)
 

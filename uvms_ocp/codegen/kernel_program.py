@@ -64,16 +64,16 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
 def _reads(value: ast.expr, target: ast.expr) -> bool:
     """Check whether a value may depend on a target, which other names may stand for too."""
     parts = list(ast.walk(value))
-    whole = isinstance(target, ast.Subscript)
+    is_element = isinstance(target, ast.Subscript)
     while isinstance(target, ast.Subscript):
         target = target.value
-    if isinstance(target, ast.Name) and not whole:
+    if isinstance(target, ast.Name) and not is_element:
         return any(isinstance(part, ast.Name) and part.id == target.id for part in parts)
     name = target.attr if isinstance(target, ast.Attribute) else ""
     called = any(
         isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts
     )
-    if whole:
+    if is_element:
         others = [part.value for part in parts if isinstance(part, ast.Subscript)]
     else:
         others = []
@@ -103,8 +103,8 @@ def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[st
     if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
         return _copy(target, target.slice, value, scope)
     place = c_code.number(target, scope)
-    found = c_code.number(value, scope)
-    return [f"{place.text} = {_fitting(target, place.type, found)};"]
+    source = c_code.number(value, scope)
+    return [f"{place.text} = {_fitting(target, place.type, source)};"]
 
 
 def _copy(
@@ -154,18 +154,18 @@ def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]
         _declare(target, c_code.CType("double", (_size(value, scope),)), scope)
         scope.own.add(target.id)
         return [f"memset({name}, 0, sizeof {name});"]
-    found = c_code.expression(value, scope)
-    sizes = len(found.type.sizes)
+    source = c_code.expression(value, scope)
+    sizes = len(source.type.sizes)
     c_code.require(
-        sizes < 2 and found.type != c_code.NOTHING,
+        sizes < 2 and source.type != c_code.NOTHING,
         target,
-        f"would be {found.type.name} of {sizes} dimensions",
+        f"would be {source.type.name} of {sizes} dimensions",
     )
     c_code.require(
         target.id not in scope.own, target, "is an array of its own, and cannot become another one"
     )
-    _declare(target, found.type, scope)
-    return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
+    _declare(target, source.type, scope)
+    return [f"{name} = {_fitting(target, scope.local[target.id], source)};"]
 
 
 def _size(call: ast.Call, scope: c_code.Scope) -> int:
@@ -188,14 +188,14 @@ def _size(call: ast.Call, scope: c_code.Scope) -> int:
 
 
 def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
-    known = scope.local.setdefault(target.id, kind)
-    alike = known.name == kind.name or (known == c_code.DOUBLE and kind == c_code.INT)
-    c_code.require(alike, target, f"is {known.name} at first and {kind.name} here")
+    declared = scope.local.setdefault(target.id, kind)
+    alike = declared.name == kind.name or (declared == c_code.DOUBLE and kind == c_code.INT)
+    c_code.require(alike, target, f"is {declared.name} at first and {kind.name} here")
 
 
-def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
+def _fitting(node: ast.AST, expected: c_code.CType, value: c_code.CExpression) -> str:
     c_code.require(
-        wanted != c_code.INT or value.type != c_code.DOUBLE,
+        expected != c_code.INT or value.type != c_code.DOUBLE,
         node,
         "is a whole number; make the value one by int()",
     )
@@ -206,8 +206,8 @@ def _augmented(node: ast.AugAssign, scope: c_code.Scope) -> list[str]:
     value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
     ast.copy_location(value, node)
     place = c_code.number(_as_read(node.target), scope)
-    found = c_code.number(value, scope)
-    return [f"{place.text} = {_fitting(node, place.type, found)};"]
+    source = c_code.number(value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, source)};"]
 
 
 def _as_read(target: ast.expr) -> ast.expr:
@@ -303,12 +303,12 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
         call,
         f"has to give {n} vectors to read and {len(sizes) - n} to fill",
     )
-    given = [
+    vectors = [
         _vector(argument, size, k < n, scope)
         for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
     ]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
-    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
+    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, vectors, strict=True)]
     return [
         "{",
         f"  {target.type.name} *f = {target.text};",
@@ -321,16 +321,16 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
 def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:
     if isinstance(node, ast.Constant) and node.value is None:
         return "0"
-    found = c_code.expression(node, scope)
-    if found.type.is_number and read and size == 1:
-        return f"(const double[]){{{found.text}}}"
-    column = c_code.column_size(found.type)
+    source = c_code.expression(node, scope)
+    if source.type.is_number and read and size == 1:
+        return f"(const double[]){{{source.text}}}"
+    column = c_code.column_size(source.type)
     if column >= size and column:
-        return f"(double *){found.text}"
-    known = found.type.sizes[0] if found.type.sizes else -1
-    fits = found.type.name == "double" and len(found.type.sizes) == 1 and not 0 < known < size
+        return f"(double *){source.text}"
+    length = source.type.sizes[0] if source.type.sizes else -1
+    fits = source.type.name == "double" and len(source.type.sizes) == 1 and not 0 < length < size
     c_code.require(fits, node, f"is no vector of {size} numbers")
-    return found.text
+    return source.text
 
 
 def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
@@ -421,9 +421,9 @@ def program_content(kernels: Iterable[Any]) -> str:
         parts += [(path, _named_value(value)) for path, value in values]
         called = dict.fromkeys(value for _, value in values if inspect.isfunction(value))
         reached += [
-            other
-            for other in called
-            if other.__name__ == other.__qualname__ and other not in reached
+            function
+            for function in called
+            if function.__name__ == function.__qualname__ and function not in reached
         ]
     return f"{parts} {texts}"
 
@@ -501,12 +501,12 @@ class _Program:
             raise InvalidInput(
                 f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}"
             ) from None
-        own = [
-            f"  {_variable(name, kind, own=name in scope.own)};"
+        declarations = [
+            f"  {_variable(name, kind, is_owned=name in scope.own)};"
             for name, kind in scope.local.items()
             if name not in signature.parameters
         ]
-        self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
+        self.bodies[kernel] = "".join(f"{line}\n" for line in declarations + lines)
 
     def _type(self, what: str, hint: Any) -> c_code.CType:
         if hint is None or hint in _PLAIN:
@@ -555,34 +555,34 @@ class _Program:
 
 
 def _head(signature: c_code.Signature) -> str:
-    given = (
+    parameters = (
         ", ".join(kind.declared(c_code.c_name(p)) for p, kind in signature.parameters.items())
         or "void"
     )
-    return f"{signature.result.name} {c_code.PREFIX}{signature.name}({given})"
+    return f"{signature.result.name} {c_code.PREFIX}{signature.name}({parameters})"
 
 
 def _field(name: str, kind: c_code.CType) -> str:
     return f"{kind.name} {c_code.c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
 
 
-def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
+def _variable(name: str, kind: c_code.CType, *, is_owned: bool) -> str:
     """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set
     before it is read.
     """
-    if own:
+    if is_owned:
         return kind.declared(c_code.c_name(name))
     return f"{kind.name} {'' if kind.is_number else '*'}{c_code.c_name(name)} = 0"
 
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     place = kernel.__code__
-    found = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
-    if found is None or len(found.decorator_list) > (kernel in WIDE):
+    definition = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
+    if definition is None or len(definition.decorator_list) > (kernel in WIDE):
         raise InvalidInput(
             f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`"
         )
-    return found
+    return definition
 
 
 def _text(file: str) -> str:

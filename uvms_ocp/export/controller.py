@@ -80,13 +80,13 @@ class ControllerNames:
         """Return them by the names of their arrays in C, as far as they can stand in a text there;
         never empty.
         """
-        found = {
+        plain_texts = {
             name: [_plain(text) for text in getattr(self, name)]
             for name in ("phases", "statuses", "quantities", "channels")
         }
         return {
             f"{self.prefix}CONTROLLER_{name.upper()}": texts or [""]
-            for name, texts in found.items()
+            for name, texts in plain_texts.items()
         }
 
 
@@ -197,24 +197,24 @@ def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict
     And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on
     them: safety rules beside the rows are compiled with the others.
     """
-    every = [(task, name) for task in tasks for name in numbers_of(task)]
+    pairs = [(task, name) for task in tasks for name in numbers_of(task)]
     places = {
         f"{task.name}.{name}": k
-        for k, (task, name) in enumerate(every)
+        for k, (task, name) in enumerate(pairs)
         if _of_rows_alone(task, robot, name)
     }
-    return [*(getattr(*one) for one in every), 0.0, 1.0], places
+    return [*(getattr(*pair) for pair in pairs), 0.0, 1.0], places
 
 
 def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
     """Check that rules beside the rows of a task are the same for another number in the field of
     that name.
     """
-    other = copy(task)
-    object.__setattr__(other, name, getattr(task, name) + 1.0)
+    changed = copy(task)
+    object.__setattr__(changed, name, getattr(task, name) + 1.0)
     rules = [
-        (one.rest_altitude, (limit := one.position_limit(robot)) and limit.lower)
-        for one in (task, other)
+        (variant.rest_altitude, (limit := variant.position_limit(robot)) and limit.lower)
+        for variant in (task, changed)
     ]
     return rules[0] == rules[1]
 
@@ -251,8 +251,8 @@ def _documented(layout: type[Layout], prefix: str) -> str:
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
     """Return the docstring of each field of a layout, or of the next one that has one."""
-    (found,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
-    body = found.body if isinstance(found, ast.ClassDef) else []
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
+    body = definition.body if isinstance(definition, ast.ClassDef) else []
     texts = dict[str, str]()
     waiting = list[str]()
     for node in body:
@@ -432,19 +432,19 @@ def _require_c_form(scenario: Scenario) -> None:
     solver, mission = scenario.solver, scenario.mission
     problem = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks)
     mission.check_quantities(problem.quantity_names)
-    found = []
+    problems = []
     if "controller" in scenario.own_parts:
-        found.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
+        problems.append(f"controller {scenario.own_parts['controller']}; the toolkit's own has")
     if not isinstance(solver, CompiledSolver):
-        found.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
+        problems.append(f"solver {type(solver).__name__}; LexicographicActiveSet and Icat have")
     if scenario.takes_forces and scenario.load is not None:
-        found.append("load LoadLearning; a controller that learns none has")
+        problems.append("load LoadLearning; a controller that learns none has")
     tasks = position_guards.without_c_form(
         scenario.robot, scenario.mission, scenario.dt, problem.quantity_names
     )
-    found += [f"task {name}: {why}" for name, why in tasks.items()]
-    if found:
-        raise InvalidInput(f"no form in C: {'; '.join(found)}")
+    problems += [f"task {name}: {why}" for name, why in tasks.items()]
+    if problems:
+        raise InvalidInput(f"no form in C: {'; '.join(problems)}")
 
 
 # A controller in C run from Python, and a record of what a controller of Python gets and gives.

@@ -117,7 +117,7 @@ def check_motion(
     while middle.size:
         d = motion.distances(middle)
         n_samples += middle.size
-        worst = min(worst, scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
+        worst = min(worst, scene.nearest(middle, d), key=lambda pair: (pair.distance, pair.time))
         if worst.distance <= 0.0:
             break
         open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(

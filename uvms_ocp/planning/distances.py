@@ -120,11 +120,11 @@ class CoalDistances:
         result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data
         if chosen is None:
-            wanted = np.ones(result.shape, dtype=bool)
+            selection = np.ones(result.shape, dtype=bool)
         else:
-            wanted = chosen
-        for row, configuration, asked in zip(result, q, wanted, strict=True):
-            pairs = np.flatnonzero(asked)
+            selection = chosen
+        for row, configuration, selected in zip(result, q, selection, strict=True):
+            pairs = np.flatnonzero(selected)
             self._place(configuration)
             row[pairs] = [self._signed.distance(data, k) for k in pairs.tolist()]
         result[result < FAILED] = -np.inf
@@ -161,7 +161,7 @@ class CoalDistances:
         p1, p2, which lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both
         shapes, in penetration too.
         """
-        found: list[_Contact] = []
+        near_contacts: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
         self._bounds.moved_to(x, self.scene)
         candidates = self._bounds.lower < thresholds
@@ -169,14 +169,14 @@ class CoalDistances:
         limits = thresholds.tolist()
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
-            self._collect(sample, chosen, limits, found)
+            self._collect(sample, chosen, limits, near_contacts)
             jacobians[sample] = pin.computeJointJacobians(
                 self.scene.coordinates.robot.model, self._data, configurations[sample]
             )
-        if not found:
+        if not near_contacts:
             return no_near_pairs(self.scene.fold)
         samples, pairs, distances, normals, points, centres = map(
-            np.array, zip(*found, strict=True)
+            np.array, zip(*near_contacts, strict=True)
         )
         screws = (jacobians @ self.scene.coordinates.column_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
@@ -196,7 +196,7 @@ class CoalDistances:
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
 
     def _collect(
-        self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]
+        self, sample: int, pairs: list[int], thresholds: list[float], near_contacts: list[_Contact]
     ) -> None:
         data = self._geometry_data
         lower = self._bounds.lower[sample]
@@ -206,7 +206,7 @@ class CoalDistances:
             if FAILED < distance < thresholds[k]:
                 # A view of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
-                found.append(
+                near_contacts.append(
                     (
                         sample,
                         k,

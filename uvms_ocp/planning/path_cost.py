@@ -191,26 +191,28 @@ class LinkSpeeds:
     """(n, n_axes) [m/s per m/s or rad/s]"""
 
 
-def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: float) -> LinkSpeeds:
+def link_speeds(
+    scene: CollisionScene, near_pairs: NearPairs, rates: Array, floor: float
+) -> LinkSpeeds:
     """Speeds of the second shape of each near pair.
 
     rates (n, n_axes) [m/s, rad/s]: of the axes at each near pair's sample; floor [m/s]: eps.
     """
     rates = rates @ scene.fold.T
-    screws = near.screws * scene.carried[near.pair][:, None, :]
-    gyration = scene.gyration[near.pair, None] ** 2
+    screws = near_pairs.screws * scene.carried[near_pairs.pair][:, None, :]
+    gyration = scene.gyration[near_pairs.pair, None] ** 2
     twist = (screws @ rates[..., None])[..., 0]
-    linear = twist[:, :3] + _cross(twist[:, 3:], near.centre)
+    linear = twist[:, :3] + _cross(twist[:, 3:], near_pairs.centre)
     angular = twist[:, 3:]
     speed = np.sqrt(
         np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2
     )
     turn = screws[:, 3:]
-    shift = screws[:, :3] + _cross(turn, near.centre[..., None])
+    shift = screws[:, :3] + _cross(turn, near_pairs.centre[..., None])
     twist_slope = _twist_slopes(screws, rates, scene.follows)
     linear_slope = (
         twist_slope[:, :3]
-        + _cross(twist_slope[:, 3:], near.centre[..., None])
+        + _cross(twist_slope[:, 3:], near_pairs.centre[..., None])
         + _cross(angular[..., None], shift)
     )
     weighted = gyration * angular
@@ -435,19 +437,25 @@ class PathCost:
 
     def _collision(self, x: Array, v: Array) -> _SampleSlopes:
         n_samples, n_pieces, n = x.shape
-        near = self.distances.near(x.reshape(-1, n), self._clearances)
+        near_pairs = self.distances.near(x.reshape(-1, n), self._clearances)
         scene = self.distances.scene
-        width = self._clearances[near.pair]
-        c = penalty(1.0 - near.distance / width)
-        speeds = link_speeds(scene, near, v.reshape(-1, n)[near.sample], self.weights.speed_floor)
-        weight = self.weights.collision * (self._h[:, 0] / n_samples)[near.sample % n_pieces]
-        toward = -(weight * c.slope * speeds.speed / width)[:, None] * near.gradient
-        bend = near.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
+        width = self._clearances[near_pairs.pair]
+        c = penalty(1.0 - near_pairs.distance / width)
+        speeds = link_speeds(
+            scene, near_pairs, v.reshape(-1, n)[near_pairs.sample], self.weights.speed_floor
+        )
+        weight = self.weights.collision * (self._h[:, 0] / n_samples)[near_pairs.sample % n_pieces]
+        toward = -(weight * c.slope * speeds.speed / width)[:, None] * near_pairs.gradient
+        bend = (
+            near_pairs.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
+        )
         zero = np.zeros_like(x)
         value = weight * c.value
-        by_position = _summed(near.sample, toward + value[:, None] * speeds.by_position, x.shape)
-        by_rate = _summed(near.sample, value[:, None] * speeds.by_rate, x.shape)
-        coupled = _summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
+        by_position = _summed(
+            near_pairs.sample, toward + value[:, None] * speeds.by_position, x.shape
+        )
+        by_rate = _summed(near_pairs.sample, value[:, None] * speeds.by_rate, x.shape)
+        coupled = _summed(near_pairs.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
         return _SampleSlopes(
             value=float(np.sum(value * speeds.speed)),
             position=Penalty(value=zero, slope=by_position, curvature=coupled),

@@ -222,21 +222,21 @@ class PostureGoal:
         that is not finite and for a goal away from the start on an axis that is not planned.
         """
         planned = distances.scene.coordinates
-        every = coordinates(planned.robot)
+        all_axes = coordinates(planned.robot)
         goal = planned.reference.copy()
         for name, value in self._axes(planned.robot).items():
-            require_known("axis", name, every.names)
+            require_known("axis", name, all_axes.names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
-            goal[every.names.index(name)] = value
-        goal = every.shortest_turn(goal, planned.reference)
-        for name, was, value in zip(every.names, planned.reference, goal, strict=True):
+            goal[all_axes.names.index(name)] = value
+        goal = all_axes.shortest_turn(goal, planned.reference)
+        for name, was, value in zip(all_axes.names, planned.reference, goal, strict=True):
             if name not in planned.names and abs(value - was) > _SAME:
-                given = (
+                change = (
                     f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are"
                 )
                 raise InvalidInput(
-                    f"{given} {', '.join(planned.names)}; leave it where it is, or plan all axes."
+                    f"{change} {', '.join(planned.names)}; leave it where it is, or plan all axes."
                 )
         return np.asarray(goal[planned.planned])
 
@@ -265,11 +265,13 @@ class PostureGoal:
         q = robot.configuration(position=self.position, rpy=self.rpy, joints=dict(self.joints))
         tasks: list[Task] = []
         if self.position is not None or self.rpy is not None:
-            here = Kinematics(robot, start).pose("base_link")
-            there = Kinematics(robot, q).pose("base_link")
-            position = here.translation if self.position is None else there.translation
+            start_pose = Kinematics(robot, start).pose("base_link")
+            goal_pose = Kinematics(robot, q).pose("base_link")
+            position = start_pose.translation if self.position is None else goal_pose.translation
             tasks.append(
-                VehiclePose(goal=pin.SE3((here if self.rpy is None else there).rotation, position))
+                VehiclePose(
+                    goal=pin.SE3((start_pose if self.rpy is None else goal_pose).rotation, position)
+                )
             )
         if self.joints:
             tasks.append(
@@ -288,11 +290,13 @@ def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
     if goal.position is None or not np.isfinite(goal.position).all():
         return  # said by others, with the axis
     if robot.n_vehicle:
-        here = start[:3]
+        start_position = start[:3]
     else:
-        here = np.zeros(3)
+        start_position = np.zeros(3)
     # Within what can be squared.
-    way = float(np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(here, -1e99, 1e99)))
+    way = float(
+        np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(start_position, -1e99, 1e99))
+    )
     if way > _FARTHEST:
         text = (
             f"the goal {tuple(goal.position)} m is {way:.3g} m from the start; give one within"
@@ -469,7 +473,7 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
     require_known("axes", request.axes, AXES)
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
-    kept = {
+    vehicle_axes = {
         "all": vehicle,
         "joints": (),
         "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch")),
@@ -479,4 +483,4 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
         for name in robot.joint_names
         if name not in held_joints(robot.model, robot.joints)
     )
-    return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *joints))
+    return coordinates(robot, reference=request.start, axes=(*vehicle_axes[request.axes], *joints))

@@ -216,16 +216,16 @@ def coordinates(
         )
     names = _axis_names(robot)
     if axes is None:
-        wanted = names
+        planned_names = names
     else:
-        wanted = tuple(axes)
-    for name in wanted:
+        planned_names = tuple(axes)
+    for name in planned_names:
         require_known("axis", name, names)
     if reference is None:
         q = robot.configuration()
     else:
         q = robot.check_configuration(reference)
-    planned = np.array([names.index(name) for name in wanted], dtype=np.intp)
+    planned = np.array([names.index(name) for name in planned_names], dtype=np.intp)
     return Coordinates(robot=robot, reference=_axis_values(robot, q), planned=planned)
 
 
@@ -419,11 +419,11 @@ class CollisionScene:
         """
         if distances.min(initial=np.inf) <= 0.0:
             nearest = int(np.argmin(distances))
-            given = (
+            overlap = (
                 f"{place} is in collision: {self.pairs[nearest].name} overlap by"
                 f" {abs(distances[nearest]):.3g} m"
             )
-            raise InvalidInput(f"{given}; move it or the obstacle")
+            raise InvalidInput(f"{overlap}; move it or the obstacle")
 
 
 @checked

@@ -117,26 +117,26 @@ class TrustRegion:
         model = problem.model
         x = problem.start
         mu = self.damping
-        here = model(x)
+        current = model(x)
         for iteration in range(self.max_iterations):
-            if problem.enough(here):
-                return Descent(variables=x, model=here, iterations=iteration, converged=True)
-            step, predicted, mu = _step(here, problem.free, problem.metric, mu)
-            there = model(x + step)
-            actual = here.parts.total - there.parts.total
+            if problem.enough(current):
+                return Descent(variables=x, model=current, iterations=iteration, converged=True)
+            step, predicted, mu = _step(current, problem.free, problem.metric, mu)
+            candidate = model(x + step)
+            actual = current.parts.total - candidate.parts.total
             refused = actual <= 0.0
-            done = (predicted if refused else actual) <= self.tolerance * here.parts.total
+            done = (predicted if refused else actual) <= self.tolerance * current.parts.total
             if refused:
                 x = x
-                here = here
+                current = current
                 mu = mu * 8.0
             else:
                 x = x + step
-                here = there
+                current = candidate
                 mu = mu * _damping_change(actual / predicted)
             if done:
-                return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
-        return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
+                return Descent(variables=x, model=current, iterations=iteration + 1, converged=True)
+        return Descent(variables=x, model=current, iterations=self.max_iterations, converged=False)
 
 
 def _step(
@@ -271,19 +271,19 @@ def _connected(
     rng: np.random.Generator,
     options: SamplingOptions,
 ) -> Array | None:
-    near = _SearchTree(a, 256)
-    far = _SearchTree(b, 256)
+    growing = _SearchTree(a, 256)
+    meeting = _SearchTree(b, 256)
     for turn in range(options.max_samples):
         if turn == 0:
-            target = far.points[0].copy()
+            target = meeting.points[0].copy()
         else:
             target = rng.uniform(lower, upper)
-        grown = _extended(distances, near, target, options, once=turn > 0)
-        met = _extended(distances, far, near.points[grown], options, once=False)
-        if np.array_equal(far.points[met], near.points[grown]):
-            path = [*near.to_root(grown)[::-1], *far.to_root(met)[1:]]
+        grown = _extended(distances, growing, target, options, once=turn > 0)
+        met = _extended(distances, meeting, growing.points[grown], options, once=False)
+        if np.array_equal(meeting.points[met], growing.points[grown]):
+            path = [*growing.to_root(grown)[::-1], *meeting.to_root(met)[1:]]
             return np.array(path if np.array_equal(path[0], a) else path[::-1])
-        near, far = far, near
+        growing, meeting = meeting, growing
     return None
 
 
@@ -300,14 +300,18 @@ def _extended(
     """
     index = tree.nearest(target)
     while True:
-        here = tree.points[index]
-        gap = float(np.linalg.norm(target - here))
+        nearest_point = tree.points[index]
+        gap = float(np.linalg.norm(target - nearest_point))
         if gap == 0.0:
             return index
-        there = target if gap <= options.step else here + (target - here) * (options.step / gap)
-        if edge_reach(distances, here, there, options.clearance) < 1.0:
+        next_point = (
+            target
+            if gap <= options.step
+            else nearest_point + (target - nearest_point) * (options.step / gap)
+        )
+        if edge_reach(distances, nearest_point, next_point, options.clearance) < 1.0:
             return index
-        index = tree.add(there, index)
+        index = tree.add(next_point, index)
         if once:
             return index
 
@@ -330,15 +334,15 @@ def _shortened(
 
 
 def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
-    kept = [path[0]]
+    vertices = [path[0]]
     i = 0
     while i < len(path) - 1:
         j = len(path) - 1
         while j > i + 1 and edge_reach(distances, path[i], path[j], clearance) < 1.0:
             j -= 1
-        kept.append(path[j])
+        vertices.append(path[j])
         i = j
-    return np.array(kept)
+    return np.array(vertices)
 
 
 def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
@@ -436,10 +440,10 @@ def plan_soft_collision(
     start = straight_guess(waypoints, limits, times)
     # Of small matrices, on which threads cost eight times what they gain.
     with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
-        given = _PathProblem.of(
+        path_problem = _PathProblem.of(
             distances or exact, start, limits, settings, timed=times is not None
         )
-        attempts = _attempts(given, start, exact, settings)
+        attempts = _attempts(path_problem, start, exact, settings)
         plans = (
             _verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts
         )
@@ -493,12 +497,12 @@ def _attempts(
         yield problem, bent
     if options.sampling is not None and options.free_waypoints:
         ends = start.evaluate([start.start, start.end])
-        found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
-        if found is not None:
+        waypoints = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
+        if waypoints is not None:
             cost = problem.cost
             detour = _PathProblem.of(
                 cost.distances,
-                straight_guess(found, cost.limits),
+                straight_guess(waypoints, cost.limits),
                 cost.limits,
                 options,
                 timed=False,
@@ -567,7 +571,7 @@ class _PathProblem:
         # positions are the first of the variables of a node
         lower[:, : low.size] = low
         upper[:, : high.size] = high
-        whole = DescentProblem(
+        full_problem = DescentProblem(
             model=self.cost.model,
             start=start,
             free=self.free,
@@ -579,22 +583,22 @@ class _PathProblem:
         )
         first = options.solver.minimise(
             replace(
-                whole,
+                full_problem,
                 model=lambda y: self.cost.model(y, collision_only=True),
                 enough=lambda model: model.parts.collision <= _TOUCHES_NOTHING,
             )
         )
-        second = options.solver.minimise(replace(whole, start=first.variables))
+        second = options.solver.minimise(replace(full_problem, start=first.variables))
         return replace(second, iterations=first.iterations + second.iterations)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none
         were given.
         """
-        found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        if self.timed and self.cost.limits.ratio(found) <= 1.0:
-            return found
-        return scale_to_limits(found, self.cost.limits)
+        fitted = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
+        if self.timed and self.cost.limits.ratio(fitted) <= 1.0:
+            return fitted
+        return scale_to_limits(fitted, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
         values = self.cost.values(variables)
@@ -614,20 +618,20 @@ def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
 
 def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
     if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
-        given = f"way points have shape {waypoints.shape}"
+        problem = f"way points have shape {waypoints.shape}"
         raise InvalidInput(
-            f"{given}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
+            f"{problem}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
         )
     lower, upper = scene.coordinates.limits()
     for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
         outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
         if outside.any():
             axis = int(np.argmax(outside))
-            given = (
+            problem = (
                 f"way point {index} (the {name}) has {scene.coordinates.names[axis]} ="
                 f" {waypoints[index, axis]:.6g}"
             )
-            raise InvalidInput(f"{given}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
+            raise InvalidInput(f"{problem}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
         scene.check_no_overlap(
             distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})"
         )

@@ -359,7 +359,7 @@ def _spread(p: BoundedProblem) -> None:
 def _most_wrong(p: BoundedProblem) -> int:
     """The fixed variable whose release lowers the cost most; -1 where none does."""
     worst = -1
-    most = 0.0
+    largest_gain = 0.0
     largest = 0.0
     for j in range(p.columns):
         gradient = -p.linear[j]
@@ -367,10 +367,10 @@ def _most_wrong(p: BoundedProblem) -> int:
             gradient += p.hessian[j][k] * p.x[k]
         largest = max(largest, abs(gradient))
         gain = -gradient if p.x[j] <= p.low[j] else gradient
-        if not p.free[j] and p.low[j] != p.high[j] and gain > most:
+        if not p.free[j] and p.low[j] != p.high[j] and gain > largest_gain:
             worst = j
-            most = gain
-    if most > _TOLERANCE * _EPSILON * (1.0 + largest):
+            largest_gain = gain
+    if largest_gain > _TOLERANCE * _EPSILON * (1.0 + largest):
         return worst
     return -1
 

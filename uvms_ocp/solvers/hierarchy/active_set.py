@@ -87,12 +87,12 @@ class LexicographicActiveSet(core.CompiledSolver):
             gate: Array,
             state: Array,
         ) -> list[Array]:
-            found = active_set_numpy.solve_levels(J, lower, upper, gate, state, sizes)
+            result = active_set_numpy.solve_levels(J, lower, upper, gate, state, sizes)
             return [
-                found.v,
-                found.active_set,
-                core.report(found.status, found.iterations),
-                found.residual,
+                result.v,
+                result.active_set,
+                core.report(result.status, result.iterations),
+                result.residual,
             ]
 
         return solve

@@ -141,11 +141,11 @@ def cascade(
     held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
     for step in steps:
         rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
-        own = _LevelSymbols(
+        level = _LevelSymbols(
             held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P)
         )
-        v, P, failed = step.solve.call(own.inputs())
-        held = _extended(own, v)
+        v, P, failed = step.solve.call(level.inputs())
+        held = _extended(level, v)
         inexact = ca.fmax(inexact, failed)
     return v, inexact
 
@@ -206,23 +206,23 @@ def _case(symbols: _LevelSymbols) -> ca.MX:
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
 
 
-def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
-    y = own.J @ v
-    held = own.held
+def _extended(level: _LevelSymbols, v: ca.MX) -> _Held:
+    y = level.J @ v
+    held = level.held
     return _Held(
-        J=ca.vertcat(held.J, own.J),
-        lower=ca.vertcat(held.lower, ca.fmin(own.lower, y)),
-        upper=ca.vertcat(held.upper, ca.fmax(own.upper, y)),
-        fixed=ca.vertcat(held.fixed, fixed_rows(y, own.lower, own.upper)),
+        J=ca.vertcat(held.J, level.J),
+        lower=ca.vertcat(held.lower, ca.fmin(level.lower, y)),
+        upper=ca.vertcat(held.upper, ca.fmax(level.upper, y)),
+        fixed=ca.vertcat(held.fixed, fixed_rows(y, level.lower, level.upper)),
     )
 
 
-def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
+def _projector(level: _LevelSymbols, v: ca.MX) -> ca.MX:
     """P without the directions of the rows that are fixed at v."""
-    P = own.P
-    fixed = fixed_rows(own.J @ v, own.lower, own.upper)
-    for i in range(own.J.shape[0]):
-        a = own.J[i, :].T
+    P = level.P
+    fixed = fixed_rows(level.J @ v, level.lower, level.upper)
+    for i in range(level.J.shape[0]):
+        a = level.J[i, :].T
         # Applied twice, so that what earlier rows have removed stays removed to rounding.
         r = P @ (P @ a)
         size = ca.sumsqr(r)
@@ -254,8 +254,8 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
         return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
     except RuntimeError as error:
         why = plain_line(str(error).strip().splitlines()[-1], 80)
-        given = f"conic plugin {settings.plugin!r} takes no dense program ({why})"
-        raise InvalidInput(f"{given}; give one of {', '.join(conic_plugins())}") from None
+        refusal = f"conic plugin {settings.plugin!r} takes no dense program ({why})"
+        raise InvalidInput(f"{refusal}; give one of {', '.join(conic_plugins())}") from None
 
 
 def _attempt(
@@ -412,8 +412,8 @@ class QpTick:
                     outputs = outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
-        v, said, missed, *extras = outputs
-        status = _STATUS[int(said[0])]
+        v, code, missed, *extras = outputs
+        status = _STATUS[int(code[0])]
         if self._certified and status is not solution.Status.INVALID_INPUT:
             v, status, missed = self._certify(v, missed, inputs)
         elif status is solution.Status.SOLVED:
@@ -435,17 +435,17 @@ class QpTick:
         Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels`
         takes an iteration or two.
         """
-        J, low, up, given, lower, upper, gate = self._levels(*inputs)[:7]
+        J, low, up, J_given, lower, upper, gate = self._levels(*inputs)[:7]
         J = J.reshape(-1, len(v))
-        given = given.reshape(-1, len(v))
+        J_given = J_given.reshape(-1, len(v))
         rows = normal_rows(J, low, up, self._sizes)
         if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
             return v, solution.Status.SOLVED, missed
-        near = _HELD * (1.0 + np.abs(J).sum(axis=1))
-        held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(
+        margin = _HELD * (1.0 + np.abs(J).sum(axis=1))
+        held = (J @ v >= up - margin) * float(RowState.UPPER) + (J @ v <= low + margin) * float(
             RowState.LOWER
         )
-        polished = solve_levels(given, lower, upper, gate, held, self._sizes)
+        polished = solve_levels(J_given, lower, upper, gate, held, self._sizes)
         if polished.status.exact:
             return (polished.v, polished.status, polished.residual)
         return (v, solution.Status.INEXACT, missed)

@@ -145,9 +145,9 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     lost = ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
     if largest > 0.0:
-        asked = _asked(lower, upper, real) / largest
+        requested_size = _asked(lower, upper, real) / largest
     else:
-        asked = 0.0
+        requested_size = 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower = lower / divisor
     upper = upper / divisor
@@ -165,7 +165,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
         box=box,
         level=level,
         velocity=velocity,
-        unit=min(asked / velocity, 1.0) if asked > 0.0 else 1.0,
+        unit=min(requested_size / velocity, 1.0) if requested_size > 0.0 else 1.0,
         lost=lost_rows,
     )
 
@@ -254,13 +254,13 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
         )
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
-        given = np.asarray(radius, dtype=np.float64)
-        if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
+        radii = np.asarray(radius, dtype=np.float64)
+        if radii.shape not in ((), v.shape) or not ((radii > 0.0) & (radii < np.inf)).all():
             raise InvalidInput(
-                f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)}"
+                f"radius = {radii}; give one finite velocity > 0 for all entries of v, or {len(v)}"
                 " of them"
             )
-        reach = np.broadcast_to(given, v.shape) / normal.velocity
+        reach = np.broadcast_to(radii, v.shape) / normal.velocity
         region = _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
         excesses = _excesses(normal, w, region, first=region)
     return excesses * normal.level * normal.velocity
@@ -281,7 +281,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     region = replace(region, down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
-    sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
+    sizes = np.array([_length(slack[level_rows]) for level_rows in row_slices(rows.sizes)])
     if np.isfinite(excesses).all():
         return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0))
     return np.inf
@@ -322,11 +322,11 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
     """(levels,); first: the region of the first level."""
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
-    found = _found(rows, w, region)
+    terms = _found(rows, w, region)
     excesses = np.array(
         [
-            _level_excess(found, own, region if own.start else first)
-            for own in row_slices(rows.sizes)
+            _level_excess(terms, level_rows, region if level_rows.start else first)
+            for level_rows in row_slices(rows.sizes)
         ]
     )
     return np.where(np.isfinite(excesses), excesses, np.inf)
@@ -364,12 +364,12 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
     )
 
 
-def _level_excess(found: _Found, own: slice, region: _Region) -> float:
-    size = _length(found.slack[own])
+def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
+    size = _length(terms.slack[level_rows])
     if size == 0.0 or not np.isfinite(size):
         return size
-    p = found.slack[own] / size
-    gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
+    p = terms.slack[level_rows] / size
+    gradient, held, gap, noise = p @ terms.J[level_rows], *_held(terms, level_rows.start)
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
     r = gradient + x @ held
     rounding = float(x @ noise)
@@ -377,16 +377,16 @@ def _level_excess(found: _Found, own: slice, region: _Region) -> float:
         return size
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
     return min(
-        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound
+        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, terms.unit) else bound
     )
 
 
-def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
+def _held(terms: _Found, above: int) -> tuple[Array, Array, Array]:
     """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
-    rows = found.J[:above]
-    noise = found.noise[:above]
+    rows = terms.J[:above]
+    noise = terms.noise[:above]
     c = np.concatenate([rows, -rows])
-    gap = np.concatenate([found.up[:above], found.down[:above]])
+    gap = np.concatenate([terms.up[:above], terms.down[:above]])
     useful = np.isfinite(gap) & c.any(axis=1)
     return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
 

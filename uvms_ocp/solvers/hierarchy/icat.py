@@ -73,7 +73,7 @@ class Icat(core.CompiledSolver):
         ) -> list[Array]:
             # Comparisons with NaN are false.
             valid = (
-                all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation))
+                all((np.abs(matrix) < tolerances.LARGEST).all() for matrix in (J, activation))
                 and np.isfinite(rate).all()
             )
             if valid:

@@ -143,11 +143,11 @@ def stack(levels: Sequence[Level]) -> Stack:
     n = levels[0].n_velocities
     for index, level in enumerate(levels):
         if level.n_velocities != n:
-            given = (
+            mismatch = (
                 f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities}"
                 " columns"
             )
-            raise InvalidInput(f"{given}; the first level has {n}, give all levels the same")
+            raise InvalidInput(f"{mismatch}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
     stacked = {name: np.concatenate([getattr(level, name) for level in levels]) for name in rows}
     return Stack(**stacked, sizes=tuple(level.n_rows for level in levels))
@@ -209,8 +209,10 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
     wrong = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
     if wrong.any():
         row = int(np.argmax(wrong))
-        given = f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}"
-        raise InvalidInput(f"{given}; give lower <= upper, and infinity only outwards")
+        bounds = (
+            f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}"
+        )
+        raise InvalidInput(f"{bounds}; give lower <= upper, and infinity only outwards")
 
 
 # Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike;

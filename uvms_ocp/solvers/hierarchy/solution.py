@@ -178,10 +178,10 @@ def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
     """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of
     ``sizes``.
     """
-    given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
-    if given != LEVEL_OUTPUTS:
+    outputs = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
+    if outputs != LEVEL_OUTPUTS:
         raise InvalidInput(
-            f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}"
+            f"levels function returns {outputs}; its first outputs must be {LEVEL_OUTPUTS}"
         )
     if levels.size1_out(0) != sum(sizes) or any(size < 0 for size in sizes):
         raise InvalidInput(

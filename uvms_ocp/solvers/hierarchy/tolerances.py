@@ -127,10 +127,10 @@ class IterationBudget:
 
 def iteration_budget(n_rows: int) -> IterationBudget:
     """Return the budget of runs over n_rows rows of all levels."""
-    most = 20 + 10 * n_rows
+    per_run = 20 + 10 * n_rows
     return IterationBudget(
-        most_iterations=most,
-        most_of_all=6 * most,
+        most_iterations=per_run,
+        most_of_all=6 * per_run,
         bland_stalls=n_rows // 2 + 10,
         tabu_stalls=2 * n_rows,
         tabu_iterations=20 + 3 * n_rows,

@@ -319,10 +319,10 @@ class OptimalityConditions:
 
     def __init__(self, nlp: LevelNlp) -> None:
         self._rows = nlp.rows
-        own = nlp.functions
-        if "nlp_grad_f" in own and "nlp_jac_g" in own:
-            self._gradient = own["nlp_grad_f"]
-            self._jacobian = own["nlp_jac_g"]
+        functions = nlp.functions
+        if "nlp_grad_f" in functions and "nlp_jac_g" in functions:
+            self._gradient = functions["nlp_grad_f"]
+            self._jacobian = functions["nlp_jac_g"]
             return
         x, p, f, g = (nlp.nlp[name] for name in ("x", "p", "f", "g"))
         self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
@@ -340,12 +340,12 @@ class OptimalityConditions:
         slope = gradient + np.array(J.T @ y).ravel() + point.x_multipliers
         lower = bounds.lower[self._rows]
         upper = bounds.upper[self._rows]
-        left = max(
+        complementarity = max(
             _left(y, np.array(g).ravel(), lower, upper),
             _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
         )
         scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP)
-        return max(float(np.abs(slope).max(initial=0.0)), left) / scale
+        return max(float(np.abs(slope).max(initial=0.0)), complementarity) / scale
 
 
 def _left(y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
@@ -436,14 +436,14 @@ class LevelSolver:
         )
 
     def _judged(
-        self, said: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
+        self, reported: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
     ) -> NlpStatus:
         """Status by the conditions at the point, where the solver says it is at an optimum."""
-        if not said.optimal:
-            return said
+        if not reported.optimal:
+            return reported
         error = self._conditions.error(point, p, bounds)
-        if said is NlpStatus.SOLVED and error <= self._options.convergence:
-            return said
+        if reported is NlpStatus.SOLVED and error <= self._options.convergence:
+            return reported
         reduced = error <= _REDUCED * self._options.convergence
         if reduced:
             return NlpStatus.INEXACT

@@ -120,11 +120,11 @@ class LexicographicNlp:
         options: level_solver.NlpOptions | None = None,
     ) -> None:
         self.program = program
-        given = options or level_solver.NlpOptions()
-        if given.plugin == level_solver.AUTO:
-            self.options = replace(given, plugin=level_solver.IPOPT)
+        requested = options or level_solver.NlpOptions()
+        if requested.plugin == level_solver.AUTO:
+            self.options = replace(requested, plugin=level_solver.IPOPT)
         else:
-            self.options = given
+            self.options = requested
         self.deadline = level_solver.Deadline()
         self.watch = level_solver.SolveMonitor()
         self.levels = self._solvers(program)
@@ -174,13 +174,13 @@ class LexicographicNlp:
             limit = self.options.time_limit
         else:
             limit = min(time_limit, self.options.time_limit)
-        given = ranges or self.program.ranges
+        row_ranges = ranges or self.program.ranges
         run = _Run(
             self,
-            given.levels,
+            row_ranges.levels,
             points,
             parameters,
-            nlp.row_bounds(given, x_lower, x_upper, len(points[0].x)),
+            nlp.row_bounds(row_ranges, x_lower, x_upper, len(points[0].x)),
             begin,
         )
         # An anticipation that fails must leave time for the levels in their order.
@@ -280,11 +280,11 @@ class _Run:
                 bounds = bounds.with_rows(
                     level.frozen, level.frozen_bounds(y, best.cost, self._tolerance)
                 )
-        left = len(self._levels) - len(statuses)
+        n_unsolved = len(self._levels) - len(statuses)
         statuses += [
             nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED
-        ] * left
-        iterations += [0] * left
+        ] * n_unsolved
+        iterations += [0] * n_unsolved
         iterations[0] += self._spent
         assert best is not None  # as there is one level at least
         return self._result(best, tuple(statuses), tuple(iterations), tuple(points), False)
@@ -293,13 +293,15 @@ class _Run:
         """Return the result of a solve stopped by hand before the first level was solved: no level
         is held.
         """
-        left = len(self._levels) - 1
-        statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
+        n_unsolved = len(self._levels) - 1
+        statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * n_unsolved)
         reached = replace(
             outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
         )
-        points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
-        return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
+        points = (level_solver.NlpPoint(x=outcome.point.x),) * (n_unsolved + 1)
+        return self._result(
+            reached, statuses, (outcome.iterations, *(0,) * n_unsolved), points, False
+        )
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended,

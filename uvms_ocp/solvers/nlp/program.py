@@ -217,17 +217,17 @@ def nlp_functions(
     (gradient, J, H) = derivatives
     primal = ["x", "p"]
     dual = ["x", "p", "lam_f", "lam_g"]
-    everything = [*variables, *lam]
+    primal_dual = [*variables, *lam]
     slope = lam[0] * gradient + J.T @ lam[1]
     functions = (
         ca.Function("nlp_f", variables, [f], primal, ["f"]),
         ca.Function("nlp_g", variables, [g], primal, ["g"]),
         ca.Function("nlp_grad_f", variables, [f, gradient], primal, ["f", "grad_f_x"]),
         ca.Function("nlp_jac_g", variables, [g, J], primal, ["g", "jac_g_x"]),
-        ca.Function("nlp_hess_l", everything, [H], dual, ["triu_hess_gamma_x_x"]),
+        ca.Function("nlp_hess_l", primal_dual, [H], dual, ["triu_hess_gamma_x_x"]),
         # Asked for at construction, never called: multipliers of parameters are off.
         ca.Function(
-            "nlp_grad", everything, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS
+            "nlp_grad", primal_dual, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS
         ),
     )
     return {function.name(): function for function in functions}

@@ -58,16 +58,16 @@ class Acceptance:
     residuals: np.ndarray
     """(n,) largest norms of the levels above, and that of the level itself."""
 
-    def allows(self, found: LevelMerit) -> bool:
+    def allows(self, candidate: LevelMerit) -> bool:
         """Never for a merit that is not a number."""
-        kept = found.residuals[: len(self.residuals)] <= self.residuals
-        return bool(found.violation <= self.violation and kept.all())
+        no_level_worse = candidate.residuals[: len(self.residuals)] <= self.residuals
+        return bool(candidate.violation <= self.violation and no_level_worse.all())
 
 
 def acceptance(
     levels: Sequence[nlp.LevelRows],
     reached: Sequence[float],
-    here: LevelMerit,
+    merit: LevelMerit,
     *,
     accuracy: float,
     tolerance: float,
@@ -80,12 +80,14 @@ def acceptance(
     however many levels follow. The first level pays whatever a guess lacks that breaks constraints.
     """
     above = [level.kept(norm, tolerance) for level, norm in zip(levels, reached, strict=False)]
-    mending = not above and here.violation > accuracy
+    mending = not above and merit.violation > accuracy
     if mending:
-        own = np.inf
+        level_limit = np.inf
     else:
-        own = here.residuals[len(reached)] + tolerance
-    return Acceptance(violation=max(accuracy, here.violation), residuals=np.array([*above, own]))
+        level_limit = merit.residuals[len(reached)] + tolerance
+    return Acceptance(
+        violation=max(accuracy, merit.violation), residuals=np.array([*above, level_limit])
+    )
 
 
 # Weights that keep the step of a level near the point at which its rows were linearised.
@@ -98,9 +100,9 @@ _MOST = 3e3  # times the least
 class ProximalWeights:
     """Proximal weights of the levels of one program; carried from one solve to the next."""
 
-    def __init__(self, n_levels: int, least: float) -> None:
+    def __init__(self, n_levels: int, smallest: float) -> None:
         """Least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
-        self._least = np.full(n_levels, least)
+        self._least = np.full(n_levels, smallest)
         self._least[:1] = 0.0
         self._now = self._least.copy()
 
@@ -110,9 +112,9 @@ class ProximalWeights:
 
     def adapt(self, level: int, share: float) -> None:
         """After `share` of the level's step could be taken."""
-        least = self._least[level]
+        smallest = self._least[level]
         self._now[level] = np.clip(
-            (_FALL if share == 1 else _RISE) * self._now[level], least, _MOST * least
+            (_FALL if share == 1 else _RISE) * self._now[level], smallest, _MOST * smallest
         )
 
 
@@ -245,11 +247,11 @@ class LexicographicSqp:
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
         if failure is not None:
             share = 0.0
-            found = point
+            reached = point
         else:
-            share, found = self._searched(point, levels, bounds)
+            share, reached = self._searched(point, levels, bounds)
         self._weights.adapt(i, share)
-        return found
+        return reached
 
     def _searched(
         self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
@@ -264,26 +266,26 @@ class LexicographicSqp:
             tried.append(self._model.moved(SHARES[len(tried)]))
         if rule.allows(tried[-1].merit):
             share = SHARES[len(tried) - 1]
-            found = tried[-1]
+            best = tried[-1]
         else:
             share = 0.0
-            found = point
+            best = point
         if share < 1.0:
             mended = self._mended(tried[0], i, bounds)
-            if rule.allows(mended.merit) and mended.merit.residuals[i] <= found.merit.residuals[i]:
+            if rule.allows(mended.merit) and mended.merit.residuals[i] <= best.merit.residuals[i]:
                 share = 1.0
-                found = mended
-        return share, replace(found, reached=point.reached)
+                best = mended
+        return share, replace(best, reached=point.reached)
 
-    def _mended(self, whole: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
+    def _mended(self, full_step: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
         """A whole step, and one more, which brings back what curvature did to the rows above: a
         second-order correction.
         """
         failure = self._model.step(
-            level, whole, bounds, self._options.damping + self._weights[level]
+            level, full_step, bounds, self._options.damping + self._weights[level]
         )
         if failure is not None:
-            return whole
+            return full_step
         return self._model.moved(1.0)
 
     def _rule(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> Acceptance:

@@ -45,9 +45,9 @@ class StageShape:
     def __post_init__(self) -> None:
         for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
             if len(getattr(self, name)) != length:
-                given = len(getattr(self, name))
+                n_stages = len(getattr(self, name))
                 raise InvalidInput(
-                    f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u"
+                    f"{name} of {n_stages} stages and n_u of {self.N}; give one stage more than in n_u"
                 )
         if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
             raise InvalidInput("a stage has a negative size; give sizes >= 0")
@@ -67,7 +67,7 @@ class StageShape:
 
 @lru_cache(maxsize=256)
 def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(one + other for one, other in zip(a, b, strict=True))
+    return tuple(first + second for first, second in zip(a, b, strict=True))
 
 
 def offsets(sizes: Iterable[int]) -> list[int]:
@@ -93,7 +93,7 @@ def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
 
 def parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
     """Views (size,) of such parts of one array (n,) [any]."""
-    return tuple(flat[own] for own in slices(sizes))
+    return tuple(flat[part] for part in slices(sizes))
 
 
 @checked
@@ -471,7 +471,7 @@ def norms(rows: Array) -> Array:
 @lru_cache(maxsize=64)
 def undetermined_variables(shape: StageShape) -> Mask:
     """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
-    own = [np.ones(n, dtype=bool) for n in shape.n_z]
+    undetermined = [np.ones(n, dtype=bool) for n in shape.n_z]
     for k, n_x in enumerate(shape.n_x[1:], start=1):
-        own[k][:n_x] = False
-    return np.concatenate(own)
+        undetermined[k][:n_x] = False
+    return np.concatenate(undetermined)
