@@ -127,7 +127,9 @@ def argument_sizes(function: ca.Function) -> list[int]:
 def _buffer_on(
     function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
 ) -> tuple[Any, Any]:
-    """Buffer on contiguous memory, and what evaluates it; None for results that nobody wants."""
+    """Return a buffer on contiguous memory, and the call that evaluates it; a result of None is not
+    written.
+    """
     buffer, evaluate = function.buffer()
     for i, argument in enumerate(arguments):
         buffer.set_arg(i, _side_by_side(argument))
@@ -138,8 +140,8 @@ def _buffer_on(
 
 
 def _side_by_side(array: Array) -> memoryview:
-    """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses
-    those with gaps.
+    """Return the memory of an array, never a copy, whose address CasADi would keep; arrays with
+    gaps are refused.
     """
     return (array.T if array.flags.f_contiguous else array).data
 
@@ -161,7 +163,7 @@ _SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Call:
-    """One of them; None for results that nobody wants."""
+    """A function with the memory of its arguments and results; a result of None is not written."""
 
     function: ca.Function
     arguments: Sequence[Array]
@@ -177,8 +179,8 @@ class _Call:
 
 
 class BoundCalls:
-    """Calls one after the other. The results of one that fails are nan. Not for use from two
-    threads at once.
+    """Calls of CasADi functions, one after the other, on memory that stays in place. The results of
+    one that fails are nan. Not for use from two threads at once.
 
     Until machine code is there CasADi's virtual machine makes them, with the same results.
     """
@@ -193,8 +195,8 @@ class BoundCalls:
     def add(
         self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
     ) -> None:
-        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by
-        column as CasADi has them, of sparse ones the entries.
+        """Add a call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column
+        as CasADi has them, of sparse ones the entries.
 
         Raises `InvalidInput` for memory of another size.
         """
@@ -245,8 +247,8 @@ def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
 
 
 def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
-    """None where one of them is none; each function is looked for once, as looking for one that
-    cannot be compiled takes long.
+    """Return the calls in machine code, None where one of the functions has none; each function is
+    looked up once, as that takes long for one that cannot be compiled.
     """
     if has_compiler():
         library = calls_library()
@@ -264,7 +266,7 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
 
 
 class _MachineCode:
-    """Calls as a table of addresses."""
+    """Calls that machine code makes, from a table of addresses."""
 
     __slots__ = ("_calls", "_given", "_kept", "_make")
 
@@ -299,8 +301,8 @@ class _MachineCode:
 
 
 def _pairs(calls: Sequence[_Call]) -> list[int]:
-    """(n,) what makes a call and the next one at once, where these do not build on each other; else
-    0.
+    """Return (n,) addresses of the code that makes a call and the next one at once, where these do
+    not build on each other; else 0.
     """
     pairs = [0] * len(calls)
     for i, (first, second) in enumerate(pairwise(calls)):
@@ -316,7 +318,9 @@ def _pairs(calls: Sequence[_Call]) -> list[int]:
 
 
 def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
-    """(size,) of the memory of arrays, 0 for none; functions write into what is left over."""
+    """Return (size,) addresses of the memory of arrays, 0 for none; functions use the places behind
+    them.
+    """
     addresses = np.zeros(max(size, len(arrays)), dtype=np.uintp)
     addresses[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
     return addresses
@@ -324,7 +328,7 @@ def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def calls_library() -> ctypes.CDLL | None:
-    """The code that makes `BoundCalls`, compiled at the first call."""
+    """Return the library of calls.c, which makes `BoundCalls`, compiled at the first call."""
     path = compile_library(_SOURCE, name="calls one after the other")
     if path is None:
         return None

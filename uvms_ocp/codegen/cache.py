@@ -41,8 +41,8 @@ def cache_folder() -> tuple[Path | None, str]:
 
 
 def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
-    """Those of a cache folder, and the numbers of functions in them, used last first: when, is
-    their time of modification.
+    """Return the libraries of a cache folder, and the files of numbers of functions in them, by
+    time of last use, latest first.
     """
     libraries = dict[Path, os.stat_result]()
     for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
@@ -52,8 +52,8 @@ def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
 
 
 def shrink_cache(folder: Path, max_size: float) -> dict[Path, os.stat_result]:
-    """Remove those used longest ago until at most that many bytes are left; returns what was
-    removed.
+    """Remove the libraries used longest ago until at most `max_size` bytes are left; return what
+    was removed.
 
     Gone is also what processes that were killed a day ago have left half made.
     """
@@ -93,7 +93,7 @@ def _candidates() -> list[Path]:
 
 
 def _problem(folder: Path) -> str:
-    """Why the folder cannot be used; empty where it can."""
+    """Return why the folder cannot be used; empty where it can."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return _unsafe(
@@ -105,7 +105,9 @@ def _problem(folder: Path) -> str:
 
 
 def _unsafe(folder: Path, status: os.stat_result) -> str:
-    """A library that others can replace must not be loaded."""
+    """Return why libraries of a folder must not be loaded, or cannot be kept there; empty where
+    they can.
+    """
     foreign = sys.platform != "win32" and status.st_uid != os.getuid()
     if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"cache {folder} can be written by others"
@@ -118,8 +120,8 @@ def _unsafe(folder: Path, status: os.stat_result) -> str:
 
 @contextmanager
 def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
-    """One process at a time makes a library; the others find it then, or make it themselves after
-    so many `seconds` [s].
+    """Let one process at a time make a library; the others find it then, or make it themselves
+    after so many `seconds` [s].
     """
     if sys.platform == "win32":
         yield

@@ -99,14 +99,15 @@ class _Statement(NamedTuple):
 
 
 def in_parts(code: str) -> str:
-    """C code as CasADi writes it, where long functions without branches call parts of theirs; they
-    give the same bits.
+    """Split long functions without branches, in C code as CasADi writes it, into functions that
+    they call; the results are the same to the bit.
     """
     numbers = count()
     return _STRAIGHT.sub(lambda found: _parted(found, next(numbers)), code)
 
 
 def _parted(function: re.Match[str], number: int) -> str:
+    """Return one function in parts, for two calls at once where nearly all of it is arithmetic."""
     body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", function[2]))
     statements = [
         _Statement(statement[0], statement[1], [*dict.fromkeys(_VARIABLE.findall(statement[2]))])
@@ -140,7 +141,7 @@ def _parted(function: re.Match[str], number: int) -> str:
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
-    """Functions for some statements each, of numbers of a kind in C."""
+    """Return C functions of `_PART` statements each, whose variables are of this kind."""
     later = set[str | None]()
     texts = list[str]()
     for first in reversed(range(0, len(statements), _PART)):
@@ -157,8 +158,8 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
 
 
 def _paired(line: str, n: int) -> str:
-    """A statement that is no arithmetic for two calls; what the second one is given, or wants,
-    stands n places later.
+    """Return a statement that is no arithmetic as two, one for each of two calls; the vectors of
+    the second call stand n places later.
     """
     lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
     first, second = (_VARIABLE.sub(rf"{lane}(\g<0>)", text) for lane, text in lanes.items())
@@ -166,14 +167,14 @@ def _paired(line: str, n: int) -> str:
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:
-    """How many vectors are read or written at most, and how many numbers of one."""
+    """Return how many vectors of a kind (arg or res) are used at most, and how many numbers of one."""
     places = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
     return 1 + max((k for k, _ in places), default=0), 1 + max((i for _, i in places), default=0)
 
 
 def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -> str:
-    """Statements that read what they need of earlier ones from memory, and leave there what is read
-    `later`.
+    """Return statements as C that reads what earlier parts have left in memory, and leaves there
+    what is read `later`.
     """
     last = {statement.target: k for k, statement in enumerate(statements)}
     declared = dict[str, None]()

@@ -78,8 +78,8 @@ def compile_timeout() -> float:
 
 
 def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
-    """Return code and the end of what was said on both outputs, after at most that many `seconds`
-    [s].
+    """Run a compiler for at most that many `seconds` [s]; return its code and the end of what it
+    wrote on both outputs.
 
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
     with all its children.
@@ -118,8 +118,8 @@ def _end_compilers() -> (
 
 
 def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
-    """Give what nobody has waited for to a process of its own, for the next process that needs
-    it.
+    """Give unfinished compilations to a process of their own, so that the next process finds their
+    libraries.
     """
     if "python" not in Path(sys.executable or "").name.lower():
         return  # but a program that has Python in it, and would begin anew
@@ -362,8 +362,8 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
 
 
 def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
-    """Start what compiles; where the process ends before, one of its own finishes it. work: is
-    found by its name, or bound.
+    """Start a compilation in the background; where this process ends first, another one finishes
+    it. work: can be pickled, by its name or as a bound method.
     """
     _BEGUN[:] = [begun for begun in _BEGUN if not begun[0].ready()]
     _BEGUN.append((_workers(os.getpid()).apply_async(work), work))
@@ -374,7 +374,8 @@ def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
 def compiled_from(
     name: str, content: str, make: Callable[[], ca.Function], *modules: str
 ) -> ca.Function:
-    """The function of that name which `make` makes of a content, as `start_compiling` has it.
+    """Return the function of that name which `make` makes of a content, compiled in the background
+    as by `start_compiling`.
 
     Where that was compiled before it is not made at all: the cache keeps in which library it is,
     and with which numbers. content: of all that the function depends on but CasADi, the compiler,
@@ -385,7 +386,7 @@ def compiled_from(
 
 
 def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:
-    """`compile_library` of the source that `make` makes of a content, which is kept as by
+    """Return the library of the source that `make` makes of a content, kept in the cache as by
     `compiled_from`.
     """
     entry, cached = _looked_up(name, content, *modules)
@@ -397,7 +398,9 @@ def library_from(name: str, content: str, make: Callable[[], str], *modules: str
 def _looked_up(
     name: str, content: str, *modules: str
 ) -> tuple[Path | None, tuple[Path, np.ndarray] | None]:
-    """File of the cache for what comes of a content, where there is a cache, and what is in it."""
+    """Return the cache entry for what is made of a content, None without a cache, and what it
+    holds.
+    """
     compiler = _compiler()
     folder = cache_folder()[0]
     if compiler is None or folder is None:
@@ -413,9 +416,7 @@ def _looked_up(
 
 
 def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
-    """Hash of expressions, for which nothing is differentiated, and of whatever else a function is
-    made of.
-    """
+    """Hash expressions, without differentiating them, and whatever else a function is made of."""
     return _digest(
         f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode()
     )
@@ -442,7 +443,9 @@ def _keep(
 
 
 def _kept(entry: Path) -> tuple[Path, np.ndarray] | None:
-    """Library and numbers; None where one of both is not there, or damaged."""
+    """Return the library and numbers of a cache entry; None where one of them is missing or
+    damaged.
+    """
     with suppress(OSError):
         content = entry.read_bytes()
         if content[:64] != _digest(content[64:]).encode():
@@ -473,8 +476,8 @@ def n_processors() -> int:
 
 @cache
 def _workers(process: int) -> ThreadPool:
-    """One for each process, as a fork has no threads; ended with it, whatever is still being
-    compiled.
+    """Return the compiler threads of this process, as a fork has none; they end with it, whatever
+    is still being compiled.
     """
     pool = ThreadPool(min(_MOST_COMPILERS, n_processors()))
     atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
@@ -482,7 +485,9 @@ def _workers(process: int) -> ThreadPool:
 
 
 def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.ndarray]:
-    """Work for any thread, and the numbers of its library; CasADi writes the code here."""
+    """Return the work of compiling a function, for any thread, and its numbers; CasADi writes the
+    code here.
+    """
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = casadi_code.without_numbers(generator.dump())
@@ -522,7 +527,9 @@ def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> c
 
 @lru_cache(maxsize=_KEPT_FUNCTIONS)
 def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
-    """One for all callers: a run of the same robot and mission takes up no more memory."""
+    """Load a function of a library once for all callers, so that runs of the same robot and mission
+    share its memory.
+    """
     with tempfile.TemporaryDirectory(
         prefix=HALF_MADE, dir=path.parent, ignore_cleanup_errors=True
     ) as folder:
@@ -578,9 +585,7 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
 
 
 def warn_if_slower() -> None:
-    """Log now, once, that there is no compiler or no cache: for who starts processes that say
-    nothing.
-    """
+    """Log once that there is no compiler or no cache, before starting processes that log nothing."""
     if _compiler() is not None:
         directory, reason = cache_folder()
         if directory is None:
@@ -643,8 +648,8 @@ def _is_usable(library: Path) -> bool:
 
 
 def _load_error(library: Path) -> str:
-    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced
-    before it is used.
+    """Return why a library cannot be loaded, empty where it can; it is closed again, as the file
+    may be replaced before it is used.
     """
     try:
         _close(ctypes.CDLL(str(library)))

@@ -22,15 +22,15 @@ def kernel_error(node: ast.AST, why: str) -> InvalidInput:
 
 
 def require(condition: bool, node: ast.AST, why: str) -> None:
-    """Raise `kernel_error` where a rule is not kept."""
+    """Raise `kernel_error` where the condition does not hold."""
     if not condition:
         raise kernel_error(node, why)
 
 
 @dataclass(frozen=True, slots=True)
 class CType:
-    """A type by its name in C: "double", "int" or that of a structure, which is passed by pointer,
-    or an array of one of them.
+    """A type in C: "double", "int", a structure, which is passed by pointer, or an array of one of
+    them.
     """
 
     name: str
@@ -41,7 +41,7 @@ class CType:
 
     @property
     def is_number(self) -> bool:
-        """Rather than an array or a structure."""
+        """True for a number, False for an array or a structure."""
         return not self.sizes and self.structure is None
 
     def entry(self) -> CType:
@@ -148,7 +148,7 @@ class CExpression:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a kernel."""
+    """Name, parameters and result of a kernel in C."""
 
     name: str
     """In C, behind the prefix: that in Python, with a number where another kernel of the program
@@ -194,7 +194,7 @@ def number(node: ast.expr, scope: Scope) -> CExpression:
 
 
 def literal(value: Any) -> CExpression | None:
-    """A constant of Python; `None` where kernels have none of its type."""
+    """Return a constant of Python in C; `None` where kernels have none of its type."""
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
     if isinstance(value, float):

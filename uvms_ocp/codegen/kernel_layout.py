@@ -140,7 +140,7 @@ def column_view(layout: Any) -> np.ndarray:
 
 
 def _numbers(vector: Any) -> np.ndarray:
-    """On the memory of the vector, if it is one of ctypes."""
+    """Return an array of NumPy on the memory of a structure or array of ctypes, else a copy."""
     if isinstance(vector, ctypes.Structure):
         return column_view(vector)
     if isinstance(vector, ctypes.Array):
@@ -170,8 +170,8 @@ class CallbackField:
 
 
 class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
-    """Callback in memory: a function of nothing, at the place where a `FunctionField` has its
-    machine code.
+    """Callback in memory: the address of a function without arguments, where a `FunctionField` has
+    its machine code.
     """
 
     __slots__ = ()

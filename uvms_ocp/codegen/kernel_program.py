@@ -41,8 +41,8 @@ def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
 
 
 def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
-    """One after the other, which is the same as at once where no value depends on what the others
-    change.
+    """Assign to several targets one after the other, which is the same as at once where no value
+    depends on what the others change.
     """
     if node.value is None:
         raise c_code.kernel_error(node, "has to give a value")
@@ -279,7 +279,7 @@ def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
 
 
 def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression | None:
-    """The field that is called, if it is one."""
+    """Return the field of a memory that is called, None where it is no field."""
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
@@ -567,8 +567,8 @@ def _field(name: str, kind: c_code.CType) -> str:
 
 
 def _variable(name: str, kind: c_code.CType, *, is_owned: bool) -> str:
-    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set
-    before it is read.
+    """Declare an array that the kernel owns, a pointer to memory of another owner, or a number,
+    which is set before it is read.
     """
     if is_owned:
         return kind.declared(c_code.c_name(name))

@@ -52,14 +52,14 @@ from uvms_ocp.types import Keyed
 
 
 def initial_value(memory: Layout) -> str:
-    """A constant expression of C99, with its functions under their own names; what is zero is left
-    out.
+    """Return a constant expression of C99 for a memory, with its functions under their own names;
+    zeros are left out.
     """
     return _text(memory) or "{0}"
 
 
 def _text(value: Any) -> str:
-    """Nothing for what is zero."""
+    """Return a value in C; empty for zero."""
     if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
@@ -119,8 +119,8 @@ def bind_kernels(
 def make_memory(
     structure: type[Memory], kernels: Kernels, *, compiled: bool = True
 ) -> tuple[Memory, BoundKernels]:
-    """A new memory whose functions are at their places, and the `kernels` that work on it, as
-    `bind_kernels` gives them.
+    """Return a new memory whose functions are at their places, and the `kernels` that work on it,
+    as `bind_kernels` gives them.
 
     Where one of its functions cannot be compiled the kernels stay in Python.
     """

@@ -133,7 +133,7 @@ class NamedSources:
 
 
 def header(sources: NamedSources, names: ControllerNames, memory: str) -> str:
-    """Controller.h; memory: the name of the type of all that is remembered."""
+    """Return controller.h; memory: name of the structure of all that the controller remembers."""
     return Template(template("controller.h", names.export)).substitute(
         types=sources.types,
         memory=f"{names.prefix}{memory}",
@@ -153,7 +153,7 @@ def source(
     numbers: list[float],
     places: Mapping[str, int],
 ) -> str:
-    """Controller.c, whose tick is the `kernel` of that name."""
+    """Return controller.c, whose tick is the `kernel` of that name."""
     quoted = '", "'
     texts = (
         f'const char *const {name}[] = {{"{quoted.join(texts)}"}};'
@@ -174,7 +174,7 @@ def source(
 
 
 def initial(sources: NamedSources, names: ControllerNames) -> str:
-    """Initial.c: what is remembered at first, and the numbers of `functions.c`.
+    """Return initial.c: what is remembered at first, and the numbers of `functions.c`.
 
     A file of its own, as compilers that see megabytes of it look for what follows from them for
     minutes.
@@ -207,8 +207,8 @@ def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict
 
 
 def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
-    """Check that rules beside the rows of a task are the same for another number in the field of
-    that name.
+    """Check that a number of a task enters its rows alone: its rest altitude and position limit are
+    the same for another value.
     """
     changed = copy(task)
     object.__setattr__(changed, name, getattr(task, name) + 1.0)
@@ -220,23 +220,23 @@ def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
 
 
 def template(file: str, name: str) -> str:
-    """The text of a file for the export of that name, in some with what is to be filled in."""
+    """Return a template of the export with its name put in; other places may be left to be filled."""
     text = files("uvms_ocp.export").joinpath("templates", file).read_text(encoding="utf-8")
     return text.replace(_PLACEHOLDER, f"{name}_")
 
 
 def table(names: Sequence[str]) -> str:
-    """Rows of Markdown: place and name."""
+    """Return rows of a table in Markdown: place and name."""
     return "\n".join(f"| {place} | {literal(name)} |" for place, name in enumerate(names))
 
 
 def literal(name: str) -> str:
-    """A name in Markdown, in a cell too, none of which is read as more than letters."""
+    """Return a name as code in Markdown, in tables too, with no letter that would end it."""
     return f"`{re.sub('[`|]', '.', plain_line(name))}`"
 
 
 def _plain(name: str) -> str:
-    """Nothing in it ends a string, a comment or a cell of a table, or begins something else."""
+    """Return a name without letters that would end a string, a comment or a cell of a table."""
     return "".join(c for c in plain_line(name) if c.isascii() and c not in '"\\?*/|')
 
 

@@ -198,6 +198,9 @@ class CoalDistances:
     def _collect(
         self, sample: int, pairs: list[int], thresholds: list[float], near_contacts: list[_Contact]
     ) -> None:
+        """Append the contacts of a sample's pairs that are closer than their thresholds, and note
+        all distances.
+        """
         data = self._geometry_data
         lower = self._bounds.lower[sample]
         for k in pairs:
@@ -219,7 +222,7 @@ class CoalDistances:
 
 
 def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
-    """Each sample that has candidates, with the pairs that are."""
+    """Yield each sample that has candidates, with their pairs."""
     samples, pairs = np.nonzero(candidates)
     first = np.flatnonzero(np.diff(samples, prepend=-1))
     bounds = [*first.tolist(), samples.size]
@@ -232,7 +235,7 @@ _Contact = tuple[int, int, float, Array, Array, Array]
 
 
 def no_near_pairs(fold: Array) -> NearPairs:
-    """No pair of a scene with that map (n_columns, n_axes), see `Coordinates.fold`."""
+    """Return `NearPairs` without any row; fold: (n_columns, n_axes), see `Coordinates.fold`."""
     none = np.zeros(0, dtype=np.intp)
     return NearPairs(
         sample=none,

@@ -24,7 +24,7 @@ from uvms_ocp.types import Array, AtLeastOne, Indices, Mask, Positive, Range
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BlockTridiagonal:
-    """The lower half of the matrix."""
+    """A symmetric block-tridiagonal matrix, stored as its lower half."""
 
     diagonal: Array
     """(n, b, b) [A]"""
@@ -128,7 +128,7 @@ class BlockCholesky:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Penalty:
-    """The penalty and its derivatives by what is penalised."""
+    """Value, first and second derivative of a penalty by what is penalised."""
 
     value: Array
     """(...)"""
@@ -181,7 +181,7 @@ def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LinkSpeeds:
-    """One row per near pair."""
+    """Speeds of links near obstacles and their derivatives, one row per near pair."""
 
     speed: Array
     """(n,) [m/s]"""
@@ -267,7 +267,7 @@ class DistanceSource(Protocol):
 
 @checked_dataclass()
 class CostWeights:
-    """L1, l2, l3 and the shape of the penalties.
+    """Weights l1, l2, l3 of the cost, and the shape of its penalties.
 
     Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and
     samples are positive.
@@ -528,9 +528,7 @@ def _weighted(p: Penalty, weight: Array) -> Penalty:
 
 
 def _summed(sample: Indices, rows: Array, shape: tuple[int, ...]) -> Array:
-    """Rows added up by sample (which come in ascending order), laid out as (samples, pieces,
-    ...).
-    """
+    """Add up rows by sample (in ascending order), and lay the sums out as (samples, pieces, ...)."""
     result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))
     if sample.size:
         first = np.flatnonzero(np.diff(sample, prepend=-1))

@@ -352,7 +352,7 @@ class PlanResult:
 
 @checked
 def plan_path(request: PlanRequest) -> PlanResult:
-    """Find where to go, then how.
+    """Find the goal in planned axes, then a collision-free path to it.
 
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in
     collision or outside limits, a goal on axes that are not planned or have no limits, a start that
@@ -380,7 +380,7 @@ def plan_path(request: PlanRequest) -> PlanResult:
 
 
 def _turned(request: PlanRequest, yaw: float) -> PlanRequest:
-    """The same in a world whose x axis is at that yaw."""
+    """Return the request in a world whose x axis is at that yaw."""
     X_NW = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -yaw), np.zeros(3))
     start = request.start.copy()
     goal = request.goal
@@ -424,8 +424,8 @@ _SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at mos
 
 @checked_dataclass(eq=False)
 class _RobotLimits(MotionLimits):
-    """Limits of the robot along the vehicle's own axes all of the way; the optimiser takes those of
-    planned axes at the start.
+    """The robot's limits along the vehicle's own axes, checked over the whole curve; the optimiser
+    takes those of planned axes at the start.
     """
 
     planned: Coordinates
@@ -450,8 +450,8 @@ def _differ(ends: Array) -> Mask:
 
 
 def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:
-    """Those of the robot. Raises `InvalidInput` for axes that differ between the ends (2, n_axes)
-    and have none.
+    """Return the motion limits of the planned axes of a robot. Raises `InvalidInput` for axes that
+    differ between the ends (2, n_axes) and have none.
     """
     velocity, acceleration = planned.rate_limits(ends[:1], shared=True)
     endless = _differ(ends) & np.isinf(velocity) & np.isinf(acceleration)

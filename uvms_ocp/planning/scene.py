@@ -134,7 +134,9 @@ class Coordinates:
 
     @cached_property
     def fold(self) -> Array:
-        """(n_columns, n_axes) 1 where the column is of the axis."""
+        """(n_columns, n_axes) 1 where the column of Pinocchio's Jacobian belongs to the axis, else
+        0.
+        """
         return np.asarray(self._axes[self.columns, None] == self.planned, dtype=float)
 
     @property
@@ -375,7 +377,7 @@ class CollisionScene:
         )
 
     def among(self, indices: Sequence[int]) -> CollisionScene:
-        """The same scene with these of its pairs alone. Raises `InvalidInput` for an index that no
+        """Return the scene with only these of its pairs. Raises `InvalidInput` for an index that no
         pair has.
         """
         chosen = np.array(indices, dtype=int)
@@ -405,8 +407,8 @@ class CollisionScene:
         return groups
 
     def per_pair(self, of_obstacles: Finite, of_links: Finite | None) -> Array:
-        """(n_pairs,) the one number for pairs with an obstacle, the other, where it is given, for
-        those of two links.
+        """Return (n_pairs,) numbers: `of_obstacles` for pairs with an obstacle, `of_links`, where
+        given, for those of two links.
         """
         links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
         return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)
@@ -498,7 +500,7 @@ def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> A
 
 
 def _supports(coordinates: Coordinates) -> Array:
-    """(n_joints + 1, n_columns) 1 where the column moves the joint."""
+    """Return (n_joints + 1, n_columns) 1 where the column moves the joint, else 0."""
     model = coordinates.robot.model
     supports = np.zeros((model.njoints, model.nvExtended))
     for joint in range(1, model.njoints):

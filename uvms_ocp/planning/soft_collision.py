@@ -101,7 +101,7 @@ _LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in o
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class TrustRegion:
-    """Steps solve ``(H + mu metric) step = -gradient``.
+    """Levenberg-Marquardt: steps solve ``(H + mu metric) step = -gradient``.
 
     mu falls when the model predicts well and grows when a step is refused, so a step is never
     accepted that raises the cost. Bounds are not kept.
@@ -142,8 +142,8 @@ class TrustRegion:
 def _step(
     model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float
 ) -> tuple[Array, float, float]:
-    """Step, predicted decrease, and the damping that made the step positive definite and short
-    enough.
+    """Return the step, its predicted decrease, and the damping with which it is positive definite
+    and short enough.
     """
     slope = model.gradient * free
     while True:
@@ -271,6 +271,7 @@ def _connected(
     rng: np.random.Generator,
     options: SamplingOptions,
 ) -> Array | None:
+    """Grow a tree from either end by turns until they meet (RRT-Connect); None where they do not."""
     growing = _SearchTree(a, 256)
     meeting = _SearchTree(b, 256)
     for turn in range(options.max_samples):
@@ -334,6 +335,7 @@ def _shortened(
 
 
 def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
+    """Leave out vertices of a path where the straight edge past them keeps the clearance."""
     vertices = [path[0]]
     i = 0
     while i < len(path) - 1:
@@ -491,7 +493,7 @@ def _attempts(
     exact: CoalDistances,
     options: SoftCollisionOptions,
 ) -> Iterator[tuple[_PathProblem, Array]]:
-    """Problems and where to start them: as given, bent at random, through sampled way points."""
+    """Yield problems and where to start them: as given, bent at random, through sampled way points."""
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
@@ -512,7 +514,7 @@ def _attempts(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _PathProblem:
-    """The cost, the start and what is free."""
+    """Cost of a path, its start in scaled variables, and which variables are free."""
 
     cost: PathCost
     breaks: Array
@@ -564,7 +566,7 @@ class _PathProblem:
             )
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
-        """Out of collision first, then the whole cost."""
+        """Minimise the cost of collision until nothing touches, then the whole cost."""
         low, high = self.cost.distances.scene.coordinates.limits()
         lower = np.full(self.start.shape, -np.inf)
         upper = np.full(self.start.shape, np.inf)

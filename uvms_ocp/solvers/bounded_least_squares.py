@@ -21,7 +21,7 @@ _RANK = 1e-9  # of a row beside those before it, relative to the largest: less i
 
 
 class LeastSquaresRows(Layout):
-    """Room for m rows and n variables."""
+    """Memory of `solve_positive`, `least_norm` and `row_space`, for up to m rows and n variables."""
 
     K: Annotated[list[Vector], Sized("n", "n")]
     """Matrix of a positive definite system; overwritten."""
@@ -42,7 +42,7 @@ class LeastSquaresRows(Layout):
 
 
 def solve_positive(s: LeastSquaresRows, n: int) -> None:
-    """``K y = y`` in place, for n variables, by Cholesky's factors."""
+    """Solve ``K x = y`` for n variables by Cholesky's factors; x takes the place of y."""
     for j in range(n):
         for i in range(j, n):
             total = s.K[i][j]
@@ -64,7 +64,7 @@ def solve_positive(s: LeastSquaresRows, n: int) -> None:
 
 
 def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
-    """Y (n,) of least norm among those of least ``|W y - b|``.
+    """Find the y (n,) of least norm among those that minimise ``|W y - b|``.
 
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them;
     then L z = b by least squares with L = U R. Both by Gram and Schmidt, twice, which is as good as
@@ -90,7 +90,7 @@ def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
 
 
 def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
-    """Basis and L of the m rows (m, n) of W [any]; the rank."""
+    """Factor the m rows (m, n) of W [any] into L and an orthonormal basis; return the rank."""
     largest = 0.0
     for k in range(min(m, n)):
         row = _longest(s, m, n)
@@ -120,7 +120,7 @@ def _longest(s: LeastSquaresRows, m: int, n: int) -> int:
 
 
 def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
-    """Basis vector k, once more, to the last bit."""
+    """Make basis vector k orthogonal to the others a second time, to the last bit."""
     for earlier in range(k):
         along = dot(s.basis[k], s.basis[earlier], n)
         for j in range(n):
@@ -131,7 +131,7 @@ def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
 
 
 def _orthonormal_column(s: LeastSquaresRows, m: int, k: int) -> None:
-    """Column k of L, beside those before it, and column k of R."""
+    """Make column k of L orthonormal to those before it, and write column k of R."""
     for earlier in range(k):
         s.R[earlier][k] = 0.0
     for _ in range(2):
@@ -174,7 +174,7 @@ _ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
 
 
 class BoundedProblem(Layout):
-    """Room for m rows and n variables, of which some are used."""
+    """Memory of `solve_bounded`, for up to m rows and n variables."""
 
     rows: int
     columns: int
@@ -209,7 +209,7 @@ class BoundedProblem(Layout):
 
 
 def solve_bounded(p: BoundedProblem) -> int:
-    """Find x; the rounds that it took, ten for every variable at most."""
+    """Find x; return the number of active-set rounds, at most ten for each variable."""
     _unit_weights(p)
     _normal_equations(p)
     _start(p)
@@ -237,7 +237,7 @@ def _unit_weights(p: BoundedProblem) -> None:
 
 
 def _normal_equations(p: BoundedProblem) -> None:
-    """With a ridge."""
+    """Write the Hessian ``M' M``, with a ridge on its diagonal, and ``M' b``."""
     trace = 0.0
     for j in range(p.columns):
         for k in range(p.columns):
@@ -293,8 +293,8 @@ def _free_ones(p: BoundedProblem) -> int:
 
 
 def _share_of_step(p: BoundedProblem) -> float:
-    """Largest share <= 1 of the step to the optimum that stays inside; the variable that stops it
-    is `blocking`.
+    """Return the largest share <= 1 of the step to the optimum that keeps all bounds; `blocking` is
+    the variable that ends it.
     """
     share = math.inf
     p.blocking = -1
@@ -330,7 +330,7 @@ def _ridge_optimum(p: BoundedProblem) -> None:
 
 
 def _exact_optimum(p: BoundedProblem) -> None:
-    """Free part: least residual, then least norm."""
+    """Solve for the free variables without the ridge: least residual, then least norm."""
     count = 0
     for i in range(p.rows):
         rest = p.b[i]
@@ -347,7 +347,7 @@ def _exact_optimum(p: BoundedProblem) -> None:
 
 
 def _spread(p: BoundedProblem) -> None:
-    """The solution for the free variables to where they are."""
+    """Copy the solution of the free variables to their places among all variables."""
     count = 0
     for j in range(p.columns):
         p.optimum[j] = p.x[j]
@@ -388,8 +388,8 @@ _ROUNDS = 50  # for every variable
 
 
 class LinearProgram(Layout):
-    """The largest ``c' x`` with ``A x = b`` and ``lower <= x <= upper``: m rows and n_x variables,
-    n_all together.
+    """Memory of `solve_program`: maximise ``c' x`` with ``A x = b`` and ``lower <= x <= upper``,
+    for m rows and n_x variables, n_all with those that stand for what is missing in the rows.
     """
 
     A: Annotated[list[Vector], Sized("m", "n_x")]
@@ -417,7 +417,7 @@ def program_sizes(m: int, n: int) -> dict[str, int]:
 
 
 def solve_program(p: LinearProgram) -> bool:
-    """Find x; whether there is any, and its value has an end."""
+    """Find x by the simplex method; return whether a finite optimum exists."""
     size = 1.0
     missing = 0.0
     n = len(p.c)
@@ -435,8 +435,8 @@ def solve_program(p: LinearProgram) -> bool:
 
 
 def _begin_row(p: LinearProgram, i: int) -> None:
-    """All variables at their lower bound, and what is missing in a row the only one to rest on, at
-    its cost.
+    """Start with all variables at their lower bound, and an artificial variable of the row, at a
+    cost, as its basis.
     """
     n = len(p.c)
     rest = p.b[i]
@@ -460,7 +460,7 @@ def _begin_row(p: LinearProgram, i: int) -> None:
 
 
 def _count_what_counts(p: LinearProgram) -> None:
-    """With nothing missing any more, and what counts."""
+    """Fix the artificial variables at 0, and take the costs of the program itself."""
     n = len(p.c)
     for i in range(len(p.b)):
         p.x[n + i] = p.upper[n + i] = p.cost[n + i] = 0.0
@@ -468,12 +468,12 @@ def _count_what_counts(p: LinearProgram) -> None:
 
 
 def value_of(p: LinearProgram) -> float:
-    """[c] of x."""
+    """Return ``c' x`` [c]."""
     return dot(p.c, p.x, len(p.c))
 
 
 def _improve(p: LinearProgram) -> bool:
-    """To the vertex of the largest cost; whether there is one."""
+    """Move to the vertex of the largest value; return whether there is one."""
     for _ in range(_ROUNDS * len(p.x)):
         entering = _entering(p)
         if entering < 0:
@@ -504,8 +504,8 @@ def _price(p: LinearProgram, j: int) -> float:
 
 
 def _move(p: LinearProgram, entering: int, up: float) -> bool:
-    """A variable as far as the others let it; whether anything stops it. Of those that do, the
-    first leaves the basis.
+    """Move a variable until another one meets a bound; return whether any does. The first of those
+    leaves the basis.
     """
     step = p.upper[entering] - p.lower[entering]
     leaving = -1

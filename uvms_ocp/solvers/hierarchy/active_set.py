@@ -72,11 +72,11 @@ class LexicographicActiveSet(core.CompiledSolver):
     """False keeps to NumPy."""
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
-        """Return `core_source` of this module."""
+        """Return the C99 source of the active set and its certificate, see `core_source`."""
         return core_source(n, tuple(sizes))
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
-        """Return `active_set_numpy.solve_levels` as a core is called."""
+        """Return `active_set_numpy.solve_levels` with the arguments and results of a core."""
 
         def solve(
             J: Array,

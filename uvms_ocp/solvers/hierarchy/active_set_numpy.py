@@ -63,8 +63,8 @@ CAREFUL = PivotRules(
 
 
 class _Block(NamedTuple):
-    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which
-    those above take `column`.
+    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which the
+    first `column` belong to the levels above.
     """
 
     rows: Indices
@@ -115,7 +115,7 @@ class _ActiveSet:
         """(M,) by how much active rows miss their bound there, and these rows level by level."""
 
     def solve(self, max_iterations: int) -> tuple[Array, int]:
-        """The optimum (n,), and the iterations that it took, `left` at most."""
+        """Return the optimum (n,) and the number of iterations, `max_iterations` at most."""
         self._solve_equalities()
         self.v = self.target
         dropped = -1
@@ -163,8 +163,8 @@ class _ActiveSet:
         return free & (y > self.upper + self.tolerance), free & (y < self.lower - self.tolerance)
 
     def _solve_equalities(self) -> None:
-        """Least squares of the active rows, level by level in the null space of those above, of
-        least norm.
+        """Find the least-norm least squares of the active rows, level by level in the null space of
+        the levels above.
         """
         from scipy.linalg import qr
 
@@ -274,8 +274,9 @@ class _ActiveSet:
 def lexicographic_least_squares(
     rows: NormalRows, active_set: Array, rules: PivotRules, max_iterations: int
 ) -> tuple[Array, Array, int]:
-    """W (n,) in normal units, active set (M,) and number of iterations, `left` at most, of one run,
-    which does not judge its own result; active_set (M,): `RowState` of each row to start with.
+    """Run the method once; return w (n,) in normal units, active set (M,) and number of iterations,
+    `max_iterations` at most. The result is not judged; active_set (M,): `RowState` of each row to
+    start with.
     """
     run = _ActiveSet(rows, active_set, rules)
     w, iterations = run.solve(max_iterations)
@@ -353,7 +354,7 @@ class _Attempts:
         self._near = tolerances.TOUCHING * (1.0 + np.abs(rows.J).sum(axis=1))
 
     def solve(self, active_set: Array) -> Status:
-        """Try one after the other until a result is certified."""
+        """Try warm, cold and level-by-level runs in turn until a result is certified."""
         if self._is_proven(*self._run(self.rows, active_set)):
             return Status.SOLVED
         if active_set.any() and self._is_proven(*self._run(self.rows)):
@@ -375,7 +376,9 @@ class _Attempts:
         return w, reached
 
     def _by_levels(self, rules: PivotRules) -> bool:
-        """Every level on its own, with those above held, then a run that starts where they end."""
+        """Solve each level with those above held, then run all levels from the rows that this
+        touches.
+        """
         w = np.zeros(self.rows.J.shape[1])
         for level_rows in self._levels:
             if self.left <= 0:
@@ -412,7 +415,7 @@ class _Attempts:
         return False
 
     def _without(self, end: int) -> NormalRows:
-        """The rows before `end`; the others are free."""
+        """Return the rows with infinite bounds from row `end` on."""
         is_before = np.arange(len(self.rows.J)) < end
         lower = np.where(is_before, self.rows.lower, -np.inf)
         upper = np.where(is_before, self.rows.upper, np.inf)

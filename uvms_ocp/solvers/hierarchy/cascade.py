@@ -133,7 +133,7 @@ class LevelStep:
 def cascade(
     steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """V (n,) and 1 if any level is inexact, from one step per level that has rows."""
+    """Return v (n,), and 1 if any level is inexact, from one step per level that has rows."""
     n = J.shape[1]
     v = ca.MX.zeros(n)
     P = ca.MX.eye(n)
@@ -151,7 +151,8 @@ def cascade(
 
 
 def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> LevelStep:
-    """Level of ``size`` rows below ``held`` rows; it does as little as is needed.
+    """Build the functions of a level of ``size`` rows below ``held`` rows, whose program is solved
+    only where it is needed.
 
     Raises `InvalidInput` for a plugin that takes no such program.
     """
@@ -194,7 +195,7 @@ def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
 
 
 def _case(symbols: _LevelSymbols) -> ca.MX:
-    """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may
+    """Return _NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may
     shrink, else 2.
     """
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
@@ -265,7 +266,7 @@ def _attempt(
     symbols: _LevelSymbols,
     otherwise: ca.Function,
 ) -> ca.Function:
-    """One program; ``otherwise`` continues from its result if that is not verified to be
+    """Solve one program; ``otherwise`` continues from its result if that is not verified to be
     optimal.
     """
     v, multipliers = _program(settings, solver, symbols)
@@ -281,7 +282,7 @@ def _attempt(
 def _program(
     settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymbols
 ) -> tuple[ca.MX, ca.MX]:
-    """V, and the multipliers of the rows of the levels above."""
+    """Return v, and the multipliers of the rows of the levels above."""
     size, n = symbols.J.shape
     JP = symbols.J @ symbols.P
     y = symbols.J @ symbols.v
@@ -429,8 +430,8 @@ class QpTick:
     def _certify(
         self, v: Array, missed: Array, inputs: Sequence[ArrayLike]
     ) -> tuple[Array, solution.Status, Array]:
-        """Exact only if that is certified, whatever the programs say of themselves; else by the
-        rows that they hold.
+        """Report an exact status only where it is certified; else polish from the rows at their
+        bounds.
 
         Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels`
         takes an iteration or two.

@@ -120,7 +120,7 @@ class NormalRows:
     """Rows that are 0 in `J` and were not."""
 
     def levels(self) -> list[Level]:
-        """The rows as levels, for a solver."""
+        """Return the rows as levels, as solvers take them."""
         return [
             Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r])
             for r in row_slices(self.sizes)
@@ -319,7 +319,7 @@ def _beyond_box(region: _Region) -> _Region:
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
-    """(levels,); first: the region of the first level."""
+    """Return the excess of every level (levels,) at w; first: the trust region of the first level."""
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     terms = _found(rows, w, region)
@@ -334,7 +334,7 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Found:
-    """Terms of the bound."""
+    """Slack, gaps and rounding of all M rows at one velocity: terms of the bound on the excess."""
 
     J: Array
     """(M, n) """
@@ -365,6 +365,9 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
 
 
 def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
+    """Bound how much the residual norm of a level exceeds its optimum, by multipliers of the levels
+    above.
+    """
     size = _length(terms.slack[level_rows])
     if size == 0.0 or not np.isfinite(size):
         return size
@@ -382,7 +385,9 @@ def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
 
 
 def _held(terms: _Found, above: int) -> tuple[Array, Array, Array]:
-    """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
+    """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <=
+    gap``.
+    """
     rows = terms.J[:above]
     noise = terms.noise[:above]
     c = np.concatenate([rows, -rows])

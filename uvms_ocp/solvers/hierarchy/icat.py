@@ -59,7 +59,7 @@ class Icat(core.CompiledSolver):
         )
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
-        """Return the same in NumPy, for any numbers."""
+        """Return the solver in NumPy, with the arguments and results of a core."""
 
         @np.errstate(over="ignore", invalid="ignore")
         def solve(

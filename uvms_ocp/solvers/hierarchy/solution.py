@@ -121,7 +121,7 @@ def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
 
 
 def read_only(array: Array) -> Array:
-    """The same array (...) [any], locked."""
+    """Lock an array (...) [any] against writing, and return it."""
     array.flags.writeable = False
     return array
 
@@ -166,7 +166,7 @@ class Tick(Protocol):
 
 @runtime_checkable
 class InPlaceTick(Tick, Protocol):
-    """One that can read its inputs where they are."""
+    """A `Tick` that can read its inputs in place, without copies."""
 
     def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
         """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
@@ -225,7 +225,9 @@ _ONE_AT_A_TIME = threading.RLock()
 def timed_solution(
     levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]
 ) -> Solution:
-    """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
+    """Return the solution with v (n,) and status of ``velocity``, its residuals, and the time it
+    took.
+    """
     start = perf_counter()
     v, status = velocity(levels)
     return _solution(
@@ -234,8 +236,8 @@ def timed_solution(
 
 
 def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
-    """V (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all
-    calls of one shape.
+    """Return v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once
+    for all calls of one shape.
 
     ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed
     width.

@@ -165,7 +165,7 @@ _ALL = slice(None)
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class IterationReport:
-    """After one iteration."""
+    """Progress of a solve after one iteration."""
 
     level: str
     """Level being solved; the last one while all levels above are required in full."""
@@ -181,7 +181,7 @@ Progress: TypeAlias = Callable[[IterationReport], object]
 
 
 class SolveMonitor:
-    """Over all NLPs of a solve."""
+    """Callback and Ctrl-C handler of a solve, shared by all of its NLPs."""
 
     def __init__(self) -> None:
         self.stopped = False
@@ -275,7 +275,7 @@ class NlpPoint:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOutcome:
-    """Outcome of one call."""
+    """End point, status and cost of one call of a `LevelSolver`."""
 
     point: NlpPoint
     """End point, always finite."""
@@ -299,7 +299,7 @@ class Deadline:
         self._end = np.inf
 
     def set(self, seconds: float) -> None:
-        """It is over in `seconds` [s] from now."""
+        """Set the deadline to `seconds` [s] from now."""
         self._end = self._clock() + seconds
 
     @property
@@ -349,8 +349,8 @@ class OptimalityConditions:
 
 
 def _left(y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Largest product of a multiplier and what is left to its bound; a bound that is none has no
-    multiplier.
+    """Return the largest product of a multiplier and the distance from its bound; infinite bounds
+    have none.
     """
     room = np.abs(np.where(y > 0.0, upper, lower) - value)
     pulls = np.flatnonzero(y)
@@ -438,7 +438,7 @@ class LevelSolver:
     def _judged(
         self, reported: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
     ) -> NlpStatus:
-        """Status by the conditions at the point, where the solver says it is at an optimum."""
+        """Check a status of an optimum by the optimality conditions at the point."""
         if not reported.optimal:
             return reported
         error = self._conditions.error(point, p, bounds)
@@ -450,7 +450,9 @@ class LevelSolver:
         return NlpStatus.STALLED
 
     def _interrupted(self, best: BestIterate) -> NlpOutcome:
-        """Without multipliers: they are not those of the best iterate."""
+        """Return the best iterate, without multipliers: those of the solver belong to its last
+        iterate.
+        """
         assert best.x is not None
         return NlpOutcome(
             point=NlpPoint(x=best.x),
@@ -476,8 +478,8 @@ class LevelSolver:
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
-    """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever
-    looks on wants no more.
+    """Callback of the NLP solver after each iteration: not 0, which stops it, once the deadline is
+    over or the monitor wants no more.
     """
 
     def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: SolveMonitor) -> None:

@@ -59,7 +59,7 @@ class LexicographicResult:
 
 
 class NlpSolver(Protocol):
-    """The NLP of one level, solved by whoever can; as `LevelSolver`."""
+    """Protocol of what solves the NLP of one level, such as `LevelSolver`."""
 
     def fits(self, point: level_solver.NlpPoint) -> bool:
         """True for a start of this program."""
@@ -78,7 +78,7 @@ class SelfSolving(Protocol):
 
     @property
     def ranges(self) -> nlp.RowRanges:
-        """With which it is solved unless others are given."""
+        """Ranges of the rows, for solves that are given none."""
 
     @property
     def n_x(self) -> int:
@@ -94,7 +94,9 @@ class SelfSolving(Protocol):
         deadline: level_solver.Deadline,
         watch: level_solver.SolveMonitor,
     ) -> Sequence[NlpSolver]:
-        """One for each level, which tell `watch` every iteration and end where it wants no more."""
+        """Return a solver for each level, which reports every iteration to `watch` and stops where
+        it or the deadline says so.
+        """
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
@@ -259,7 +261,7 @@ class _Run:
         )
 
     def in_order(self) -> LexicographicResult:
-        """Level by level. A level that fails leaves those below it out."""
+        """Solve level by level. Below a level that fails, all are skipped."""
         bounds = self._bounds
         best = None
         statuses = []
@@ -342,7 +344,7 @@ _ORDER = tuple(nlp.NlpStatus)
 
 
 def _severity(status: nlp.NlpStatus) -> int:
-    """SKIPPED is only ever the consequence of another status."""
+    """Rank a status by how bad it is; SKIPPED, only ever the consequence of another one, ranks 1."""
     if status is nlp.NlpStatus.SKIPPED:
         return 1
     return _ORDER.index(status)

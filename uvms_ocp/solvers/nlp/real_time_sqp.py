@@ -51,7 +51,7 @@ class LevelMerit:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Acceptance:
-    """Conditions on the step of a level."""
+    """Largest violation and residual norms with which the step of a level is accepted."""
 
     violation: float
     """Most that constraints may be broken."""
@@ -59,7 +59,7 @@ class Acceptance:
     """(n,) largest norms of the levels above, and that of the level itself."""
 
     def allows(self, candidate: LevelMerit) -> bool:
-        """Never for a merit that is not a number."""
+        """Check a merit against the limits; one that is not a number is never accepted."""
         no_level_worse = candidate.residuals[: len(self.residuals)] <= self.residuals
         return bool(candidate.violation <= self.violation and no_level_worse.all())
 
@@ -72,8 +72,8 @@ def acceptance(
     accuracy: float,
     tolerance: float,
 ) -> Acceptance:
-    """For the step of the level after those that have `reached` their residuals, from a point with
-    merit `here`.
+    """Return the conditions on the step of the level after those that have `reached` their
+    residuals, from a point of this `merit`.
 
     Constraints may be broken by `accuracy`, or as much as they are here; residuals may rise by
     `tolerance`, those of the levels above by no more than that from where their own turn left them,
@@ -111,7 +111,9 @@ class ProximalWeights:
         return float(self._now[level])
 
     def adapt(self, level: int, share: float) -> None:
-        """After `share` of the level's step could be taken."""
+        """Lower the weight of a level whose whole step was taken, raise it where `share` of it is
+        less.
+        """
         smallest = self._least[level]
         self._now[level] = np.clip(
             (_FALL if share == 1 else _RISE) * self._now[level], smallest, _MOST * smallest
@@ -256,8 +258,8 @@ class LexicographicSqp:
     def _searched(
         self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
     ) -> tuple[float, SqpPoint]:
-        """The share of the step that is taken, and where it leads: the largest that is allowed, or
-        all of it, mended.
+        """Return the largest share of the step that is accepted, and the point it leads to; where
+        that is not all of it, try a second-order correction of the whole step.
         """
         rule = self._rule(point, levels)
         i = len(point.reached)
@@ -278,8 +280,8 @@ class LexicographicSqp:
         return share, replace(best, reached=point.reached)
 
     def _mended(self, full_step: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
-        """A whole step, and one more, which brings back what curvature did to the rows above: a
-        second-order correction.
+        """Apply a second-order correction: one more step, which takes back what curvature did to
+        the rows above.
         """
         failure = self._model.step(
             level, full_step, bounds, self._options.damping + self._weights[level]
@@ -326,7 +328,9 @@ _OPTIONS: dict[str, dict[str, object]] = {
 
 
 class LevelQp:
-    """Built once; raises `InvalidInput` for a level without derivative functions."""
+    """The QP of one level at a point. Raises `InvalidInput` for a level without derivative
+    functions.
+    """
 
     def __init__(self, level: nlp.LevelNlp, index: int, options: SqpOptions) -> None:
         missing = [name for name in _FUNCTIONS if name not in level.functions]
@@ -383,8 +387,8 @@ class LevelQp:
 
 
 class SparseLevels:
-    """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without
-    derivative functions.
+    """Linear models of the levels in sparse matrices, solved by a conic plugin of CasADi. Raises
+    `InvalidInput` for a program without derivative functions.
     """
 
     def __init__(self, program: nlp.LexicographicProgram, options: SqpOptions) -> None:

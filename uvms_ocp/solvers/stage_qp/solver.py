@@ -55,8 +55,8 @@ def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Arra
 
 
 def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
-    """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are
-    to be 0.
+    """Return the QP without its cost, and with more `rows` (m, n_z) [any] behind its own, scaled to
+    a largest entry of 1, that are to be 0.
     """
     n_c = tuple(n + len(added) for n, added in zip(qp.shape.n_c, rows, strict=True))
     extended = problem.StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
@@ -109,7 +109,9 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
 
 
 def _make_cone(qp: problem.StageQp, z: str, steepest: float) -> None:
-    """Bounds of ways; what is missed at a cost that bends is not missed at all."""
+    """Set every finite bound to 0, and make rows hard whose penalty is quadratic: along a direction
+    without end these must not be missed.
+    """
     for side, endless in _SIDES:
         bound = qp.flat[f"{z}{side}"]
         bound[bound != endless] = 0.0
@@ -200,7 +202,7 @@ class StageQpSolver:
         max_iterations: int | None = None,
         explained: bool = True,
     ) -> problem.FlatSolution:
-        """The same in arrays with stage after stage.
+        """Solve, with the solution in arrays that hold stage after stage.
 
         near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the
         options. explained: False takes less time where no optimum is found, and does not tell
@@ -290,7 +292,9 @@ class StageQpSolver:
         return way.status.usable and is_recession_direction(recession, way.z)
 
     def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.FlatSolution:
-        """With residuals as rows, and some curvature for directions that have none, from z."""
+        """Solve the QP with residuals as rows, and some curvature for directions that have none,
+        from z.
+        """
         converted = with_residuals_as_rows(qp)
         table = problem.row_table(converted)
         original = original_rows(qp.shape, converted.shape)
@@ -332,7 +336,7 @@ def _split(qp: problem.StageQp, flat: problem.FlatSolution) -> problem.StageQpSo
 
 
 def _values(qp: problem.StageQp, z: Array) -> Array:
-    """(M,) of rows and variables."""
+    """Return the values (M,) of rows and variables."""
     return np.concatenate(
         [*(C @ z_k for C, z_k in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z]
     )

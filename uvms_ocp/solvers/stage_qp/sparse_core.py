@@ -122,7 +122,9 @@ class SparseCore:
         rows: Indices,
         primal_dual: tuple[Array, Array, Array],
     ) -> problem.FlatSolution:
-        """How far x and the multipliers of rows and of variables are from optimality."""
+        """Return the solution with its residuals of the optimality conditions, from x and the
+        multipliers of rows and variables.
+        """
         x, y_a, y_x = primal_dual
         n = len(table.fixed)
         m = len(qp.flat["lower"])
@@ -242,8 +244,8 @@ class SparseCore:
     def _solved(
         self, sparse: _SparseQp, z: Array, options: problem.StageQpOptions, regularization: float
     ) -> tuple[list[Array], bool]:
-        """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP
-        finds the QP infeasible.
+        """Return x, the multipliers of A x and of x, zeros where any of these is no number; and
+        whether PIQP finds the QP infeasible.
         """
         H = sparse.h.sparsity()
         A = sparse.a.sparsity()
@@ -332,7 +334,7 @@ class SparseCore:
 
     @np.errstate(invalid="ignore")  # of what is not a number
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
-        """At z (n,) [unit of z]."""
+        """Return the products of the residuals' rows along z (n,) [unit of z]."""
         along = [J @ part for J, part in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
         changes = [np.abs(part @ J).max(initial=0.0) for J, part in zip(qp.J, along, strict=True)]
         residual_change = np.concatenate(along)
@@ -357,6 +359,6 @@ def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], 
 
 
 def _left(y: Array, value: Array, lower: Array, upper: Array) -> float:
-    """Largest product of a multiplier and what is left to its bound."""
+    """Return the largest product of a multiplier and the distance from its bound."""
     gap = np.abs(np.where(y > 0.0, upper, lower) - value)
     return float(np.abs(y * np.where(np.isfinite(gap), gap, 0.0)).max(initial=0.0))
