@@ -20,17 +20,11 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.scene import (
-    VEHICLE_AXES,
-    CollisionScene,
-    Coordinates,
-    collision_scene,
-    coordinates,
-    joint_axis,
-)
+from uvms_ocp.planning.planned_axes import VEHICLE_AXES, Coordinates, coordinates, joint_axis
+from uvms_ocp.planning.rrt_connect import SamplingOptions
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.planning.soft_collision import (
     CollisionPlan,
-    SamplingOptions,
     SoftCollisionOptions,
     plan_soft_collision,
 )

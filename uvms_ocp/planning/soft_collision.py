@@ -5,11 +5,9 @@ them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from threading import RLock
 from time import perf_counter
-from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,16 +21,10 @@ from uvms_ocp.planning.conservative_advancement import (
     check_clearance,
 )
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import (
-    BlockTridiagonal,
-    CostParts,
-    CostWeights,
-    DistanceSource,
-    LocalModel,
-    PathCost,
-)
+from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, PathCost
+from uvms_ocp.planning.rrt_connect import ONE_THREAD, SamplingOptions, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.robot.kinematics import largest_change
+from uvms_ocp.planning.trust_region import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.trajectories import (
     MotionLimits,
     PiecewisePolynomial,
@@ -49,308 +41,7 @@ from uvms_ocp.types import (
     Indices,
     Magnitude,
     Mask,
-    Positive,
-    Range,
-    Shape,
 )
-
-# Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth
-# metric).
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class DescentProblem:
-    """A cost over the free variables of `PathCost`, and where to start."""
-
-    model: Callable[[Array], LocalModel]
-    """The cost near variables (n_nodes, b) [m, rad]."""
-    start: Array
-    """(n_nodes, b) [m, rad]"""
-    free: Mask
-    """(n_nodes, b) False for variables that stay."""
-    metric: BlockTridiagonal
-    """Metric of long steps."""
-    lower: Array
-    """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
-    upper: Array
-    """(n_nodes, b) [m, rad]"""
-    enough: Callable[[LocalModel], bool] = lambda model: False
-    """A model that is good enough, for solvers that can stop early."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Descent:
-    """End of a descent."""
-
-    variables: Array
-    """(n_nodes, b) [m, rad]"""
-    model: LocalModel
-    """The cost there."""
-    iterations: int
-    converged: bool
-
-
-class DescentSolver(Protocol):
-    """Minimiser of the cost of a path."""
-
-    def minimise(self, problem: DescentProblem) -> Descent: ...
-
-
-_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrustRegion:
-    """Levenberg-Marquardt: steps solve ``(H + mu metric) step = -gradient``.
-
-    mu falls when the model predicts well and grows when a step is refused, so a step is never
-    accepted that raises the cost. Bounds are not kept.
-    """
-
-    max_iterations: int = 40
-    tolerance: float = 1e-3
-    """Relative decrease of the cost below which an accepted step is the last."""
-    damping: float = 1e-3
-    """First weight of the metric that holds steps back."""
-
-    def minimise(self, problem: DescentProblem) -> Descent:
-        model = problem.model
-        x = problem.start
-        mu = self.damping
-        current = model(x)
-        for iteration in range(self.max_iterations):
-            if problem.enough(current):
-                return Descent(variables=x, model=current, iterations=iteration, converged=True)
-            step, predicted, mu = _step(current, problem.free, problem.metric, mu)
-            candidate = model(x + step)
-            actual = current.parts.total - candidate.parts.total
-            refused = actual <= 0.0
-            done = (predicted if refused else actual) <= self.tolerance * current.parts.total
-            if refused:
-                x = x
-                current = current
-                mu = mu * 8.0
-            else:
-                x = x + step
-                current = candidate
-                mu = mu * _damping_change(actual / predicted)
-            if done:
-                return Descent(variables=x, model=current, iterations=iteration + 1, converged=True)
-        return Descent(variables=x, model=current, iterations=self.max_iterations, converged=False)
-
-
-def _step(
-    model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float
-) -> tuple[Array, float, float]:
-    """Return the step, its predicted decrease, and the damping with which it is positive definite
-    and short enough.
-    """
-    slope = model.gradient * free
-    while True:
-        factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
-        if factor is None:
-            step = -slope
-        else:
-            step = -factor.solve(slope)
-        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= _LONGEST_STEP:
-            break
-        mu *= 4.0
-    predicted = -float(np.sum(slope * step)) - 0.5 * float(np.sum(step * model.hessian.times(step)))
-    return step, predicted, mu
-
-
-def _damping_change(ratio: float) -> float:
-    """Factor on mu after an accepted step, by actual over predicted decrease."""
-    if ratio > 0.75:
-        return 0.25
-    if ratio > 0.25:
-        return 1.0
-    return 4.0
-
-
-# Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
-
-
-@checked_dataclass()
-class SamplingOptions:
-    """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not
-    positive.
-    """
-
-    max_samples: int = 3000
-    step: Positive = 0.5
-    """[m, rad] Length of one extension of a tree, over all axes together."""
-    clearance: float = 0.005
-    """[m] that edges keep."""
-    room: Positive = 1.0
-    """[m or rad] How far beyond start and goal unlimited axes are sampled."""
-    seed: Count = 0
-
-
-Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]
-
-
-@checked
-def sampled_waypoints(
-    distances: PairDistances, start: Place, goal: Place, options: SamplingOptions | None = None
-) -> Array | None:
-    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none
-    were found in time.
-
-    start and goal (n_axes,) [m, rad].
-    """
-    settings = options or SamplingOptions()
-    a = np.asarray(start, dtype=float)
-    b = np.asarray(goal, dtype=float)
-    rng = np.random.default_rng(settings.seed)
-    lower, upper = _sampled_box(distances, a, b, settings.room)
-    path = _connected(distances, a, b, lower, upper, rng, settings)
-    if path is None:
-        return None
-    return _shortened(distances, path, rng, settings)
-
-
-def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
-    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the
-    clearance [m]; 1 is all of it.
-
-    Advances by the distance at hand over the fastest approach any pair can make, so nothing is
-    skipped.
-    """
-    pace = np.maximum(largest_change(distances.scene.reach, np.abs(b - a)), 1e-12)
-    done = 0.0
-    while done < 1.0:
-        d = distances.distances((a + done * (b - a))[None])[0]
-        slack = float(np.min((d - clearance) / pace, initial=np.inf))
-        if slack <= _SHORTEST:
-            return done
-        done = done + slack
-    return 1.0
-
-
-_SHORTCUTS = 60  # attempts at cutting corners of the path found
-_SHORTEST = 1e-3
-_ONE_THREAD = RLock()
-"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
-it restores what it found.
-"""
-
-
-class _SearchTree:
-    """Points, each with the index of the one it grew from."""
-
-    def __init__(self, root: Array, capacity: int) -> None:
-        self.points = np.empty((capacity, root.size))
-        self.points[0] = root
-        self.parents = [-1]
-
-    def nearest(self, x: Array) -> int:
-        return int(np.argmin(np.sum((self.points[: len(self.parents)] - x) ** 2, axis=1)))
-
-    def add(self, x: Array, parent: int) -> int:
-        if len(self.parents) == len(self.points):
-            self.points = np.concatenate([self.points, np.empty_like(self.points)])
-        self.points[len(self.parents)] = x
-        self.parents.append(parent)
-        return len(self.parents) - 1
-
-    def to_root(self, index: int) -> list[Array]:
-        path = []
-        while index >= 0:
-            path.append(self.points[index].copy())
-            index = self.parents[index]
-        return path
-
-
-def _connected(
-    distances: PairDistances,
-    a: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    rng: np.random.Generator,
-    options: SamplingOptions,
-) -> Array | None:
-    """Grow a tree from either end by turns until they meet (RRT-Connect); None where they do not."""
-    growing = _SearchTree(a, 256)
-    meeting = _SearchTree(b, 256)
-    for turn in range(options.max_samples):
-        if turn == 0:
-            target = meeting.points[0].copy()
-        else:
-            target = rng.uniform(lower, upper)
-        grown = _extended(distances, growing, target, options, once=turn > 0)
-        met = _extended(distances, meeting, growing.points[grown], options, once=False)
-        if np.array_equal(meeting.points[met], growing.points[grown]):
-            path = [*growing.to_root(grown)[::-1], *meeting.to_root(met)[1:]]
-            return np.array(path if np.array_equal(path[0], a) else path[::-1])
-        growing, meeting = meeting, growing
-    return None
-
-
-def _extended(
-    distances: PairDistances,
-    tree: _SearchTree,
-    target: Array,
-    options: SamplingOptions,
-    *,
-    once: bool,
-) -> int:
-    """Grow towards the target by one step, or until it is reached or blocked; index of the last
-    point.
-    """
-    index = tree.nearest(target)
-    while True:
-        nearest_point = tree.points[index]
-        gap = float(np.linalg.norm(target - nearest_point))
-        if gap == 0.0:
-            return index
-        next_point = (
-            target
-            if gap <= options.step
-            else nearest_point + (target - nearest_point) * (options.step / gap)
-        )
-        if edge_reach(distances, nearest_point, next_point, options.clearance) < 1.0:
-            return index
-        index = tree.add(next_point, index)
-        if once:
-            return index
-
-
-def _shortened(
-    distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions
-) -> Array:
-    """Straight cuts between random points of the path where they are free, then no vertex that can
-    be left out.
-    """
-    for _ in range(_SHORTCUTS):
-        if len(path) < 3:
-            break
-        i, j = np.sort(rng.choice(len(path) - 1, size=2, replace=False))
-        p = path[i] + rng.uniform() * (path[i + 1] - path[i])
-        q = path[j] + rng.uniform() * (path[j + 1] - path[j])
-        if edge_reach(distances, p, q, options.clearance) >= 1.0:
-            path = np.concatenate([path[: i + 1], p[None], q[None], path[j + 1 :]])
-    return _pruned(distances, path, options.clearance)
-
-
-def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
-    """Leave out vertices of a path where the straight edge past them keeps the clearance."""
-    vertices = [path[0]]
-    i = 0
-    while i < len(path) - 1:
-        j = len(path) - 1
-        while j > i + 1 and edge_reach(distances, path[i], path[j], clearance) < 1.0:
-            j -= 1
-        vertices.append(path[j])
-        i = j
-    return np.array(vertices)
-
-
-def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
-    lower, upper = distances.scene.coordinates.limits()
-    return np.maximum(lower, np.minimum(a, b) - room), np.minimum(upper, np.maximum(a, b) + room)
-
 
 # Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
 # them.
@@ -441,7 +132,7 @@ def plan_soft_collision(
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_guess(waypoints, limits, times)
     # Of small matrices, on which threads cost eight times what they gain.
-    with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
+    with ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
         path_problem = _PathProblem.of(
             distances or exact, start, limits, settings, timed=times is not None
         )
