@@ -30,6 +30,9 @@ from uvms_ocp.codegen.compile import (
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
 
+_SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
+
+
 # Fast numeric calls of a CasADi function: ten times less overhead than ``Function.call``.
 
 
@@ -157,8 +160,6 @@ def _memory(size: tuple[int, int]) -> Array:
 #
 # Where all of them are machine code they are made by machine code: between two short functions the
 # interpreter takes as long as they do, and holds its lock.
-
-_SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -12,6 +12,24 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+_PART = 400  # statements: compiled in the least time, and the code is no slower
+_STRAIGHT = re.compile(
+    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
+    r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
+)
+_STATEMENT = re.compile(r"  (?:(a\d+)=)?(.*\n)")
+_VARIABLE = re.compile(r"\ba\d+\b")
+_IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
+_IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
+_VECTOR = re.compile(r"\b(?:arg|res)\[")
+_ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
+# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a
+# register.
+# share of arithmetic from which it does; name in C of what makes both
+_PAIRED = 0.9
+TWO_CALLS = "two_calls"
+
+
 # Numbers are data: another gain, weight or goal is no new code.
 
 _NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
@@ -71,23 +89,6 @@ def with_variable(code: str, name: str, values: Sequence[float]) -> str:
 # Functions of thousands of statements call parts of theirs: compilers share registers out among all
 # variables of a function, which takes longer than all else where these are many, and is no better
 # for it.
-
-_PART = 400  # statements: compiled in the least time, and the code is no slower
-_STRAIGHT = re.compile(
-    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
-    r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
-)
-_STATEMENT = re.compile(r"  (?:(a\d+)=)?(.*\n)")
-_VARIABLE = re.compile(r"\ba\d+\b")
-_IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
-_IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
-_VECTOR = re.compile(r"\b(?:arg|res)\[")
-_ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
-# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a
-# register.
-# share of arithmetic from which it does; name in C of what makes both
-_PAIRED = 0.9
-TWO_CALLS = "two_calls"
 
 
 class _Statement(NamedTuple):

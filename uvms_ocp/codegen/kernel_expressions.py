@@ -13,6 +13,42 @@ from typing import Any, NoReturn
 from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.errors import InvalidInput
 
+_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
+_ORDER: dict[type, str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+_ROOTS = (
+    math.sqrt,
+    math.exp,
+    math.log,
+    math.erf,
+    math.sin,
+    math.cos,
+    math.asin,
+    math.acos,
+    math.atan2,
+)
+_PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
+_OF_NUMBERS = {
+    function: function.__name__ for function in (*_ROOTS, *_PARTS)
+}  # C calls them as Python does
+_TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
+PREFIX = "k_"
+"""Prefix of the names of kernels in C, which has names of its own."""
+_WORDS = """
+auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
+typedef union unsigned void volatile abs greater_of lesser_of
+"""
+_TAKEN = frozenset(_WORDS.split())
+_BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
+
+
 # Types of what a kernel computes with, as C has them.
 
 
@@ -95,40 +131,6 @@ def column_size(kind: CType) -> int:
 
 
 # Expressions of kernels, from Python to C.
-
-_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
-_ORDER: dict[type, str] = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-}
-_ROOTS = (
-    math.sqrt,
-    math.exp,
-    math.log,
-    math.erf,
-    math.sin,
-    math.cos,
-    math.asin,
-    math.acos,
-    math.atan2,
-)
-_PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
-_OF_NUMBERS = {
-    function: function.__name__ for function in (*_ROOTS, *_PARTS)
-}  # C calls them as Python does
-_TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
-PREFIX = "k_"
-"""Prefix of the names of kernels in C, which has names of its own."""
-_WORDS = """
-auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
-typedef union unsigned void volatile abs greater_of lesser_of
-"""
-_TAKEN = frozenset(_WORDS.split())
 
 
 def c_name(name: str) -> str:
@@ -345,9 +347,6 @@ def _converted(of: CExpression, to: type) -> CExpression:
         return CExpression(f"({of.text} != 0)", INT)
     kind = INT if to is int else DOUBLE
     return CExpression(f"(({kind.name}){of.text})", kind)
-
-
-_BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
 def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:

@@ -28,6 +28,22 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.errors import InvalidInput
 
+_PURE = (
+    "abs",
+    "bool",
+    "float",
+    "int",
+    "len",
+    "max",
+    "min",
+    *(f"math.{name}" for name in vars(math)),
+)
+TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
+"""Files of the code that makes a C program of kernels."""
+_HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
+_DEEPEST = 2  # dots in module.Enumeration.MEMBER
+
+
 # Statements of kernels, from Python to C.
 
 
@@ -83,18 +99,6 @@ def _reads(value: ast.expr, target: ast.expr) -> bool:
         or aliases
         or any(isinstance(part, ast.Attribute) and part.attr == name for part in parts)
     )
-
-
-_PURE = (
-    "abs",
-    "bool",
-    "float",
-    "int",
-    "len",
-    "max",
-    "min",
-    *(f"math.{name}" for name in vars(math)),
-)
 
 
 def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[str]:
@@ -351,9 +355,6 @@ _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), as
 
 # A C program of kernels: their structures, then all functions that the first ones call.
 
-TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
-"""Files of the code that makes a C program of kernels."""
-_HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _PLAIN = {
     float: c_code.DOUBLE,
     int: c_code.INT,
@@ -426,9 +427,6 @@ def program_content(kernels: Iterable[Any]) -> str:
             if function.__name__ == function.__qualname__ and function not in reached
         ]
     return f"{parts} {texts}"
-
-
-_DEEPEST = 2  # dots in module.Enumeration.MEMBER
 
 
 def _named_value(value: Any) -> str:

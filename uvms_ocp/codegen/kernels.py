@@ -48,6 +48,11 @@ from uvms_ocp.codegen.kernel_program import (
 )
 from uvms_ocp.types import Keyed
 
+Kernels = Sequence[Callable[..., Any]]
+BoundKernels = tuple[Callable[..., Any], ...]
+_DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
+
+
 # A memory as C text: what initialises another one like it.
 
 
@@ -97,10 +102,6 @@ def number(value: float) -> str:
 
 
 # Kernels as things to call: compiled once, in Python where that cannot be.
-
-
-Kernels = Sequence[Callable[..., Any]]
-BoundKernels = tuple[Callable[..., Any], ...]
 
 
 def bind_kernels(
@@ -231,6 +232,3 @@ def c_library(
         declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),
     )
-
-
-_DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"

@@ -40,6 +40,10 @@ from uvms_ocp.solvers.hierarchy.core import CompiledSolver, external_core
 from uvms_ocp.tasks.task import Task
 from uvms_ocp.version import __version__
 
+_NUMBERS = "controller_numbers"
+_TELEMETRY = ("phase", "freshness", "status", "viable_share")
+
+
 # The files of a controller in C.
 
 SOURCES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
@@ -185,9 +189,6 @@ def initial(sources: NamedSources, names: ControllerNames) -> str:
         numbers=sources.numbers,
         value=sources.initial,
     )
-
-
-_NUMBERS = "controller_numbers"
 
 
 def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict[str, int]]:
@@ -523,9 +524,6 @@ def _library(folder: Path, name: str) -> ctypes.CDLL:
             f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)"
         )
     return loaded_library(path)
-
-
-_TELEMETRY = ("phase", "freshness", "status", "viable_share")
 
 
 class RecordingController:

@@ -23,6 +23,10 @@ from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive
 
+# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000
+# pairs).
+_TOLERANCE = 1e-7
+
 
 class PairDistances(Protocol):
     """Signed distances of all pairs of a scene."""
@@ -137,11 +141,6 @@ def check_motion(
         unshaped=links_without_shape(scene.coordinates.robot),
         surfaces=open_surfaces(scene.geometry),
     )
-
-
-# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000
-# pairs).
-_TOLERANCE = 1e-7
 
 
 @checked

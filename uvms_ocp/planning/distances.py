@@ -19,6 +19,10 @@ from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
 from uvms_ocp.robot.shapes.signed_distance import SignedDistances
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
+Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")]
+Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
+_Contact = tuple[int, int, float, Array, Array, Array]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NearPairs:
@@ -80,10 +84,6 @@ class _Bounds:
         else:
             self.lower -= kinematics.largest_change(scene.reach, np.abs(x - self.x))
         self.x = x.copy()
-
-
-Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")]
-Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
 
 
 @checked_dataclass(check=checked_constructor, kw_only=False, eq=False)
@@ -229,9 +229,6 @@ def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
     all_pairs = pairs.tolist()
     for sample, (start, end) in zip(samples[first].tolist(), pairwise(bounds), strict=True):
         yield sample, all_pairs[start:end]
-
-
-_Contact = tuple[int, int, float, Array, Array, Array]
 
 
 def no_near_pairs(fold: Array) -> NearPairs:

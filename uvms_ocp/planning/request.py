@@ -34,6 +34,17 @@ from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehicleP
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape
 
+Triple: TypeAlias = tuple[float, float, float]
+FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
+_SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
+# [m] and [rad]
+_FARTHEST = 1e4
+_MOST_TURN = 4 * np.pi
+AXES = ("level", "all", "joints")
+"""Planned axes: all but roll and pitch, all, or the joints alone."""
+_SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
+
+
 # Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
 
 
@@ -137,14 +148,6 @@ def _error(
 
 
 # Where a plan is to end: a frame of the robot at a place, or the vehicle and joints in a posture.
-
-Triple: TypeAlias = tuple[float, float, float]
-FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
-
-_SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
-# [m] and [rad]
-_FARTHEST = 1e4
-_MOST_TURN = 4 * np.pi
 
 
 @checked_dataclass()
@@ -310,9 +313,6 @@ def _check_turn(rpy: Triple | None) -> None:
 # One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands
 # in the way.
 
-AXES = ("level", "all", "joints")
-"""Planned axes: all but roll and pitch, all, or the joints alone."""
-
 
 @checked_dataclass(eq=False)
 class PlanRequest:
@@ -411,9 +411,6 @@ def _planned(request: PlanRequest) -> PlanResult:
     )
     plan = plan_soft_collision(scene, ends, limits=curve_limits(planned, ends), options=options)
     return PlanResult(request=request, scene=scene, plan=plan)
-
-
-_SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
 
 
 @checked_dataclass(eq=False)

@@ -21,6 +21,13 @@ from uvms_ocp.types import (
     Shape,
 )
 
+_SHORTCUTS = 60  # attempts at cutting corners of the path found
+_SHORTEST = 1e-3
+ONE_THREAD = RLock()
+"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
+it restores what it found.
+"""
+
 
 @checked_dataclass()
 class SamplingOptions:
@@ -77,14 +84,6 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
             return done
         done = done + slack
     return 1.0
-
-
-_SHORTCUTS = 60  # attempts at cutting corners of the path found
-_SHORTEST = 1e-3
-ONE_THREAD = RLock()
-"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
-it restores what it found.
-"""
 
 
 class _SearchTree:

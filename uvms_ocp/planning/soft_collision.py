@@ -43,6 +43,10 @@ from uvms_ocp.types import (
     Mask,
 )
 
+_TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest counts, too
+_OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
+
+
 # Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
 # them.
 
@@ -299,9 +303,6 @@ class _PathProblem:
         return np.where(self.free, self.cost.variables(values), self.start)
 
 
-_TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest counts, too
-
-
 def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
     """Breaks split evenly into at least ``pieces`` pieces, and which of them were breaks before."""
     each = max(1, -(-pieces // (breaks.size - 1)))
@@ -328,9 +329,6 @@ def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Arra
         scene.check_no_overlap(
             distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})"
         )
-
-
-_OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
 
 
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:

@@ -17,6 +17,8 @@ from uvms_ocp.types import (
     Mask,
 )
 
+_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DescentProblem:
@@ -54,9 +56,6 @@ class DescentSolver(Protocol):
     """Minimiser of the cost of a path."""
 
     def minimise(self, problem: DescentProblem) -> Descent: ...
-
-
-_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

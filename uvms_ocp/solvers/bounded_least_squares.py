@@ -14,10 +14,17 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 
+_RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
+_EPSILON = (
+    1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
+)
+_TOLERANCE = 1e-9  # of signs, relative
+_SMALLEST = 2.2250738585072014e-308  # that is not rounded
+_ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
+
+
 # Small systems of linear equations, as kernels: positive definite ones, and those of any rank by
 # least residual and norm.
-
-_RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
 
 
 class LeastSquaresRows(Layout):
@@ -164,13 +171,6 @@ def _row_length(x: Vector, n: int) -> float:
 
 # Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active
 # set, as kernels.
-
-_EPSILON = (
-    1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
-)
-_TOLERANCE = 1e-9  # of signs, relative
-_SMALLEST = 2.2250738585072014e-308  # that is not rounded
-_ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
 
 
 class BoundedProblem(Layout):

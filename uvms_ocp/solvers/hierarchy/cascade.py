@@ -34,6 +34,18 @@ from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_ro
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 from uvms_ocp.types import Array, AtLeastOne, Positive
 
+_STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
+_INEXACT = 1
+_OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not
+_DEFAULTS: dict[str, dict[str, object]] = {
+    "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
+    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
+    "osqp": {"osqp": {"verbose": False}},
+    "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
+    "highs": {"highs": {"output_flag": False}},
+}
+
+
 # Build the cascade of quadratic programs as one CasADi expression.
 
 _INVALID = 2
@@ -354,9 +366,6 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
 
 # A bound cascade, which survives a plugin that breaks down in the middle of a tick.
 
-_STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
-_INEXACT = 1
-
 
 class QpTick:
     """The whole cascade in one Function; level by level where a plugin reports an error.
@@ -485,16 +494,6 @@ def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
     if function.failed:
         return BufferedFunction(step.give_up)(*inputs)
     return outputs
-
-
-_OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not
-_DEFAULTS: dict[str, dict[str, object]] = {
-    "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
-    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
-    "osqp": {"osqp": {"verbose": False}},
-    "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
-    "highs": {"highs": {"output_flag": False}},
-}
 
 
 @checked_dataclass(eq=False)

@@ -23,6 +23,12 @@ from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level, residual, stack
 from uvms_ocp.types import Array, Shape
 
+LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
+# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant,
+# since the tick of one solver may fall back on another.
+_ONE_AT_A_TIME = threading.RLock()
+
+
 # What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of
 # v.
 
@@ -130,8 +136,6 @@ def read_only(array: Array) -> Array:
 #
 # `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
 
-LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
-
 
 @checked_dataclass(eq=False)
 class TickResult:
@@ -217,9 +221,6 @@ def dense(function: ca.Function) -> ca.Function:
 _solution = unchecked_constructor(Solution)
 
 Bind = Callable[[ca.Function, Sequence[int]], Tick]
-# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant,
-# since the tick of one solver may fall back on another.
-_ONE_AT_A_TIME = threading.RLock()
 
 
 def timed_solution(

@@ -27,6 +27,30 @@ from uvms_ocp.solvers.nlp.program import (
 )
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
+_PUSHES = [
+    f"warm_start_{what}"
+    for what in (
+        "bound_push",
+        "mult_bound_push",
+        "slack_bound_push",
+        "bound_frac",
+        "slack_bound_frac",
+    )
+]
+_WARM: dict[str, Any] = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-6,
+    **dict.fromkeys(_PUSHES, 1e-9),
+}
+QP_PLUGINS = ("hpipm", "proxqp", "piqp")
+SPARSE_PLUGIN = QP_PLUGINS[0]
+"""Default QP plugin of programs without stages."""
+_ALL = slice(None)
+# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
+_REDUCED = 1e3
+_STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
+
+
 # How the NLPs of a lexicographic program are solved.
 
 AUTO = "auto"
@@ -94,28 +118,7 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
     return chosen | (_WARM if warm else {}) | dict(options.plugin_options)
 
 
-_PUSHES = [
-    f"warm_start_{what}"
-    for what in (
-        "bound_push",
-        "mult_bound_push",
-        "slack_bound_push",
-        "bound_frac",
-        "slack_bound_frac",
-    )
-]
-_WARM: dict[str, Any] = {
-    "warm_start_init_point": "yes",
-    "mu_init": 1e-6,
-    **dict.fromkeys(_PUSHES, 1e-9),
-}
-
-
 # How real-time SQP makes a step.
-
-QP_PLUGINS = ("hpipm", "proxqp", "piqp")
-SPARSE_PLUGIN = QP_PLUGINS[0]
-"""Default QP plugin of programs without stages."""
 
 
 @checked_dataclass(eq=False)
@@ -159,8 +162,6 @@ class SqpOptions:
 
 
 # Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.
-
-_ALL = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -305,11 +306,6 @@ class Deadline:
     @property
     def over(self) -> bool:
         return self._clock() > self._end
-
-
-# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
-_REDUCED = 1e3
-_STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
 
 
 class OptimalityConditions:

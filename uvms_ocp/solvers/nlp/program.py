@@ -26,6 +26,14 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Bound, Positive, Range, Shape
 
+_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
+Expression: TypeAlias = ca.SX | ca.MX
+Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
+"""Variables of the program that the owner holds."""
+Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
+_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
+
+
 # Outcome of a nonlinear program, whichever solver produced it.
 
 
@@ -93,13 +101,6 @@ def status_of(stats: Mapping[str, Any]) -> NlpStatus:
 
 # A lexicographic nonlinear program as data: shared constraints, and levels of least squares in
 # order.
-
-_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
-
-Expression: TypeAlias = ca.SX | ca.MX
-Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
-"""Variables of the program that the owner holds."""
-Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
 @checked_dataclass(eq=False)
@@ -231,9 +232,6 @@ def nlp_functions(
         ),
     )
     return {function.name(): function for function in functions}
-
-
-_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 @checked_dataclass(eq=False)

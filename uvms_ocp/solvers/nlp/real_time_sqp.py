@@ -32,6 +32,21 @@ from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptio
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
 from uvms_ocp.types import Bound
 
+_RISE = 5.0
+_FALL = 0.5
+_MOST = 3e3  # times the least
+_FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
+_OPTIONS: dict[str, dict[str, object]] = {
+    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
+    # slabs so thin that the QPs of lower levels take up to 30. With its own 1e8 in the place of
+    # infinite bounds hpipm ends far from the solution.
+    "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
+    "proxqp": {"proxqp": {"eps_abs": 1e-7}},
+    # With less regularisation factors of long horizons are noise.
+    "piqp": {"piqp": {"reg_lower_limit": 1e-7}},
+}
+
+
 # Which share of a level's step is taken: the rule by which no level loses what it had for the sake
 # of one below.
 
@@ -91,10 +106,6 @@ def acceptance(
 
 
 # Weights that keep the step of a level near the point at which its rows were linearised.
-
-_RISE = 5.0
-_FALL = 0.5
-_MOST = 3e3  # times the least
 
 
 class ProximalWeights:
@@ -314,17 +325,6 @@ class LexicographicSqp:
 
 # The QP of one level at a point: least squares of its rows, subject to linearised constraints and
 # rows of the levels above.
-
-_FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
-_OPTIONS: dict[str, dict[str, object]] = {
-    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
-    # slabs so thin that the QPs of lower levels take up to 30. With its own 1e8 in the place of
-    # infinite bounds hpipm ends far from the solution.
-    "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
-    "proxqp": {"proxqp": {"eps_abs": 1e-7}},
-    # With less regularisation factors of long horizons are noise.
-    "piqp": {"piqp": {"reg_lower_limit": 1e-7}},
-}
 
 
 class LevelQp:

@@ -22,6 +22,14 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
 
+_EXACT = 1e-7  # relative violation of what a way has to keep
+_STEEP = 1e-6  # least descent along a way, relative to the gradient
+_SIDES = (("lower", -np.inf), ("upper", np.inf))
+_UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
+_MISSED = 1e-5  # relative violation that no point does without
+_ROUGH = 1e-6  # tolerance of phase one
+
+
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are
 # lost to rounding.
 
@@ -69,10 +77,6 @@ def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
 
 
 # Ways along which the cost of a QP falls without end: no curvature, no bound and no row ends them.
-
-_EXACT = 1e-7  # relative violation of what a way has to keep
-_STEEP = 1e-6  # least descent along a way, relative to the gradient
-_SIDES = (("lower", -np.inf), ("upper", np.inf))
 
 
 def may_be_unbounded(qp: problem.StageQp) -> bool:
@@ -155,9 +159,6 @@ def is_recession_direction(recession: problem.StageQp, z: tuple[Array, ...]) -> 
 _with = lru_cache(maxsize=64)(
     lambda options, *given: replace(options, **{k: v for k, v in given if v is not None})
 )
-_UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
-_MISSED = 1e-5  # relative violation that no point does without
-_ROUGH = 1e-6  # tolerance of phase one
 
 
 @checked_constructor
