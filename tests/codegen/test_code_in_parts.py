@@ -15,7 +15,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.codegen import buffered, compile
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.casadi_code import in_parts
 from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol, two_calls
 

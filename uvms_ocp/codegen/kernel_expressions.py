@@ -49,9 +49,6 @@ _TAKEN = frozenset(_WORDS.split())
 _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
-# Types of what a kernel computes with, as C has them.
-
-
 def kernel_error(node: ast.AST, why: str) -> InvalidInput:
     """Return the error for a function that cannot be a kernel, with the reason and its place."""
     return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
@@ -128,9 +125,6 @@ def column_size(kind: CType) -> int:
     if alone:
         return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double)
     return 0
-
-
-# Expressions of kernels, from Python to C.
 
 
 def c_name(name: str) -> str:

@@ -19,8 +19,6 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compiled_symbol
 from uvms_ocp.errors import InvalidInput
 
-# CasADi functions inside of layouts, which kernels call.
-
 
 class FunctionField:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it
@@ -154,8 +152,6 @@ def _given(vector: Any, size: tuple[int, int]) -> Any:
     return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
 
 
-# Questions of kernels to Python: for what has no other form.
-
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
 _NOTHING = ca.Function("ask", [], [])
 
@@ -205,9 +201,6 @@ class CallbackBinding:
             return 1
         return 0
 
-
-# What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in
-# memory.
 
 Vector: TypeAlias = MutableSequence[float]
 """A parameter of a kernel: numbers that it reads or changes in place."""

@@ -44,9 +44,6 @@ _HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _DEEPEST = 2  # dots in module.Enumeration.MEMBER
 
 
-# Statements of kernels, from Python to C.
-
-
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
     """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
     return [
@@ -352,8 +349,6 @@ _TRANSLATED |= {
 _TRANSLATED |= {ast.If: _if, ast.For: _for, ast.While: _while}
 _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), ast.Pass: _word(";")}
 
-
-# A C program of kernels: their structures, then all functions that the first ones call.
 
 _PLAIN = {
     float: c_code.DOUBLE,

@@ -53,9 +53,6 @@ BoundKernels = tuple[Callable[..., Any], ...]
 _DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
 
 
-# A memory as C text: what initialises another one like it.
-
-
 def initial_value(memory: Layout) -> str:
     """Return a constant expression of C99 for a memory, with its functions under their own names;
     zeros are left out.
@@ -99,9 +96,6 @@ def number(value: float) -> str:
     if value or str(value) == "-0.0":
         return value.hex()
     return ""
-
-
-# Kernels as things to call: compiled once, in Python where that cannot be.
 
 
 def bind_kernels(
@@ -175,9 +169,6 @@ def _passed(hint: Any) -> Any:
     if isinstance(hint, type) and issubclass(hint, Layout):
         return _ByReference
     return NUMBERS.get(hint, ctypes.POINTER(ctypes.c_double))
-
-
-# Kernels and the functions that they call as files of C, which need no Python.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -18,8 +18,6 @@ from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost, 
 from uvms_ocp.trajectories.min_snap import MotionLimits
 from uvms_ocp.types import Array, AtLeastOne, Indices, Positive, Range
 
-# A smooth one-sided penalty: zero beyond a threshold, cubic, then quadratic.
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Penalty:
@@ -69,9 +67,6 @@ def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
         slope=(high.slope - low.slope) / margin,
         curvature=(high.curvature + low.curvature) / margin**2,
     )
-
-
-# Speed of a link near an obstacle, and its exact derivatives.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -143,10 +138,6 @@ def _cross(a: Array, b: Array) -> Array:
 
 def _dot(vector: Array, matrix: Array) -> Array:
     return (vector[:, None, :] @ matrix)[:, 0]
-
-
-# The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives,
-# [Gao2022] eqs (76)-(82).
 
 
 class DistanceSource(Protocol):

@@ -45,9 +45,6 @@ AXES = ("level", "all", "joints")
 _SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
 
 
-# Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
-
-
 @checked_dataclass()
 class ToolGoalOptions:
     """Settings of ``tool_goal``."""
@@ -145,9 +142,6 @@ def _error(
     if isinstance(goal, pin.SE3):
         return pin.log6(X_WF.actInv(goal)).vector, jacobian
     return X_WF.actInv(goal), jacobian[:3]
-
-
-# Where a plan is to end: a frame of the robot at a place, or the vehicle and joints in a posture.
 
 
 @checked_dataclass()
@@ -308,10 +302,6 @@ def _check_turn(rpy: Triple | None) -> None:
             f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns,"
             f" {_MOST_TURN:.4g} rad"
         )
-
-
-# One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands
-# in the way.
 
 
 @checked_dataclass(eq=False)

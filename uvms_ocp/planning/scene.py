@@ -30,8 +30,6 @@ from uvms_ocp.robot.shapes.collision_model import (
 from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.types import Array, Finite, Shape
 
-# The robot's shapes, the obstacles, and the pairs of them that must stay apart.
-
 _LINKS = "its own links"
 
 

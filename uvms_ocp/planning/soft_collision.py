@@ -47,10 +47,6 @@ _TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest c
 _OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
 
 
-# Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
-# them.
-
-
 class PlanStatus(AdvisedStatus):
     """Outcome of a plan.
 

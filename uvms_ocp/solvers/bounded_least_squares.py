@@ -23,10 +23,6 @@ _SMALLEST = 2.2250738585072014e-308  # that is not rounded
 _ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
 
 
-# Small systems of linear equations, as kernels: positive definite ones, and those of any rank by
-# least residual and norm.
-
-
 class LeastSquaresRows(Layout):
     """Memory of `solve_positive`, `least_norm` and `row_space`, for up to m rows and n variables."""
 
@@ -167,10 +163,6 @@ def dot(x: Vector, y: Vector, n: int) -> float:
 
 def _row_length(x: Vector, n: int) -> float:
     return math.sqrt(dot(x, x, n))
-
-
-# Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active
-# set, as kernels.
 
 
 class BoundedProblem(Layout):

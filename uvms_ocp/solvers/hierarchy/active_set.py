@@ -17,9 +17,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import active_set_numpy, core, tolerances
 from uvms_ocp.types import Array
 
-# The C source of the solver: its own files, behind the sizes, tolerances and codes that Python
-# decides.
-
 
 def solver_source(n: int, sizes: Sequence[int]) -> str:
     """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all

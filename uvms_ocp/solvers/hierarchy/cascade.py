@@ -46,8 +46,6 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 }
 
 
-# Build the cascade of quadratic programs as one CasADi expression.
-
 _INVALID = 2
 # Relative to its row: a row of which less than this is free counts as fixed already.
 _RANK_TOLERANCE = 1e-10
@@ -362,9 +360,6 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     above = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(held.upper - y, 0), far)
     below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - held.lower, 0), far)
     return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
-
-
-# A bound cascade, which survives a plugin that breaks down in the middle of a tick.
 
 
 class QpTick:

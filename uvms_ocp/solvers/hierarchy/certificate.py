@@ -48,9 +48,6 @@ from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
 from uvms_ocp.types import Array, Mask
 
-# Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c
-# is the twin in C.
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class VelocityBox:
@@ -199,10 +196,6 @@ def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
         low[c] = max(low[c], ends[0])
         up[c] = min(up[c], ends[1])
     return VelocityBox(lower=low, upper=up)
-
-
-# Independent check of lexicographic optimality: a proven bound of what every level is short of;
-# certificate.c is the twin in C.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -25,8 +25,6 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.types import Array
 
-# One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
-
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, init=False, repr=False)
 class Level(FieldTable):

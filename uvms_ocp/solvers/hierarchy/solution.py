@@ -29,10 +29,6 @@ LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
 _ONE_AT_A_TIME = threading.RLock()
 
 
-# What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of
-# v.
-
-
 class Status(AdvisedStatus):
     """Outcome of a solve."""
 
@@ -215,8 +211,6 @@ def dense(function: ca.Function) -> ca.Function:
         function.name_out(),
     )
 
-
-# Levels given as numbers: what `solve` of every solver does with them.
 
 _solution = unchecked_constructor(Solution)
 

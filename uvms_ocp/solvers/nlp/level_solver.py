@@ -5,19 +5,16 @@ progress and stop on request.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from time import perf_counter
-from types import FrameType
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
-from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
     LexicographicProgram,
@@ -25,6 +22,7 @@ from uvms_ocp.solvers.nlp.program import (
     RowBounds,
     status_of,
 )
+from uvms_ocp.solvers.nlp.solve_monitor import BestIterate, IterationReport, SolveMonitor
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
 _PUSHES = [
@@ -45,13 +43,10 @@ _WARM: dict[str, Any] = {
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 SPARSE_PLUGIN = QP_PLUGINS[0]
 """Default QP plugin of programs without stages."""
-_ALL = slice(None)
 # Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
 _REDUCED = 1e3
 _STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
 
-
-# How the NLPs of a lexicographic program are solved.
 
 AUTO = "auto"
 IPOPT = "ipopt"
@@ -118,9 +113,6 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
     return chosen | (_WARM if warm else {}) | dict(options.plugin_options)
 
 
-# How real-time SQP makes a step.
-
-
 @checked_dataclass(eq=False)
 class SqpOptions:
     """Options of a step, and of the decision for another one.
@@ -159,103 +151,6 @@ class SqpOptions:
                 f"this CasADi has no QP solver {self.plugin!r}; give another of"
                 f" {', '.join(QP_PLUGINS)}"
             )
-
-
-# Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class IterationReport:
-    """Progress of a solve after one iteration."""
-
-    level: str
-    """Level being solved; the last one while all levels above are required in full."""
-    iteration: int
-    residual: float
-    """of the level: the root of twice its cost."""
-    violation: float
-    """Largest of constraints, bounds and levels above."""
-
-
-Progress: TypeAlias = Callable[[IterationReport], object]
-"""Told every iteration; a `KeyboardInterrupt` from it stops the solve at the best point so far."""
-
-
-class SolveMonitor:
-    """Callback and Ctrl-C handler of a solve, shared by all of its NLPs."""
-
-    def __init__(self) -> None:
-        self.stopped = False
-        self._error: BaseException | None = None
-        self._progress: Progress | None = None
-
-    @contextmanager
-    def running(self, progress: Progress | None) -> Iterator[None]:
-        """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress`
-        raised, once the solver is out.
-        """
-        self.stopped = False
-        self._error = None
-        self._progress = progress
-        with on_interrupt(self._stop):
-            yield
-        if self._error is not None:
-            raise self._error
-
-    @property
-    def should_stop(self) -> bool:
-        """True where no further iteration is wanted."""
-        return self.stopped or self._error is not None
-
-    def report(self, moment: IterationReport) -> None:
-        """Report an iteration; nothing is raised here: solvers in other languages call it."""
-        try:
-            if self._progress is not None:
-                self._progress(moment)
-        except KeyboardInterrupt:
-            self.stopped = True
-        except BaseException as error:
-            self._error = error
-
-    def _stop(self, _: FrameType | None) -> None:
-        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody
-        catches it.
-        """
-        self.stopped = True
-
-
-class BestIterate:
-    """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one
-    that breaks them least.
-    """
-
-    def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
-        """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as
-        kept.
-        """
-        # Chosen once: it is looked at every iteration.
-        self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
-        self._feasibility = feasibility
-        self._key = (np.inf, np.inf)
-        self.x: np.ndarray | None = None
-        self.cost = self.violation = np.inf
-        self.iterations = 0
-
-    def update(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
-        """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
-        violation = self._bounds.violation(x, g, _ALL)
-        key = (0.0, cost) if violation <= self._feasibility else (1.0, violation)
-        self.iterations += 1
-        if key < self._key and np.isfinite(x).all():
-            self._key = key
-            self.x = x
-            self.cost = cost
-            self.violation = violation
-        return violation
-
-
-# One NLP of a lexicographic program: built once with a cold and a warm start, called again and
-# again.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -23,7 +23,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp import level_solver, program as nlp
+from uvms_ocp.solvers.nlp import level_solver, program as nlp, solve_monitor
 from uvms_ocp.types import Bound, read_only
 
 
@@ -92,7 +92,7 @@ class SelfSolving(Protocol):
         self,
         options: level_solver.NlpOptions,
         deadline: level_solver.Deadline,
-        watch: level_solver.SolveMonitor,
+        watch: solve_monitor.SolveMonitor,
     ) -> Sequence[NlpSolver]:
         """Return a solver for each level, which reports every iteration to `watch` and stops where
         it or the deadline says so.
@@ -128,7 +128,7 @@ class LexicographicNlp:
         else:
             self.options = requested
         self.deadline = level_solver.Deadline()
-        self.watch = level_solver.SolveMonitor()
+        self.watch = solve_monitor.SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
@@ -153,7 +153,7 @@ class LexicographicNlp:
         x_upper: nlp.Variables | float = np.inf,
         ranges: nlp.RowRanges | None = None,
         time_limit: Bound | None = None,
-        progress: level_solver.Progress | None = None,
+        progress: solve_monitor.Progress | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in
         primal and dual variables.

@@ -34,9 +34,6 @@ Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
-# Outcome of a nonlinear program, whichever solver produced it.
-
-
 class NlpStatus(AdvisedStatus):
     """Outcome of one level.
 
@@ -97,10 +94,6 @@ def status_of(stats: Mapping[str, Any]) -> NlpStatus:
     return named or _STATUSES.get(
         str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT
     )
-
-
-# A lexicographic nonlinear program as data: shared constraints, and levels of least squares in
-# order.
 
 
 @checked_dataclass(eq=False)
@@ -439,9 +432,6 @@ def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
         relax=level.relax,
         frozen=slice(first, first + (m if level.relax is None else 1)),
     )
-
-
-# Bounds of the variables and rows of a lexicographic program.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

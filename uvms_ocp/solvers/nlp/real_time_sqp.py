@@ -47,9 +47,6 @@ _OPTIONS: dict[str, dict[str, object]] = {
 }
 
 
-# Which share of a level's step is taken: the rule by which no level loses what it had for the sake
-# of one below.
-
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Tried one after the other."""
 
@@ -105,9 +102,6 @@ def acceptance(
     )
 
 
-# Weights that keep the step of a level near the point at which its rows were linearised.
-
-
 class ProximalWeights:
     """Proximal weights of the levels of one program; carried from one solve to the next."""
 
@@ -129,9 +123,6 @@ class ProximalWeights:
         self._now[level] = np.clip(
             (_FALL if share == 1 else _RISE) * self._now[level], smallest, _MOST * smallest
         )
-
-
-# One step of a lexicographic program: its levels take their turns.
 
 
 class TimeBudget:
@@ -323,10 +314,6 @@ class LexicographicSqp:
         )
 
 
-# The QP of one level at a point: least squares of its rows, subject to linearised constraints and
-# rows of the levels above.
-
-
 class LevelQp:
     """The QP of one level at a point. Raises `InvalidInput` for a level without derivative
     functions.
@@ -381,9 +368,6 @@ class LevelQp:
         if not (self._qp.stats()["success"] and np.isfinite(step).all()):
             return np.zeros_like(x), nlp.NlpStatus.STALLED
         return step, None
-
-
-# The levels of a program in sparse matrices, by the QP solvers of CasADi.
 
 
 class SparseLevels:
@@ -443,9 +427,6 @@ class SparseLevels:
     def variables(self, point: SqpPoint) -> np.ndarray:
         """Return the variables of a point, as `LevelModel.variables`."""
         return point.x
-
-
-# Steps of one program: the first whose constraints are kept, as long as there is time.
 
 
 @checked_dataclass(eq=False)

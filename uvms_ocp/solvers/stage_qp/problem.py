@@ -188,9 +188,6 @@ def is_valid(qp: StageQp) -> bool:
     )
 
 
-# How exactly a QP of stages is solved.
-
-
 @checked_dataclass(eq=False)
 class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000
@@ -212,9 +209,6 @@ class StageQpOptions:
     """
     compiled: bool = True
     """False keeps to PIQP, which solves the same QPs without warm starts."""
-
-
-# What comes of a QP of stages.
 
 
 class StageQpStatus(AdvisedStatus):
@@ -357,9 +351,6 @@ stage_qp_solution = unchecked_constructor(StageQpSolution)
 """The same."""
 
 
-# Where an interior point is, and how it ends.
-
-
 class StartMode(IntEnum):
     """Treatment of the start point of a run."""
 
@@ -370,8 +361,6 @@ class StartMode(IntEnum):
     COLD = 2
     """The run starts from z."""
 
-
-# Rows of constraints and bounds of variables in one list, with what each of them is.
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Signs of the distances to the lower and the upper side."""

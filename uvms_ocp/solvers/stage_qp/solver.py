@@ -76,9 +76,6 @@ def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
     return extended
 
 
-# Ways along which the cost of a QP falls without end: no curvature, no bound and no row ends them.
-
-
 def may_be_unbounded(qp: problem.StageQp) -> bool:
     """Check whether some variable has neither curvature of its own nor two bounds."""
     held = (
@@ -152,9 +149,6 @@ def is_recession_direction(recession: problem.StageQp, z: tuple[Array, ...]) -> 
             worst = max(worst, np.abs(ahead).max(initial=0.0))
     return bool(worst <= _EXACT and rise <= -_STEEP)
 
-
-# QPs of stages by an interior point: with a factor per iteration, and one only where no bound is
-# reached.
 
 _with = lru_cache(maxsize=64)(
     lambda options, *given: replace(options, **{k: v for k, v in given if v is not None})
