@@ -12,8 +12,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-_PART = 400  # statements: compiled in the least time, and the code is no slower
-_STRAIGHT = re.compile(
+_PART_LENGTH = 400  # statements: compiled in the least time, and the code is no slower
+_STRAIGHT_FUNCTION = re.compile(
     r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
     r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
 )
@@ -23,11 +23,11 @@ _IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
 _IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
 _VECTOR = re.compile(r"\b(?:arg|res)\[")
 _ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
-# Where nearly all is arithmetic one call takes as long as two at once, each in its half of a
-# register.
-# share of arithmetic from which it does; name in C of what makes both
-_PAIRED = 0.9
+# Where nearly all is arithmetic, one call takes as long as two at once, each in its half of a
+# register: share of arithmetic from which it does.
+_ARITHMETIC_SHARE = 0.9
 TWO_CALLS = "two_calls"
+"""Name in C of the function that makes two calls at once."""
 
 
 # Numbers are data: another gain, weight or goal is no new code.
@@ -104,7 +104,7 @@ def in_parts(code: str) -> str:
     they call; the results are the same to the bit.
     """
     numbers = count()
-    return _STRAIGHT.sub(lambda found: _parted(found, next(numbers)), code)
+    return _STRAIGHT_FUNCTION.sub(lambda found: _parted(found, next(numbers)), code)
 
 
 def _parted(function: re.Match[str], number: int) -> str:
@@ -114,11 +114,11 @@ def _parted(function: re.Match[str], number: int) -> str:
         _Statement(statement[0], statement[1], [*dict.fromkeys(_VARIABLE.findall(statement[2]))])
         for statement in _STATEMENT.finditer(body)
     ]
-    if len(statements) < 2 * _PART:
+    if len(statements) < 2 * _PART_LENGTH:
         return function[0]
     calls = "".join(
         f"  part{number}_{first}(given, wanted, kept);\n"
-        for first in range(0, len(statements), _PART)
+        for first in range(0, len(statements), _PART_LENGTH)
     )
     targets = [statement.target for statement in statements if statement.target]
     (n_given, most_given) = _sizes("arg", body)
@@ -126,7 +126,7 @@ def _parted(function: re.Match[str], number: int) -> str:
     sizes = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}"
     n = max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(statement.line) is not None for statement in statements)
-    if "casadi_f0(" not in function[1] or plain < _PAIRED * len(targets):
+    if "casadi_f0(" not in function[1] or plain < _ARITHMETIC_SHARE * len(targets):
         return (
             f"{_parts(number, statements, 'double')}{function[1]}  MEMORY_OF_PARTS({sizes})\n{calls} "
             " return 0;\n"
@@ -142,11 +142,11 @@ def _parted(function: re.Match[str], number: int) -> str:
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
-    """Return C functions of `_PART` statements each, whose variables are of this kind."""
+    """Return C functions of `_PART_LENGTH` statements each, whose variables are of this kind."""
     later = set[str | None]()
     texts = list[str]()
-    for first in reversed(range(0, len(statements), _PART)):
-        part = statements[first : first + _PART]
+    for first in reversed(range(0, len(statements), _PART_LENGTH)):
+        part = statements[first : first + _PART_LENGTH]
         head = (
             f"static __attribute__((noinline)) void part{number}_{first}(const double** arg,"
             f" double** res, {kind}* kept)"

@@ -50,9 +50,54 @@ from uvms_ocp.codegen.cache import HALF_MADE, KEPT_NUMBERS, cache_folder, shrink
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
+_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
+# Behind flags of the user's, so that numbers are the same with them: see exact.c.
+_EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
+# Code without loops gains nothing from more optimisation but the time that takes: half of it with
+# the first two for long code.
+_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
+_LONG_CODE = 200_000  # [bytes]
+_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
+# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
+# where one of both is.
+MATH, PARTS, WIDE_MACROS, EXACT = (
+    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
+    for name in ("math", "parts", "wide", "exact")
+)
+"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
+INLINE, and before what others compile.
+"""
+# Numbers of a library: constants of it, or set when it is loaded, and then they stay.
+_CONSTANT_NUMBERS = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
+_SET_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
+void* numbers_address(void) {{ return numbers; }}
+"""
+MOST_CACHED = 1e9
+"""[bytes] beyond which libraries that were used longest ago are removed."""
+PROGRESS = "progress"
+"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
+_VERSION_TIMEOUT = 30.0  # [s]
+_HUNG: set[str] = set()  # compilers, which are not called again
+_SAID: set[str] = set()  # warnings, which are logged once
+_KEPT_FUNCTIONS = 48  # loaded functions that all callers share
+_ADDRESSES = WeakKeyDictionary[
+    ca.Function, dict[str, int | None]
+]()  # by symbol, of compiled functions
+_BESIDE = WeakKeyDictionary[
+    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
+]()  # that are being compiled
+_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
+_WAITS = ContextVar("waits", default=True)
+_NO_NUMBERS = np.zeros(0)
+_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
+_PACE = 1.2e-6  # [s] that a byte of long code takes to compile
+_LONG = 2.0  # [s] of silence that look like a hang
+_SLOWER = "everything works, only slower"
+_log = logging.getLogger(__name__)
+
+
 T = TypeVar("T")
 
-# A call of the C compiler that ends: in time, with all that it started, and with little to say.
 
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
@@ -171,9 +216,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-# Numbers of Python in C source.
-
-
 def constants_of(module: ModuleType) -> dict[str, float]:
     """Return the numbers that a module names in capitals."""
     return {
@@ -186,56 +228,6 @@ def constants_of(module: ModuleType) -> dict[str, float]:
 def c_macros(values: Mapping[str, object]) -> str:
     """Define a macro for each value, under its name in capitals."""
     return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
-
-
-# C source to shared library, compiled once and cached, several at once on the cores there are.
-
-_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Behind flags of the user's, so that numbers are the same with them: see exact.c.
-_EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
-# Code without loops gains nothing from more optimisation but the time that takes: half of it with
-# the first two for long code.
-# [bytes]
-_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
-_LONG_CODE = 200_000
-_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
-# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
-# where one of both is.
-MATH, PARTS, WIDE_MACROS, EXACT = (
-    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
-    for name in ("math", "parts", "wide", "exact")
-)
-"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
-INLINE, and before what others compile.
-"""
-# they stay while code runs
-_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
-_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
-void* numbers_address(void) {{ return numbers; }}
-"""
-MOST_CACHED = 1e9
-"""[bytes] beyond which libraries that were used longest ago are removed."""
-PROGRESS = "progress"
-"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
-_VERSION_TIMEOUT = 30.0  # [s]
-_HUNG: set[str] = set()  # compilers, which are not called again
-_SAID: set[str] = set()
-_KEPT_FUNCTIONS = 48
-_ADDRESSES = WeakKeyDictionary[
-    ca.Function, dict[str, int | None]
-]()  # by symbol, of compiled functions
-_BESIDE = WeakKeyDictionary[
-    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
-]()  # that are being compiled
-_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
-_WAITS = ContextVar("waits", default=True)
-_NONE = np.zeros(0)
-_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
-# [s] a byte of long code takes; [s] of silence that look like a hang
-_PACE = 1.2e-6
-_LONG = 2.0
-_SLOWER = "everything works, only slower"
-_log = logging.getLogger(__name__)
 
 
 @checked
@@ -392,7 +384,7 @@ def library_from(name: str, content: str, make: Callable[[], str], *modules: str
     entry, cached = _looked_up(name, content, *modules)
     if cached:
         return cached[0]
-    return _keep(entry, _NONE, partial(compile_library, make(), name=name))
+    return _keep(entry, _NO_NUMBERS, partial(compile_library, make(), name=name))
 
 
 def _looked_up(
@@ -495,11 +487,11 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
         f"/* {_code_of(casadi_code.__file__)} */\n"
         + MATH
         + PARTS
-        + _KNOWN.format(n=len(numbers))
+        + _CONSTANT_NUMBERS.format(n=len(numbers))
         + form
     )
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
-    others = (_NUMBERS.format(n=len(numbers)),)
+    others = (_SET_NUMBERS.format(n=len(numbers)),)
     return partial(
         compile_library, source, flags, function.name(), others, casadi_code.in_parts
     ), numbers
@@ -513,7 +505,9 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
     return _function_in(compile_library(source, flags, name), name)
 
 
-def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> ca.Function | None:
+def _function_in(
+    path: Path | None, name: str, numbers: np.ndarray = _NO_NUMBERS
+) -> ca.Function | None:
     try:
         if path is None:
             return None

@@ -14,8 +14,8 @@ from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.errors import InvalidInput
 
 _OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
-_ORDER: dict[type, str] = {
+_INTEGER_OPERATORS: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
+_COMPARISONS: dict[type, str] = {
     ast.Lt: "<",
     ast.LtE: "<=",
     ast.Gt: ">",
@@ -23,7 +23,7 @@ _ORDER: dict[type, str] = {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
-_ROOTS = (
+_FUNCTIONS = (
     math.sqrt,
     math.exp,
     math.log,
@@ -34,18 +34,18 @@ _ROOTS = (
     math.acos,
     math.atan2,
 )
-_PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
-_OF_NUMBERS = {
-    function: function.__name__ for function in (*_ROOTS, *_PARTS)
+_ROUNDINGS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
+_MATH = {
+    function: function.__name__ for function in (*_FUNCTIONS, *_ROUNDINGS)
 }  # C calls them as Python does
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
-_WORDS = """
+_C_WORDS = """
 auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
 typedef union unsigned void volatile abs greater_of lesser_of
 """
-_TAKEN = frozenset(_WORDS.split())
+_RESERVED = frozenset(_C_WORDS.split())
 _BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
@@ -129,7 +129,7 @@ def column_size(kind: CType) -> int:
 
 def c_name(name: str) -> str:
     """A name of Python in C, where some have another meaning."""
-    if name in _TAKEN:
+    if name in _RESERVED:
         return f"{name}_"
     return name
 
@@ -267,9 +267,9 @@ def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     left = number(node.left, scope)
     right = number(node.right, scope)
     is_integer = left.type == right.type == INT
-    if type(node.op) in _WHOLE:
+    if type(node.op) in _INTEGER_OPERATORS:
         require(is_integer, node, "is only for whole numbers, which are not negative")
-        return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
+        return CExpression(f"({left.text} {_INTEGER_OPERATORS[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
     if is_integer and isinstance(node.op, ast.Div):
@@ -302,9 +302,12 @@ def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
-    require(all(type(op) in _ORDER for op in node.ops), node, "does not compare numbers by size")
+    require(
+        all(type(op) in _COMPARISONS for op in node.ops), node, "does not compare numbers by size"
+    )
     pairs = [
-        f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
+        f"{a} {_COMPARISONS[type(op)]} {b}"
+        for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
     ]
     return CExpression(f"({' && '.join(pairs)})", INT)
 
@@ -329,7 +332,7 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
         return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
-    for table, result in ((_OF_NUMBERS, DOUBLE), (_TESTS, INT)):
+    for table, result in ((_MATH, DOUBLE), (_TESTS, INT)):
         if function in table:
             arguments = ", ".join(number(argument, scope).text for argument in node.args)
             return CExpression(f"{table[function]}({arguments})", result)

@@ -41,7 +41,7 @@ _PURE = (
 TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
 """Files of the code that makes a C program of kernels."""
 _HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
-_DEEPEST = 2  # dots in module.Enumeration.MEMBER
+_MOST_DOTS = 2  # dots in module.Enumeration.MEMBER
 
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
@@ -407,7 +407,7 @@ def program_content(kernels: Iterable[Any]) -> str:
         words = sorted({*place.co_names, *re.findall(r"\w+", str(kernel.__annotations__))})
         values = [(word, names[word]) for word in words if word in names]
         for path, owner in values:  # as before
-            if not isinstance(owner, float | int | FunctionType) and path.count(".") < _DEEPEST:
+            if not isinstance(owner, float | int | FunctionType) and path.count(".") < _MOST_DOTS:
                 values += [
                     (f"{path}.{word}", getattr(owner, word))
                     for word in words

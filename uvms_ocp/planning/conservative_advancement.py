@@ -23,9 +23,9 @@ from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive
 
-# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000
-# pairs).
-_TOLERANCE = 1e-7
+# [m] Error of distances by coal. Separated ones moved by up to 1e-8 m when its tolerance was
+# tightened tenfold (865,000 pairs).
+_DISTANCE_ERROR = 1e-7
 
 
 class PairDistances(Protocol):
@@ -124,9 +124,9 @@ def check_motion(
         worst = min(worst, scene.nearest(middle, d), key=lambda pair: (pair.distance, pair.time))
         if worst.distance <= 0.0:
             break
-        open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(
-            axis=1
-        )
+        open_ = ~(
+            d - largest_change(scene.reach, motion.bounds(middle, half)) > _DISTANCE_ERROR
+        ).all(axis=1)
         short = open_ & (half < shortest * motion.duration)
         undecided |= bool(short.any())
         middle = middle[open_ & ~short]

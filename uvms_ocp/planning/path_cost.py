@@ -1,5 +1,5 @@
-"""Soft-collision cost of a path in planned axes, with its gradient and its block-tridiagonal
-Gauss-Newton matrix.
+"""Soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a path in planned axes, [Gao2022] eqs (76)-(82),
+with its gradient and its block-tridiagonal Gauss-Newton matrix.
 """
 
 from __future__ import annotations

@@ -1,5 +1,10 @@
 """Coordinates of a planned motion: a plain vector x (n_axes,) in place of a configuration on the
 manifold.
+
+x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone
+for a fixed base; axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry
+Rx, [Gao2022] eqs (6)-(9): singular at pitch = +-90 deg, which a planned vehicle motion must not
+cross.
 """
 
 from __future__ import annotations

@@ -36,13 +36,13 @@ from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape
 
 Triple: TypeAlias = tuple[float, float, float]
 FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
-_SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
-# [m] and [rad]
-_FARTHEST = 1e4
-_MOST_TURN = 4 * np.pi
+_SAME_PLACE = 1e-9  # [m or rad] difference between a goal and a start that is none
+_FARTHEST = 1e4  # [m] from the start that a goal may be
+_MOST_TURN = 4 * np.pi  # [rad]
 AXES = ("level", "all", "joints")
 """Planned axes: all but roll and pitch, all, or the joints alone."""
-_SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
+# Velocities along a curve are sampled so often; their peak is 1e-4 higher at most.
+_VELOCITY_SAMPLES = 1000
 
 
 @checked_dataclass()
@@ -222,7 +222,7 @@ class PostureGoal:
             goal[all_axes.names.index(name)] = value
         goal = all_axes.shortest_turn(goal, planned.reference)
         for name, was, value in zip(all_axes.names, planned.reference, goal, strict=True):
-            if name not in planned.names and abs(value - was) > _SAME:
+            if name not in planned.names and abs(value - was) > _SAME_PLACE:
                 change = (
                     f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are"
                 )
@@ -415,7 +415,7 @@ class _RobotLimits(MotionLimits):
         """(3, n_v) peaks of velocities and accelerations as shares of the robot's limits; jerks
         have none.
         """
-        t = np.linspace(trajectory.start, trajectory.end, _SAMPLES)
+        t = np.linspace(trajectory.start, trajectory.end, _VELOCITY_SAMPLES)
         limits = self.planned.robot.limits
         v = (
             self.planned.velocity_map(trajectory.evaluate(t))
@@ -427,7 +427,7 @@ class _RobotLimits(MotionLimits):
 
 def _differ(ends: Array) -> Mask:
     """Return which axes differ between the ends (2, n_axes) by more than rounding."""
-    return np.abs(ends[1] - ends[0]) > _SAME
+    return np.abs(ends[1] - ends[0]) > _SAME_PLACE
 
 
 def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:

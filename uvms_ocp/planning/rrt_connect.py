@@ -22,7 +22,7 @@ from uvms_ocp.types import (
 )
 
 _SHORTCUTS = 60  # attempts at cutting corners of the path found
-_SHORTEST = 1e-3
+_SMALLEST_ADVANCE = 1e-3  # share of an edge; where less is certain, the edge counts as blocked
 ONE_THREAD = RLock()
 """Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
 it restores what it found.
@@ -80,7 +80,7 @@ def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -
     while done < 1.0:
         d = distances.distances((a + done * (b - a))[None])[0]
         slack = float(np.min((d - clearance) / pace, initial=np.inf))
-        if slack <= _SHORTEST:
+        if slack <= _SMALLEST_ADVANCE:
             return done
         done = done + slack
     return 1.0

@@ -1,11 +1,4 @@
-"""Planned coordinates of a robot, its shapes, the obstacles, and the pairs of them that must stay
-apart.
-
-x is [p_WB (3) [m], roll, pitch, yaw [rad], joints] for a vehicle with an arm and the joints alone
-for a fixed base; axes that are not planned keep their reference value. Roll-pitch-yaw is R = Rz Ry
-Rx, [Gao2022] eqs (6)-(9): singular at pitch = +-90 deg, which a planned vehicle motion must not
-cross.
-"""
+"""Collision scene of a plan: the robot's shapes, the obstacles, and the pairs that must stay apart."""
 
 from __future__ import annotations
 

@@ -43,8 +43,10 @@ from uvms_ocp.types import (
     Mask,
 )
 
-_TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest counts, too
-_OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
+_NEGLIGIBLE_COLLISION_COST = 1e-3  # cost of collision below which the rest counts, too
+_LIMIT_TOLERANCE = (
+    1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
+)
 
 
 class PlanStatus(AdvisedStatus):
@@ -278,7 +280,7 @@ class _PathProblem:
             replace(
                 full_problem,
                 model=lambda y: self.cost.model(y, collision_only=True),
-                enough=lambda model: model.parts.collision <= _TOUCHES_NOTHING,
+                enough=lambda model: model.parts.collision <= _NEGLIGIBLE_COLLISION_COST,
             )
         )
         second = options.solver.minimise(replace(full_problem, start=first.variables))
@@ -335,7 +337,7 @@ def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> 
         status = PlanStatus.UNDECIDED
     elif not report.collision_free:
         status = PlanStatus.COLLIDING
-    elif beyond.max(initial=0.0) > _OUTSIDE:
+    elif beyond.max(initial=0.0) > _LIMIT_TOLERANCE:
         status = PlanStatus.BEYOND_LIMITS
     else:
         status = PlanStatus.FREE

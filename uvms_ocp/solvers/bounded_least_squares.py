@@ -1,7 +1,7 @@
-"""Small dense least squares as kernels: least norm of any rank, and bounds by an active set with a
-weighted norm.
+"""Small dense least squares as kernels: positive definite systems, least norm of any rank, and
+bounds by an active set with a weighted norm.
 
-Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
+`solve_bounded` has two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
 ``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
 ``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly. `[x]` is the unit of
 a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, weight > 0.
@@ -14,13 +14,12 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 
-_RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
-_EPSILON = (
-    1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
-)
-_TOLERANCE = 1e-9  # of signs, relative
-_SMALLEST = 2.2250738585072014e-308  # that is not rounded
-_ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
+# A row that adds less than this to those before it, relative to the largest, adds no rank.
+_RANK_TOLERANCE = 1e-9
+_RIDGE = 1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
+_SIGN_TOLERANCE = 1e-9  # of the signs of gradients, relative to the largest
+_SMALLEST_NORMAL = 2.2250738585072014e-308  # the smallest double with all of its digits
+_SIZE_STEP = 8  # a compiled kernel has room for a multiple of so many variables
 
 
 class LeastSquaresRows(Layout):
@@ -99,7 +98,7 @@ def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
         row = _longest(s, m, n)
         size = _row_length(s.W[row], n)
         largest = max(largest, size)
-        if size <= _RANK * largest:
+        if size <= _RANK_TOLERANCE * largest:
             return k
         for j in range(n):
             s.basis[k][j] = s.W[row][j] / size
@@ -242,7 +241,7 @@ def _normal_equations(p: BoundedProblem) -> None:
             total += p.M[i][j] * p.b[i]
         p.linear[j] = total
         trace += p.hessian[j][j]
-    ridge = _EPSILON * _EPSILON * max(trace / max(p.columns, 1), _SMALLEST)
+    ridge = _RIDGE * _RIDGE * max(trace / max(p.columns, 1), _SMALLEST_NORMAL)
     for j in range(p.columns):
         p.hessian[j][j] += ridge
 
@@ -362,11 +361,11 @@ def _most_wrong(p: BoundedProblem) -> int:
         if not p.free[j] and p.low[j] != p.high[j] and gain > largest_gain:
             worst = j
             largest_gain = gain
-    if largest_gain > _TOLERANCE * _EPSILON * (1.0 + largest):
+    if largest_gain > _SIGN_TOLERANCE * _RIDGE * (1.0 + largest):
         return worst
     return -1
 
 
 def room_for(n: int) -> int:
     """Variables n rounded up, so that problems of nearly one size share a compiled kernel."""
-    return max(_ROOM, -(-n // _ROOM) * _ROOM)
+    return max(_SIZE_STEP, -(-n // _SIZE_STEP) * _SIZE_STEP)

@@ -10,8 +10,8 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.solvers.bounded_least_squares import dot
 
-_LEAST_PRICE = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
-_ROUNDS = 50  # for every variable
+_SMALLEST_PIVOT = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
+_ROUNDS_PER_VARIABLE = 50  # pivots after which a program counts as without an optimum
 
 
 class LinearProgram(Layout):
@@ -55,7 +55,7 @@ def solve_program(p: LinearProgram) -> bool:
         return False
     for i in range(len(p.b)):
         missing += p.x[n + i]
-    if missing > _LEAST_PRICE * size:
+    if missing > _SMALLEST_PIVOT * size:
         return False
     _count_what_counts(p)
     return _improve(p)
@@ -101,7 +101,7 @@ def value_of(p: LinearProgram) -> float:
 
 def _improve(p: LinearProgram) -> bool:
     """Move to the vertex of the largest value; return whether there is one."""
-    for _ in range(_ROUNDS * len(p.x)):
+    for _ in range(_ROUNDS_PER_VARIABLE * len(p.x)):
         entering = _entering(p)
         if entering < 0:
             return True
@@ -118,7 +118,7 @@ def _entering(p: LinearProgram) -> int:
                 price = _price(p, j)
             else:
                 price = -_price(p, j)
-            if price > _LEAST_PRICE:
+            if price > _SMALLEST_PIVOT:
                 return j
     return -1
 
@@ -139,7 +139,7 @@ def _move(p: LinearProgram, entering: int, up: float) -> bool:
     for i in range(len(p.b)):
         rate = -up * p.tableau[i][entering]
         k = p.basis[i]
-        if abs(rate) > _LEAST_PRICE:
+        if abs(rate) > _SMALLEST_PIVOT:
             room = max(
                 (p.upper[k] - p.x[k]) / rate if rate > 0.0 else (p.lower[k] - p.x[k]) / rate, 0.0
             )

@@ -36,8 +36,8 @@ from uvms_ocp.types import Array, AtLeastOne, Positive
 
 _STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
 _INEXACT = 1
-_OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not
-_DEFAULTS: dict[str, dict[str, object]] = {
+_STAGE_PLUGINS = ("fatrop", "hpipm")  # take programs of stages alone
+_PLUGIN_OPTIONS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
     "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
     "osqp": {"osqp": {"verbose": False}},
@@ -257,7 +257,11 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
     size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
     A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
-    options = {"error_on_fail": False, **_DEFAULTS.get(settings.plugin, {}), **settings.options}
+    options = {
+        "error_on_fail": False,
+        **_PLUGIN_OPTIONS.get(settings.plugin, {}),
+        **settings.options,
+    }
     if settings.plugin == "qpoases":
         # Warm starts that need more working-set changes than this hardly ever recover.
         options.setdefault("nWSR", 40 + sum(A.shape))
@@ -570,7 +574,7 @@ def conic_plugins() -> tuple[str, ...]:
     return tuple(
         name
         for name in names
-        if name not in _OF_STAGES and _exists(name) and _takes_dense_programs(name)
+        if name not in _STAGE_PLUGINS and _exists(name) and _takes_dense_programs(name)
     )
 
 
@@ -581,7 +585,10 @@ def _takes_dense_programs(plugin: str) -> bool:
         contextlib.redirect_stderr(io.StringIO()),
     ):
         ca.conic(
-            "probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {})
+            "probe",
+            plugin,
+            dict.fromkeys("ha", ca.Sparsity.dense(2, 2)),
+            _PLUGIN_OPTIONS.get(plugin, {}),
         )
         return True
     return False

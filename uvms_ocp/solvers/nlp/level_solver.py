@@ -25,7 +25,7 @@ from uvms_ocp.solvers.nlp.program import (
 from uvms_ocp.solvers.nlp.solve_monitor import BestIterate, IterationReport, SolveMonitor
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
-_PUSHES = [
+_WARM_START_PUSHES = [
     f"warm_start_{what}"
     for what in (
         "bound_push",
@@ -35,17 +35,19 @@ _PUSHES = [
         "slack_bound_frac",
     )
 ]
-_WARM: dict[str, Any] = {
+_WARM_START_OPTIONS: dict[str, Any] = {
     "warm_start_init_point": "yes",
     "mu_init": 1e-6,
-    **dict.fromkeys(_PUSHES, 1e-9),
+    **dict.fromkeys(_WARM_START_PUSHES, 1e-9),
 }
 QP_PLUGINS = ("hpipm", "proxqp", "piqp")
 SPARSE_PLUGIN = QP_PLUGINS[0]
 """Default QP plugin of programs without stages."""
 # Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
-_REDUCED = 1e3
-_STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
+_REDUCED_ACCURACY = 1e3
+_STEEP_GRADIENT = (
+    100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
+)
 
 
 AUTO = "auto"
@@ -110,7 +112,7 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
         # Bounds give way by this much: rows that are frozen must not.
         "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
     }
-    return chosen | (_WARM if warm else {}) | dict(options.plugin_options)
+    return chosen | (_WARM_START_OPTIONS if warm else {}) | dict(options.plugin_options)
 
 
 @checked_dataclass(eq=False)
@@ -221,7 +223,7 @@ class OptimalityConditions:
 
     def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
         """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
-        with what is left to its bound, in units of the steepest cost at the point above `_STEEP`.
+        with what is left to its bound, in units of the steepest cost at the point above `_STEEP_GRADIENT`.
         """
         assert point.x_multipliers is not None
         assert point.row_multipliers is not None
@@ -235,7 +237,7 @@ class OptimalityConditions:
             _left(y, np.array(g).ravel(), lower, upper),
             _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
         )
-        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP)
+        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP_GRADIENT)
         return max(float(np.abs(slope).max(initial=0.0)), complementarity) / scale
 
 
@@ -335,7 +337,7 @@ class LevelSolver:
         error = self._conditions.error(point, p, bounds)
         if reported is NlpStatus.SOLVED and error <= self._options.convergence:
             return reported
-        reduced = error <= _REDUCED * self._options.convergence
+        reduced = error <= _REDUCED_ACCURACY * self._options.convergence
         if reduced:
             return NlpStatus.INEXACT
         return NlpStatus.STALLED

@@ -7,7 +7,7 @@ the constraints, then those that freeze level 0, level 1 and so on. Bounds and m
 level, so that they carry over.
 
 Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as
-squares, and one tolerance holds for all, so that costs, norms and violations are ``.
+squares, and one tolerance holds for all, so that costs, norms and violations have no unit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Bound, Positive, Range, Shape
 
-_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
+_FROZEN_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
 Expression: TypeAlias = ca.SX | ca.MX
 Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
 """Variables of the program that the owner holds."""
@@ -174,7 +174,7 @@ class LevelRows:
                 equal = self.lower == self.upper
             else:
                 equal = np.zeros(len(y), dtype=bool)
-            slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _SLACK)
+            slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _FROZEN_SLACK)
             low = np.where(equal, y, np.minimum(self.lower, y))
             up = np.where(equal, y, np.maximum(self.upper, y))
             return low - slack, up + slack

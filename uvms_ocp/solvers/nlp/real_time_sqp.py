@@ -32,9 +32,9 @@ from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptio
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
 from uvms_ocp.types import Bound
 
-_RISE = 5.0
-_FALL = 0.5
-_MOST = 3e3  # times the least
+_WEIGHT_RISE = 5.0  # factor on a proximal weight where a step was cut short
+_WEIGHT_FALL = 0.5  # factor where the whole step was taken
+_LARGEST_WEIGHT = 3e3  # multiple of the smallest weight
 _FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
 _OPTIONS: dict[str, dict[str, object]] = {
     # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
@@ -121,7 +121,9 @@ class ProximalWeights:
         """
         smallest = self._least[level]
         self._now[level] = np.clip(
-            (_FALL if share == 1 else _RISE) * self._now[level], smallest, _MOST * smallest
+            (_WEIGHT_FALL if share == 1 else _WEIGHT_RISE) * self._now[level],
+            smallest,
+            _LARGEST_WEIGHT * smallest,
         )
 
 

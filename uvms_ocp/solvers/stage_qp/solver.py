@@ -22,12 +22,12 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
 
-_EXACT = 1e-7  # relative violation of what a way has to keep
-_STEEP = 1e-6  # least descent along a way, relative to the gradient
+_DIRECTION_TOLERANCE = 1e-7  # relative violation with which a direction keeps bounds and rows
+_SMALLEST_DESCENT = 1e-6  # smallest descent along a direction, relative to the gradient
 _SIDES = (("lower", -np.inf), ("upper", np.inf))
-_UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
-_MISSED = 1e-5  # relative violation that no point does without
-_ROUGH = 1e-6  # tolerance of phase one
+_UNEXPLAINED = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
+_INFEASIBLE_VIOLATION = 1e-5  # relative violation of the best point that proves a QP infeasible
+_PHASE_ONE_TOLERANCE = 1e-6  # of the run that looks for a feasible point
 
 
 # A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are
@@ -147,7 +147,7 @@ def is_recession_direction(recession: problem.StageQp, z: tuple[Array, ...]) -> 
         if k:
             ahead = recession.dynamics[k - 1] @ way[k - 1] - d[: recession.shape.n_x[k]]
             worst = max(worst, np.abs(ahead).max(initial=0.0))
-    return bool(worst <= _EXACT and rise <= -_STEEP)
+    return bool(worst <= _DIRECTION_TOLERANCE and rise <= -_SMALLEST_DESCENT)
 
 
 _with = lru_cache(maxsize=64)(
@@ -210,7 +210,7 @@ class StageQpSolver:
             _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)),
             near,
         )
-        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
+        if explained and (end.status in _UNEXPLAINED or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
         return end
 
@@ -245,13 +245,13 @@ class StageQpSolver:
         if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=problem.StageQpStatus.INEXACT)
         # With next to no curvature phase one loses digits, and needs few.
-        rough = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH))
+        rough = replace(self.options, tolerance=max(self.options.tolerance, _PHASE_ONE_TOLERANCE))
         phase_one = self._core.run(
             qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True
         )
         spent = failed.iterations + phase_one.iterations
         missed = table.violation(_values(qp, phase_one.z))
-        if phase_one.status is problem.StageQpStatus.SOLVED and missed > _MISSED * (
+        if phase_one.status is problem.StageQpStatus.SOLVED and missed > _INFEASIBLE_VIOLATION * (
             1.0 + np.abs(phase_one.z).max()
         ):
             return replace(phase_one, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
