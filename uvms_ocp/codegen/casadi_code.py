@@ -1,5 +1,9 @@
 """C code that CasADi writes, as compilers take it best: numbers apart from it, and long functions
 in parts.
+
+Numbers are data, so that another gain, weight or goal is no new code. Functions of thousands of
+statements call parts of theirs: compilers share registers out among all variables of a function,
+which takes longer than all else where these are many, and is no better for it.
 """
 
 from __future__ import annotations
@@ -29,8 +33,6 @@ _ARITHMETIC_SHARE = 0.9
 TWO_CALLS = "two_calls"
 """Name in C of the function that makes two calls at once."""
 
-
-# Numbers are data: another gain, weight or goal is no new code.
 
 _NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
 _ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
@@ -84,11 +86,6 @@ def with_variable(code: str, name: str, values: Sequence[float]) -> str:
         declaration[0],
         f"extern double {name}[];\n#undef {declaration[1]}\n#define {declaration[1]} {name}",
     )
-
-
-# Functions of thousands of statements call parts of theirs: compilers share registers out among all
-# variables of a function, which takes longer than all else where these are many, and is no better
-# for it.
 
 
 class _Statement(NamedTuple):
@@ -168,7 +165,9 @@ def _paired(line: str, n: int) -> str:
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:
-    """Return how many vectors of a kind (arg or res) are used at most, and how many numbers of one."""
+    """Return how many vectors of a kind (arg or res) are used at most, and how many numbers of
+    one.
+    """
     places = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
     return 1 + max((k for k, _ in places), default=0), 1 + max((i for _, i in places), default=0)
 

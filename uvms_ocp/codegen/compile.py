@@ -579,7 +579,9 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
 
 
 def warn_if_slower() -> None:
-    """Log once that there is no compiler or no cache, before starting processes that log nothing."""
+    """Log once that there is no compiler or no cache, before starting processes that log
+    nothing.
+    """
     if _compiler() is not None:
         directory, reason = cache_folder()
         if directory is None:

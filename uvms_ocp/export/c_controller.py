@@ -1,4 +1,6 @@
-"""Run an exported controller in C from Python, and record what a controller of Python gets and gives."""
+"""Run an exported controller in C from Python, and record what a controller of Python gets and
+gives.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def interface_types(
 
 
 def only_name(folder: Path) -> str:
-    """Return the name of the export in a folder. Raises `InvalidInput` for none, and for several."""
+    """Return the name of the export in a folder. Raises `InvalidInput` for none, and for
+    several.
+    """
     names = sorted(
         path.name.removesuffix("_controller.h") for path in folder.glob("*_controller.h")
     )

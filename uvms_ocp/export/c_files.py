@@ -199,7 +199,9 @@ def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
 
 
 def template(file: str, name: str) -> str:
-    """Return a template of the export with its name put in; other places may be left to be filled."""
+    """Return a template of the export with its name put in; other places may be left to be
+    filled.
+    """
     text = files("uvms_ocp.export").joinpath("templates", file).read_text(encoding="utf-8")
     return text.replace(_PLACEHOLDER, f"{name}_")
 

@@ -43,7 +43,8 @@ def penalty(y: Array) -> Penalty:
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
-    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be infinite.
+    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be
+    infinite.
 
     It begins at ``(1 - margin) * limit``; margin.
     """
@@ -414,7 +415,9 @@ def _weighted(p: Penalty, weight: Array) -> Penalty:
 
 
 def _summed(sample: Indices, rows: Array, shape: tuple[int, ...]) -> Array:
-    """Add up rows by sample (in ascending order), and lay the sums out as (samples, pieces, ...)."""
+    """Add up rows by sample (in ascending order), and lay the sums out as (samples, pieces,
+    ...).
+    """
     result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))
     if sample.size:
         first = np.flatnonzero(np.diff(sample, prepend=-1))

@@ -1,4 +1,6 @@
-"""Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees."""
+"""Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending
+frees.
+"""
 
 from __future__ import annotations
 
@@ -121,7 +123,9 @@ def _connected(
     rng: np.random.Generator,
     options: SamplingOptions,
 ) -> Array | None:
-    """Grow a tree from either end by turns until they meet (RRT-Connect); None where they do not."""
+    """Grow a tree from either end by turns until they meet (RRT-Connect); None where they do
+    not.
+    """
     growing = _SearchTree(a, 256)
     meeting = _SearchTree(b, 256)
     for turn in range(options.max_samples):

@@ -1,4 +1,6 @@
-"""Collision scene of a plan: the robot's shapes, the obstacles, and the pairs that must stay apart."""
+"""Collision scene of a plan: the robot's shapes, the obstacles, and the pairs that must stay
+apart.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +65,9 @@ class CollisionScene:
     first.
     """
     reach: Array
-    """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any configuration."""
+    """(n_pairs, n_axes) [m per unit of the axis] upper bound on |d distance / d axis| at any
+    configuration.
+    """
     carried: Array
     """(n_pairs, n_columns) 1 where the column moves the second shape."""
     follows: Array

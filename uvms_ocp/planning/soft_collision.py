@@ -186,7 +186,9 @@ def _attempts(
     exact: CoalDistances,
     options: SoftCollisionOptions,
 ) -> Iterator[tuple[_PathProblem, Array]]:
-    """Yield problems and where to start them: as given, bent at random, through sampled way points."""
+    """Yield problems and where to start them: as given, bent at random, through sampled way
+    points.
+    """
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent

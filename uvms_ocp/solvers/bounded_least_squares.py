@@ -1,10 +1,11 @@
 """Small dense least squares as kernels: positive definite systems, least norm of any rank, and
 bounds by an active set with a weighted norm.
 
-`solve_bounded` has two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
-``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
-``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly. `[x]` is the unit of
-a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, weight > 0.
+`solve_bounded` has two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``,
+the one that minimises ``x' diag(weight) x``. The answer is unique. The active set is found on the
+regularised problem ``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are
+then separated exactly. `[x]` is the unit of a variable, `[b]` that of the rows. Inputs are trusted:
+finite, lower <= upper, weight > 0.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ _SIZE_STEP = 8  # a compiled kernel has room for a multiple of so many variables
 
 
 class LeastSquaresRows(Layout):
-    """Memory of `solve_positive`, `least_norm` and `row_space`, for up to m rows and n variables."""
+    """Memory of `solve_positive`, `least_norm` and `row_space`, for up to m rows and n
+    variables.
+    """
 
     K: Annotated[list[Vector], Sized("n", "n")]
     """Matrix of a positive definite system; overwritten."""

@@ -56,7 +56,9 @@ def preamble(n: int, sizes: Sequence[int]) -> str:
 
 
 class CoreTick:
-    """A solver bound to the function of its levels, which starts from the state of the tick before."""
+    """A solver bound to the function of its levels, which starts from the state of the tick
+    before.
+    """
 
     __slots__ = ("_in_python", "_levels", "_state", "_tick", "_width")
 

@@ -256,8 +256,8 @@ def widen_bounds(
     A fractional gate that is held is a tolerance, not a weight: weights do not move the optimum of
     a strict hierarchy. A gate scales the activation for `Icat`, which weighs.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite range of each row,
-    ``sum |J_row|`` where it is not given.
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite
+    range of each row, ``sum |J_row|`` where it is not given.
     """
     removed = gate <= 0.0
     gate = where(removed, 1.0, gate)

@@ -128,11 +128,6 @@ def read_only(array: Array) -> Array:
     return array
 
 
-# What a bound solver is: a callable from the inputs of the levels' Function to one result.
-#
-# `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
-
-
 @checked_dataclass(eq=False)
 class TickResult:
     """Outcome of one tick; the arrays belong to the caller."""

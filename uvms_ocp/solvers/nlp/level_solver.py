@@ -73,8 +73,8 @@ class NlpOptions:
     constraint qualification holds.
     """
     convergence: Positive = 1e-8
-    """Largest error of the optimality conditions at the point itself, without any damping; where the
-    gradient of the cost is above 100 there, in units of a hundredth of it.
+    """Largest error of the optimality conditions at the point itself, without any damping; where
+    the gradient of the cost is above 100 there, in units of a hundredth of it.
     """
     max_iterations: AtLeastOne = 150
     """For every NLP."""
@@ -223,7 +223,8 @@ class OptimalityConditions:
 
     def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
         """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
-        with what is left to its bound, in units of the steepest cost at the point above `_STEEP_GRADIENT`.
+        with what is left to its bound, in units of the steepest cost at the point above
+        `_STEEP_GRADIENT`.
         """
         assert point.x_multipliers is not None
         assert point.row_multipliers is not None

@@ -344,7 +344,9 @@ _ORDER = tuple(nlp.NlpStatus)
 
 
 def _severity(status: nlp.NlpStatus) -> int:
-    """Rank a status by how bad it is; SKIPPED, only ever the consequence of another one, ranks 1."""
+    """Rank a status by how bad it is; SKIPPED, only ever the consequence of another one, ranks
+    1.
+    """
     if status is nlp.NlpStatus.SKIPPED:
         return 1
     return _ORDER.index(status)

@@ -1,10 +1,10 @@
 """Lexicographic nonlinear programs as data: shared constraints, levels of least squares in order,
 bounds, and outcomes.
 
-Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
-the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
-the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
-level, so that they carry over.
+Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to
+their range, while the rows of the levels above stay where those levels left them. All rows of the
+program are numbered once: first the constraints, then those that freeze level 0, level 1 and so on.
+Bounds and multipliers use that numbering at every level, so that they carry over.
 
 Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as
 squares, and one tolerance holds for all, so that costs, norms and violations have no unit.
@@ -345,7 +345,8 @@ def signed_excess(
 
 
 def half_square(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
-    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere.
+    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable
+    everywhere.
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
     """

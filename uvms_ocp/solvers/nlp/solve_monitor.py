@@ -1,4 +1,6 @@
-"""Monitor of a solve over all its NLPs: reports of iterations, the caller's callback, Ctrl-C, and the best iterate."""
+"""Monitor of a solve over all its NLPs: reports of iterations, the caller's callback, Ctrl-C, and
+the best iterate.
+"""
 
 from __future__ import annotations
 

@@ -18,9 +18,6 @@ from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
 
-# The numbers of a QP of stages, in arrays that are made once and written into, and how many there
-# are.
-
 _BEYOND = 4  # numbers that compiled code may read after the end
 
 
@@ -98,8 +95,9 @@ def parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
 
 @checked
 class StageQp:
-    """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
-    x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
+    """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k,
+    z_k = (x_k, u_k), with x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k,
+    z_lower_k <= z_k <= z_upper_k.
 
     Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The
     views of one name lie one after the other in ``qp.flat[name]``, row-major; A and B are columns

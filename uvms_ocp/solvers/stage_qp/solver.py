@@ -30,16 +30,14 @@ _INFEASIBLE_VIOLATION = 1e-5  # relative violation of the best point that proves
 _PHASE_ONE_TOLERANCE = 1e-6  # of the run that looks for a feasible point
 
 
-# A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are
-# lost to rounding.
-
 _COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "z_l2")
 _ROWS = ("C", "lower", "upper", "l1", "l2")
 
 
 def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
-    """The same QP where every residual is a row behind the others that is missed at the same
-    cost.
+    """Return the QP with every residual as a row behind the others, missed at the same cost.
+
+    Where a Hessian is the sum of stiff and weak residuals, the weak ones are lost to rounding.
     """
     converted = with_rows(qp, qp.J)
     for name in _COPIED:
