@@ -111,8 +111,8 @@ def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[st
 def _copy(
     target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code.Scope
 ) -> list[str]:
-    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] =
-    x``, as many.
+    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout,
+    ``m.to[:] = x``, as many.
     """
     n = part.upper
     of = value

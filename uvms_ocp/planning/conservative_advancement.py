@@ -1,10 +1,11 @@
 """Prove that a trajectory is free of collision, between its samples too, by conservative
 advancement.
 
-Around a time t_m the distance of a pair cannot change by more than ``sum_a reach_a |x_a(t) -
-x_a(t_m)|``, and the motion of an axis within delta of t_m is at most ``|v| delta + A delta^2 / 2``
-with A a bound on its acceleration. Intervals in which some pair could touch are halved until it
-cannot, a collision is found, or they are too short (conservative advancement).
+Around a time t_m the distance of a pair cannot change by more than
+``sum_a reach_a |x_a(t) - x_a(t_m)|``, and the motion of an axis within delta of t_m is at most
+``|v| delta + A delta^2 / 2`` with A a bound on its acceleration. Intervals in which some pair could
+touch are halved until it cannot, a collision is found, or they are too short (conservative
+advancement).
 """
 
 from __future__ import annotations

@@ -9,11 +9,11 @@ All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit
 
 Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i`
 its rows, and v the velocity found. The levels above are held at the residuals found: row i of them
-at most as far beyond either bound as it is at v, and y stays in a region around v, ``-down <= y - v
-<= up``. **The bound**: for any numbers p_i of the rows of level k with ``|p| <= 1``, any
-multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``, with ``c_j`` the
-row where x_j belongs to its upper bound and minus the row where to its lower one, and gap_j >= 0
-the distance of v from that bound, as held:
+at most as far beyond either bound as it is at v, and y stays in a region around v,
+``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k with
+``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``,
+with ``c_j`` the row where x_j belongs to its upper bound and minus the row where to its lower one,
+and gap_j >= 0 the distance of v from that bound, as held:
 
     f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c
     up_c)
@@ -21,21 +21,22 @@ the distance of v from that bound, as held:
 for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the
 lower one where p_i < 0.
 
-**Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least ``a_i y -
-upper_i`` and at most ``a_i y - lower_i`` everywhere. So ``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum
-p_i d_i + sum p_i a_i (y - v)``. The last sum is ``r (y - v) - sum x_j c_j (y - v)``. Held rows say
-``c_j (y - v) <= gap_j``, and x_j >= 0; the region says ``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c
-: -r_c up_c)``. Moreover f_k(y) >= 0, so that f_k(v) is a bound as well. QED.
+**Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least
+``a_i y - upper_i`` and at most ``a_i y - lower_i`` everywhere. So
+``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum is
+``r (y - v) - sum x_j c_j (y - v)``. Held rows say ``c_j (y - v) <= gap_j``, and x_j >= 0; the
+region says ``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c : -r_c up_c)``. Moreover f_k(y) >= 0, so
+that f_k(v) is a bound as well. QED.
 
 It holds for any multipliers; how they are found decides only how small it is. Here p = s(v) /
 |s(v)|, for which the first two terms cancel, and x comes from non-negative least squares of r and
 the gaps, 0 for both at an optimum.
 
-Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or
-up|)``, and a smaller gap cannot be told from 0 and counts as 0. So the number is a bound up to
-``noise_k + sum x_j noise_j``, about 1e-15 of ``|a| |v|`` unless rows are nearly dependent: where it
-is more than `tolerances.RESOLVED`, it is added. `[rate]` is the unit of a row, `[velocity]` that of
-an entry of v.
+Rounding: a row ``a_i v`` of doubles is wrong by up to
+``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap cannot be told from 0 and counts
+as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of ``|a| |v|``
+unless rows are nearly dependent: where it is more than `tolerances.RESOLVED`, it is added. `[rate]`
+is the unit of a row, `[velocity]` that of an entry of v.
 """
 
 from __future__ import annotations
@@ -386,8 +387,8 @@ def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
 
 
 def _held(terms: _Found, above: int) -> tuple[Array, Array, Array]:
-    """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <=
-    gap``.
+    """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,):
+    ``c (y - v) <= gap``.
     """
     rows = terms.J[:above]
     noise = terms.noise[:above]
