@@ -124,10 +124,8 @@ def _parted(function: re.Match[str], number: int) -> str:
     n = max(n_given, n_wanted)
     plain = sum(_ARITHMETIC.fullmatch(statement.line) is not None for statement in statements)
     if "casadi_f0(" not in function[1] or plain < _ARITHMETIC_SHARE * len(targets):
-        return (
-            f"{_parts(number, statements, 'double')}{function[1]}  MEMORY_OF_PARTS({sizes})\n{calls} "
-            " return 0;\n"
-        )
+        parts = _parts(number, statements, "double")
+        return f"{parts}{function[1]}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
     statements = [
         statement
         if _ARITHMETIC.fullmatch(statement.line)
@@ -135,7 +133,8 @@ def _parted(function: re.Match[str], number: int) -> str:
         for statement in statements
     ]
     both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
-    return f"{_parts(number, statements, 'pair')}{both}{function[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+    parts = _parts(number, statements, "pair")
+    return f"{parts}{both}{function[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:

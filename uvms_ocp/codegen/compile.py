@@ -374,7 +374,12 @@ def compiled_from(
     and the files `modules` of the code that `make` runs.
     """
     entry, cached = _looked_up(name, content, *modules)
-    return (cached and _function_in(cached[0], name, cached[1])) or start_compiling(make(), entry)
+    if cached:
+        library, numbers = cached
+        function = _function_in(library, name, numbers)
+        if function:
+            return function
+    return start_compiling(make(), entry)
 
 
 def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:

@@ -42,7 +42,8 @@ _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
 _C_WORDS = """
-auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
+auto case char const default do double enum extern goto inline long register restrict short signed
+sizeof static struct switch
 typedef union unsigned void volatile abs greater_of lesser_of
 """
 _RESERVED = frozenset(_C_WORDS.split())
@@ -294,10 +295,9 @@ def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     require(all(part.type == INT for part in parts), node, "is only for truth values")
-    return CExpression(
-        f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})",
-        INT,
-    )
+    operator = " && " if isinstance(node.op, ast.And) else " || "
+    text = operator.join(part.text for part in parts)
+    return CExpression(f"({text})", INT)
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:

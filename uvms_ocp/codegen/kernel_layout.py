@@ -256,9 +256,8 @@ def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.S
         (name, _field(f"{layout.__name__}.{name}", hint, known_sizes))
         for name, hint in hints.items()
     ]
-    arrays = {
-        name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known_sizes))
-    }
+    lengths = {name: _lengths(hint, known_sizes) for name, hint in hints.items()}
+    arrays = {name: sizes_of for name, sizes_of in lengths.items() if sizes_of}
     body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
     return type(layout.__name__, (ctypes.Structure,), body)
 

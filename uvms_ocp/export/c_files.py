@@ -191,11 +191,15 @@ def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
     """
     changed = copy(task)
     object.__setattr__(changed, name, getattr(task, name) + 1.0)
-    rules = [
-        (variant.rest_altitude, (limit := variant.position_limit(robot)) and limit.lower)
-        for variant in (task, changed)
-    ]
-    return rules[0] == rules[1]
+    return _rules(task, robot) == _rules(changed, robot)
+
+
+def _rules(task: Task, robot: Robot) -> tuple[object, object]:
+    """Return the rest altitude of a task and the lower end of its position limit, where it has
+    them.
+    """
+    limit = task.position_limit(robot)
+    return task.rest_altitude, limit and limit.lower
 
 
 def template(file: str, name: str) -> str:

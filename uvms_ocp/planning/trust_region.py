@@ -86,8 +86,6 @@ class TrustRegion:
             refused = actual <= 0.0
             done = (predicted if refused else actual) <= self.tolerance * current.parts.total
             if refused:
-                x = x
-                current = current
                 mu = mu * 8.0
             else:
                 x = x + step

@@ -417,8 +417,6 @@ class QpTick:
                 outputs = self._tick(*inputs)
                 if self._tick.failed:
                     outputs = self._stepwise(inputs)
-                else:
-                    outputs = outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
         v, code, missed, *extras = outputs

@@ -324,7 +324,7 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
     """
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
-    terms = _found(rows, w, region)
+    terms = _bound_terms(rows, w, region)
     excesses = np.array(
         [
             _level_excess(terms, level_rows, region if level_rows.start else first)
@@ -335,7 +335,7 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Found:
+class _BoundTerms:
     """Slack, gaps and rounding of all M rows at one velocity: terms of the bound on the excess."""
 
     J: Array
@@ -352,11 +352,11 @@ class _Found:
     """`NormalRows.unit`."""
 
 
-def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
+def _bound_terms(rows: NormalRows, w: Array, region: _Region) -> _BoundTerms:
     y = rows.J @ w
     far = _length(w) + _length(np.maximum(region.down, region.up))
     noise = np.asarray(tolerances.ROUNDING * len(w) * np.linalg.norm(rows.J, axis=1) * far)
-    return _Found(
+    return _BoundTerms(
         J=rows.J,
         slack=interval_distance(y, rows.lower, rows.upper),
         up=np.where(rows.upper - y > noise, rows.upper - y, 0.0),
@@ -366,7 +366,7 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
     )
 
 
-def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
+def _level_excess(terms: _BoundTerms, level_rows: slice, region: _Region) -> float:
     """Bound how much the residual norm of a level exceeds its optimum, by multipliers of the levels
     above.
     """
@@ -386,7 +386,7 @@ def _level_excess(terms: _Found, level_rows: slice, region: _Region) -> float:
     )
 
 
-def _held(terms: _Found, above: int) -> tuple[Array, Array, Array]:
+def _held(terms: _BoundTerms, above: int) -> tuple[Array, Array, Array]:
     """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,):
     ``c (y - v) <= gap``.
     """

@@ -44,7 +44,8 @@ class StageShape:
             if len(getattr(self, name)) != length:
                 n_stages = len(getattr(self, name))
                 raise InvalidInput(
-                    f"{name} of {n_stages} stages and n_u of {self.N}; give one stage more than in n_u"
+                    f"{name} of {n_stages} stages and n_u of {self.N}; "
+                    "give one stage more than in n_u"
                 )
         if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
             raise InvalidInput("a stage has a negative size; give sizes >= 0")
