@@ -15,7 +15,8 @@ from curves.capsules import Capsule, capsule_of
 from curves.segments import segment_distance, symbolic_segment_distance
 from uvms_ocp.planning.distances import NearPairs, no_near_pairs
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.scene import CollisionScene, Coordinates
+from uvms_ocp.planning.planned_axes import Coordinates
+from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.types import Array, Indices

@@ -11,8 +11,9 @@ import coal
 import numpy as np
 
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
-from uvms_ocp.planning.soft_collision import SamplingOptions, sampled_waypoints
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
+from uvms_ocp.planning.rrt_connect import SamplingOptions, sampled_waypoints
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle

@@ -26,7 +26,8 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm, residual_term
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.scene import collision_scene, coordinates
+from uvms_ocp.planning.planned_axes import coordinates
+from uvms_ocp.planning.scene import collision_scene
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import parse_obstacle

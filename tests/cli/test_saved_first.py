@@ -27,7 +27,7 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.loop import simulate
-from uvms_ocp.solvers.nlp.level_solver import IterationReport
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 from uvms_ocp.viz import run_figures
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen.buffered import BufferedFunction, _buffer_on
+from uvms_ocp.codegen.buffered import BufferedFunction, buffer_on
 from uvms_ocp.codegen.compile import compile_library
 from uvms_ocp.errors import InvalidInput
 
@@ -112,4 +112,4 @@ def test_memory_with_gaps_is_refused_where_its_address_is_kept(buffered: Buffere
     y = np.zeros(2)
     for given in (((x, A), (np.zeros((3, 2), order="F"), y)), ((np.zeros(3), A), (B, y))):
         with pytest.raises(NotImplementedError):
-            _buffer_on(buffered.function, *given)
+            buffer_on(buffered.function, *given)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import buffered, compile
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen import bound_calls, compile
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.casadi_code import in_parts
 from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol, two_calls
 
@@ -164,7 +164,7 @@ def test_two_calls_at_once_give_the_bits_of_one_after_the_other(
     X = np.random.default_rng(4).normal(size=(n, 7))
     assert (two_calls(function) is not None) == has_pairs()
     found = results_of(function, X)
-    monkeypatch.setattr(buffered, "two_calls", lambda function: None)
+    monkeypatch.setattr(bound_calls, "two_calls", lambda function: None)
     for one, other in zip(found, results_of(function, X), strict=True):
         np.testing.assert_array_equal(one, other)
     known = np.array(function(X[0, :5], X[0, 5:])[0]).ravel()

@@ -28,7 +28,7 @@ from compiler import COMPILER, needs_compiler
 from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 
 from uvms_ocp.codegen import compile as building
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.cache import HALF_MADE, cache_folder, cached_libraries, shrink_cache
 from uvms_ocp.codegen.compile import compile_timeout
 from uvms_ocp.errors import InvalidInput

@@ -12,7 +12,7 @@ import pytest
 import uvms_ocp as uo
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import export_controller
-from uvms_ocp.export.controller import literal, table
+from uvms_ocp.export.c_files import literal, table
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field

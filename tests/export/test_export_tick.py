@@ -10,7 +10,7 @@ import pytest
 
 from uvms_ocp.codegen.kernel_layout import arrays_of
 from uvms_ocp.export import tick
-from uvms_ocp.export.controller import interface_types
+from uvms_ocp.export.c_controller import interface_types
 
 PARTS = ("prepare_tick", "hear_forces", "solve_and_finish", "ask_forces", "force_step")
 """In the order of `DynamicController` and `CompiledLoop`, which take what the force layer met in

@@ -20,7 +20,7 @@ from uvms_ocp.codegen.kernels import initial_value
 from uvms_ocp.control.velocity.levels import numbers_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS
-from uvms_ocp.export import controller, export_controller, exported_controller
+from uvms_ocp.export import c_files, controller, export_controller, exported_controller
 from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
@@ -236,7 +236,7 @@ def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
         return initial_value(controller.controller_memory(made, core))
 
     tasks = list(scenario.mission.hierarchy.tasks)
-    numbers, places = controller.task_numbers(tasks, scenario.robot)
+    numbers, places = c_files.task_numbers(tasks, scenario.robot)
     known = initial(tasks)
     every = [(k, item) for k, task in enumerate(tasks) for item in numbers_of(task)]
     assert numbers == [*(getattr(tasks[k], item) for k, item in every), 0.0, 1.0]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import buffered as bound_calls, compile_function
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen import bound_calls, compile_function
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.compile import compile_library, loaded_library
 from uvms_ocp.errors import InvalidInput
 

@@ -16,7 +16,7 @@ import pytest
 from compiler import needs_compiler
 from reaches import reach
 
-from uvms_ocp.codegen import buffered, compile as building
+from uvms_ocp.codegen import bound_calls, compile as building
 from uvms_ocp.ocp import planner as planning
 from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
@@ -25,14 +25,9 @@ from uvms_ocp.ocp.stagewise import sqp
 from uvms_ocp.ocp.transcription import term_rows
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
-from uvms_ocp.solvers.nlp.level_solver import (
-    IterationReport,
-    LevelSolver,
-    NlpOptions,
-    NlpOutcome,
-    NlpPoint,
-)
+from uvms_ocp.solvers.nlp.level_solver import LevelSolver, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 
 
 class Later:
@@ -102,10 +97,10 @@ def test_the_plan_does_not_depend_on_when_machine_code_is_there(
 
     plan = planner.plan(progress=compile_now)
     evaluation = planner._nlp.program.levels.memory.evaluate  # type: ignore[union-attr]
-    assert isinstance(evaluation._make, buffered._MachineCode) is (after is not None)
+    assert isinstance(evaluation._make, bound_calls._MachineCode) is (after is not None)
     later.begin()
     assert_same(planner.plan(), plan)
-    assert isinstance(evaluation._make, buffered._MachineCode)
+    assert isinstance(evaluation._make, bound_calls._MachineCode)
 
 
 @needs_compiler

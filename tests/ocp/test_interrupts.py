@@ -27,8 +27,8 @@ from uvms_ocp.ocp.terms import TaskTerm
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.solvers.nlp.level_solver import IterationReport
 from uvms_ocp.solvers.nlp.program import NlpStatus
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 
 
 @pytest.fixture(scope="module", params=["ipopt", "stagewise"])

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import buffered, compile as building
+from uvms_ocp.codegen import bound_calls, compile as building
 from uvms_ocp.codegen.compile import _compilation
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -153,7 +153,7 @@ def test_the_first_plan_compiles_nothing_within_its_time(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
-    for kept in (buffered.calls_library, qp_library):
+    for kept in (bound_calls.calls_library, qp_library):
         kept.cache_clear()
     planner = Planner(_problem(Smoothness()), NlpOptions(plugin="stagewise", time_limit=60.0))
     built = sorted(path.name for path in tmp_path.glob("*.so"))

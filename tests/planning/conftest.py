@@ -6,7 +6,8 @@ import pytest
 from curves.capsules import capsule_robot
 from planned_scenes import PIPE, SPHERE
 
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 

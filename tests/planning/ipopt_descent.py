@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.planning.path_cost import BlockTridiagonal, LocalModel
-from uvms_ocp.planning.soft_collision import Descent, DescentProblem
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
+from uvms_ocp.planning.path_cost import LocalModel
+from uvms_ocp.planning.trust_region import Descent, DescentProblem
 from uvms_ocp.types import Array, Indices, Mask
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import coal
 import numpy as np
 
-from uvms_ocp.planning.scene import Coordinates
+from uvms_ocp.planning.planned_axes import Coordinates
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.trajectories.min_snap import MotionLimits

@@ -10,7 +10,8 @@ from planned_scenes import PIPE, SPHERE, differences, random_x
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.robot import Robot
 
 

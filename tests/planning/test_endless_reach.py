@@ -12,8 +12,9 @@ import pytest
 
 from uvms_ocp.planning.conservative_advancement import check_clearance
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
-from uvms_ocp.planning.soft_collision import edge_reach
+from uvms_ocp.planning.planned_axes import coordinates
+from uvms_ocp.planning.rrt_connect import edge_reach
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial

@@ -8,8 +8,9 @@ import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput, NameNotFound
 from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.planned_axes import coordinates
 from uvms_ocp.planning.request import PostureGoal, ToolGoal
-from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.robot import Robot
 

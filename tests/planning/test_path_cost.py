@@ -7,9 +7,9 @@ import pytest
 from curves.closed_forms import ClosedFormDistances, collision_density, density_hessian
 from planned_scenes import N, differences, random_x
 
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import (
-    BlockTridiagonal,
     CostWeights,
     DistanceSource,
     PathCost,

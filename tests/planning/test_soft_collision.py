@@ -15,15 +15,14 @@ from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.planning.conservative_advancement import check_clearance
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
 from uvms_ocp.planning.request import ToolGoalOptions, tool_goal
-from uvms_ocp.planning.scene import CollisionScene, Coordinates, collision_scene, coordinates
+from uvms_ocp.planning.rrt_connect import SamplingOptions, edge_reach, sampled_waypoints
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.planning.soft_collision import (
     PlanStatus,
-    SamplingOptions,
     SoftCollisionOptions,
-    edge_reach,
     plan_soft_collision,
-    sampled_waypoints,
     straight_guess,
 )
 from uvms_ocp.robot.loading import load_robot

@@ -11,12 +11,7 @@ from scipy.optimize import linprog
 
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
-from uvms_ocp.solvers.bounded_least_squares import (
-    LinearProgram,
-    program_sizes,
-    solve_program,
-    value_of,
-)
+from uvms_ocp.solvers.linear_program import LinearProgram, program_sizes, solve_program, value_of
 
 SIZES = ((1, 3), (3, 4), (4, 9), (6, 15))
 

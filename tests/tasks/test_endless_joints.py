@@ -15,8 +15,9 @@ from tiny_robots import TINY, Tiny, robot_of, scenario_of
 
 from uvms_ocp.control.velocity.levels import tick_symbols
 from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.planned_axes import coordinates
 from uvms_ocp.planning.request import PostureGoal
-from uvms_ocp.planning.scene import collision_scene, coordinates
+from uvms_ocp.planning.scene import collision_scene
 from uvms_ocp.record.run_meta import joint_errors, joint_positions
 from uvms_ocp.robot.assembly import up_at_rest
 from uvms_ocp.robot.robot import Robot

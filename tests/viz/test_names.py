@@ -24,7 +24,7 @@ from uvms_ocp.cli.printing import console_of, print_findings, table_of
 from uvms_ocp.cli.robots import _print_robot
 from uvms_ocp.cli.run import _print_summary
 from uvms_ocp.errors import plain_line
-from uvms_ocp.export.controller import ControllerNames, table
+from uvms_ocp.export.c_files import ControllerNames, table
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import (

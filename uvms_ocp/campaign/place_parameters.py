@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from uvms_ocp.campaign.current_parameters import with_environment
 from uvms_ocp.campaign.distributions import Parameter
-from uvms_ocp.planning.scene import joint_axis
+from uvms_ocp.planning.planned_axes import joint_axis
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim import (
     FlatSeafloor,

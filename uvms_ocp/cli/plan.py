@@ -34,7 +34,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record, ocp_record, ocp_report, plan_report
 from uvms_ocp.robot import Robot, loading
 from uvms_ocp.robot.shapes.obstacles import Obstacle, parse_obstacle, read_obstacles
-from uvms_ocp.solvers.nlp.level_solver import PLUGINS, IterationReport, NlpOptions
+from uvms_ocp.solvers.nlp.level_solver import PLUGINS, NlpOptions
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 from uvms_ocp.viz.series import PLAN_NAMES
 
 # Options of every plan: where it starts, where it goes, and what stands in the way.

@@ -1,17 +1,8 @@
-"""Call CasADi functions through fixed memory: ten times less overhead than ``Function.call``.
-
-Where all of them are machine code they are made by machine code: between two short functions the
-interpreter takes as long as they do, and holds its lock.
-"""
+"""Call CasADi functions through fixed memory: ten times less overhead than ``Function.call``."""
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
-from itertools import pairwise, product
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -19,18 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked_on_failure
-from uvms_ocp.codegen.compile import (
-    compile_library,
-    compiled_symbol,
-    has_compiler,
-    is_being_compiled,
-    loaded_library,
-    two_calls,
-)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
-
-# Fast numeric calls of a CasADi function: ten times less overhead than ``Function.call``.
 
 
 @checked_on_failure
@@ -51,7 +32,7 @@ class BufferedFunction:
         """(m,) or (m, n) [any] of the last evaluation, overwritten by the next; matrices in
         column-major order.
         """
-        self._buffer, self.evaluate = _buffer_on(function, self._arguments, self.results)
+        self._buffer, self.evaluate = buffer_on(function, self._arguments, self.results)
         """And the function of no arguments that reads those which were written last, or are
         adopted, and writes `results`.
         """
@@ -124,10 +105,12 @@ def argument_sizes(function: ca.Function) -> list[int]:
     ]
 
 
-def _buffer_on(
+def buffer_on(
     function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
 ) -> tuple[Any, Any]:
-    """Buffer on contiguous memory, and what evaluates it; None for results that nobody wants."""
+    """Return a buffer on contiguous memory, and the call that evaluates it; a result of None is not
+    written.
+    """
     buffer, evaluate = function.buffer()
     for i, argument in enumerate(arguments):
         buffer.set_arg(i, _side_by_side(argument))
@@ -137,191 +120,14 @@ def _buffer_on(
     return buffer, evaluate
 
 
-def _side_by_side(given: Array) -> memoryview:
-    """The numbers as they lie there, never a copy, whose address CasADi would keep: it refuses
-    those with gaps.
+def _side_by_side(array: Array) -> memoryview:
+    """Return the memory of an array, never a copy, whose address CasADi would keep; arrays with
+    gaps are refused.
     """
-    return (given.T if given.flags.f_contiguous else given).data
+    return (array.T if array.flags.f_contiguous else array).data
 
 
 def _memory(size: tuple[int, int]) -> Array:
     if size[1] == 1:
         return np.zeros(size[0])
     return np.zeros(size, order="F")
-
-
-# Calls of CasADi functions on memory that stays where it is; results that nobody wants are not
-# written.
-#
-# Where all of them are machine code they are made by machine code: between two short functions the
-# interpreter takes as long as they do, and holds its lock.
-
-_SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Call:
-    """One of them; None for results that nobody wants."""
-
-    function: ca.Function
-    arguments: Sequence[Array]
-    results: Sequence[Array | None]
-
-    def fail(self) -> None:
-        """Clear the results: they are unknown, and must not be taken for those of an earlier
-        call.
-        """
-        for result in self.results:
-            if result is not None:
-                result[...] = np.nan
-
-
-class BoundCalls:
-    """Calls one after the other. The results of one that fails are nan. Not for use from two
-    threads at once.
-
-    Until machine code is there CasADi's virtual machine makes them, with the same results.
-    """
-
-    __slots__ = ("_calls", "_for_now", "_make")
-
-    def __init__(self) -> None:
-        self._calls: list[_Call] = []
-        self._make: Callable[[], None] | None = None
-        self._for_now = False
-
-    def add(
-        self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
-    ) -> None:
-        """One more call; arguments and results, (m,) or (m, n) [any], are contiguous, column by
-        column as CasADi has them, of sparse ones the entries.
-
-        Raises `InvalidInput` for memory of another size.
-        """
-        for i, argument in enumerate(arguments):
-            _require(function, argument, function.nnz_in(i))
-        wanted = [result if result is not None and result.size else None for result in results]
-        for i, result in enumerate(wanted):
-            if result is not None:
-                _require(function, result, function.nnz_out(i))
-        self._calls.append(
-            _Call(function=function, arguments=tuple(arguments), results=tuple(wanted))
-        )
-        self._make = None
-
-    def __call__(self) -> None:
-        """Make all calls."""
-        if self._make is None or self._for_now:
-            self._bind()
-        assert self._make is not None
-        self._make()
-
-    def _bind(self) -> None:
-        waits = any(is_being_compiled(call.function) for call in self._calls)
-        if self._make is None or not waits:
-            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(
-                self._calls
-            )
-        self._for_now = waits
-
-
-def _require(function: ca.Function, given: Array, size: int) -> None:
-    if given.size != size or given.dtype != np.float64 or not given.flags.c_contiguous:
-        raise InvalidInput(
-            f"{function.name()}: memory of shape {given.shape}; give {size} numbers side by side"
-        )
-
-
-def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
-    bound = [(*_buffer_on(call.function, call.arguments, call.results), call) for call in calls]
-
-    def make() -> None:
-        for buffer, evaluate, call in bound:
-            evaluate()
-            if buffer.ret():
-                call.fail()
-
-    return make
-
-
-def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
-    """None where one of them is none; each function is looked for once, as looking for one that
-    cannot be compiled takes long.
-    """
-    if has_compiler():
-        library = calls_library()
-    else:
-        library = None
-    if library is None:
-        return None
-    symbols = {
-        function: compiled_symbol(function)
-        for function in dict.fromkeys(call.function for call in calls)
-    }
-    if None in symbols.values():
-        return None
-    return _MachineCode(library, [symbols[call.function] for call in calls], calls)
-
-
-class _MachineCode:
-    """Calls as a table of addresses."""
-
-    __slots__ = ("_calls", "_given", "_kept", "_make")
-
-    def __init__(
-        self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
-    ) -> None:
-        taken = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
-        given = [_addresses(call.results, call.function.sz_res()) for call in calls]
-        rows = [
-            (*at, a.ctypes.data, r.ctypes.data)
-            for *at, a, r in zip(symbols, _pairs(calls), taken, given, strict=True)
-        ]
-        table = np.array(rows, dtype=np.uintp)
-        whole = np.zeros(max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64)
-        work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
-        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, whole, work))
-        self._make = library.make_calls
-        self._given = (ctypes.c_int(len(calls)), *pointers)
-        self._calls = calls
-        self._kept = (taken, given, table, whole, work)
-
-    def __call__(self) -> None:
-        failed = self._make(0, *self._given)
-        n = len(self._calls)
-        while failed < n:
-            self._calls[failed].fail()
-            failed = self._make(failed + 1, *self._given)
-
-
-def _pairs(calls: Sequence[_Call]) -> list[int]:
-    """(n,) what makes a call and the next one at once, where these do not build on each other; else
-    0.
-    """
-    found = [0] * len(calls)
-    for i, (one, other) in enumerate(pairwise(calls)):
-        if one.function is other.function and not (i and found[i - 1]):
-            twice = two_calls(one.function)
-        else:
-            twice = None
-        if twice and not any(
-            np.may_share_memory(*pair) for pair in product(one.results, other.arguments)
-        ):
-            found[i] = twice
-    return found
-
-
-def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
-    """(size,) of the memory of arrays, 0 for none; functions write into what is left over."""
-    found = np.zeros(max(size, len(arrays)), dtype=np.uintp)
-    found[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
-    return found
-
-
-@lru_cache(maxsize=1)
-def calls_library() -> ctypes.CDLL | None:
-    """The code that makes `BoundCalls`, compiled at the first call."""
-    path = compile_library(_SOURCE, name="calls one after the other")
-    if path is None:
-        return None
-    return loaded_library(path)

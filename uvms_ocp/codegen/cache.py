@@ -41,19 +41,19 @@ def cache_folder() -> tuple[Path | None, str]:
 
 
 def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
-    """Those of a cache folder, and the numbers of functions in them, used last first: when, is
-    their time of modification.
+    """Return the libraries of a cache folder, and the files of numbers of functions in them, by
+    time of last use, latest first.
     """
-    found = dict[Path, os.stat_result]()
+    libraries = dict[Path, os.stat_result]()
     for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
         with suppress(OSError):  # another process removes it
-            found[path] = path.stat()
-    return dict(sorted(found.items(), key=lambda pair: -pair[1].st_mtime))
+            libraries[path] = path.stat()
+    return dict(sorted(libraries.items(), key=lambda pair: -pair[1].st_mtime))
 
 
-def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
-    """Remove those used longest ago until at most that many bytes are left; returns what was
-    removed.
+def shrink_cache(folder: Path, max_size: float) -> dict[Path, os.stat_result]:
+    """Remove the libraries used longest ago until at most `max_size` bytes are left; return what
+    was removed.
 
     Gone is also what processes that were killed a day ago have left half made.
     """
@@ -61,11 +61,11 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
         with suppress(OSError):
             if time() - path.stat().st_mtime > _FORGOTTEN:
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-    left = 0
+    total_size = 0
     gone = dict[Path, os.stat_result]()
     for path, status in cached_libraries(folder).items():
-        left += status.st_size
-        if left > most:
+        total_size += status.st_size
+        if total_size > max_size:
             with suppress(OSError):  # it is in use, or another process removes it
                 path.unlink()
                 gone[path] = status
@@ -74,9 +74,9 @@ def shrink_cache(folder: Path, most: float) -> dict[Path, os.stat_result]:
 
 
 def _candidates() -> list[Path]:
-    given = os.environ.get("UVMS_OCP_CACHE")
-    if given:
-        return [Path(given)]
+    configured = os.environ.get("UVMS_OCP_CACHE")
+    if configured:
+        return [Path(configured)]
     home = os.environ.get(
         "HOME", os.path.expanduser("~")
     )  # without an entry of the user it stays "~", which is no place
@@ -93,7 +93,7 @@ def _candidates() -> list[Path]:
 
 
 def _problem(folder: Path) -> str:
-    """Why the folder cannot be used; empty where it can."""
+    """Return why the folder cannot be used; empty where it can."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         return _unsafe(
@@ -105,7 +105,9 @@ def _problem(folder: Path) -> str:
 
 
 def _unsafe(folder: Path, status: os.stat_result) -> str:
-    """A library that others can replace must not be loaded."""
+    """Return why libraries of a folder must not be loaded, or cannot be kept there; empty where
+    they can.
+    """
     foreign = sys.platform != "win32" and status.st_uid != os.getuid()
     if foreign or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         return f"cache {folder} can be written by others"
@@ -118,8 +120,8 @@ def _unsafe(folder: Path, status: os.stat_result) -> str:
 
 @contextmanager
 def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
-    """One process at a time makes a library; the others find it then, or make it themselves after
-    so many `seconds` [s].
+    """Let one process at a time make a library; the others find it then, or make it themselves
+    after so many `seconds` [s].
     """
     if sys.platform == "win32":
         yield

@@ -50,9 +50,54 @@ from uvms_ocp.codegen.cache import HALF_MADE, KEPT_NUMBERS, cache_folder, shrink
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
+_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
+# Behind flags of the user's, so that numbers are the same with them: see exact.c.
+_EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
+# Code without loops gains nothing from more optimisation but the time that takes: half of it with
+# the first two for long code.
+_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
+_LONG_CODE = 200_000  # [bytes]
+_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
+# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
+# where one of both is.
+MATH, PARTS, WIDE_MACROS, EXACT = (
+    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
+    for name in ("math", "parts", "wide", "exact")
+)
+"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
+INLINE, and before what others compile.
+"""
+# Numbers of a library: constants of it, or set when it is loaded, and then they stay.
+_CONSTANT_NUMBERS = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
+_SET_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
+void* numbers_address(void) {{ return numbers; }}
+"""
+MOST_CACHED = 1e9
+"""[bytes] beyond which libraries that were used longest ago are removed."""
+PROGRESS = "progress"
+"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
+_VERSION_TIMEOUT = 30.0  # [s]
+_HUNG: set[str] = set()  # compilers, which are not called again
+_SAID: set[str] = set()  # warnings, which are logged once
+_KEPT_FUNCTIONS = 48  # loaded functions that all callers share
+_ADDRESSES = WeakKeyDictionary[
+    ca.Function, dict[str, int | None]
+]()  # by symbol, of compiled functions
+_BESIDE = WeakKeyDictionary[
+    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
+]()  # that are being compiled
+_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
+_WAITS = ContextVar("waits", default=True)
+_NO_NUMBERS = np.zeros(0)
+_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
+_PACE = 1.2e-6  # [s] that a byte of long code takes to compile
+_LONG = 2.0  # [s] of silence that look like a hang
+_SLOWER = "everything works, only slower"
+_log = logging.getLogger(__name__)
+
+
 T = TypeVar("T")
 
-# A call of the C compiler that ends: in time, with all that it started, and with little to say.
 
 _TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
 _KEPT = 2000  # [bytes] of what a compiler says
@@ -65,31 +110,31 @@ def compile_timeout() -> float:
     """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput`
     where that is no time.
     """
-    given = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
+    configured = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
     try:
-        seconds = float(given or _TIMEOUT)
+        seconds = float(configured or _TIMEOUT)
     except ValueError:
         seconds = -1.0
     if not 0.0 < seconds < 1e9:
         raise InvalidInput(
-            f"UVMS_OCP_COMPILE_TIMEOUT = {given!r}; give seconds, such as {_TIMEOUT:g}"
+            f"UVMS_OCP_COMPILE_TIMEOUT = {configured!r}; give seconds, such as {_TIMEOUT:g}"
         )
     return seconds
 
 
 def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
-    """Return code and the end of what was said on both outputs, after at most that many `seconds`
-    [s].
+    """Run a compiler for at most that many `seconds` [s]; return its code and the end of what it
+    wrote on both outputs.
 
     Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
     with all its children.
     """
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as output:
         with _STARTING:
             process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
-                stdout=said,
+                stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
@@ -101,8 +146,8 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
             raise
         finally:
             _RUNNING.discard(process)
-        said.seek(max(0, said.seek(0, os.SEEK_END) - _KEPT))
-        return code, said.read().decode(errors="replace")
+        output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
+        return code, output.read().decode(errors="replace")
 
 
 @atexit.register
@@ -110,22 +155,22 @@ def _end_compilers() -> (
     None
 ):  # as the process ends, of which threads that wait for them hear nothing
     _STARTING.acquire()  # and none begins any more
-    left = [work for result, work in _BEGUN if not result.ready()]
+    unfinished = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
         _kill(process)
-    if left:
-        _hand_over(left)
+    if unfinished:
+        _hand_over(unfinished)
 
 
-def _hand_over(left: Sequence[Callable[[], object]]) -> None:
-    """Give what nobody has waited for to a process of its own, for the next process that needs
-    it.
+def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
+    """Give unfinished compilations to a process of their own, so that the next process finds their
+    libraries.
     """
     if "python" not in Path(sys.executable or "").name.lower():
         return  # but a program that has Python in it, and would begin anew
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
     with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
-        pickle.dump(left, file)
+        pickle.dump(unfinished, file)
         file.seek(0)
         subprocess.Popen(
             [sys.executable, "-c", f"{imports}; compile_what_is_left()"],
@@ -143,7 +188,7 @@ def compile_what_is_left() -> None:
     if sys.platform != "win32":
         os.nice(19)
     _BEHIND.set()
-    for work in [_workers(os.getpid()).apply_async(one) for one in pickle.load(sys.stdin.buffer)]:
+    for work in [_workers(os.getpid()).apply_async(job) for job in pickle.load(sys.stdin.buffer)]:
         work.wait()
 
 
@@ -171,9 +216,6 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-# Numbers of Python in C source.
-
-
 def constants_of(module: ModuleType) -> dict[str, float]:
     """Return the numbers that a module names in capitals."""
     return {
@@ -186,56 +228,6 @@ def constants_of(module: ModuleType) -> dict[str, float]:
 def c_macros(values: Mapping[str, object]) -> str:
     """Define a macro for each value, under its name in capitals."""
     return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
-
-
-# C source to shared library, compiled once and cached, several at once on the cores there are.
-
-_FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Behind flags of the user's, so that numbers are the same with them: see exact.c.
-_EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
-# Code without loops gains nothing from more optimisation but the time that takes: half of it with
-# the first two for long code.
-# [bytes]
-_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
-_LONG_CODE = 200_000
-_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
-# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
-# where one of both is.
-MATH, PARTS, WIDE_MACROS, EXACT = (
-    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
-    for name in ("math", "parts", "wide", "exact")
-)
-"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
-INLINE, and before what others compile.
-"""
-# they stay while code runs
-_KNOWN = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
-_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
-void* numbers_address(void) {{ return numbers; }}
-"""
-MOST_CACHED = 1e9
-"""[bytes] beyond which libraries that were used longest ago are removed."""
-PROGRESS = "progress"
-"""Attribute of what is logged as a warning to be seen, and warns of nothing."""
-_VERSION_TIMEOUT = 30.0  # [s]
-_HUNG: set[str] = set()  # compilers, which are not called again
-_SAID: set[str] = set()
-_KEPT_FUNCTIONS = 48
-_ADDRESSES = WeakKeyDictionary[
-    ca.Function, dict[str, int | None]
-]()  # by symbol, of compiled functions
-_BESIDE = WeakKeyDictionary[
-    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
-]()  # that are being compiled
-_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
-_WAITS = ContextVar("waits", default=True)
-_NONE = np.zeros(0)
-_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
-# [s] a byte of long code takes; [s] of silence that look like a hang
-_PACE = 1.2e-6
-_LONG = 2.0
-_SLOWER = "everything works, only slower"
-_log = logging.getLogger(__name__)
 
 
 @checked
@@ -309,12 +301,12 @@ def _awaited(result: AsyncResult[Path | None]) -> Path | None:
 
 
 @contextmanager
-def compiling_beside(beside: bool) -> Iterator[None]:
+def compiling_beside(in_background: bool) -> Iterator[None]:
     """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is
     set.
     """
     before = _WAITS.set(
-        not beside or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
+        not in_background or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
     )
     try:
         yield
@@ -362,8 +354,8 @@ def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Func
 
 
 def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
-    """Start what compiles; where the process ends before, one of its own finishes it. work: is
-    found by its name, or bound.
+    """Start a compilation in the background; where this process ends first, another one finishes
+    it. work: can be pickled, by its name or as a bound method.
     """
     _BEGUN[:] = [begun for begun in _BEGUN if not begun[0].ready()]
     _BEGUN.append((_workers(os.getpid()).apply_async(work), work))
@@ -374,30 +366,38 @@ def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
 def compiled_from(
     name: str, content: str, make: Callable[[], ca.Function], *modules: str
 ) -> ca.Function:
-    """The function of that name which `make` makes of a content, as `start_compiling` has it.
+    """Return the function of that name which `make` makes of a content, compiled in the background
+    as by `start_compiling`.
 
     Where that was compiled before it is not made at all: the cache keeps in which library it is,
     and with which numbers. content: of all that the function depends on but CasADi, the compiler,
     and the files `modules` of the code that `make` runs.
     """
-    entry, kept = _looked_up(name, content, *modules)
-    return (kept and _function_in(kept[0], name, kept[1])) or start_compiling(make(), entry)
+    entry, cached = _looked_up(name, content, *modules)
+    if cached:
+        library, numbers = cached
+        function = _function_in(library, name, numbers)
+        if function:
+            return function
+    return start_compiling(make(), entry)
 
 
 def library_from(name: str, content: str, make: Callable[[], str], *modules: str) -> Path | None:
-    """`compile_library` of the source that `make` makes of a content, which is kept as by
+    """Return the library of the source that `make` makes of a content, kept in the cache as by
     `compiled_from`.
     """
-    entry, kept = _looked_up(name, content, *modules)
-    if kept:
-        return kept[0]
-    return _keep(entry, _NONE, partial(compile_library, make(), name=name))
+    entry, cached = _looked_up(name, content, *modules)
+    if cached:
+        return cached[0]
+    return _keep(entry, _NO_NUMBERS, partial(compile_library, make(), name=name))
 
 
 def _looked_up(
     name: str, content: str, *modules: str
 ) -> tuple[Path | None, tuple[Path, np.ndarray] | None]:
-    """File of the cache for what comes of a content, where there is a cache, and what is in it."""
+    """Return the cache entry for what is made of a content, None without a cache, and what it
+    holds.
+    """
     compiler = _compiler()
     folder = cache_folder()[0]
     if compiler is None or folder is None:
@@ -413,9 +413,7 @@ def _looked_up(
 
 
 def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
-    """Hash of expressions, for which nothing is differentiated, and of whatever else a function is
-    made of.
-    """
+    """Hash expressions, without differentiating them, and whatever else a function is made of."""
     return _digest(
         f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode()
     )
@@ -442,12 +440,14 @@ def _keep(
 
 
 def _kept(entry: Path) -> tuple[Path, np.ndarray] | None:
-    """Library and numbers; None where one of both is not there, or damaged."""
+    """Return the library and numbers of a cache entry; None where one of them is missing or
+    damaged.
+    """
     with suppress(OSError):
-        whole = entry.read_bytes()
-        if whole[:64] != _digest(whole[64:]).encode():
+        content = entry.read_bytes()
+        if content[:64] != _digest(content[64:]).encode():
             return None
-        name, _, numbers = whole[64:].partition(b"\n")
+        name, _, numbers = content[64:].partition(b"\n")
         library = entry.with_name(name.decode())
         if _is_usable(library):
             for path in (entry, library):
@@ -473,8 +473,8 @@ def n_processors() -> int:
 
 @cache
 def _workers(process: int) -> ThreadPool:
-    """One for each process, as a fork has no threads; ended with it, whatever is still being
-    compiled.
+    """Return the compiler threads of this process, as a fork has none; they end with it, whatever
+    is still being compiled.
     """
     pool = ThreadPool(min(_MOST_COMPILERS, n_processors()))
     atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
@@ -482,7 +482,9 @@ def _workers(process: int) -> ThreadPool:
 
 
 def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.ndarray]:
-    """Work for any thread, and the numbers of its library; CasADi writes the code here."""
+    """Return the work of compiling a function, for any thread, and its numbers; CasADi writes the
+    code here.
+    """
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = casadi_code.without_numbers(generator.dump())
@@ -490,11 +492,11 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
         f"/* {_code_of(casadi_code.__file__)} */\n"
         + MATH
         + PARTS
-        + _KNOWN.format(n=len(numbers))
+        + _CONSTANT_NUMBERS.format(n=len(numbers))
         + form
     )
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
-    others = (_NUMBERS.format(n=len(numbers)),)
+    others = (_SET_NUMBERS.format(n=len(numbers)),)
     return partial(
         compile_library, source, flags, function.name(), others, casadi_code.in_parts
     ), numbers
@@ -508,7 +510,9 @@ def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.F
     return _function_in(compile_library(source, flags, name), name)
 
 
-def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> ca.Function | None:
+def _function_in(
+    path: Path | None, name: str, numbers: np.ndarray = _NO_NUMBERS
+) -> ca.Function | None:
     try:
         if path is None:
             return None
@@ -522,7 +526,9 @@ def _function_in(path: Path | None, name: str, numbers: np.ndarray = _NONE) -> c
 
 @lru_cache(maxsize=_KEPT_FUNCTIONS)
 def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
-    """One for all callers: a run of the same robot and mission takes up no more memory."""
+    """Load a function of a library once for all callers, so that runs of the same robot and mission
+    share its memory.
+    """
     with tempfile.TemporaryDirectory(
         prefix=HALF_MADE, dir=path.parent, ignore_cleanup_errors=True
     ) as folder:
@@ -533,9 +539,9 @@ def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
             library.numbers_address.restype = ctypes.c_void_p
             ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
-        known = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
+        symbols = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
         _ADDRESSES[function] = {
-            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in known
+            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in symbols
         }
         _close(library)  # the function holds it
     return function
@@ -578,7 +584,7 @@ def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
 
 
 def warn_if_slower() -> None:
-    """Log now, once, that there is no compiler or no cache: for who starts processes that say
+    """Log once that there is no compiler or no cache, before starting processes that log
     nothing.
     """
     if _compiler() is not None:
@@ -597,10 +603,10 @@ def has_compiler() -> bool:
 @lru_cache(maxsize=1)
 def _compiler() -> str | None:
     names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
-    found = next((path for name in names if name and (path := shutil.which(name))), None)
-    if found is None:
+    compiler = next((path for name in names if name and (path := shutil.which(name))), None)
+    if compiler is None:
         _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
-    return found
+    return compiler
 
 
 @lru_cache(maxsize=4)
@@ -610,12 +616,12 @@ def _version(compiler: str) -> str:
     return ""
 
 
-def _warn_once(what: str, detail: str = "") -> None:
+def _warn_once(event: str, detail: str = "") -> None:
     if (
-        what not in _SAID and threading.main_thread().is_alive()
+        event not in _SAID and threading.main_thread().is_alive()
     ):  # not where its compiler was ended with it
-        _SAID.add(what)
-        _log.warning("%s: %s", f"{what} ({detail})" if detail else what, _SLOWER)
+        _SAID.add(event)
+        _log.warning("%s: %s", f"{event} ({detail})" if detail else event, _SLOWER)
 
 
 @lru_cache(maxsize=1)
@@ -643,8 +649,8 @@ def _is_usable(library: Path) -> bool:
 
 
 def _load_error(library: Path) -> str:
-    """Why it cannot be loaded, empty where it can; it is let go again, as the file may be replaced
-    before it is used.
+    """Return why a library cannot be loaded, empty where it can; it is closed again, as the file
+    may be replaced before it is used.
     """
     try:
         _close(ctypes.CDLL(str(library)))
@@ -691,11 +697,11 @@ def _build_in(
     codes = [folder / f"source{k}.c" for k in range(len(sources))]
     for code, source in zip(codes, sources, strict=True):
         code.write_text(source, encoding="utf-8")
-    failed, said = run_compiler(
+    failed, output = run_compiler(
         [compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout()
     )
     if failed:
-        _warn_once(f"{compiler} failed", ascii(" ".join(said.split())[-200:]))
+        _warn_once(f"{compiler} failed", ascii(" ".join(output.split())[-200:]))
         return False
     problem = _load_error(built)
     if problem:

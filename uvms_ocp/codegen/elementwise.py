@@ -11,11 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-# Operations on numbers that NumPy arrays and CasADi expressions spell differently; every function
-# answers in kind.
-#
-# Arguments are of any one shape, (...), and of any one unit, [any], where nothing else is said.
-
 Array = Any
 """``numpy.ndarray``, ``casadi.SX`` or ``casadi.MX``; scalars of these."""
 
@@ -76,10 +71,6 @@ def _spread(value: Array, condition: Array) -> Array:
     if is_symbolic(value):
         return value
     return value * ca.DM.ones(condition.shape)
-
-
-# How far numbers are from the interval they should be in, for NumPy arrays and CasADi expressions
-# alike.
 
 
 def interval_distance(y: Array, lower: Array, upper: Array) -> Array:

@@ -13,7 +13,41 @@ from typing import Any, NoReturn
 from uvms_ocp.codegen.kernel_layout import zeros
 from uvms_ocp.errors import InvalidInput
 
-# Types of what a kernel computes with, as C has them.
+_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_INTEGER_OPERATORS: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
+_COMPARISONS: dict[type, str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+_FUNCTIONS = (
+    math.sqrt,
+    math.exp,
+    math.log,
+    math.erf,
+    math.sin,
+    math.cos,
+    math.asin,
+    math.acos,
+    math.atan2,
+)
+_ROUNDINGS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
+_MATH = {
+    function: function.__name__ for function in (*_FUNCTIONS, *_ROUNDINGS)
+}  # C calls them as Python does
+_TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
+PREFIX = "k_"
+"""Prefix of the names of kernels in C, which has names of its own."""
+_C_WORDS = """
+auto case char const default do double enum extern goto inline long register restrict short signed
+sizeof static struct switch
+typedef union unsigned void volatile abs greater_of lesser_of
+"""
+_RESERVED = frozenset(_C_WORDS.split())
+_BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
 def kernel_error(node: ast.AST, why: str) -> InvalidInput:
@@ -21,16 +55,16 @@ def kernel_error(node: ast.AST, why: str) -> InvalidInput:
     return InvalidInput(f"line {getattr(node, 'lineno', 0)}: {ast.unparse(node)} {why}")
 
 
-def require(kept: bool, node: ast.AST, why: str) -> None:
-    """Raise `kernel_error` where a rule is not kept."""
-    if not kept:
+def require(condition: bool, node: ast.AST, why: str) -> None:
+    """Raise `kernel_error` where the condition does not hold."""
+    if not condition:
         raise kernel_error(node, why)
 
 
 @dataclass(frozen=True, slots=True)
 class CType:
-    """A type by its name in C: "double", "int" or that of a structure, which is passed by pointer,
-    or an array of one of them.
+    """A type in C: "double", "int", a structure, which is passed by pointer, or an array of one of
+    them.
     """
 
     name: str
@@ -41,7 +75,7 @@ class CType:
 
     @property
     def is_number(self) -> bool:
-        """Rather than an array or a structure."""
+        """True for a number, False for an array or a structure."""
         return not self.sizes and self.structure is None
 
     def entry(self) -> CType:
@@ -94,46 +128,9 @@ def column_size(kind: CType) -> int:
     return 0
 
 
-# Expressions of kernels, from Python to C.
-
-_OPERATORS: dict[type, str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_WHOLE: dict[type, str] = {ast.FloorDiv: "/", ast.Mod: "%"}
-_ORDER: dict[type, str] = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-}
-_ROOTS = (
-    math.sqrt,
-    math.exp,
-    math.log,
-    math.erf,
-    math.sin,
-    math.cos,
-    math.asin,
-    math.acos,
-    math.atan2,
-)
-_PARTS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
-_OF_NUMBERS = {
-    function: function.__name__ for function in (*_ROOTS, *_PARTS)
-}  # C calls them as Python does
-_TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
-PREFIX = "k_"
-"""Prefix of the names of kernels in C, which has names of its own."""
-_WORDS = """
-auto case char const default do double enum extern goto inline long register restrict short signed sizeof static struct switch
-typedef union unsigned void volatile abs greater_of lesser_of
-"""
-_TAKEN = frozenset(_WORDS.split())
-
-
 def c_name(name: str) -> str:
     """A name of Python in C, where some have another meaning."""
-    if name in _TAKEN:
+    if name in _RESERVED:
         return f"{name}_"
     return name
 
@@ -148,7 +145,7 @@ class CExpression:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Signature of a kernel."""
+    """Name, parameters and result of a kernel in C."""
 
     name: str
     """In C, behind the prefix: that in Python, with a number where another kernel of the program
@@ -186,15 +183,15 @@ def refused(node: ast.AST, scope: Scope) -> NoReturn:
 
 def number(node: ast.expr, scope: Scope) -> CExpression:
     """An expression that is a number."""
-    found = expression(node, scope)
+    value = expression(node, scope)
     require(
-        found.type.is_number and found.type != NOTHING, node, f"is no number but {found.type.name}"
+        value.type.is_number and value.type != NOTHING, node, f"is no number but {value.type.name}"
     )
-    return found
+    return value
 
 
 def literal(value: Any) -> CExpression | None:
-    """A constant of Python; `None` where kernels have none of its type."""
+    """Return a constant of Python in C; `None` where kernels have none of its type."""
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
     if isinstance(value, float):
@@ -224,25 +221,25 @@ def constant(node: ast.expr, scope: Scope) -> Any:
 
 
 def _constant(node: ast.Constant, scope: Scope) -> CExpression:
-    found = literal(node.value)
-    if found is None:
+    value = literal(node.value)
+    if value is None:
         raise kernel_error(node, "is no number")
-    return found
+    return value
 
 
 def _name(node: ast.Name, scope: Scope) -> CExpression:
     if node.id in scope.local:
         return CExpression(c_name(node.id), scope.local[node.id])
-    found = literal(constant(node, scope))
-    if found is None:
+    value = literal(constant(node, scope))
+    if value is None:
         raise kernel_error(node, "is no variable and no number of the module")
-    return found
+    return value
 
 
 def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
-    found = literal(constant(node, scope))
-    if found is not None:
-        return found
+    value = literal(constant(node, scope))
+    if value is not None:
+        return value
     owner = expression(node.value, scope)
     require(owner.type.structure is not None and not owner.type.sizes, node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
@@ -270,19 +267,19 @@ def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
 def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
     left = number(node.left, scope)
     right = number(node.right, scope)
-    whole = left.type == right.type == INT
-    if type(node.op) in _WHOLE:
-        require(whole, node, "is only for whole numbers, which are not negative")
-        return CExpression(f"({left.text} {_WHOLE[type(node.op)]} {right.text})", INT)
+    is_integer = left.type == right.type == INT
+    if type(node.op) in _INTEGER_OPERATORS:
+        require(is_integer, node, "is only for whole numbers, which are not negative")
+        return CExpression(f"({left.text} {_INTEGER_OPERATORS[type(node.op)]} {right.text})", INT)
     if type(node.op) not in _OPERATORS:
         refused(node, scope)
-    if whole and isinstance(node.op, ast.Div):
+    if is_integer and isinstance(node.op, ast.Div):
         cast = "(double)"
     else:
         cast = ""
     return CExpression(
         f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})",
-        INT if whole and not cast else DOUBLE,
+        INT if is_integer and not cast else DOUBLE,
     )
 
 
@@ -298,17 +295,19 @@ def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     require(all(part.type == INT for part in parts), node, "is only for truth values")
-    return CExpression(
-        f"({(' && ' if isinstance(node.op, ast.And) else ' || ').join(part.text for part in parts)})",
-        INT,
-    )
+    operator = " && " if isinstance(node.op, ast.And) else " || "
+    text = operator.join(part.text for part in parts)
+    return CExpression(f"({text})", INT)
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
-    require(all(type(op) in _ORDER for op in node.ops), node, "does not compare numbers by size")
+    require(
+        all(type(op) in _COMPARISONS for op in node.ops), node, "does not compare numbers by size"
+    )
     pairs = [
-        f"{a} {_ORDER[type(op)]} {b}" for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
+        f"{a} {_COMPARISONS[type(op)]} {b}"
+        for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
     ]
     return CExpression(f"({' && '.join(pairs)})", INT)
 
@@ -333,10 +332,10 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
         return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
-    for known, result in ((_OF_NUMBERS, DOUBLE), (_TESTS, INT)):
-        if function in known:
+    for table, result in ((_MATH, DOUBLE), (_TESTS, INT)):
+        if function in table:
             arguments = ", ".join(number(argument, scope).text for argument in node.args)
-            return CExpression(f"{known[function]}({arguments})", result)
+            return CExpression(f"{table[function]}({arguments})", result)
     return _kernel_call(node, function, scope)
 
 
@@ -345,9 +344,6 @@ def _converted(of: CExpression, to: type) -> CExpression:
         return CExpression(f"({of.text} != 0)", INT)
     kind = INT if to is int else DOUBLE
     return CExpression(f"(({kind.name}){of.text})", kind)
-
-
-_BUILTINS: dict[str, Any] = {f.__name__: f for f in (len, min, max, abs, int, float, bool)}
 
 
 def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
@@ -363,11 +359,11 @@ def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
 
 def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
     terms = [number(argument, scope) for argument in node.args]
-    whole = all(term.type == INT for term in terms)
+    is_integer = all(term.type == INT for term in terms)
     text = terms[0].text
     for term in terms[1:]:
-        text = f"{name}{'_int' if whole else ''}({text}, {term.text})"
-    return CExpression(text, INT if whole else DOUBLE)
+        text = f"{name}{'_int' if is_integer else ''}({text}, {term.text})"
+    return CExpression(text, INT if is_integer else DOUBLE)
 
 
 def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
@@ -378,15 +374,15 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
         node,
         f"has to give {len(signature.parameters)} arguments",
     )
-    given = [expression(argument, scope) for argument in node.args]
-    for argument, (name, wanted) in zip(given, signature.parameters.items(), strict=True):
-        alike = argument.type.is_number == wanted.is_number and (
-            wanted.is_number or argument.type.name == wanted.name
+    arguments = [expression(argument, scope) for argument in node.args]
+    for argument, (name, expected) in zip(arguments, signature.parameters.items(), strict=True):
+        alike = argument.type.is_number == expected.is_number and (
+            expected.is_number or argument.type.name == expected.name
         )
-        require(alike, node, f"gives {argument.type.name} as {name}, which is {wanted.name}")
-        require(wanted != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
+        require(alike, node, f"gives {argument.type.name} as {name}, which is {expected.name}")
+        require(expected != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
     return CExpression(
-        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in given)})",
+        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in arguments)})",
         signature.result,
     )
 

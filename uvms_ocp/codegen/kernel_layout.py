@@ -19,8 +19,6 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compiled_symbol
 from uvms_ocp.errors import InvalidInput
 
-# CasADi functions inside of layouts, which kernels call.
-
 
 class FunctionField:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it
@@ -46,10 +44,10 @@ class FunctionStructure(ctypes.Structure):
         """Call the function without a compiler, as C does."""
         call = _buffered(self.function)
         n = self.function.n_in()
-        found = call(
+        results = call(
             *(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n]))
         )
-        for target, values in zip(vectors[n:], found, strict=True):
+        for target, values in zip(vectors[n:], results, strict=True):
             if target is not None:
                 _numbers(target)[: values.size] = values.ravel(order="F")
 
@@ -140,7 +138,7 @@ def column_view(layout: Any) -> np.ndarray:
 
 
 def _numbers(vector: Any) -> np.ndarray:
-    """On the memory of the vector, if it is one of ctypes."""
+    """Return an array of NumPy on the memory of a structure or array of ctypes, else a copy."""
     if isinstance(vector, ctypes.Structure):
         return column_view(vector)
     if isinstance(vector, ctypes.Array):
@@ -153,8 +151,6 @@ def _given(vector: Any, size: tuple[int, int]) -> Any:
         return np.zeros(size)
     return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
 
-
-# Questions of kernels to Python: for what has no other form.
 
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
 _NOTHING = ca.Function("ask", [], [])
@@ -170,8 +166,8 @@ class CallbackField:
 
 
 class CallbackStructure(function_structure(_NOTHING)):  # type: ignore[misc]
-    """Callback in memory: a function of nothing, at the place where a `FunctionField` has its
-    machine code.
+    """Callback in memory: the address of a function without arguments, where a `FunctionField` has
+    its machine code.
     """
 
     __slots__ = ()
@@ -205,9 +201,6 @@ class CallbackBinding:
             return 1
         return 0
 
-
-# What kernels remember: named numbers, arrays and parts, in Python and in C at the same place in
-# memory.
 
 Vector: TypeAlias = MutableSequence[float]
 """A parameter of a kernel: numbers that it reads or changes in place."""
@@ -257,12 +250,14 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
 
 @lru_cache(maxsize=80)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
-    known = dict(sizes)
+    known_sizes = dict(sizes)
     hints = get_type_hints(layout, include_extras=True)
     fields = [
-        (name, _field(f"{layout.__name__}.{name}", hint, known)) for name, hint in hints.items()
+        (name, _field(f"{layout.__name__}.{name}", hint, known_sizes))
+        for name, hint in hints.items()
     ]
-    arrays = {name: lengths for name, hint in hints.items() if (lengths := _lengths(hint, known))}
+    lengths = {name: _lengths(hint, known_sizes) for name, hint in hints.items()}
+    arrays = {name: sizes_of for name, sizes_of in lengths.items() if sizes_of}
     body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
     return type(layout.__name__, (ctypes.Structure,), body)
 
@@ -296,10 +291,12 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
     return kind
 
 
-def _required(name: str, asked: str, given: Mapping[str, Any]) -> Any:
-    if asked not in given:
-        raise InvalidInput(f"{name} needs {asked!r}, which is not given; given: {sorted(given)}")
-    return given[asked]
+def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
+    if size_name not in sizes:
+        raise InvalidInput(
+            f"{name} needs {size_name!r}, which is not given; given: {sorted(sizes)}"
+        )
+    return sizes[size_name]
 
 
 def _item(hint: Any) -> Any:
@@ -324,8 +321,8 @@ def assign(memory: Layout, **values: Any) -> None:
     for name, value in values.items():
         field = getattr(memory, name)
         if isinstance(field, ctypes.Array):
-            given = np.asarray(value)
-            view(field)[tuple(map(slice, given.shape))] = given
+            array = np.asarray(value)
+            view(field)[tuple(map(slice, array.shape))] = array
         else:
             setattr(memory, name, value)
 

@@ -28,7 +28,20 @@ from uvms_ocp.codegen.kernel_layout import (
 )
 from uvms_ocp.errors import InvalidInput
 
-# Statements of kernels, from Python to C.
+_PURE = (
+    "abs",
+    "bool",
+    "float",
+    "int",
+    "len",
+    "max",
+    "min",
+    *(f"math.{name}" for name in vars(math)),
+)
+TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
+"""Files of the code that makes a C program of kernels."""
+_HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
+_MOST_DOTS = 2  # dots in module.Enumeration.MEMBER
 
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
@@ -41,8 +54,8 @@ def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
 
 
 def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
-    """One after the other, which is the same as at once where no value depends on what the others
-    change.
+    """Assign to several targets one after the other, which is the same as at once where no value
+    depends on what the others change.
     """
     if node.value is None:
         raise c_code.kernel_error(node, "has to give a value")
@@ -64,16 +77,16 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
 def _reads(value: ast.expr, target: ast.expr) -> bool:
     """Check whether a value may depend on a target, which other names may stand for too."""
     parts = list(ast.walk(value))
-    whole = isinstance(target, ast.Subscript)
+    is_element = isinstance(target, ast.Subscript)
     while isinstance(target, ast.Subscript):
         target = target.value
-    if isinstance(target, ast.Name) and not whole:
+    if isinstance(target, ast.Name) and not is_element:
         return any(isinstance(part, ast.Name) and part.id == target.id for part in parts)
     name = target.attr if isinstance(target, ast.Attribute) else ""
     called = any(
         isinstance(part, ast.Call) and ast.unparse(part.func) not in _PURE for part in parts
     )
-    if whole:
+    if is_element:
         others = [part.value for part in parts if isinstance(part, ast.Subscript)]
     else:
         others = []
@@ -85,33 +98,21 @@ def _reads(value: ast.expr, target: ast.expr) -> bool:
     )
 
 
-_PURE = (
-    "abs",
-    "bool",
-    "float",
-    "int",
-    "len",
-    "max",
-    "min",
-    *(f"math.{name}" for name in vars(math)),
-)
-
-
 def _to_place(target: ast.expr, value: ast.expr, scope: c_code.Scope) -> list[str]:
     if isinstance(target, ast.Name):
         return _to_variable(target, value, scope)
     if isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
         return _copy(target, target.slice, value, scope)
     place = c_code.number(target, scope)
-    found = c_code.number(value, scope)
-    return [f"{place.text} = {_fitting(target, place.type, found)};"]
+    source = c_code.number(value, scope)
+    return [f"{place.text} = {_fitting(target, place.type, source)};"]
 
 
 def _copy(
     target: ast.Subscript, part: ast.Slice, value: ast.expr, scope: c_code.Scope
 ) -> list[str]:
-    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout, ``m.to[:] =
-    x``, as many.
+    """The first n numbers, ``to[:n] = x[:n]``, or all numbers of an array in a layout,
+    ``m.to[:] = x``, as many.
     """
     n = part.upper
     of = value
@@ -154,18 +155,18 @@ def _to_variable(target: Any, value: ast.expr, scope: c_code.Scope) -> list[str]
         _declare(target, c_code.CType("double", (_size(value, scope),)), scope)
         scope.own.add(target.id)
         return [f"memset({name}, 0, sizeof {name});"]
-    found = c_code.expression(value, scope)
-    sizes = len(found.type.sizes)
+    source = c_code.expression(value, scope)
+    sizes = len(source.type.sizes)
     c_code.require(
-        sizes < 2 and found.type != c_code.NOTHING,
+        sizes < 2 and source.type != c_code.NOTHING,
         target,
-        f"would be {found.type.name} of {sizes} dimensions",
+        f"would be {source.type.name} of {sizes} dimensions",
     )
     c_code.require(
         target.id not in scope.own, target, "is an array of its own, and cannot become another one"
     )
-    _declare(target, found.type, scope)
-    return [f"{name} = {_fitting(target, scope.local[target.id], found)};"]
+    _declare(target, source.type, scope)
+    return [f"{name} = {_fitting(target, scope.local[target.id], source)};"]
 
 
 def _size(call: ast.Call, scope: c_code.Scope) -> int:
@@ -188,14 +189,14 @@ def _size(call: ast.Call, scope: c_code.Scope) -> int:
 
 
 def _declare(target: ast.Name, kind: c_code.CType, scope: c_code.Scope) -> None:
-    known = scope.local.setdefault(target.id, kind)
-    alike = known.name == kind.name or (known == c_code.DOUBLE and kind == c_code.INT)
-    c_code.require(alike, target, f"is {known.name} at first and {kind.name} here")
+    declared = scope.local.setdefault(target.id, kind)
+    alike = declared.name == kind.name or (declared == c_code.DOUBLE and kind == c_code.INT)
+    c_code.require(alike, target, f"is {declared.name} at first and {kind.name} here")
 
 
-def _fitting(node: ast.AST, wanted: c_code.CType, value: c_code.CExpression) -> str:
+def _fitting(node: ast.AST, expected: c_code.CType, value: c_code.CExpression) -> str:
     c_code.require(
-        wanted != c_code.INT or value.type != c_code.DOUBLE,
+        expected != c_code.INT or value.type != c_code.DOUBLE,
         node,
         "is a whole number; make the value one by int()",
     )
@@ -206,8 +207,8 @@ def _augmented(node: ast.AugAssign, scope: c_code.Scope) -> list[str]:
     value = ast.BinOp(left=_as_read(node.target), op=node.op, right=node.value)
     ast.copy_location(value, node)
     place = c_code.number(_as_read(node.target), scope)
-    found = c_code.number(value, scope)
-    return [f"{place.text} = {_fitting(node, place.type, found)};"]
+    source = c_code.number(value, scope)
+    return [f"{place.text} = {_fitting(node, place.type, source)};"]
 
 
 def _as_read(target: ast.expr) -> ast.expr:
@@ -279,7 +280,7 @@ def _alone(node: ast.Expr, scope: c_code.Scope) -> list[str]:
 
 
 def _called_function(call: ast.Call, scope: c_code.Scope) -> c_code.CExpression | None:
-    """The field that is called, if it is one."""
+    """Return the field of a memory that is called, None where it is no field."""
     owner = call.func
     while isinstance(owner, ast.Attribute):
         owner = owner.value
@@ -303,12 +304,12 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
         call,
         f"has to give {n} vectors to read and {len(sizes) - n} to fill",
     )
-    given = [
+    vectors = [
         _vector(argument, size, k < n, scope)
         for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True))
     ]
     places = [f"arg[{k}]" if k < n else f"res[{k - n}]" for k in range(len(sizes))]
-    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, given, strict=True)]
+    filled = [f"  f->{place} = {vector};" for place, vector in zip(places, vectors, strict=True)]
     return [
         "{",
         f"  {target.type.name} *f = {target.text};",
@@ -321,16 +322,16 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
 def _vector(node: ast.expr, size: int, read: bool, scope: c_code.Scope) -> str:
     if isinstance(node, ast.Constant) and node.value is None:
         return "0"
-    found = c_code.expression(node, scope)
-    if found.type.is_number and read and size == 1:
-        return f"(const double[]){{{found.text}}}"
-    column = c_code.column_size(found.type)
+    source = c_code.expression(node, scope)
+    if source.type.is_number and read and size == 1:
+        return f"(const double[]){{{source.text}}}"
+    column = c_code.column_size(source.type)
     if column >= size and column:
-        return f"(double *){found.text}"
-    known = found.type.sizes[0] if found.type.sizes else -1
-    fits = found.type.name == "double" and len(found.type.sizes) == 1 and not 0 < known < size
+        return f"(double *){source.text}"
+    length = source.type.sizes[0] if source.type.sizes else -1
+    fits = source.type.name == "double" and len(source.type.sizes) == 1 and not 0 < length < size
     c_code.require(fits, node, f"is no vector of {size} numbers")
-    return found.text
+    return source.text
 
 
 def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
@@ -349,11 +350,6 @@ _TRANSLATED |= {ast.If: _if, ast.For: _for, ast.While: _while}
 _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), ast.Pass: _word(";")}
 
 
-# A C program of kernels: their structures, then all functions that the first ones call.
-
-TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file__
-"""Files of the code that makes a C program of kernels."""
-_HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _PLAIN = {
     float: c_code.DOUBLE,
     int: c_code.INT,
@@ -411,7 +407,7 @@ def program_content(kernels: Iterable[Any]) -> str:
         words = sorted({*place.co_names, *re.findall(r"\w+", str(kernel.__annotations__))})
         values = [(word, names[word]) for word in words if word in names]
         for path, owner in values:  # as before
-            if not isinstance(owner, float | int | FunctionType) and path.count(".") < _DEEPEST:
+            if not isinstance(owner, float | int | FunctionType) and path.count(".") < _MOST_DOTS:
                 values += [
                     (f"{path}.{word}", getattr(owner, word))
                     for word in words
@@ -421,14 +417,11 @@ def program_content(kernels: Iterable[Any]) -> str:
         parts += [(path, _named_value(value)) for path, value in values]
         called = dict.fromkeys(value for _, value in values if inspect.isfunction(value))
         reached += [
-            other
-            for other in called
-            if other.__name__ == other.__qualname__ and other not in reached
+            function
+            for function in called
+            if function.__name__ == function.__qualname__ and function not in reached
         ]
     return f"{parts} {texts}"
-
-
-_DEEPEST = 2  # dots in module.Enumeration.MEMBER
 
 
 def _named_value(value: Any) -> str:
@@ -501,12 +494,12 @@ class _Program:
             raise InvalidInput(
                 f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}"
             ) from None
-        own = [
-            f"  {_variable(name, kind, own=name in scope.own)};"
+        declarations = [
+            f"  {_variable(name, kind, is_owned=name in scope.own)};"
             for name, kind in scope.local.items()
             if name not in signature.parameters
         ]
-        self.bodies[kernel] = "".join(f"{line}\n" for line in own + lines)
+        self.bodies[kernel] = "".join(f"{line}\n" for line in declarations + lines)
 
     def _type(self, what: str, hint: Any) -> c_code.CType:
         if hint is None or hint in _PLAIN:
@@ -555,34 +548,34 @@ class _Program:
 
 
 def _head(signature: c_code.Signature) -> str:
-    given = (
+    parameters = (
         ", ".join(kind.declared(c_code.c_name(p)) for p, kind in signature.parameters.items())
         or "void"
     )
-    return f"{signature.result.name} {c_code.PREFIX}{signature.name}({given})"
+    return f"{signature.result.name} {c_code.PREFIX}{signature.name}({parameters})"
 
 
 def _field(name: str, kind: c_code.CType) -> str:
     return f"{kind.name} {c_code.c_name(name)}{''.join(f'[{size}]' for size in kind.sizes)}"
 
 
-def _variable(name: str, kind: c_code.CType, *, own: bool) -> str:
-    """A declaration: an array of one's own, a pointer to somebody else's, or a number, which is set
-    before it is read.
+def _variable(name: str, kind: c_code.CType, *, is_owned: bool) -> str:
+    """Declare an array that the kernel owns, a pointer to memory of another owner, or a number,
+    which is set before it is read.
     """
-    if own:
+    if is_owned:
         return kind.declared(c_code.c_name(name))
     return f"{kind.name} {'' if kind.is_number else '*'}{c_code.c_name(name)} = 0"
 
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
     place = kernel.__code__
-    found = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
-    if found is None or len(found.decorator_list) > (kernel in WIDE):
+    definition = _functions_in(_text(place.co_filename)).get(place.co_firstlineno)
+    if definition is None or len(definition.decorator_list) > (kernel in WIDE):
         raise InvalidInput(
             f"{kernel.__name__} is no plain function; kernels have no decorators but `wide`"
         )
-    return found
+    return definition
 
 
 def _text(file: str) -> str:

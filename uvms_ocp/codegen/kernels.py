@@ -48,18 +48,20 @@ from uvms_ocp.codegen.kernel_program import (
 )
 from uvms_ocp.types import Keyed
 
-# A memory as C text: what initialises another one like it.
+Kernels = Sequence[Callable[..., Any]]
+BoundKernels = tuple[Callable[..., Any], ...]
+_DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"
 
 
 def initial_value(memory: Layout) -> str:
-    """A constant expression of C99, with its functions under their own names; what is zero is left
-    out.
+    """Return a constant expression of C99 for a memory, with its functions under their own names;
+    zeros are left out.
     """
     return _text(memory) or "{0}"
 
 
 def _text(value: Any) -> str:
-    """Nothing for what is zero."""
+    """Return a value in C; empty for zero."""
     if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
@@ -96,13 +98,6 @@ def number(value: float) -> str:
     return ""
 
 
-# Kernels as things to call: compiled once, in Python where that cannot be.
-
-
-Kernels = Sequence[Callable[..., Any]]
-BoundKernels = tuple[Callable[..., Any], ...]
-
-
 def bind_kernels(
     kernels: Kernels, structures: Iterable[type[Layout]], *, compiled: bool = True
 ) -> BoundKernels:
@@ -119,8 +114,8 @@ def bind_kernels(
 def make_memory(
     structure: type[Memory], kernels: Kernels, *, compiled: bool = True
 ) -> tuple[Memory, BoundKernels]:
-    """A new memory whose functions are at their places, and the `kernels` that work on it, as
-    `bind_kernels` gives them.
+    """Return a new memory whose functions are at their places, and the `kernels` that work on it,
+    as `bind_kernels` gives them.
 
     Where one of its functions cannot be compiled the kernels stay in Python.
     """
@@ -176,9 +171,6 @@ def _passed(hint: Any) -> Any:
     return NUMBERS.get(hint, ctypes.POINTER(ctypes.c_double))
 
 
-# Kernels and the functions that they call as files of C, which need no Python.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CLibrary:
     """Texts of C99: no allocation, no input or output, libm only."""
@@ -231,6 +223,3 @@ def c_library(
         declarations="".join(_DECLARATION.format(function.name()) for function in functions),
         initial=initial_value(memory),
     )
-
-
-_DECLARATION = "int {}(const double **arg, double **res, long long int *iw, double *w, int mem);\n"

@@ -79,8 +79,8 @@ class KernelSequence:
         """Write numbers of the memories, (...) by name, or what steps took, into the rows of the
         same names, (n_rows, ...).
         """
-        made = [self._column(source, block[name]) for name, source in sources.items()]
-        self._columns = (_Column * len(made))(*made)
+        columns = [self._column(source, block[name]) for name, source in sources.items()]
+        self._columns = (_Column * len(columns))(*columns)
         self._kept = (*self._kept, sources, block)
 
     def run(self, n: int, row: int, *, done: bool = False) -> int:

@@ -31,7 +31,8 @@ from uvms_ocp.ocp.terms import (
     Term,
 )
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.planning.scene import CollisionScene, collision_scene, coordinates
+from uvms_ocp.planning.planned_axes import coordinates
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.robot.assembly import box_corners
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points

@@ -19,7 +19,7 @@ from uvms_ocp.ocp.plan_file import LevelReport as LevelReport, VerdictReport
 from uvms_ocp.ocp.plan_status import OcpStatus as OcpStatus
 from uvms_ocp.ocp.trajectory import TOLERANCE, Trajectory, admissible_configurations
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.planning.scene import Coordinates, coordinates
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record

@@ -43,7 +43,8 @@ from uvms_ocp.ocp.trajectory import (
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Verdict, judge_motion
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE, IterationReport, Progress
+from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}

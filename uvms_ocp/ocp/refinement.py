@@ -23,7 +23,7 @@ from uvms_ocp.ocp.trajectory import (
     admissible,
 )
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import Progress
+from uvms_ocp.solvers.nlp.solve_monitor import Progress
 
 if TYPE_CHECKING:
     from uvms_ocp.ocp.planner import Planner

@@ -20,6 +20,7 @@ from uvms_ocp.ocp.start_checks import check_goal, goal_distances, start_distance
 from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import Trajectory, admissible_configurations, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
+from uvms_ocp.planning.planned_axes import Coordinates, coordinates
 from uvms_ocp.planning.request import (
     FiniteTriple,
     Goal,
@@ -28,16 +29,11 @@ from uvms_ocp.planning.request import (
     check_goal_distance,
     plan_path,
 )
-from uvms_ocp.planning.scene import (
-    CollisionScene,
-    Coordinates,
-    NearestPair,
-    collision_scene,
-    coordinates,
-)
+from uvms_ocp.planning.scene import CollisionScene, NearestPair, collision_scene
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.robot.shapes.obstacles import Obstacle, seafloor
-from uvms_ocp.solvers.nlp.level_solver import AUTO, NlpOptions, Progress
+from uvms_ocp.solvers.nlp.level_solver import AUTO, NlpOptions
+from uvms_ocp.solvers.nlp.solve_monitor import Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
 

@@ -5,6 +5,7 @@ from .conservative_advancement import (
     clearance_along as clearance_along,
 )
 from .distances import CoalDistances as CoalDistances
+from .planned_axes import Coordinates as Coordinates, coordinates as coordinates
 from .request import (
     AXES as AXES,
     PlanRequest as PlanRequest,
@@ -14,18 +15,13 @@ from .request import (
     plan_path as plan_path,
     tool_goal as tool_goal,
 )
-from .scene import (
-    CollisionScene as CollisionScene,
-    Coordinates as Coordinates,
-    collision_scene as collision_scene,
-    coordinates as coordinates,
-)
+from .rrt_connect import sampled_waypoints as sampled_waypoints
+from .scene import CollisionScene as CollisionScene, collision_scene as collision_scene
 from .soft_collision import (
     CollisionPlan as CollisionPlan,
     PlanStatus as PlanStatus,
     SoftCollisionOptions as SoftCollisionOptions,
     plan_soft_collision as plan_soft_collision,
-    sampled_waypoints as sampled_waypoints,
 )
 
 Obstacle = uvms_ocp.robot.shapes.obstacles.Obstacle

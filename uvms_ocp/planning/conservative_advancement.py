@@ -1,10 +1,11 @@
 """Prove that a trajectory is free of collision, between its samples too, by conservative
 advancement.
 
-Around a time t_m the distance of a pair cannot change by more than ``sum_a reach_a |x_a(t) - x_a(t_m)|``, and the
-motion of an axis within delta of t_m is at most ``|v| delta + A delta^2 / 2`` with A a bound on its acceleration.
-Intervals in which some pair could touch are halved until it cannot, a collision is found, or they are too short
-(conservative advancement).
+Around a time t_m the distance of a pair cannot change by more than
+``sum_a reach_a |x_a(t) - x_a(t_m)|``, and the motion of an axis within delta of t_m is at most
+``|v| delta + A delta^2 / 2`` with A a bound on its acceleration. Intervals in which some pair could
+touch are halved until it cannot, a collision is found, or they are too short (conservative
+advancement).
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from uvms_ocp.robot.shapes.collision_model import links_without_shape
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive
+
+# [m] Error of distances by coal. Separated ones moved by up to 1e-8 m when its tolerance was
+# tightened tenfold (865,000 pairs).
+_DISTANCE_ERROR = 1e-7
 
 
 class PairDistances(Protocol):
@@ -117,12 +122,12 @@ def check_motion(
     while middle.size:
         d = motion.distances(middle)
         n_samples += middle.size
-        worst = min(worst, scene.nearest(middle, d), key=lambda near: (near.distance, near.time))
+        worst = min(worst, scene.nearest(middle, d), key=lambda pair: (pair.distance, pair.time))
         if worst.distance <= 0.0:
             break
-        open_ = ~(d - largest_change(scene.reach, motion.bounds(middle, half)) > _TOLERANCE).all(
-            axis=1
-        )
+        open_ = ~(
+            d - largest_change(scene.reach, motion.bounds(middle, half)) > _DISTANCE_ERROR
+        ).all(axis=1)
         short = open_ & (half < shortest * motion.duration)
         undecided |= bool(short.any())
         middle = middle[open_ & ~short]
@@ -137,11 +142,6 @@ def check_motion(
         unshaped=links_without_shape(scene.coordinates.robot),
         surfaces=open_surfaces(scene.geometry),
     )
-
-
-# Separated distances moved by up to 1e-8 m when coal's tolerance was tightened tenfold (865,000
-# pairs).
-_TOLERANCE = 1e-7
 
 
 @checked

@@ -19,6 +19,12 @@ from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
 from uvms_ocp.robot.shapes.signed_distance import SignedDistances
 from uvms_ocp.types import Array, Indices, Mask, Shape
 
+Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")]
+ChosenPairs = Annotated[Mask, Shape("n", "self.scene.n_pairs")]
+"""(n, n_pairs) True for the pairs that are asked for at each configuration."""
+Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
+_Contact = tuple[int, int, float, Array, Array, Array]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NearPairs:
@@ -82,12 +88,6 @@ class _Bounds:
         self.x = x.copy()
 
 
-Configurations = Annotated[Array, Shape("n", "self.scene.coordinates.robot.n_q")]
-ChosenPairs = Annotated[Mask, Shape("n", "self.scene.n_pairs")]
-"""(n, n_pairs) True for the pairs that are asked for at each configuration."""
-Samples = Annotated[Array, Shape("n", "self.scene.coordinates.n_axes")]
-
-
 @checked_dataclass(check=checked_constructor, kw_only=False, eq=False)
 class CoalDistances:
     """Distances by coal, for any shapes; closed triangle meshes are solids, open ones surfaces.
@@ -122,13 +122,13 @@ class CoalDistances:
         result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data
         if chosen is None:
-            wanted = np.ones(result.shape, dtype=bool)
+            selection = np.ones(result.shape, dtype=bool)
         elif chosen.dtype != np.bool_:
             raise TypeError(f"chosen of {chosen.dtype}")  # which the check of arguments explains
         else:
-            wanted = chosen
-        for row, configuration, asked in zip(result, q, wanted, strict=True):
-            pairs = np.flatnonzero(asked)
+            selection = chosen
+        for row, configuration, selected in zip(result, q, selection, strict=True):
+            pairs = np.flatnonzero(selected)
             self._place(configuration)
             row[pairs] = [self._signed.distance(data, k) for k in pairs.tolist()]
         result[result < FAILED] = -np.inf
@@ -165,7 +165,7 @@ class CoalDistances:
         p1, p2, which lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both
         shapes, in penetration too.
         """
-        found: list[_Contact] = []
+        near_contacts: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
         self._bounds.moved_to(x, self.scene)
         candidates = self._bounds.lower < thresholds
@@ -173,14 +173,14 @@ class CoalDistances:
         limits = thresholds.tolist()
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
-            self._collect(sample, chosen, limits, found)
+            self._collect(sample, chosen, limits, near_contacts)
             jacobians[sample] = pin.computeJointJacobians(
                 self.scene.coordinates.robot.model, self._data, configurations[sample]
             )
-        if not found:
+        if not near_contacts:
             return no_near_pairs(self.scene.fold)
         samples, pairs, distances, normals, points, centres = map(
-            np.array, zip(*found, strict=True)
+            np.array, zip(*near_contacts, strict=True)
         )
         screws = (jacobians @ self.scene.coordinates.column_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
@@ -200,8 +200,11 @@ class CoalDistances:
         pin.updateGeometryPlacements(model, self._data, self.scene.geometry, self._geometry_data, q)
 
     def _collect(
-        self, sample: int, pairs: list[int], thresholds: list[float], found: list[_Contact]
+        self, sample: int, pairs: list[int], thresholds: list[float], near_contacts: list[_Contact]
     ) -> None:
+        """Append the contacts of a sample's pairs that are closer than their thresholds, and note
+        all distances.
+        """
         data = self._geometry_data
         lower = self._bounds.lower[sample]
         for k in pairs:
@@ -210,7 +213,7 @@ class CoalDistances:
             if FAILED < distance < thresholds[k]:
                 # A view of memory that the next sample overwrites.
                 centre = data.oMg[self.scene.pairs[k].second].translation.copy()
-                found.append(
+                near_contacts.append(
                     (
                         sample,
                         k,
@@ -223,7 +226,7 @@ class CoalDistances:
 
 
 def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
-    """Each sample that has candidates, with the pairs that are."""
+    """Yield each sample that has candidates, with their pairs."""
     samples, pairs = np.nonzero(candidates)
     first = np.flatnonzero(np.diff(samples, prepend=-1))
     bounds = [*first.tolist(), samples.size]
@@ -232,11 +235,8 @@ def _grouped(candidates: Mask) -> Iterator[tuple[int, list[int]]]:
         yield sample, all_pairs[start:end]
 
 
-_Contact = tuple[int, int, float, Array, Array, Array]
-
-
 def no_near_pairs(fold: Array) -> NearPairs:
-    """No pair of a scene with that map (n_columns, n_axes), see `Coordinates.fold`."""
+    """Return `NearPairs` without any row; fold: (n_columns, n_axes), see `Coordinates.fold`."""
     none = np.zeros(0, dtype=np.intp)
     return NearPairs(
         sample=none,

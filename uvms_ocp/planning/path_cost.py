@@ -1,5 +1,5 @@
-"""Soft-collision cost of a path in planned axes, with its gradient and its block-tridiagonal
-Gauss-Newton matrix.
+"""Soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a path in planned axes, [Gao2022] eqs (76)-(82),
+with its gradient and its block-tridiagonal Gauss-Newton matrix.
 """
 
 from __future__ import annotations
@@ -11,124 +11,17 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost, onto_nodes
 from uvms_ocp.trajectories.min_snap import MotionLimits
-from uvms_ocp.types import Array, AtLeastOne, Indices, Mask, Positive, Range
-
-# Solve symmetric positive definite block-tridiagonal systems: one node of a trajectory per block.
-#
-# `[A]` is the unit of the matrix, `[x]` that of a vector; entries may differ in theirs.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class BlockTridiagonal:
-    """The lower half of the matrix."""
-
-    diagonal: Array
-    """(n, b, b) [A]"""
-    below: Array
-    """(n - 1, b, b) [A] row node j + 1, column node j."""
-
-    def __add__(self, other: BlockTridiagonal) -> BlockTridiagonal:
-        return BlockTridiagonal(
-            diagonal=self.diagonal + other.diagonal, below=self.below + other.below
-        )
-
-    def scaled(self, factor: float) -> BlockTridiagonal:
-        """The matrix times a factor [any]."""
-        return BlockTridiagonal(diagonal=factor * self.diagonal, below=factor * self.below)
-
-    def times(self, x: Array) -> Array:
-        """Product (n, b) [A x] with x (n, b) [x]."""
-        result = (self.diagonal @ x[..., None])[..., 0]
-        result[1:] += (self.below @ x[:-1, :, None])[..., 0]
-        result[:-1] += (self.below.transpose(0, 2, 1) @ x[1:, :, None])[..., 0]
-        return result
-
-    def pinned(self, free: Mask) -> BlockTridiagonal:
-        """The matrix with the rows and columns of variables not free (n, b) replaced by those of
-        the identity.
-        """
-        diagonal = self.diagonal * (free[:, :, None] & free[:, None, :])
-        rows = np.arange(free.shape[1])
-        diagonal[:, rows, rows] += ~free
-        return BlockTridiagonal(
-            diagonal=diagonal, below=self.below * (free[1:, :, None] & free[:-1, None, :])
-        )
-
-    def dense(self) -> Array:
-        """The whole matrix (n b, n b) [A]."""
-        n, b = self.diagonal.shape[:2]
-        matrix = np.zeros((n, b, n, b))
-        nodes = np.arange(n)
-        matrix[nodes, :, nodes] = self.diagonal
-        matrix[nodes[1:], :, nodes[:-1]] = self.below
-        matrix[nodes[:-1], :, nodes[1:]] = self.below.transpose(0, 2, 1)
-        return matrix.reshape(n * b, n * b)
-
-    def cholesky(self) -> BlockCholesky | None:
-        """The factor, or None where the matrix is not positive definite."""
-        from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
-
-        factors = []
-        couplings = []
-        block = self.diagonal[0]
-        for j in range(len(self.diagonal)):
-            factor, info = lapack.dpotrf(block, lower=1, clean=1)
-            if info:
-                return None
-            factors.append(factor)
-            if j < len(self.below):
-                coupling, _ = lapack.dtrtrs(factor, self.below[j].T, lower=1)
-                couplings.append(coupling)
-                block = self.diagonal[j + 1] - coupling.T @ coupling
-        return BlockCholesky(factors=tuple(factors), couplings=tuple(couplings))
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class BlockCholesky:
-    """Cholesky factor: lower blocks L_j on the diagonal, and C_j' below them."""
-
-    factors: tuple[Array, ...]
-    """(b, b) [A^1/2] L_j of each node."""
-    couplings: tuple[Array, ...]
-    """(b, b) [A^1/2] C_j of each node but the last."""
-
-    def solve(self, right: Array) -> Array:
-        """Solution (n, b) [x] for the right-hand side: right (n, b) [A x]."""
-        return self.back(self._forward(right))
-
-    def back(self, right: Array) -> Array:
-        """Solution (n, b) [x] of L' x = right (n, b) [A^1/2 x].
-
-        It turns white noise into samples of the covariance that is the inverse matrix.
-        """
-        from scipy.linalg import lapack
-
-        x = np.empty_like(right)
-        for j in range(len(self.factors) - 1, -1, -1):
-            row = right[j] - (self.couplings[j] @ x[j + 1] if j < len(self.couplings) else 0.0)
-            x[j] = lapack.dtrtrs(self.factors[j], row, lower=1, trans=1)[0]
-        return x
-
-    def _forward(self, right: Array) -> Array:
-        from scipy.linalg import lapack
-
-        y = np.empty_like(right)
-        for j, factor in enumerate(self.factors):
-            row = right[j] - (self.couplings[j - 1].T @ y[j - 1] if j else 0.0)
-            y[j] = lapack.dtrtrs(factor, row, lower=1)[0]
-        return y
-
-
-# A smooth one-sided penalty: zero beyond a threshold, cubic, then quadratic.
+from uvms_ocp.types import Array, AtLeastOne, Indices, Positive, Range
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Penalty:
-    """The penalty and its derivatives by what is penalised."""
+    """Value, first and second derivative of a penalty by what is penalised."""
 
     value: Array
     """(...)"""
@@ -150,7 +43,8 @@ def penalty(y: Array) -> Penalty:
 
 
 def two_sided(value: Array, limit: Array, margin: float) -> Penalty:
-    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be infinite.
+    """Penalty on |value| (...) [value] near and beyond a limit (n_axes,) [value], which may be
+    infinite.
 
     It begins at ``(1 - margin) * limit``; margin.
     """
@@ -176,12 +70,9 @@ def outside(value: Array, lower: Array, upper: Array, margin: float) -> Penalty:
     )
 
 
-# Speed of a link near an obstacle, and its exact derivatives.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LinkSpeeds:
-    """One row per near pair."""
+    """Speeds of links near obstacles and their derivatives, one row per near pair."""
 
     speed: Array
     """(n,) [m/s]"""
@@ -191,26 +82,28 @@ class LinkSpeeds:
     """(n, n_axes) [m/s per m/s or rad/s]"""
 
 
-def link_speeds(scene: CollisionScene, near: NearPairs, rates: Array, floor: float) -> LinkSpeeds:
+def link_speeds(
+    scene: CollisionScene, near_pairs: NearPairs, rates: Array, floor: float
+) -> LinkSpeeds:
     """Speeds of the second shape of each near pair.
 
     rates (n, n_axes) [m/s, rad/s]: of the axes at each near pair's sample; floor [m/s]: eps.
     """
     rates = rates @ scene.fold.T
-    screws = near.screws * scene.carried[near.pair][:, None, :]
-    gyration = scene.gyration[near.pair, None] ** 2
+    screws = near_pairs.screws * scene.carried[near_pairs.pair][:, None, :]
+    gyration = scene.gyration[near_pairs.pair, None] ** 2
     twist = (screws @ rates[..., None])[..., 0]
-    linear = twist[:, :3] + _cross(twist[:, 3:], near.centre)
+    linear = twist[:, :3] + _cross(twist[:, 3:], near_pairs.centre)
     angular = twist[:, 3:]
     speed = np.sqrt(
         np.sum(linear**2, axis=1) + gyration[:, 0] * np.sum(angular**2, axis=1) + floor**2
     )
     turn = screws[:, 3:]
-    shift = screws[:, :3] + _cross(turn, near.centre[..., None])
+    shift = screws[:, :3] + _cross(turn, near_pairs.centre[..., None])
     twist_slope = _twist_slopes(screws, rates, scene.follows)
     linear_slope = (
         twist_slope[:, :3]
-        + _cross(twist_slope[:, 3:], near.centre[..., None])
+        + _cross(twist_slope[:, 3:], near_pairs.centre[..., None])
         + _cross(angular[..., None], shift)
     )
     weighted = gyration * angular
@@ -248,10 +141,6 @@ def _dot(vector: Array, matrix: Array) -> Array:
     return (vector[:, None, :] @ matrix)[:, 0]
 
 
-# The soft-collision cost J = l1 Js + l2 Jc + l3 Jd of a trajectory in its node derivatives,
-# [Gao2022] eqs (76)-(82).
-
-
 class DistanceSource(Protocol):
     """Source of signed distances: coal, or closed forms."""
 
@@ -265,7 +154,7 @@ class DistanceSource(Protocol):
 
 @checked_dataclass()
 class CostWeights:
-    """L1, l2, l3 and the shape of the penalties.
+    """Weights l1, l2, l3 of the cost, and the shape of its penalties.
 
     Raises `InvalidInput` for a negative weight, and unless clearance, speed floor, margin and
     samples are positive.
@@ -435,19 +324,25 @@ class PathCost:
 
     def _collision(self, x: Array, v: Array) -> _SampleSlopes:
         n_samples, n_pieces, n = x.shape
-        near = self.distances.near(x.reshape(-1, n), self._clearances)
+        near_pairs = self.distances.near(x.reshape(-1, n), self._clearances)
         scene = self.distances.scene
-        width = self._clearances[near.pair]
-        c = penalty(1.0 - near.distance / width)
-        speeds = link_speeds(scene, near, v.reshape(-1, n)[near.sample], self.weights.speed_floor)
-        weight = self.weights.collision * (self._h[:, 0] / n_samples)[near.sample % n_pieces]
-        toward = -(weight * c.slope * speeds.speed / width)[:, None] * near.gradient
-        bend = near.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
+        width = self._clearances[near_pairs.pair]
+        c = penalty(1.0 - near_pairs.distance / width)
+        speeds = link_speeds(
+            scene, near_pairs, v.reshape(-1, n)[near_pairs.sample], self.weights.speed_floor
+        )
+        weight = self.weights.collision * (self._h[:, 0] / n_samples)[near_pairs.sample % n_pieces]
+        toward = -(weight * c.slope * speeds.speed / width)[:, None] * near_pairs.gradient
+        bend = (
+            near_pairs.gradient * np.sqrt(weight * c.curvature * speeds.speed / width**2)[:, None]
+        )
         zero = np.zeros_like(x)
         value = weight * c.value
-        by_position = _summed(near.sample, toward + value[:, None] * speeds.by_position, x.shape)
-        by_rate = _summed(near.sample, value[:, None] * speeds.by_rate, x.shape)
-        coupled = _summed(near.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
+        by_position = _summed(
+            near_pairs.sample, toward + value[:, None] * speeds.by_position, x.shape
+        )
+        by_rate = _summed(near_pairs.sample, value[:, None] * speeds.by_rate, x.shape)
+        coupled = _summed(near_pairs.sample, bend[:, :, None] * bend[:, None, :], (*x.shape, n))
         return _SampleSlopes(
             value=float(np.sum(value * speeds.speed)),
             position=Penalty(value=zero, slope=by_position, curvature=coupled),
@@ -520,7 +415,7 @@ def _weighted(p: Penalty, weight: Array) -> Penalty:
 
 
 def _summed(sample: Indices, rows: Array, shape: tuple[int, ...]) -> Array:
-    """Rows added up by sample (which come in ascending order), laid out as (samples, pieces,
+    """Add up rows by sample (in ascending order), and lay the sums out as (samples, pieces,
     ...).
     """
     result = np.zeros((shape[0] * shape[1], *rows.shape[1:]))

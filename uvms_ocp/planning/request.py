@@ -20,17 +20,11 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.planning.conservative_advancement import PairDistances
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights
-from uvms_ocp.planning.scene import (
-    VEHICLE_AXES,
-    CollisionScene,
-    Coordinates,
-    collision_scene,
-    coordinates,
-    joint_axis,
-)
+from uvms_ocp.planning.planned_axes import VEHICLE_AXES, Coordinates, coordinates, joint_axis
+from uvms_ocp.planning.rrt_connect import SamplingOptions
+from uvms_ocp.planning.scene import CollisionScene, collision_scene
 from uvms_ocp.planning.soft_collision import (
     CollisionPlan,
-    SamplingOptions,
     SoftCollisionOptions,
     plan_soft_collision,
 )
@@ -40,7 +34,15 @@ from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehicleP
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape
 
-# Coordinates that bring a frame of the robot to a pose: the goal of a plan given by its tool.
+Triple: TypeAlias = tuple[float, float, float]
+FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
+_SAME_PLACE = 1e-9  # [m or rad] difference between a goal and a start that is none
+_FARTHEST = 1e4  # [m] from the start that a goal may be
+_MOST_TURN = 4 * np.pi  # [rad]
+AXES = ("level", "all", "joints")
+"""Planned axes: all but roll and pitch, all, or the joints alone."""
+# Velocities along a curve are sampled so often; their peak is 1e-4 higher at most.
+_VELOCITY_SAMPLES = 1000
 
 
 @checked_dataclass()
@@ -142,17 +144,6 @@ def _error(
     return X_WF.actInv(goal), jacobian[:3]
 
 
-# Where a plan is to end: a frame of the robot at a place, or the vehicle and joints in a posture.
-
-Triple: TypeAlias = tuple[float, float, float]
-FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
-
-_SAME = 1e-9  # [m or rad] difference between a goal and a start that is none
-# [m] and [rad]
-_FARTHEST = 1e4
-_MOST_TURN = 4 * np.pi
-
-
 @checked_dataclass()
 class ToolGoal:
     """A frame of the robot at a place. Raises `InvalidInput` for numbers that are not finite."""
@@ -222,21 +213,21 @@ class PostureGoal:
         that is not finite and for a goal away from the start on an axis that is not planned.
         """
         planned = distances.scene.coordinates
-        every = coordinates(planned.robot)
+        all_axes = coordinates(planned.robot)
         goal = planned.reference.copy()
         for name, value in self._axes(planned.robot).items():
-            require_known("axis", name, every.names)
+            require_known("axis", name, all_axes.names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
-            goal[every.names.index(name)] = value
-        goal = every.shortest_turn(goal, planned.reference)
-        for name, was, value in zip(every.names, planned.reference, goal, strict=True):
-            if name not in planned.names and abs(value - was) > _SAME:
-                given = (
+            goal[all_axes.names.index(name)] = value
+        goal = all_axes.shortest_turn(goal, planned.reference)
+        for name, was, value in zip(all_axes.names, planned.reference, goal, strict=True):
+            if name not in planned.names and abs(value - was) > _SAME_PLACE:
+                change = (
                     f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are"
                 )
                 raise InvalidInput(
-                    f"{given} {', '.join(planned.names)}; leave it where it is, or plan all axes."
+                    f"{change} {', '.join(planned.names)}; leave it where it is, or plan all axes."
                 )
         return np.asarray(goal[planned.planned])
 
@@ -265,11 +256,13 @@ class PostureGoal:
         q = robot.configuration(position=self.position, rpy=self.rpy, joints=dict(self.joints))
         tasks: list[Task] = []
         if self.position is not None or self.rpy is not None:
-            here = Kinematics(robot, start).pose("base_link")
-            there = Kinematics(robot, q).pose("base_link")
-            position = here.translation if self.position is None else there.translation
+            start_pose = Kinematics(robot, start).pose("base_link")
+            goal_pose = Kinematics(robot, q).pose("base_link")
+            position = start_pose.translation if self.position is None else goal_pose.translation
             tasks.append(
-                VehiclePose(goal=pin.SE3((here if self.rpy is None else there).rotation, position))
+                VehiclePose(
+                    goal=pin.SE3((start_pose if self.rpy is None else goal_pose).rotation, position)
+                )
             )
         if self.joints:
             tasks.append(
@@ -288,11 +281,13 @@ def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
     if goal.position is None or not np.isfinite(goal.position).all():
         return  # said by others, with the axis
     if robot.n_vehicle:
-        here = start[:3]
+        start_position = start[:3]
     else:
-        here = np.zeros(3)
+        start_position = np.zeros(3)
     # Within what can be squared.
-    way = float(np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(here, -1e99, 1e99)))
+    way = float(
+        np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(start_position, -1e99, 1e99))
+    )
     if way > _FARTHEST:
         text = (
             f"the goal {tuple(goal.position)} m is {way:.3g} m from the start; give one within"
@@ -307,13 +302,6 @@ def _check_turn(rpy: Triple | None) -> None:
             f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns,"
             f" {_MOST_TURN:.4g} rad"
         )
-
-
-# One plan from what an engineer asks for: a robot, where it starts, where it goes, and what stands
-# in the way.
-
-AXES = ("level", "all", "joints")
-"""Planned axes: all but roll and pitch, all, or the joints alone."""
 
 
 @checked_dataclass(eq=False)
@@ -348,7 +336,7 @@ class PlanResult:
 
 @checked
 def plan_path(request: PlanRequest) -> PlanResult:
-    """Find where to go, then how.
+    """Find the goal in planned axes, then a collision-free path to it.
 
     Raises `NameNotFound` for unknown axes, joints or frames, `InvalidInput` for a start or goal in
     collision or outside limits, a goal on axes that are not planned or have no limits, a start that
@@ -376,7 +364,7 @@ def plan_path(request: PlanRequest) -> PlanResult:
 
 
 def _turned(request: PlanRequest, yaw: float) -> PlanRequest:
-    """The same in a world whose x axis is at that yaw."""
+    """Return the request in a world whose x axis is at that yaw."""
     X_NW = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -yaw), np.zeros(3))
     start = request.start.copy()
     goal = request.goal
@@ -415,13 +403,10 @@ def _planned(request: PlanRequest) -> PlanResult:
     return PlanResult(request=request, scene=scene, plan=plan)
 
 
-_SAMPLES = 1000  # of velocities along a curve, whose peak is 1e-4 higher at most
-
-
 @checked_dataclass(eq=False)
 class _RobotLimits(MotionLimits):
-    """Limits of the robot along the vehicle's own axes all of the way; the optimiser takes those of
-    planned axes at the start.
+    """The robot's limits along the vehicle's own axes, checked over the whole curve; the optimiser
+    takes those of planned axes at the start.
     """
 
     planned: Coordinates
@@ -430,7 +415,7 @@ class _RobotLimits(MotionLimits):
         """(3, n_v) peaks of velocities and accelerations as shares of the robot's limits; jerks
         have none.
         """
-        t = np.linspace(trajectory.start, trajectory.end, _SAMPLES)
+        t = np.linspace(trajectory.start, trajectory.end, _VELOCITY_SAMPLES)
         limits = self.planned.robot.limits
         v = (
             self.planned.velocity_map(trajectory.evaluate(t))
@@ -442,12 +427,12 @@ class _RobotLimits(MotionLimits):
 
 def _differ(ends: Array) -> Mask:
     """Return which axes differ between the ends (2, n_axes) by more than rounding."""
-    return np.abs(ends[1] - ends[0]) > _SAME
+    return np.abs(ends[1] - ends[0]) > _SAME_PLACE
 
 
 def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:
-    """Those of the robot. Raises `InvalidInput` for axes that differ between the ends (2, n_axes)
-    and have none.
+    """Return the motion limits of the planned axes of a robot. Raises `InvalidInput` for axes that
+    differ between the ends (2, n_axes) and have none.
     """
     velocity, acceleration = planned.rate_limits(ends[:1], shared=True)
     endless = _differ(ends) & np.isinf(velocity) & np.isinf(acceleration)
@@ -469,7 +454,7 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
     require_known("axes", request.axes, AXES)
     robot = request.robot
     vehicle = VEHICLE_AXES if robot.n_vehicle else ()
-    kept = {
+    vehicle_axes = {
         "all": vehicle,
         "joints": (),
         "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch")),
@@ -479,4 +464,4 @@ def _planned_axes(request: PlanRequest) -> Coordinates:
         for name in robot.joint_names
         if name not in held_joints(robot.model, robot.joints)
     )
-    return coordinates(robot, reference=request.start, axes=(*kept[request.axes], *joints))
+    return coordinates(robot, reference=request.start, axes=(*vehicle_axes[request.axes], *joints))

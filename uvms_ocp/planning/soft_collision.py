@@ -5,11 +5,9 @@ them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from threading import RLock
 from time import perf_counter
-from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,16 +21,10 @@ from uvms_ocp.planning.conservative_advancement import (
     check_clearance,
 )
 from uvms_ocp.planning.distances import CoalDistances
-from uvms_ocp.planning.path_cost import (
-    BlockTridiagonal,
-    CostParts,
-    CostWeights,
-    DistanceSource,
-    LocalModel,
-    PathCost,
-)
+from uvms_ocp.planning.path_cost import CostParts, CostWeights, DistanceSource, PathCost
+from uvms_ocp.planning.rrt_connect import ONE_THREAD, SamplingOptions, sampled_waypoints
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.robot.kinematics import largest_change
+from uvms_ocp.planning.trust_region import Descent, DescentProblem, DescentSolver, TrustRegion
 from uvms_ocp.trajectories import (
     MotionLimits,
     PiecewisePolynomial,
@@ -49,305 +41,12 @@ from uvms_ocp.types import (
     Indices,
     Magnitude,
     Mask,
-    Positive,
-    Range,
-    Shape,
 )
 
-# Trust-region descent on a block-tridiagonal Gauss-Newton matrix (Levenberg-Marquardt in a smooth
-# metric).
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class DescentProblem:
-    """A cost over the free variables of `PathCost`, and where to start."""
-
-    model: Callable[[Array], LocalModel]
-    """The cost near variables (n_nodes, b) [m, rad]."""
-    start: Array
-    """(n_nodes, b) [m, rad]"""
-    free: Mask
-    """(n_nodes, b) False for variables that stay."""
-    metric: BlockTridiagonal
-    """Metric of long steps."""
-    lower: Array
-    """(n_nodes, b) [m, rad] for solvers that can keep bounds."""
-    upper: Array
-    """(n_nodes, b) [m, rad]"""
-    enough: Callable[[LocalModel], bool] = lambda model: False
-    """A model that is good enough, for solvers that can stop early."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Descent:
-    """End of a descent."""
-
-    variables: Array
-    """(n_nodes, b) [m, rad]"""
-    model: LocalModel
-    """The cost there."""
-    iterations: int
-    converged: bool
-
-
-class DescentSolver(Protocol):
-    """Minimiser of the cost of a path."""
-
-    def minimise(self, problem: DescentProblem) -> Descent: ...
-
-
-_LONGEST_STEP = 0.3  # [m or rad] that the position of a node moves at most in one step
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrustRegion:
-    """Steps solve ``(H + mu metric) step = -gradient``.
-
-    mu falls when the model predicts well and grows when a step is refused, so a step is never
-    accepted that raises the cost. Bounds are not kept.
-    """
-
-    max_iterations: int = 40
-    tolerance: float = 1e-3
-    """Relative decrease of the cost below which an accepted step is the last."""
-    damping: float = 1e-3
-    """First weight of the metric that holds steps back."""
-
-    def minimise(self, problem: DescentProblem) -> Descent:
-        model = problem.model
-        x = problem.start
-        mu = self.damping
-        here = model(x)
-        for iteration in range(self.max_iterations):
-            if problem.enough(here):
-                return Descent(variables=x, model=here, iterations=iteration, converged=True)
-            step, predicted, mu = _step(here, problem.free, problem.metric, mu)
-            there = model(x + step)
-            actual = here.parts.total - there.parts.total
-            refused = actual <= 0.0
-            done = (predicted if refused else actual) <= self.tolerance * here.parts.total
-            if refused:
-                x = x
-                here = here
-                mu = mu * 8.0
-            else:
-                x = x + step
-                here = there
-                mu = mu * _damping_change(actual / predicted)
-            if done:
-                return Descent(variables=x, model=here, iterations=iteration + 1, converged=True)
-        return Descent(variables=x, model=here, iterations=self.max_iterations, converged=False)
-
-
-def _step(
-    model: LocalModel, free: Mask, metric: BlockTridiagonal, mu: float
-) -> tuple[Array, float, float]:
-    """Step, predicted decrease, and the damping that made the step positive definite and short
-    enough.
-    """
-    slope = model.gradient * free
-    while True:
-        factor = (model.hessian + metric.scaled(mu)).pinned(free).cholesky()
-        if factor is None:
-            step = -slope
-        else:
-            step = -factor.solve(slope)
-        if factor is not None and np.abs(step[:, : model.n_axes]).max() <= _LONGEST_STEP:
-            break
-        mu *= 4.0
-    predicted = -float(np.sum(slope * step)) - 0.5 * float(np.sum(step * model.hessian.times(step)))
-    return step, predicted, mu
-
-
-def _damping_change(ratio: float) -> float:
-    """Factor on mu after an accepted step, by actual over predicted decrease."""
-    if ratio > 0.75:
-        return 0.25
-    if ratio > 0.25:
-        return 1.0
-    return 4.0
-
-
-# Sample way points around obstacles by RRT-Connect [Kuffner2000], for paths that no bending frees.
-
-
-@checked_dataclass()
-class SamplingOptions:
-    """Settings of ``sampled_waypoints``. Raises `InvalidInput` for a step or room that is not
-    positive.
-    """
-
-    max_samples: int = 3000
-    step: Positive = 0.5
-    """[m, rad] Length of one extension of a tree, over all axes together."""
-    clearance: float = 0.005
-    """[m] that edges keep."""
-    room: Positive = 1.0
-    """[m or rad] How far beyond start and goal unlimited axes are sampled."""
-    seed: Count = 0
-
-
-Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]
-
-
-@checked
-def sampled_waypoints(
-    distances: PairDistances, start: Place, goal: Place, options: SamplingOptions | None = None
-) -> Array | None:
-    """Way points (n, n_axes) [m, rad] whose straight legs are free of collision, or None where none
-    were found in time.
-
-    start and goal (n_axes,) [m, rad].
-    """
-    settings = options or SamplingOptions()
-    a = np.asarray(start, dtype=float)
-    b = np.asarray(goal, dtype=float)
-    rng = np.random.default_rng(settings.seed)
-    lower, upper = _sampled_box(distances, a, b, settings.room)
-    path = _connected(distances, a, b, lower, upper, rng, settings)
-    if path is None:
-        return None
-    return _shortened(distances, path, rng, settings)
-
-
-def edge_reach(distances: PairDistances, a: Array, b: Array, clearance: float) -> float:
-    """Fraction of the straight edge from a to b (n_axes,) [m, rad] that certainly keeps the
-    clearance [m]; 1 is all of it.
-
-    Advances by the distance at hand over the fastest approach any pair can make, so nothing is
-    skipped.
-    """
-    pace = np.maximum(largest_change(distances.scene.reach, np.abs(b - a)), 1e-12)
-    done = 0.0
-    while done < 1.0:
-        d = distances.distances((a + done * (b - a))[None])[0]
-        slack = float(np.min((d - clearance) / pace, initial=np.inf))
-        if slack <= _SHORTEST:
-            return done
-        done = done + slack
-    return 1.0
-
-
-_SHORTCUTS = 60  # attempts at cutting corners of the path found
-_SHORTEST = 1e-3
-_ONE_THREAD = RLock()
-"""Held while linear algebra is on one thread: that limit is of the whole process, and each who sets
-it restores what it found.
-"""
-
-
-class _SearchTree:
-    """Points, each with the index of the one it grew from."""
-
-    def __init__(self, root: Array, capacity: int) -> None:
-        self.points = np.empty((capacity, root.size))
-        self.points[0] = root
-        self.parents = [-1]
-
-    def nearest(self, x: Array) -> int:
-        return int(np.argmin(np.sum((self.points[: len(self.parents)] - x) ** 2, axis=1)))
-
-    def add(self, x: Array, parent: int) -> int:
-        if len(self.parents) == len(self.points):
-            self.points = np.concatenate([self.points, np.empty_like(self.points)])
-        self.points[len(self.parents)] = x
-        self.parents.append(parent)
-        return len(self.parents) - 1
-
-    def to_root(self, index: int) -> list[Array]:
-        path = []
-        while index >= 0:
-            path.append(self.points[index].copy())
-            index = self.parents[index]
-        return path
-
-
-def _connected(
-    distances: PairDistances,
-    a: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    rng: np.random.Generator,
-    options: SamplingOptions,
-) -> Array | None:
-    near = _SearchTree(a, 256)
-    far = _SearchTree(b, 256)
-    for turn in range(options.max_samples):
-        if turn == 0:
-            target = far.points[0].copy()
-        else:
-            target = rng.uniform(lower, upper)
-        grown = _extended(distances, near, target, options, once=turn > 0)
-        met = _extended(distances, far, near.points[grown], options, once=False)
-        if np.array_equal(far.points[met], near.points[grown]):
-            path = [*near.to_root(grown)[::-1], *far.to_root(met)[1:]]
-            return np.array(path if np.array_equal(path[0], a) else path[::-1])
-        near, far = far, near
-    return None
-
-
-def _extended(
-    distances: PairDistances,
-    tree: _SearchTree,
-    target: Array,
-    options: SamplingOptions,
-    *,
-    once: bool,
-) -> int:
-    """Grow towards the target by one step, or until it is reached or blocked; index of the last
-    point.
-    """
-    index = tree.nearest(target)
-    while True:
-        here = tree.points[index]
-        gap = float(np.linalg.norm(target - here))
-        if gap == 0.0:
-            return index
-        there = target if gap <= options.step else here + (target - here) * (options.step / gap)
-        if edge_reach(distances, here, there, options.clearance) < 1.0:
-            return index
-        index = tree.add(there, index)
-        if once:
-            return index
-
-
-def _shortened(
-    distances: PairDistances, path: Array, rng: np.random.Generator, options: SamplingOptions
-) -> Array:
-    """Straight cuts between random points of the path where they are free, then no vertex that can
-    be left out.
-    """
-    for _ in range(_SHORTCUTS):
-        if len(path) < 3:
-            break
-        i, j = np.sort(rng.choice(len(path) - 1, size=2, replace=False))
-        p = path[i] + rng.uniform() * (path[i + 1] - path[i])
-        q = path[j] + rng.uniform() * (path[j + 1] - path[j])
-        if edge_reach(distances, p, q, options.clearance) >= 1.0:
-            path = np.concatenate([path[: i + 1], p[None], q[None], path[j + 1 :]])
-    return _pruned(distances, path, options.clearance)
-
-
-def _pruned(distances: PairDistances, path: Array, clearance: float) -> Array:
-    kept = [path[0]]
-    i = 0
-    while i < len(path) - 1:
-        j = len(path) - 1
-        while j > i + 1 and edge_reach(distances, path[i], path[j], clearance) < 1.0:
-            j -= 1
-        kept.append(path[j])
-        i = j
-    return np.array(kept)
-
-
-def _sampled_box(distances: PairDistances, a: Array, b: Array, room: float) -> tuple[Array, Array]:
-    lower, upper = distances.scene.coordinates.limits()
-    return np.maximum(lower, np.minimum(a, b) - room), np.minimum(upper, np.maximum(a, b) + room)
-
-
-# Plan trajectories around obstacles by a soft collision cost, [Gao2022] eqs (76)-(82), and verify
-# them.
+_NEGLIGIBLE_COLLISION_COST = 1e-3  # cost of collision below which the rest counts, too
+_LIMIT_TOLERANCE = (
+    1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
+)
 
 
 class PlanStatus(AdvisedStatus):
@@ -435,11 +134,11 @@ def plan_soft_collision(
     _check_ends(scene, exact, np.asarray(waypoints, dtype=float))
     start = straight_guess(waypoints, limits, times)
     # Of small matrices, on which threads cost eight times what they gain.
-    with _ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
-        given = _PathProblem.of(
+    with ONE_THREAD, threadpool_limits(limits=1, user_api="blas"):
+        path_problem = _PathProblem.of(
             distances or exact, start, limits, settings, timed=times is not None
         )
-        attempts = _attempts(given, start, exact, settings)
+        attempts = _attempts(path_problem, start, exact, settings)
         plans = (
             _verified(problem, problem.solve(guess, settings), exact) for problem, guess in attempts
         )
@@ -487,18 +186,20 @@ def _attempts(
     exact: CoalDistances,
     options: SoftCollisionOptions,
 ) -> Iterator[tuple[_PathProblem, Array]]:
-    """Problems and where to start them: as given, bent at random, through sampled way points."""
+    """Yield problems and where to start them: as given, bent at random, through sampled way
+    points.
+    """
     yield problem, problem.start
     for bent in problem.bent_starts(options):
         yield problem, bent
     if options.sampling is not None and options.free_waypoints:
         ends = start.evaluate([start.start, start.end])
-        found = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
-        if found is not None:
+        waypoints = sampled_waypoints(exact, ends[0], ends[1], options.sampling)
+        if waypoints is not None:
             cost = problem.cost
             detour = _PathProblem.of(
                 cost.distances,
-                straight_guess(found, cost.limits),
+                straight_guess(waypoints, cost.limits),
                 cost.limits,
                 options,
                 timed=False,
@@ -508,7 +209,7 @@ def _attempts(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _PathProblem:
-    """The cost, the start and what is free."""
+    """Cost of a path, its start in scaled variables, and which variables are free."""
 
     cost: PathCost
     breaks: Array
@@ -560,14 +261,14 @@ class _PathProblem:
             )
 
     def solve(self, start: Array, options: SoftCollisionOptions) -> Descent:
-        """Out of collision first, then the whole cost."""
+        """Minimise the cost of collision until nothing touches, then the whole cost."""
         low, high = self.cost.distances.scene.coordinates.limits()
         lower = np.full(self.start.shape, -np.inf)
         upper = np.full(self.start.shape, np.inf)
         # positions are the first of the variables of a node
         lower[:, : low.size] = low
         upper[:, : high.size] = high
-        whole = DescentProblem(
+        full_problem = DescentProblem(
             model=self.cost.model,
             start=start,
             free=self.free,
@@ -579,30 +280,27 @@ class _PathProblem:
         )
         first = options.solver.minimise(
             replace(
-                whole,
+                full_problem,
                 model=lambda y: self.cost.model(y, collision_only=True),
-                enough=lambda model: model.parts.collision <= _TOUCHES_NOTHING,
+                enough=lambda model: model.parts.collision <= _NEGLIGIBLE_COLLISION_COST,
             )
         )
-        second = options.solver.minimise(replace(whole, start=first.variables))
+        second = options.solver.minimise(replace(full_problem, start=first.variables))
         return replace(second, iterations=first.iterations + second.iterations)
 
     def trajectory(self, variables: Array) -> PiecewisePolynomial:
         """At the given times unless they break the limits; as fast as the limits allow where none
         were given.
         """
-        found = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
-        if self.timed and self.cost.limits.ratio(found) <= 1.0:
-            return found
-        return scale_to_limits(found, self.cost.limits)
+        fitted = solution_of(self.breaks, self.cost.pieces, self.cost.values(variables)).trajectory
+        if self.timed and self.cost.limits.ratio(fitted) <= 1.0:
+            return fitted
+        return scale_to_limits(fitted, self.cost.limits)
 
     def _within_limits(self, variables: Array) -> Array:
         values = self.cost.values(variables)
         values[0] = np.clip(values[0], *self.cost.distances.scene.coordinates.limits())
         return np.where(self.free, self.cost.variables(values), self.start)
-
-
-_TOUCHES_NOTHING = 1e-3  # part of the cost for collision below which the rest counts, too
 
 
 def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
@@ -614,26 +312,23 @@ def _refined(breaks: Array, pieces: int) -> tuple[Array, Indices]:
 
 def _check_ends(scene: CollisionScene, distances: PairDistances, waypoints: Array) -> None:
     if waypoints.ndim != 2 or waypoints.shape[1] != scene.coordinates.n_axes:
-        given = f"way points have shape {waypoints.shape}"
+        problem = f"way points have shape {waypoints.shape}"
         raise InvalidInput(
-            f"{given}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
+            f"{problem}; allowed is (n, {scene.coordinates.n_axes}), one column per axis."
         )
     lower, upper = scene.coordinates.limits()
     for index, name in ((0, "start"), (len(waypoints) - 1, "goal")):
         outside = (waypoints[index] < lower - 1e-9) | (waypoints[index] > upper + 1e-9)
         if outside.any():
             axis = int(np.argmax(outside))
-            given = (
+            problem = (
                 f"way point {index} (the {name}) has {scene.coordinates.names[axis]} ="
                 f" {waypoints[index, axis]:.6g}"
             )
-            raise InvalidInput(f"{given}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
+            raise InvalidInput(f"{problem}; allowed is {lower[axis]:.6g} to {upper[axis]:.6g}.")
         scene.check_no_overlap(
             distances.distances(waypoints[index : index + 1])[0], f"way point {index} (the {name})"
         )
-
-
-_OUTSIDE = 1e-6  # [m or rad] beyond a limit, above what rounding makes of a curve that ends there
 
 
 def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> CollisionPlan:
@@ -644,7 +339,7 @@ def _verified(problem: _PathProblem, descent: Descent, exact: CoalDistances) -> 
         status = PlanStatus.UNDECIDED
     elif not report.collision_free:
         status = PlanStatus.COLLIDING
-    elif beyond.max(initial=0.0) > _OUTSIDE:
+    elif beyond.max(initial=0.0) > _LIMIT_TOLERANCE:
         status = PlanStatus.BEYOND_LIMITS
     else:
         status = PlanStatus.FREE

@@ -1,10 +1,11 @@
-"""Small dense least squares as kernels: least norm of any rank, and bounds by an active set with a
-weighted norm.
+"""Small dense least squares as kernels: positive definite systems, least norm of any rank, and
+bounds by an active set with a weighted norm.
 
-Two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``, the one that minimises
-``x' diag(weight) x``. The answer is unique. The active set is found on the regularised problem
-``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are then separated exactly. `[x]` is the unit of
-a variable, `[b]` that of the rows. Inputs are trusted: finite, lower <= upper, weight > 0.
+`solve_bounded` has two strict levels: among the x in [lower, upper] that minimise ``|A x - b|``,
+the one that minimises ``x' diag(weight) x``. The answer is unique. The active set is found on the
+regularised problem ``|A x - b|^2 + epsilon^2 x' diag(weight) x`` [Stark1995] and the levels are
+then separated exactly. `[x]` is the unit of a variable, `[b]` that of the rows. Inputs are trusted:
+finite, lower <= upper, weight > 0.
 """
 
 from __future__ import annotations
@@ -14,14 +15,18 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 
-# Small systems of linear equations, as kernels: positive definite ones, and those of any rank by
-# least residual and norm.
-
-_RANK = 1e-9  # of a row beside those before it, relative to the largest: less is none
+# A row that adds less than this to those before it, relative to the largest, adds no rank.
+_RANK_TOLERANCE = 1e-9
+_RIDGE = 1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
+_SIGN_TOLERANCE = 1e-9  # of the signs of gradients, relative to the largest
+_SMALLEST_NORMAL = 2.2250738585072014e-308  # the smallest double with all of its digits
+_SIZE_STEP = 8  # a compiled kernel has room for a multiple of so many variables
 
 
 class LeastSquaresRows(Layout):
-    """Room for m rows and n variables."""
+    """Memory of `solve_positive`, `least_norm` and `row_space`, for up to m rows and n
+    variables.
+    """
 
     K: Annotated[list[Vector], Sized("n", "n")]
     """Matrix of a positive definite system; overwritten."""
@@ -42,7 +47,7 @@ class LeastSquaresRows(Layout):
 
 
 def solve_positive(s: LeastSquaresRows, n: int) -> None:
-    """``K y = y`` in place, for n variables, by Cholesky's factors."""
+    """Solve ``K x = y`` for n variables by Cholesky's factors; x takes the place of y."""
     for j in range(n):
         for i in range(j, n):
             total = s.K[i][j]
@@ -64,7 +69,7 @@ def solve_positive(s: LeastSquaresRows, n: int) -> None:
 
 
 def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
-    """Y (n,) of least norm among those of least ``|W y - b|``.
+    """Find the y (n,) of least norm among those that minimise ``|W y - b|``.
 
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them;
     then L z = b by least squares with L = U R. Both by Gram and Schmidt, twice, which is as good as
@@ -90,13 +95,13 @@ def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
 
 
 def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
-    """Basis and L of the m rows (m, n) of W [any]; the rank."""
+    """Factor the m rows (m, n) of W [any] into L and an orthonormal basis; return the rank."""
     largest = 0.0
     for k in range(min(m, n)):
         row = _longest(s, m, n)
         size = _row_length(s.W[row], n)
         largest = max(largest, size)
-        if size <= _RANK * largest:
+        if size <= _RANK_TOLERANCE * largest:
             return k
         for j in range(n):
             s.basis[k][j] = s.W[row][j] / size
@@ -120,7 +125,7 @@ def _longest(s: LeastSquaresRows, m: int, n: int) -> int:
 
 
 def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
-    """Basis vector k, once more, to the last bit."""
+    """Make basis vector k orthogonal to the others a second time, to the last bit."""
     for earlier in range(k):
         along = dot(s.basis[k], s.basis[earlier], n)
         for j in range(n):
@@ -131,7 +136,7 @@ def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
 
 
 def _orthonormal_column(s: LeastSquaresRows, m: int, k: int) -> None:
-    """Column k of L, beside those before it, and column k of R."""
+    """Make column k of L orthonormal to those before it, and write column k of R."""
     for earlier in range(k):
         s.R[earlier][k] = 0.0
     for _ in range(2):
@@ -162,19 +167,8 @@ def _row_length(x: Vector, n: int) -> float:
     return math.sqrt(dot(x, x, n))
 
 
-# Bounded least squares whose free directions minimise a weighted norm: small, dense, by an active
-# set, as kernels.
-
-_EPSILON = (
-    1e-4  # share of the norm while the active set is sought; its square is the loss of wrench
-)
-_TOLERANCE = 1e-9  # of signs, relative
-_SMALLEST = 2.2250738585072014e-308  # that is not rounded
-_ROOM = 8  # variables that a compiled kernel has room for, or a multiple of it
-
-
 class BoundedProblem(Layout):
-    """Room for m rows and n variables, of which some are used."""
+    """Memory of `solve_bounded`, for up to m rows and n variables."""
 
     rows: int
     columns: int
@@ -209,7 +203,7 @@ class BoundedProblem(Layout):
 
 
 def solve_bounded(p: BoundedProblem) -> int:
-    """Find x; the rounds that it took, ten for every variable at most."""
+    """Find x; return the number of active-set rounds, at most ten for each variable."""
     _unit_weights(p)
     _normal_equations(p)
     _start(p)
@@ -237,7 +231,7 @@ def _unit_weights(p: BoundedProblem) -> None:
 
 
 def _normal_equations(p: BoundedProblem) -> None:
-    """With a ridge."""
+    """Write the Hessian ``M' M``, with a ridge on its diagonal, and ``M' b``."""
     trace = 0.0
     for j in range(p.columns):
         for k in range(p.columns):
@@ -250,7 +244,7 @@ def _normal_equations(p: BoundedProblem) -> None:
             total += p.M[i][j] * p.b[i]
         p.linear[j] = total
         trace += p.hessian[j][j]
-    ridge = _EPSILON * _EPSILON * max(trace / max(p.columns, 1), _SMALLEST)
+    ridge = _RIDGE * _RIDGE * max(trace / max(p.columns, 1), _SMALLEST_NORMAL)
     for j in range(p.columns):
         p.hessian[j][j] += ridge
 
@@ -293,8 +287,8 @@ def _free_ones(p: BoundedProblem) -> int:
 
 
 def _share_of_step(p: BoundedProblem) -> float:
-    """Largest share <= 1 of the step to the optimum that stays inside; the variable that stops it
-    is `blocking`.
+    """Return the largest share <= 1 of the step to the optimum that keeps all bounds; `blocking` is
+    the variable that ends it.
     """
     share = math.inf
     p.blocking = -1
@@ -330,7 +324,7 @@ def _ridge_optimum(p: BoundedProblem) -> None:
 
 
 def _exact_optimum(p: BoundedProblem) -> None:
-    """Free part: least residual, then least norm."""
+    """Solve for the free variables without the ridge: least residual, then least norm."""
     count = 0
     for i in range(p.rows):
         rest = p.b[i]
@@ -347,7 +341,7 @@ def _exact_optimum(p: BoundedProblem) -> None:
 
 
 def _spread(p: BoundedProblem) -> None:
-    """The solution for the free variables to where they are."""
+    """Copy the solution of the free variables to their places among all variables."""
     count = 0
     for j in range(p.columns):
         p.optimum[j] = p.x[j]
@@ -359,7 +353,7 @@ def _spread(p: BoundedProblem) -> None:
 def _most_wrong(p: BoundedProblem) -> int:
     """The fixed variable whose release lowers the cost most; -1 where none does."""
     worst = -1
-    most = 0.0
+    largest_gain = 0.0
     largest = 0.0
     for j in range(p.columns):
         gradient = -p.linear[j]
@@ -367,186 +361,14 @@ def _most_wrong(p: BoundedProblem) -> int:
             gradient += p.hessian[j][k] * p.x[k]
         largest = max(largest, abs(gradient))
         gain = -gradient if p.x[j] <= p.low[j] else gradient
-        if not p.free[j] and p.low[j] != p.high[j] and gain > most:
+        if not p.free[j] and p.low[j] != p.high[j] and gain > largest_gain:
             worst = j
-            most = gain
-    if most > _TOLERANCE * _EPSILON * (1.0 + largest):
+            largest_gain = gain
+    if largest_gain > _SIGN_TOLERANCE * _RIDGE * (1.0 + largest):
         return worst
     return -1
 
 
 def room_for(n: int) -> int:
     """Variables n rounded up, so that problems of nearly one size share a compiled kernel."""
-    return max(_ROOM, -(-n // _ROOM) * _ROOM)
-
-
-# Small linear programs with bounded variables as a kernel: a dense simplex by Bland's rule
-# [Bland1977].
-
-_LEAST_PRICE = 1e-9  # of prices and pivots of about 1, and of rows relative to what is in them
-_ROUNDS = 50  # for every variable
-
-
-class LinearProgram(Layout):
-    """The largest ``c' x`` with ``A x = b`` and ``lower <= x <= upper``: m rows and n_x variables,
-    n_all together.
-    """
-
-    A: Annotated[list[Vector], Sized("m", "n_x")]
-    """(m, n_x) """
-    b: Annotated[Vector, Sized("m")]
-    """(m,) [x]"""
-    c: Annotated[Vector, Sized("n_x")]
-    """(n_x,) [c/x]"""
-    lower: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x]; behind them those of what is missing in each row."""
-    upper: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x] likewise; infinity for none."""
-    x: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x] the answer; behind it what is missing in each row."""
-    tableau: Annotated[list[Vector], Sized("m", "n_all")]
-    basis: Annotated[list[int], Sized("m")]
-    """Variable of each row."""
-    basic: Annotated[list[bool], Sized("n_all")]
-    cost: Annotated[Vector, Sized("n_all")]
-
-
-def program_sizes(m: int, n: int) -> dict[str, int]:
-    """Return the array sizes of a `LinearProgram` with m rows and n variables."""
-    return {"m": m, "n_x": n, "n_all": n + m}
-
-
-def solve_program(p: LinearProgram) -> bool:
-    """Find x; whether there is any, and its value has an end."""
-    size = 1.0
-    missing = 0.0
-    n = len(p.c)
-    for i in range(len(p.b)):
-        _begin_row(p, i)
-        size += abs(p.b[i]) + p.x[n + i]
-    if not _improve(p):
-        return False
-    for i in range(len(p.b)):
-        missing += p.x[n + i]
-    if missing > _LEAST_PRICE * size:
-        return False
-    _count_what_counts(p)
-    return _improve(p)
-
-
-def _begin_row(p: LinearProgram, i: int) -> None:
-    """All variables at their lower bound, and what is missing in a row the only one to rest on, at
-    its cost.
-    """
-    n = len(p.c)
-    rest = p.b[i]
-    for j in range(n):
-        p.x[j] = p.lower[j]
-        p.cost[j] = 0.0
-        p.basic[j] = False
-        rest -= p.A[i][j] * p.x[j]
-    for j in range(len(p.x)):
-        missing = 1.0 if j == n + i else 0.0
-        if j < n:
-            p.tableau[i][j] = math.copysign(1.0, rest) * p.A[i][j]
-        else:
-            p.tableau[i][j] = missing
-    p.x[n + i] = abs(rest)
-    p.upper[n + i] = math.inf
-    p.lower[n + i] = 0.0
-    p.cost[n + i] = -1.0
-    p.basic[n + i] = True
-    p.basis[i] = n + i
-
-
-def _count_what_counts(p: LinearProgram) -> None:
-    """With nothing missing any more, and what counts."""
-    n = len(p.c)
-    for i in range(len(p.b)):
-        p.x[n + i] = p.upper[n + i] = p.cost[n + i] = 0.0
-    p.cost[:n] = p.c[:n]
-
-
-def value_of(p: LinearProgram) -> float:
-    """[c] of x."""
-    return dot(p.c, p.x, len(p.c))
-
-
-def _improve(p: LinearProgram) -> bool:
-    """To the vertex of the largest cost; whether there is one."""
-    for _ in range(_ROUNDS * len(p.x)):
-        entering = _entering(p)
-        if entering < 0:
-            return True
-        if not _move(p, entering, 1.0 if p.x[entering] <= p.lower[entering] else -1.0):
-            return False
-    return False
-
-
-def _entering(p: LinearProgram) -> int:
-    """The first variable at a bound that pays to leave it; -1 for none."""
-    for j in range(len(p.x)):
-        if not p.basic[j] and p.lower[j] < p.upper[j]:
-            if p.x[j] <= p.lower[j]:
-                price = _price(p, j)
-            else:
-                price = -_price(p, j)
-            if price > _LEAST_PRICE:
-                return j
-    return -1
-
-
-def _price(p: LinearProgram, j: int) -> float:
-    price = p.cost[j]
-    for i in range(len(p.b)):
-        price -= p.cost[p.basis[i]] * p.tableau[i][j]
-    return price
-
-
-def _move(p: LinearProgram, entering: int, up: float) -> bool:
-    """A variable as far as the others let it; whether anything stops it. Of those that do, the
-    first leaves the basis.
-    """
-    step = p.upper[entering] - p.lower[entering]
-    leaving = -1
-    for i in range(len(p.b)):
-        rate = -up * p.tableau[i][entering]
-        k = p.basis[i]
-        if abs(rate) > _LEAST_PRICE:
-            room = max(
-                (p.upper[k] - p.x[k]) / rate if rate > 0.0 else (p.lower[k] - p.x[k]) / rate, 0.0
-            )
-            first = room == step and leaving >= 0 and k < p.basis[max(leaving, 0)]
-            if room < step or first:
-                step = room
-                leaving = i
-    if math.isinf(step):
-        return False
-    for i in range(len(p.b)):
-        p.x[p.basis[i]] -= step * up * p.tableau[i][entering]
-    _to_bound(p, entering, up, step, leaving)
-    return True
-
-
-def _to_bound(p: LinearProgram, entering: int, up: float, step: float, leaving: int) -> None:
-    if leaving < 0:
-        p.x[entering] = p.upper[entering] if up > 0.0 else p.lower[entering]
-        return
-    k = p.basis[leaving]
-    p.x[k] = p.upper[k] if up * p.tableau[leaving][entering] < 0.0 else p.lower[k]
-    p.x[entering] += up * step
-    p.basic[k] = False
-    p.basic[entering] = True
-    p.basis[leaving] = entering
-    _pivot(p, leaving, entering)
-
-
-def _pivot(p: LinearProgram, row: int, column: int) -> None:
-    pivot = p.tableau[row][column]
-    for j in range(len(p.x)):
-        p.tableau[row][j] /= pivot
-    for i in range(len(p.b)):
-        factor = p.tableau[i][column]
-        if i != row and factor != 0.0:
-            for j in range(len(p.x)):
-                p.tableau[i][j] -= factor * p.tableau[row][j]
+    return max(_SIZE_STEP, -(-n // _SIZE_STEP) * _SIZE_STEP)

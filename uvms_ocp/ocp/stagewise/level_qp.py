@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.ocp.problem import HessianKind
 from uvms_ocp.ocp.stagewise.memory import StageMemory, StageRanges
 from uvms_ocp.ocp.stagewise.multipliers import Multipliers

@@ -14,7 +14,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.buffered import BoundCalls
+from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.compile import content_of
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise import functions

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from uvms_ocp.codegen.buffered import calls_library
+from uvms_ocp.codegen.bound_calls import calls_library
 from uvms_ocp.codegen.compile import (
     finish_compiling,
     has_compiler,
@@ -23,16 +23,10 @@ from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageIndices, StageMemory, StageRanges, StageVariables
 from uvms_ocp.ocp.stagewise.sqp import SqpOutcome, StageSqp
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.solvers.nlp.level_solver import (
-    STAGEWISE,
-    Deadline,
-    NlpOptions,
-    NlpOutcome,
-    NlpPoint,
-    SolveMonitor,
-)
+from uvms_ocp.solvers.nlp.level_solver import STAGEWISE, Deadline, NlpOptions, NlpOutcome, NlpPoint
 from uvms_ocp.solvers.nlp.program import LexicographicProgram, NlpStatus, RowBounds, RowRanges
 from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
+from uvms_ocp.solvers.nlp.solve_monitor import SolveMonitor
 from uvms_ocp.solvers.stage_qp.compiled import qp_library
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array

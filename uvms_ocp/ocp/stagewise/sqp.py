@@ -16,7 +16,8 @@ from uvms_ocp.ocp.stagewise.filter import Filter, FilterMerit
 from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
 from uvms_ocp.ocp.stagewise.memory import StageRanges
 from uvms_ocp.solvers import NlpOptions, NlpStatus
-from uvms_ocp.solvers.nlp.level_solver import Deadline, IterationReport, SolveMonitor
+from uvms_ocp.solvers.nlp.level_solver import Deadline
+from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, SolveMonitor
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpStatus, WarmStart
 
 _SMALLEST_SHARE = 1e-7

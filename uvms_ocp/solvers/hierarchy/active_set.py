@@ -17,9 +17,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import active_set_numpy, core, tolerances
 from uvms_ocp.types import Array
 
-# The C source of the solver: its own files, behind the sizes, tolerances and codes that Python
-# decides.
-
 
 def solver_source(n: int, sizes: Sequence[int]) -> str:
     """C99 source for n velocities and levels of ``sizes`` rows: `solve_levels` of fallbacks.c, all
@@ -72,11 +69,11 @@ class LexicographicActiveSet(core.CompiledSolver):
     """False keeps to NumPy."""
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
-        """Return `core_source` of this module."""
+        """Return the C99 source of the active set and its certificate, see `core_source`."""
         return core_source(n, tuple(sizes))
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
-        """Return `active_set_numpy.solve_levels` as a core is called."""
+        """Return `active_set_numpy.solve_levels` with the arguments and results of a core."""
 
         def solve(
             J: Array,
@@ -87,12 +84,12 @@ class LexicographicActiveSet(core.CompiledSolver):
             gate: Array,
             state: Array,
         ) -> list[Array]:
-            found = active_set_numpy.solve_levels(J, lower, upper, gate, state, sizes)
+            result = active_set_numpy.solve_levels(J, lower, upper, gate, state, sizes)
             return [
-                found.v,
-                found.active_set,
-                core.report(found.status, found.iterations),
-                found.residual,
+                result.v,
+                result.active_set,
+                core.report(result.status, result.iterations),
+                result.residual,
             ]
 
         return solve

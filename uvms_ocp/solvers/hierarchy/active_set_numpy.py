@@ -63,8 +63,8 @@ CAREFUL = PivotRules(
 
 
 class _Block(NamedTuple):
-    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which
-    those above take `column`.
+    """Active rows of one level, pivots first, in the coordinates of the factorisation, of which the
+    first `column` belong to the levels above.
     """
 
     rows: Indices
@@ -114,8 +114,8 @@ class _ActiveSet:
         self.blocks = list[_Block]()
         """(M,) by how much active rows miss their bound there, and these rows level by level."""
 
-    def solve(self, left: int) -> tuple[Array, int]:
-        """The optimum (n,), and the iterations that it took, `left` at most."""
+    def solve(self, max_iterations: int) -> tuple[Array, int]:
+        """Return the optimum (n,) and the number of iterations, `max_iterations` at most."""
         self._solve_equalities()
         self.v = self.target
         dropped = -1
@@ -126,8 +126,8 @@ class _ActiveSet:
         self.state[below] = LOWER
         pending = bool((above | below).any())
         budget = tolerances.iteration_budget(len(self.A))
-        most = min(budget.most_iterations, left)
-        for iteration in range(1, most + 1):
+        limit = min(budget.most_iterations, max_iterations)
+        for iteration in range(1, limit + 1):
             if pending:
                 self._solve_equalities()
                 moved, blocked = self._step()
@@ -154,7 +154,7 @@ class _ActiveSet:
                 self.tabu[dropped] = True
             elif stalled > budget.bland_stalls:
                 rule = _Rule.BLAND
-        return self.v, most
+        return self.v, limit
 
     def _violated(self, v: Array) -> tuple[Mask, Mask]:
         """(M,) free rows above their upper bound at v, and below their lower one."""
@@ -163,8 +163,8 @@ class _ActiveSet:
         return free & (y > self.upper + self.tolerance), free & (y < self.lower - self.tolerance)
 
     def _solve_equalities(self) -> None:
-        """Least squares of the active rows, level by level in the null space of those above, of
-        least norm.
+        """Find the least-norm least squares of the active rows, level by level in the null space of
+        the levels above.
         """
         from scipy.linalg import qr
 
@@ -235,19 +235,19 @@ class _ActiveSet:
         where all signs hold.
         """
         decided = np.zeros(len(self.A), dtype=bool)
-        for k, own in enumerate(self.blocks):
-            slack = self.slack[own.rows]
+        for k, level in enumerate(self.blocks):
+            slack = self.slack[level.rows]
             multiplier = np.zeros(len(self.A))
             # A slack that an exact solution could not tell from zero decides nothing for the levels
             # below.
             significant = (
                 np.abs(slack)
-                > tolerances.SIGNIFICANT / tolerances.FEASIBLE * self.tolerance[own.rows]
+                > tolerances.SIGNIFICANT / tolerances.FEASIBLE * self.tolerance[level.rows]
             )
             if not significant.any():
                 continue
-            multiplier[own.rows[significant]] = slack[significant]
-            g = slack @ own.T[:, : own.column]
+            multiplier[level.rows[significant]] = slack[significant]
+            g = slack @ level.T[:, : level.column]
             for rows, T, column, rank in reversed(self.blocks[:k]):
                 if rank:
                     own_part = np.linalg.solve(T[:rank, column : column + rank].T, -g[column:])
@@ -256,11 +256,12 @@ class _ActiveSet:
             value = np.where(
                 (self.state == EQUAL) | decided, 0.0, multiplier * self.state * self.norm
             )
-            least = max(
-                self.rules.multiplier * float(np.abs(slack) @ self.norm[own.rows]), tolerances.WRONG
+            threshold = max(
+                self.rules.multiplier * float(np.abs(slack) @ self.norm[level.rows]),
+                tolerances.WRONG,
             )
-            decided |= value > least
-            wrong = (value < -least) & ~self.tabu
+            decided |= value > threshold
+            wrong = (value < -threshold) & ~self.tabu
             if wrong.any():
                 return int(
                     np.argmin(np.where(wrong, value, 0.0))
@@ -271,13 +272,14 @@ class _ActiveSet:
 
 
 def lexicographic_least_squares(
-    rows: NormalRows, active_set: Array, rules: PivotRules, left: int
+    rows: NormalRows, active_set: Array, rules: PivotRules, max_iterations: int
 ) -> tuple[Array, Array, int]:
-    """W (n,) in normal units, active set (M,) and number of iterations, `left` at most, of one run,
-    which does not judge its own result; active_set (M,): `RowState` of each row to start with.
+    """Run the method once; return w (n,) in normal units, active set (M,) and number of iterations,
+    `max_iterations` at most. The result is not judged; active_set (M,): `RowState` of each row to
+    start with.
     """
     run = _ActiveSet(rows, active_set, rules)
-    w, iterations = run.solve(left)
+    w, iterations = run.solve(max_iterations)
     return w, run.state, iterations
 
 
@@ -343,18 +345,22 @@ class _Attempts:
         self.left = tolerances.iteration_budget(len(rows.J)).most_of_all
         self.w = np.zeros(rows.J.shape[1])
         self.active_set = np.zeros(len(rows.J))
-        self._levels = [own for own in row_slices(rows.sizes) if own.stop > own.start]
+        self._levels = [
+            level_rows
+            for level_rows in row_slices(rows.sizes)
+            if level_rows.stop > level_rows.start
+        ]
         self._missed: Array | None = None
         self._near = tolerances.TOUCHING * (1.0 + np.abs(rows.J).sum(axis=1))
 
     def solve(self, active_set: Array) -> Status:
-        """Try one after the other until a result is certified."""
+        """Try warm, cold and level-by-level runs in turn until a result is certified."""
         if self._is_proven(*self._run(self.rows, active_set)):
             return Status.SOLVED
         if active_set.any() and self._is_proven(*self._run(self.rows)):
             return Status.COLD_STARTED
-        found = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
-        if found:
+        certified = self._by_levels(ORDINARY) or self._by_levels(CAREFUL) or self._by_fewer_levels()
+        if certified:
             return Status.CASCADED
         return Status.INEXACT
 
@@ -370,28 +376,30 @@ class _Attempts:
         return w, reached
 
     def _by_levels(self, rules: PivotRules) -> bool:
-        """Every level on its own, with those above held, then a run that starts where they end."""
+        """Solve each level with those above held, then run all levels from the rows that this
+        touches.
+        """
         w = np.zeros(self.rows.J.shape[1])
-        for own in self._levels:
+        for level_rows in self._levels:
             if self.left <= 0:
                 break
             # Rows above may miss their bounds as much as at w, and those below are free.
             y = self.rows.J @ w
-            free = self._without(own.stop)
-            above = np.arange(len(self.rows.J)) < own.start
+            free = self._without(level_rows.stop)
+            above = np.arange(len(self.rows.J)) < level_rows.start
             lower = np.where(above, np.minimum(y, self.rows.lower), free.lower)
             upper = np.where(above, np.maximum(y, self.rows.upper), free.upper)
-            found, _ = self._run(replace(free, lower=lower, upper=upper), rules=rules)
-            y = self.rows.J @ found
+            candidate, _ = self._run(replace(free, lower=lower, upper=upper), rules=rules)
+            y = self.rows.J @ candidate
             if (
-                _is_finite(found)
+                _is_finite(candidate)
                 and ((y >= lower - self._near) & (y <= upper + self._near))[above].all()
             ):
-                w = found
+                w = candidate
         y = self.rows.J @ w
-        near = self._near
+        margin = self._near
         touched = np.where(
-            y >= self.rows.upper - near, 1.0, np.where(y <= self.rows.lower + near, -1.0, 0.0)
+            y >= self.rows.upper - margin, 1.0, np.where(y <= self.rows.lower + margin, -1.0, 0.0)
         )
         return self._is_proven(w, touched) or self._is_proven(*self._run(self.rows, touched, rules))
 
@@ -407,10 +415,10 @@ class _Attempts:
         return False
 
     def _without(self, end: int) -> NormalRows:
-        """The rows before `end`; the others are free."""
-        given = np.arange(len(self.rows.J)) < end
-        lower = np.where(given, self.rows.lower, -np.inf)
-        upper = np.where(given, self.rows.upper, np.inf)
+        """Return the rows with infinite bounds from row `end` on."""
+        is_before = np.arange(len(self.rows.J)) < end
+        lower = np.where(is_before, self.rows.lower, -np.inf)
+        upper = np.where(is_before, self.rows.upper, np.inf)
         return replace(self.rows, lower=lower, upper=upper)
 
     def _is_proven(self, w: Array, active_set: Array) -> bool:
@@ -420,7 +428,7 @@ class _Attempts:
         if not _is_finite(w):
             return False
         slack = interval_distance(self.rows.J @ w, self.rows.lower, self.rows.upper)
-        missed = np.array([np.linalg.norm(slack[own]) for own in self._levels])
+        missed = np.array([np.linalg.norm(slack[level_rows]) for level_rows in self._levels])
         best = self._missed
         proven = normal_certificate(self.rows, w) <= tolerances.CERTIFIED
         differ = np.flatnonzero(

@@ -34,7 +34,17 @@ from uvms_ocp.solvers.hierarchy.certificate import normal_certificate, normal_ro
 from uvms_ocp.solvers.hierarchy.level import Level, is_valid, residual, widen_bounds
 from uvms_ocp.types import Array, AtLeastOne, Positive
 
-# Build the cascade of quadratic programs as one CasADi expression.
+_STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
+_INEXACT = 1
+_STAGE_PLUGINS = ("fatrop", "hpipm")  # take programs of stages alone
+_PLUGIN_OPTIONS: dict[str, dict[str, object]] = {
+    "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
+    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
+    "osqp": {"osqp": {"verbose": False}},
+    "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
+    "highs": {"highs": {"output_flag": False}},
+}
+
 
 _INVALID = 2
 # Relative to its row: a row of which less than this is free counts as fixed already.
@@ -133,7 +143,7 @@ class LevelStep:
 def cascade(
     steps: Sequence[LevelStep], J: ca.MX, lower: ca.MX, upper: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """V (n,) and 1 if any level is inexact, from one step per level that has rows."""
+    """Return v (n,), and 1 if any level is inexact, from one step per level that has rows."""
     n = J.shape[1]
     v = ca.MX.zeros(n)
     P = ca.MX.eye(n)
@@ -141,17 +151,18 @@ def cascade(
     held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
     for step in steps:
         rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
-        own = _LevelSymbols(
+        level = _LevelSymbols(
             held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P)
         )
-        v, P, failed = step.solve.call(own.inputs())
-        held = _extended(own, v)
+        v, P, failed = step.solve.call(level.inputs())
+        held = _extended(level, v)
         inexact = ca.fmax(inexact, failed)
     return v, inexact
 
 
 def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> LevelStep:
-    """Level of ``size`` rows below ``held`` rows; it does as little as is needed.
+    """Build the functions of a level of ``size`` rows below ``held`` rows, whose program is solved
+    only where it is needed.
 
     Raises `InvalidInput` for a plugin that takes no such program.
     """
@@ -194,7 +205,7 @@ def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
 
 
 def _case(symbols: _LevelSymbols) -> ca.MX:
-    """_NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may
+    """Return _NOTHING where no program could change v, _SATISFIED_CASE where v is optimal but P may
     shrink, else 2.
     """
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
@@ -206,23 +217,23 @@ def _case(symbols: _LevelSymbols) -> ca.MX:
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
 
 
-def _extended(own: _LevelSymbols, v: ca.MX) -> _Held:
-    y = own.J @ v
-    held = own.held
+def _extended(level: _LevelSymbols, v: ca.MX) -> _Held:
+    y = level.J @ v
+    held = level.held
     return _Held(
-        J=ca.vertcat(held.J, own.J),
-        lower=ca.vertcat(held.lower, ca.fmin(own.lower, y)),
-        upper=ca.vertcat(held.upper, ca.fmax(own.upper, y)),
-        fixed=ca.vertcat(held.fixed, fixed_rows(y, own.lower, own.upper)),
+        J=ca.vertcat(held.J, level.J),
+        lower=ca.vertcat(held.lower, ca.fmin(level.lower, y)),
+        upper=ca.vertcat(held.upper, ca.fmax(level.upper, y)),
+        fixed=ca.vertcat(held.fixed, fixed_rows(y, level.lower, level.upper)),
     )
 
 
-def _projector(own: _LevelSymbols, v: ca.MX) -> ca.MX:
+def _projector(level: _LevelSymbols, v: ca.MX) -> ca.MX:
     """P without the directions of the rows that are fixed at v."""
-    P = own.P
-    fixed = fixed_rows(own.J @ v, own.lower, own.upper)
-    for i in range(own.J.shape[0]):
-        a = own.J[i, :].T
+    P = level.P
+    fixed = fixed_rows(level.J @ v, level.lower, level.upper)
+    for i in range(level.J.shape[0]):
+        a = level.J[i, :].T
         # Applied twice, so that what earlier rows have removed stays removed to rounding.
         r = P @ (P @ a)
         size = ca.sumsqr(r)
@@ -246,7 +257,11 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
     size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
     A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
-    options = {"error_on_fail": False, **_DEFAULTS.get(settings.plugin, {}), **settings.options}
+    options = {
+        "error_on_fail": False,
+        **_PLUGIN_OPTIONS.get(settings.plugin, {}),
+        **settings.options,
+    }
     if settings.plugin == "qpoases":
         # Warm starts that need more working-set changes than this hardly ever recover.
         options.setdefault("nWSR", 40 + sum(A.shape))
@@ -254,8 +269,8 @@ def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.F
         return ca.conic(f"{name}_qp", settings.plugin, {"h": H, "a": A}, options)
     except RuntimeError as error:
         why = plain_line(str(error).strip().splitlines()[-1], 80)
-        given = f"conic plugin {settings.plugin!r} takes no dense program ({why})"
-        raise InvalidInput(f"{given}; give one of {', '.join(conic_plugins())}") from None
+        refusal = f"conic plugin {settings.plugin!r} takes no dense program ({why})"
+        raise InvalidInput(f"{refusal}; give one of {', '.join(conic_plugins())}") from None
 
 
 def _attempt(
@@ -265,7 +280,7 @@ def _attempt(
     symbols: _LevelSymbols,
     otherwise: ca.Function,
 ) -> ca.Function:
-    """One program; ``otherwise`` continues from its result if that is not verified to be
+    """Solve one program; ``otherwise`` continues from its result if that is not verified to be
     optimal.
     """
     v, multipliers = _program(settings, solver, symbols)
@@ -281,7 +296,7 @@ def _attempt(
 def _program(
     settings: LexicographicQp, solver: ca.Function, symbols: _LevelSymbols
 ) -> tuple[ca.MX, ca.MX]:
-    """V, and the multipliers of the rows of the levels above."""
+    """Return v, and the multipliers of the rows of the levels above."""
     size, n = symbols.J.shape
     JP = symbols.J @ symbols.P
     y = symbols.J @ symbols.v
@@ -351,12 +366,6 @@ def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
     return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
 
 
-# A bound cascade, which survives a plugin that breaks down in the middle of a tick.
-
-_STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
-_INEXACT = 1
-
-
 class QpTick:
     """The whole cascade in one Function; level by level where a plugin reports an error.
 
@@ -408,12 +417,10 @@ class QpTick:
                 outputs = self._tick(*inputs)
                 if self._tick.failed:
                     outputs = self._stepwise(inputs)
-                else:
-                    outputs = outputs
         # Where fresh plugins do not help either, they would not at the next tick.
         self._fresh = bool(outputs[1][0] == _INEXACT)
-        v, said, missed, *extras = outputs
-        status = _STATUS[int(said[0])]
+        v, code, missed, *extras = outputs
+        status = _STATUS[int(code[0])]
         if self._certified and status is not solution.Status.INVALID_INPUT:
             v, status, missed = self._certify(v, missed, inputs)
         elif status is solution.Status.SOLVED:
@@ -429,23 +436,23 @@ class QpTick:
     def _certify(
         self, v: Array, missed: Array, inputs: Sequence[ArrayLike]
     ) -> tuple[Array, solution.Status, Array]:
-        """Exact only if that is certified, whatever the programs say of themselves; else by the
-        rows that they hold.
+        """Report an exact status only where it is certified; else polish from the rows at their
+        bounds.
 
         Those are nearly the active set of the optimum, from which `active_set_numpy.solve_levels`
         takes an iteration or two.
         """
-        J, low, up, given, lower, upper, gate = self._levels(*inputs)[:7]
+        J, low, up, J_given, lower, upper, gate = self._levels(*inputs)[:7]
         J = J.reshape(-1, len(v))
-        given = given.reshape(-1, len(v))
+        J_given = J_given.reshape(-1, len(v))
         rows = normal_rows(J, low, up, self._sizes)
         if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
             return v, solution.Status.SOLVED, missed
-        near = _HELD * (1.0 + np.abs(J).sum(axis=1))
-        held = (J @ v >= up - near) * float(RowState.UPPER) + (J @ v <= low + near) * float(
+        margin = _HELD * (1.0 + np.abs(J).sum(axis=1))
+        held = (J @ v >= up - margin) * float(RowState.UPPER) + (J @ v <= low + margin) * float(
             RowState.LOWER
         )
-        polished = solve_levels(given, lower, upper, gate, held, self._sizes)
+        polished = solve_levels(J_given, lower, upper, gate, held, self._sizes)
         if polished.status.exact:
             return (polished.v, polished.status, polished.residual)
         return (v, solution.Status.INEXACT, missed)
@@ -484,16 +491,6 @@ def _level(step: LevelStep, inputs: list[Array]) -> tuple[Array, ...]:
     if function.failed:
         return BufferedFunction(step.give_up)(*inputs)
     return outputs
-
-
-_OF_STAGES = ("fatrop", "hpipm")  # plugins for programs of stages, which these are not
-_DEFAULTS: dict[str, dict[str, object]] = {
-    "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
-    "qrqp": {"print_iter": False, "print_header": False, "print_info": False},
-    "osqp": {"osqp": {"verbose": False}},
-    "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
-    "highs": {"highs": {"output_flag": False}},
-}
 
 
 @checked_dataclass(eq=False)
@@ -575,7 +572,7 @@ def conic_plugins() -> tuple[str, ...]:
     return tuple(
         name
         for name in names
-        if name not in _OF_STAGES and _exists(name) and _takes_dense_programs(name)
+        if name not in _STAGE_PLUGINS and _exists(name) and _takes_dense_programs(name)
     )
 
 
@@ -586,7 +583,10 @@ def _takes_dense_programs(plugin: str) -> bool:
         contextlib.redirect_stderr(io.StringIO()),
     ):
         ca.conic(
-            "probe", plugin, dict.fromkeys("ha", ca.Sparsity.dense(2, 2)), _DEFAULTS.get(plugin, {})
+            "probe",
+            plugin,
+            dict.fromkeys("ha", ca.Sparsity.dense(2, 2)),
+            _PLUGIN_OPTIONS.get(plugin, {}),
         )
         return True
     return False

@@ -7,12 +7,13 @@ C.
 All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row,
 `[velocity]` that of an entry of v; in normal units both are 1.
 
-Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i` its rows, and v the
-velocity found. The levels above are held at the residuals found: row i of them at most as far beyond either bound as it is
-at v, and y stays in a region around v, ``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k
-with ``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``, with ``c_j`` the row
-where x_j belongs to its upper bound and minus the row where to its lower one, and gap_j >= 0 the distance of v from
-that bound, as held:
+Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i`
+its rows, and v the velocity found. The levels above are held at the residuals found: row i of them
+at most as far beyond either bound as it is at v, and y stays in a region around v,
+``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k with
+``|p| <= 1``, any multipliers ``x_j >= 0`` of the held rows and ``r = sum p_i a_i + sum x_j c_j``,
+with ``c_j`` the row where x_j belongs to its upper bound and minus the row where to its lower one,
+and gap_j >= 0 the distance of v from that bound, as held:
 
     f_k(v) - f_k(y) <= f_k(v) - sum p_i d_i + sum x_j gap_j + sum_c (r_c > 0 ? r_c down_c : -r_c
     up_c)
@@ -20,18 +21,22 @@ that bound, as held:
 for every such y, where d_i is ``a_i v`` minus the upper bound of row i where p_i > 0, minus the
 lower one where p_i < 0.
 
-**Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least ``a_i y - upper_i`` and at most
-``a_i y - lower_i`` everywhere. So ``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum
-is ``r (y - v) - sum x_j c_j (y - v)``. Held rows say ``c_j (y - v) <= gap_j``, and x_j >= 0; the region says
-``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c : -r_c up_c)``. Moreover f_k(y) >= 0, so that f_k(v) is a bound as well. QED.
+**Proof.** The distance s_i(y) of row i from its interval, negative below it, is at least
+``a_i y - upper_i`` and at most ``a_i y - lower_i`` everywhere. So
+``f_k(y) = |s(y)| >= sum p_i s_i(y) >= sum p_i d_i + sum p_i a_i (y - v)``. The last sum is
+``r (y - v) - sum x_j c_j (y - v)``. Held rows say ``c_j (y - v) <= gap_j``, and x_j >= 0; the
+region says ``r (y - v) >= -sum_c (r_c > 0 ? r_c down_c : -r_c up_c)``. Moreover f_k(y) >= 0, so
+that f_k(v) is a bound as well. QED.
 
-It holds for any multipliers; how they are found decides only how small it is. Here p = s(v) / |s(v)|, for which the first
-two terms cancel, and x comes from non-negative least squares of r and the gaps, 0 for both at an optimum.
+It holds for any multipliers; how they are found decides only how small it is. Here p = s(v) /
+|s(v)|, for which the first two terms cancel, and x comes from non-negative least squares of r and
+the gaps, 0 for both at an optimum.
 
-Rounding: a row ``a_i v`` of doubles is wrong by up to ``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap
-cannot be told from 0 and counts as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of
-``|a| |v|`` unless rows are nearly dependent: where it is more than `tolerances.RESOLVED`, it is added. `[rate]` is the unit
-of a row, `[velocity]` that of an entry of v.
+Rounding: a row ``a_i v`` of doubles is wrong by up to
+``noise_i = n 2^-52 |a_i| (|v| + |down or up|)``, and a smaller gap cannot be told from 0 and counts
+as 0. So the number is a bound up to ``noise_k + sum x_j noise_j``, about 1e-15 of ``|a| |v|``
+unless rows are nearly dependent: where it is more than `tolerances.RESOLVED`, it is added. `[rate]`
+is the unit of a row, `[velocity]` that of an entry of v.
 """
 
 from __future__ import annotations
@@ -47,9 +52,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.level import Level, row_slices, stack, widen_bounds
 from uvms_ocp.types import Array, Mask
-
-# Rows in normal units: every level divided by its largest row, velocities by their size; scaling.c
-# is the twin in C.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -120,7 +122,7 @@ class NormalRows:
     """Rows that are 0 in `J` and were not."""
 
     def levels(self) -> list[Level]:
-        """The rows as levels, for a solver."""
+        """Return the rows as levels, as solvers take them."""
         return [
             Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r])
             for r in row_slices(self.sizes)
@@ -145,9 +147,9 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     lost = ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
     if largest > 0.0:
-        asked = _asked(lower, upper, real) / largest
+        requested_size = _asked(lower, upper, real) / largest
     else:
-        asked = 0.0
+        requested_size = 0.0
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower = lower / divisor
     upper = upper / divisor
@@ -165,7 +167,7 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
         box=box,
         level=level,
         velocity=velocity,
-        unit=min(asked / velocity, 1.0) if asked > 0.0 else 1.0,
+        unit=min(requested_size / velocity, 1.0) if requested_size > 0.0 else 1.0,
         lost=lost_rows,
     )
 
@@ -201,10 +203,6 @@ def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
     return VelocityBox(lower=low, upper=up)
 
 
-# Independent check of lexicographic optimality: a proven bound of what every level is short of;
-# certificate.c is the twin in C.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Region:
     """Trust region of y around v: ``-down <= y - v <= up``."""
@@ -231,11 +229,13 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     """(levels,) [rate] by how much at most each level's residual norm at v (n,) [velocity] is above
     its least.
 
-    That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that leave every row of the
-    levels above at the residual it has at v or nearer to its bounds. Without a radius y is anywhere in the box that rows of
-    the first level with one entry and two bounds span, the velocity limits; entries without such a row go anywhere: where one
-    could improve a level, all of the level's residual counts. All entries of the first level itself, whose rows may contradict
-    the box that they span, get about twice the velocity that the rows ask for; the levels below are held in it.
+    That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that
+    leave every row of the levels above at the residual it has at v or nearer to its bounds. Without
+    a radius y is anywhere in the box that rows of the first level with one entry and two bounds
+    span, the velocity limits; entries without such a row go anywhere: where one could improve a
+    level, all of the level's residual counts. All entries of the first level itself, whose rows may
+    contradict the box that they span, get about twice the velocity that the rows ask for; the
+    levels below are held in it.
 
     inf where v is not finite or too large to tell. Raises `InvalidInput` for a v or radius of the
     wrong shape, or a radius that is not positive.
@@ -254,13 +254,13 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
         )
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
-        given = np.asarray(radius, dtype=np.float64)
-        if given.shape not in ((), v.shape) or not ((given > 0.0) & (given < np.inf)).all():
+        radii = np.asarray(radius, dtype=np.float64)
+        if radii.shape not in ((), v.shape) or not ((radii > 0.0) & (radii < np.inf)).all():
             raise InvalidInput(
-                f"radius = {given}; give one finite velocity > 0 for all entries of v, or {len(v)}"
+                f"radius = {radii}; give one finite velocity > 0 for all entries of v, or {len(v)}"
                 " of them"
             )
-        reach = np.broadcast_to(given, v.shape) / normal.velocity
+        reach = np.broadcast_to(radii, v.shape) / normal.velocity
         region = _Region(down=reach, up=reach, endless=np.zeros(len(v), dtype=bool))
         excesses = _excesses(normal, w, region, first=region)
     return excesses * normal.level * normal.velocity
@@ -281,7 +281,7 @@ def normal_certificate(rows: NormalRows, w: Array) -> float:
     region = replace(region, down=np.minimum(region.down, reach), up=np.minimum(region.up, reach))
     excesses = _excesses(rows, w, region, first=_beyond_box(region))
     slack = interval_distance(rows.J @ w, rows.lower, rows.upper)
-    sizes = np.array([_length(slack[own]) for own in row_slices(rows.sizes)])
+    sizes = np.array([_length(slack[level_rows]) for level_rows in row_slices(rows.sizes)])
     if np.isfinite(excesses).all():
         return float((excesses / np.maximum(sizes, rows.unit)).max(initial=0.0))
     return np.inf
@@ -319,22 +319,24 @@ def _beyond_box(region: _Region) -> _Region:
 
 
 def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) -> Array:
-    """(levels,); first: the region of the first level."""
+    """Return the excess of every level (levels,) at w; first: the trust region of the first
+    level.
+    """
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
-    found = _found(rows, w, region)
+    terms = _bound_terms(rows, w, region)
     excesses = np.array(
         [
-            _level_excess(found, own, region if own.start else first)
-            for own in row_slices(rows.sizes)
+            _level_excess(terms, level_rows, region if level_rows.start else first)
+            for level_rows in row_slices(rows.sizes)
         ]
     )
     return np.where(np.isfinite(excesses), excesses, np.inf)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Found:
-    """Terms of the bound."""
+class _BoundTerms:
+    """Slack, gaps and rounding of all M rows at one velocity: terms of the bound on the excess."""
 
     J: Array
     """(M, n) """
@@ -350,11 +352,11 @@ class _Found:
     """`NormalRows.unit`."""
 
 
-def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
+def _bound_terms(rows: NormalRows, w: Array, region: _Region) -> _BoundTerms:
     y = rows.J @ w
     far = _length(w) + _length(np.maximum(region.down, region.up))
     noise = np.asarray(tolerances.ROUNDING * len(w) * np.linalg.norm(rows.J, axis=1) * far)
-    return _Found(
+    return _BoundTerms(
         J=rows.J,
         slack=interval_distance(y, rows.lower, rows.upper),
         up=np.where(rows.upper - y > noise, rows.upper - y, 0.0),
@@ -364,12 +366,15 @@ def _found(rows: NormalRows, w: Array, region: _Region) -> _Found:
     )
 
 
-def _level_excess(found: _Found, own: slice, region: _Region) -> float:
-    size = _length(found.slack[own])
+def _level_excess(terms: _BoundTerms, level_rows: slice, region: _Region) -> float:
+    """Bound how much the residual norm of a level exceeds its optimum, by multipliers of the levels
+    above.
+    """
+    size = _length(terms.slack[level_rows])
     if size == 0.0 or not np.isfinite(size):
         return size
-    p = found.slack[own] / size
-    gradient, held, gap, noise = p @ found.J[own], *_held(found, own.start)
+    p = terms.slack[level_rows] / size
+    gradient, held, gap, noise = p @ terms.J[level_rows], *_held(terms, level_rows.start)
     x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
     r = gradient + x @ held
     rounding = float(x @ noise)
@@ -377,16 +382,18 @@ def _level_excess(found: _Found, own: slice, region: _Region) -> float:
         return size
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
     return min(
-        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, found.unit) else bound
+        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, terms.unit) else bound
     )
 
 
-def _held(found: _Found, above: int) -> tuple[Array, Array, Array]:
-    """Rows c (k, n) of the levels above, their gaps (k,) and noise (k,): ``c (y - v) <= gap``."""
-    rows = found.J[:above]
-    noise = found.noise[:above]
+def _held(terms: _BoundTerms, above: int) -> tuple[Array, Array, Array]:
+    """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,):
+    ``c (y - v) <= gap``.
+    """
+    rows = terms.J[:above]
+    noise = terms.noise[:above]
     c = np.concatenate([rows, -rows])
-    gap = np.concatenate([found.up[:above], found.down[:above]])
+    gap = np.concatenate([terms.up[:above], terms.down[:above]])
     useful = np.isfinite(gap) & c.any(axis=1)
     return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
 

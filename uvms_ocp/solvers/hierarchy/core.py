@@ -56,8 +56,8 @@ def preamble(n: int, sizes: Sequence[int]) -> str:
 
 
 class CoreTick:
-    """One function of the levels and the solver, which starts from the state that the tick before
-    has left.
+    """A solver bound to the function of its levels, which starts from the state of the tick
+    before.
     """
 
     __slots__ = ("_in_python", "_levels", "_state", "_tick", "_width")
@@ -84,8 +84,8 @@ class CoreTick:
         self._state[:] = 0.0
 
     def adopt(self, *inputs: Array) -> Callable[[], solution.TickResult]:
-        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
-        other call comes after it.
+        """Return the call that reads these arrays, (m,) or (m, n) [any], in place, without copies.
+        It replaces every other call of this tick.
         """
         if self._tick is None:
             return partial(self, *inputs)
@@ -129,13 +129,13 @@ class CompiledSolver:
     compiled: bool
 
     def core_source(self, n: int, sizes: Sequence[int]) -> str:
-        """C99 source of the core, as an external function of CasADi, for n velocities and levels of
-        ``sizes`` rows.
+        """Return C99 source of the core, as an external function of CasADi, for n velocities and
+        levels of ``sizes`` rows.
         """
         raise NotImplementedError
 
     def in_python(self, n: int, sizes: Sequence[int]) -> PythonSolver:
-        """Return what takes the place of the core without a compiler."""
+        """Return the core in Python, for where there is no compiler."""
         raise NotImplementedError
 
     @checked_on_failure

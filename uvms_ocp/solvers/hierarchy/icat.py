@@ -59,7 +59,7 @@ class Icat(core.CompiledSolver):
         )
 
     def in_python(self, n: int, sizes: Sequence[int]) -> core.PythonSolver:
-        """Return the same in NumPy, for any numbers."""
+        """Return the solver in NumPy, with the arguments and results of a core."""
 
         @np.errstate(over="ignore", invalid="ignore")
         def solve(
@@ -73,7 +73,7 @@ class Icat(core.CompiledSolver):
         ) -> list[Array]:
             # Comparisons with NaN are false.
             valid = (
-                all((np.abs(one) < tolerances.LARGEST).all() for one in (J, activation))
+                all((np.abs(matrix) < tolerances.LARGEST).all() for matrix in (J, activation))
                 and np.isfinite(rate).all()
             )
             if valid:

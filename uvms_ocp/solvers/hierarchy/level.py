@@ -25,8 +25,6 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.types import Array
 
-# One priority level of a hierarchy of linear velocity objectives, and the stacking of levels.
-
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, init=False, repr=False)
 class Level(FieldTable):
@@ -49,7 +47,7 @@ class Level(FieldTable):
     else 0.
     """
     gate: Array
-    """(m,) 0 removes a row, 1 keeps it exactly, between see `gated_rows`; default 1; read by the
+    """(m,) 0 removes a row, 1 keeps it exactly, between see `widen_bounds`; default 1; read by the
     strict solvers.
     """
     name: str
@@ -143,11 +141,11 @@ def stack(levels: Sequence[Level]) -> Stack:
     n = levels[0].n_velocities
     for index, level in enumerate(levels):
         if level.n_velocities != n:
-            given = (
+            mismatch = (
                 f"{_label(level.name, 'jacobian')} (number {index}) has {level.n_velocities}"
                 " columns"
             )
-            raise InvalidInput(f"{given}; the first level has {n}, give all levels the same")
+            raise InvalidInput(f"{mismatch}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
     stacked = {name: np.concatenate([getattr(level, name) for level in levels]) for name in rows}
     return Stack(**stacked, sizes=tuple(level.n_rows for level in levels))
@@ -209,26 +207,10 @@ def _check_order(name: str, lower: Array, upper: Array) -> None:
     wrong = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
     if wrong.any():
         row = int(np.argmax(wrong))
-        given = f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}"
-        raise InvalidInput(f"{given}; give lower <= upper, and infinity only outwards")
-
-
-# Rows ``lower <= J v <= upper`` with gates, for NumPy arrays and CasADi expressions alike;
-# scaling.c is the twin in C.
-#
-# What a gate g means, for `Level`, missions, the controller and what is exported from it:
-#
-# - 1 keeps the row as it is, 0 removes it.
-# - Between, both bounds are wider by ``sqrt((1 - g) / g)`` times the range of the row: the row keeps its rank, but it is
-#   indifferent to what lies within that band. The band is all that the row can do, and more, as g goes to 0: the limit is the
-#   problem without the row, and by then v does not change any more. Along a cosine bell in time the band opens and closes at a
-#   steady pace.
-# - The range is ``sum |J_row|``, that of J v for |v| <= 1, where nothing is said; in the controller it is what the limits let
-#   one tick change, so that it is accelerations that grow and fade.
-#
-# A fractional gate that is held is a tolerance, not a weight: weights do not move the optimum of a
-# strict hierarchy. A gate scales the activation for `Icat`, which weighs. `[rate]` is the unit of a
-# row, `[velocity]` that of an entry of v.
+        bounds = (
+            f"{_label(name, 'lower')}[{row}] = {lower[row]:g} and upper[{row}] = {upper[row]:g}"
+        )
+        raise InvalidInput(f"{bounds}; give lower <= upper, and infinity only outwards")
 
 
 def is_valid(
@@ -257,10 +239,25 @@ def widen_bounds(
     gate: ArrayOrExpression,
     reach: ArrayOrExpression | None = None,
 ) -> tuple[ArrayOrExpression, ArrayOrExpression]:
-    """Bounds (M,) [rate] that leave to infinity as the gate goes from 1 to 0.
+    """Widen bounds (M,) [rate], which leave to infinity as the gate goes from 1 to 0; scaling.c is
+    the twin in C.
 
-    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite range of each row,
-    ``sum |J_row|`` where it is not given.
+    What a gate g means, for `Level`, missions, the controller and what is exported from it:
+
+    - 1 keeps the row as it is, 0 removes it.
+    - Between, both bounds are wider by ``sqrt((1 - g) / g)`` times the range of the row. The row
+      keeps its rank, but it is indifferent to what lies within that band. The band is all that the
+      row can do, and more, as g goes to 0: the limit is the problem without the row, and by then v
+      does not change any more. Along a cosine bell in time the band opens and closes at a steady
+      pace.
+    - The range is ``sum |J_row|``, that of J v for |v| <= 1, where `reach` is not given; in the
+      controller it is what the limits let one tick change, so that accelerations grow and fade.
+
+    A fractional gate that is held is a tolerance, not a weight: weights do not move the optimum of
+    a strict hierarchy. A gate scales the activation for `Icat`, which weighs.
+
+    J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,); reach (M,) [rate]: finite
+    range of each row, ``sum |J_row|`` where it is not given.
     """
     removed = gate <= 0.0
     gate = where(removed, 1.0, gate)

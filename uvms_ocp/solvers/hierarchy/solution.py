@@ -23,8 +23,10 @@ from uvms_ocp.solvers.hierarchy.certificate import certificate
 from uvms_ocp.solvers.hierarchy.level import Level, residual, stack
 from uvms_ocp.types import Array, Shape
 
-# What a hierarchy solver returns; `[rate]` is the unit of a row, `[velocity]` that of an entry of
-# v.
+LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
+# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant,
+# since the tick of one solver may fall back on another.
+_ONE_AT_A_TIME = threading.RLock()
 
 
 class Status(AdvisedStatus):
@@ -121,16 +123,9 @@ def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
 
 
 def read_only(array: Array) -> Array:
-    """The same array (...) [any], locked."""
+    """Lock an array (...) [any] against writing, and return it."""
     array.flags.writeable = False
     return array
-
-
-# What a bound solver is: a callable from the inputs of the levels' Function to one result.
-#
-# `[rate]` is the unit of a row, `[velocity]` that of an entry of v.
-
-LEVEL_OUTPUTS = ("J", "lower", "upper", "rate", "activation", "gate")
 
 
 @checked_dataclass(eq=False)
@@ -166,7 +161,7 @@ class Tick(Protocol):
 
 @runtime_checkable
 class InPlaceTick(Tick, Protocol):
-    """One that can read its inputs where they are."""
+    """A `Tick` that can read its inputs in place, without copies."""
 
     def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
         """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
@@ -178,10 +173,10 @@ def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
     """Raises `InvalidInput` unless ``levels`` starts with ``LEVEL_OUTPUTS`` and has the rows of
     ``sizes``.
     """
-    given = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
-    if given != LEVEL_OUTPUTS:
+    outputs = tuple(levels.name_out()[: len(LEVEL_OUTPUTS)])
+    if outputs != LEVEL_OUTPUTS:
         raise InvalidInput(
-            f"levels function returns {given}; its first outputs must be {LEVEL_OUTPUTS}"
+            f"levels function returns {outputs}; its first outputs must be {LEVEL_OUTPUTS}"
         )
     if levels.size1_out(0) != sum(sizes) or any(size < 0 for size in sizes):
         raise InvalidInput(
@@ -212,20 +207,17 @@ def dense(function: ca.Function) -> ca.Function:
     )
 
 
-# Levels given as numbers: what `solve` of every solver does with them.
-
 _solution = unchecked_constructor(Solution)
 
 Bind = Callable[[ca.Function, Sequence[int]], Tick]
-# Calls of one shape share one tick and its memory, and plugins share Python's stdout. Re-entrant,
-# since the tick of one solver may fall back on another.
-_ONE_AT_A_TIME = threading.RLock()
 
 
 def timed_solution(
     levels: Sequence[Level], velocity: Callable[[Sequence[Level]], tuple[Array, Status]]
 ) -> Solution:
-    """The solution that ``velocity`` finds, as v (n,) and status, with residuals and time."""
+    """Return the solution with v (n,) and status of ``velocity``, its residuals, and the time it
+    took.
+    """
     start = perf_counter()
     v, status = velocity(levels)
     return _solution(
@@ -234,8 +226,8 @@ def timed_solution(
 
 
 def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
-    """V (n,) and status, from a tick whose inputs are the stacked levels; it is bound once for all
-    calls of one shape.
+    """Return v (n,) and status, from a tick whose inputs are the stacked levels; it is bound once
+    for all calls of one shape.
 
     ``bind`` is a method of a solver. Raises `InvalidInput` where ``levels`` is empty or of mixed
     width.

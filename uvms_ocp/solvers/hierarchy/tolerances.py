@@ -1,14 +1,13 @@
 """Tolerances and iteration budgets of the active set and its certificate, shared by C (as macros)
 and Python.
+
+They separate rounding from results. The size of a row is ``|a| + |bound|``, in normal units
+(`certificate.normal_rows`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-# Every tolerance of the active set and of its certificate: of the core in C, to which they are
-# macros, and of Python. They separate rounding from results. The size of a row is ``|a| +
-# |bound|``, in normal units (`scaling`).
 
 LARGEST = 1e15
 """[rate/velocity] Entry of a Jacobian from which on rows are invalid: beside it, rounding alone is
@@ -82,8 +81,9 @@ for.
 NEGLIGIBLE = 1e-9
 """A multiplier of the wrong sign that adds no more to the certificate is left as it is."""
 ROUNDING = 2.3e-16
-"""Relative to ``|a| |v|`` and the number of velocities: rounding error of ``a v``. The spacing of doubles at 1 is
-2.22e-16."""
+"""Relative to ``|a| |v|`` and the number of velocities: rounding error of ``a v``. The spacing of
+doubles at 1 is 2.22e-16.
+"""
 DESCENT = 1e-16
 """Relative to a gradient: multipliers that reduce it by less are no descent but rounding."""
 LEAST_DESCENT = 1e-18
@@ -92,15 +92,13 @@ dependent rows.
 """
 
 TOUCHING = 1e-9
-"""Relative to ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one start the next run active,
-and a level above is held up to this."""
+"""Relative to ``1 + sum |a|``: rows this near to a bound where the levels have ended one by one
+start the next run active, and a level above is held up to this.
+"""
 TIED = 1e-9
 """Relative to 1 and the norm: levels whose residuals differ by less are equally good; of two runs,
 a lower level decides.
 """
-
-
-# After how many iterations a run changes its rule, and when it ends; the same for C and NumPy.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -127,10 +125,10 @@ class IterationBudget:
 
 def iteration_budget(n_rows: int) -> IterationBudget:
     """Return the budget of runs over n_rows rows of all levels."""
-    most = 20 + 10 * n_rows
+    per_run = 20 + 10 * n_rows
     return IterationBudget(
-        most_iterations=most,
-        most_of_all=6 * most,
+        most_iterations=per_run,
+        most_of_all=6 * per_run,
         bland_stalls=n_rows // 2 + 10,
         tabu_stalls=2 * n_rows,
         tabu_iterations=20 + 3 * n_rows,

@@ -5,19 +5,16 @@ progress and stop on request.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from time import perf_counter
-from types import FrameType
-from typing import Any, TypeAlias
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, require_known
-from uvms_ocp.interrupts import on_interrupt
 from uvms_ocp.solvers.nlp.program import (
     LevelNlp,
     LexicographicProgram,
@@ -25,9 +22,33 @@ from uvms_ocp.solvers.nlp.program import (
     RowBounds,
     status_of,
 )
+from uvms_ocp.solvers.nlp.solve_monitor import BestIterate, IterationReport, SolveMonitor
 from uvms_ocp.types import DAY, AtLeastOne, Magnitude, Positive
 
-# How the NLPs of a lexicographic program are solved.
+_WARM_START_PUSHES = [
+    f"warm_start_{what}"
+    for what in (
+        "bound_push",
+        "mult_bound_push",
+        "slack_bound_push",
+        "bound_frac",
+        "slack_bound_frac",
+    )
+]
+_WARM_START_OPTIONS: dict[str, Any] = {
+    "warm_start_init_point": "yes",
+    "mu_init": 1e-6,
+    **dict.fromkeys(_WARM_START_PUSHES, 1e-9),
+}
+QP_PLUGINS = ("hpipm", "proxqp", "piqp")
+SPARSE_PLUGIN = QP_PLUGINS[0]
+"""Default QP plugin of programs without stages."""
+# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
+_REDUCED_ACCURACY = 1e3
+_STEEP_GRADIENT = (
+    100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
+)
+
 
 AUTO = "auto"
 IPOPT = "ipopt"
@@ -52,8 +73,8 @@ class NlpOptions:
     constraint qualification holds.
     """
     convergence: Positive = 1e-8
-    """Largest error of the optimality conditions at the point itself, without any damping; where the
-    gradient of the cost is above 100 there, in units of a hundredth of it.
+    """Largest error of the optimality conditions at the point itself, without any damping; where
+    the gradient of the cost is above 100 there, in units of a hundredth of it.
     """
     max_iterations: AtLeastOne = 150
     """For every NLP."""
@@ -91,31 +112,7 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
         # Bounds give way by this much: rows that are frozen must not.
         "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
     }
-    return chosen | (_WARM if warm else {}) | dict(options.plugin_options)
-
-
-_PUSHES = [
-    f"warm_start_{what}"
-    for what in (
-        "bound_push",
-        "mult_bound_push",
-        "slack_bound_push",
-        "bound_frac",
-        "slack_bound_frac",
-    )
-]
-_WARM: dict[str, Any] = {
-    "warm_start_init_point": "yes",
-    "mu_init": 1e-6,
-    **dict.fromkeys(_PUSHES, 1e-9),
-}
-
-
-# How real-time SQP makes a step.
-
-QP_PLUGINS = ("hpipm", "proxqp", "piqp")
-SPARSE_PLUGIN = QP_PLUGINS[0]
-"""Default QP plugin of programs without stages."""
+    return chosen | (_WARM_START_OPTIONS if warm else {}) | dict(options.plugin_options)
 
 
 @checked_dataclass(eq=False)
@@ -158,105 +155,6 @@ class SqpOptions:
             )
 
 
-# Who looks on while a program is solved, and may stop it: a callback, and Ctrl-C.
-
-_ALL = slice(None)
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class IterationReport:
-    """After one iteration."""
-
-    level: str
-    """Level being solved; the last one while all levels above are required in full."""
-    iteration: int
-    residual: float
-    """of the level: the root of twice its cost."""
-    violation: float
-    """Largest of constraints, bounds and levels above."""
-
-
-Progress: TypeAlias = Callable[[IterationReport], object]
-"""Told every iteration; a `KeyboardInterrupt` from it stops the solve at the best point so far."""
-
-
-class SolveMonitor:
-    """Over all NLPs of a solve."""
-
-    def __init__(self) -> None:
-        self.stopped = False
-        self._error: BaseException | None = None
-        self._progress: Progress | None = None
-
-    @contextmanager
-    def running(self, progress: Progress | None) -> Iterator[None]:
-        """Guard one solve: Ctrl-C stops it, a second one breaks it off. Raises what `progress`
-        raised, once the solver is out.
-        """
-        self.stopped = False
-        self._error = None
-        self._progress = progress
-        with on_interrupt(self._stop):
-            yield
-        if self._error is not None:
-            raise self._error
-
-    @property
-    def should_stop(self) -> bool:
-        """True where no further iteration is wanted."""
-        return self.stopped or self._error is not None
-
-    def report(self, moment: IterationReport) -> None:
-        """Report an iteration; nothing is raised here: solvers in other languages call it."""
-        try:
-            if self._progress is not None:
-                self._progress(moment)
-        except KeyboardInterrupt:
-            self.stopped = True
-        except BaseException as error:
-            self._error = error
-
-    def _stop(self, _: FrameType | None) -> None:
-        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody
-        catches it.
-        """
-        self.stopped = True
-
-
-class BestIterate:
-    """The best iterate of one NLP: one that keeps the bounds and has the least cost, else the one
-    that breaks them least.
-    """
-
-    def __init__(self, bounds: RowBounds, rows: np.ndarray, feasibility: float) -> None:
-        """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as
-        kept.
-        """
-        # Chosen once: it is looked at every iteration.
-        self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
-        self._feasibility = feasibility
-        self._key = (np.inf, np.inf)
-        self.x: np.ndarray | None = None
-        self.cost = self.violation = np.inf
-        self.iterations = 0
-
-    def update(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
-        """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
-        violation = self._bounds.violation(x, g, _ALL)
-        key = (0.0, cost) if violation <= self._feasibility else (1.0, violation)
-        self.iterations += 1
-        if key < self._key and np.isfinite(x).all():
-            self._key = key
-            self.x = x
-            self.cost = cost
-            self.violation = violation
-        return violation
-
-
-# One NLP of a lexicographic program: built once with a cold and a warm start, called again and
-# again.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpPoint:
     """Start or end point of an NLP. Without multipliers a start is cold."""
@@ -275,7 +173,7 @@ class NlpPoint:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NlpOutcome:
-    """Outcome of one call."""
+    """End point, status and cost of one call of a `LevelSolver`."""
 
     point: NlpPoint
     """End point, always finite."""
@@ -299,17 +197,12 @@ class Deadline:
         self._end = np.inf
 
     def set(self, seconds: float) -> None:
-        """It is over in `seconds` [s] from now."""
+        """Set the deadline to `seconds` [s] from now."""
         self._end = self._clock() + seconds
 
     @property
     def over(self) -> bool:
         return self._clock() > self._end
-
-
-# Multiples of the tolerance up to which a level counts as solved to reduced accuracy.
-_REDUCED = 1e3
-_STEEP = 100.0  # gradient up to which errors are not scaled: of a larger one digits are rounding
 
 
 class OptimalityConditions:
@@ -319,10 +212,10 @@ class OptimalityConditions:
 
     def __init__(self, nlp: LevelNlp) -> None:
         self._rows = nlp.rows
-        own = nlp.functions
-        if "nlp_grad_f" in own and "nlp_jac_g" in own:
-            self._gradient = own["nlp_grad_f"]
-            self._jacobian = own["nlp_jac_g"]
+        functions = nlp.functions
+        if "nlp_grad_f" in functions and "nlp_jac_g" in functions:
+            self._gradient = functions["nlp_grad_f"]
+            self._jacobian = functions["nlp_jac_g"]
             return
         x, p, f, g = (nlp.nlp[name] for name in ("x", "p", "f", "g"))
         self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
@@ -330,7 +223,8 @@ class OptimalityConditions:
 
     def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
         """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
-        with what is left to its bound, in units of the steepest cost at the point above `_STEEP`.
+        with what is left to its bound, in units of the steepest cost at the point above
+        `_STEEP_GRADIENT`.
         """
         assert point.x_multipliers is not None
         assert point.row_multipliers is not None
@@ -340,17 +234,17 @@ class OptimalityConditions:
         slope = gradient + np.array(J.T @ y).ravel() + point.x_multipliers
         lower = bounds.lower[self._rows]
         upper = bounds.upper[self._rows]
-        left = max(
+        complementarity = max(
             _left(y, np.array(g).ravel(), lower, upper),
             _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
         )
-        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP)
-        return max(float(np.abs(slope).max(initial=0.0)), left) / scale
+        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP_GRADIENT)
+        return max(float(np.abs(slope).max(initial=0.0)), complementarity) / scale
 
 
 def _left(y: np.ndarray, value: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
-    """Largest product of a multiplier and what is left to its bound; a bound that is none has no
-    multiplier.
+    """Return the largest product of a multiplier and the distance from its bound; infinite bounds
+    have none.
     """
     room = np.abs(np.where(y > 0.0, upper, lower) - value)
     pulls = np.flatnonzero(y)
@@ -436,21 +330,23 @@ class LevelSolver:
         )
 
     def _judged(
-        self, said: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
+        self, reported: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
     ) -> NlpStatus:
-        """Status by the conditions at the point, where the solver says it is at an optimum."""
-        if not said.optimal:
-            return said
+        """Check a status of an optimum by the optimality conditions at the point."""
+        if not reported.optimal:
+            return reported
         error = self._conditions.error(point, p, bounds)
-        if said is NlpStatus.SOLVED and error <= self._options.convergence:
-            return said
-        reduced = error <= _REDUCED * self._options.convergence
+        if reported is NlpStatus.SOLVED and error <= self._options.convergence:
+            return reported
+        reduced = error <= _REDUCED_ACCURACY * self._options.convergence
         if reduced:
             return NlpStatus.INEXACT
         return NlpStatus.STALLED
 
     def _interrupted(self, best: BestIterate) -> NlpOutcome:
-        """Without multipliers: they are not those of the best iterate."""
+        """Return the best iterate, without multipliers: those of the solver belong to its last
+        iterate.
+        """
         assert best.x is not None
         return NlpOutcome(
             point=NlpPoint(x=best.x),
@@ -476,8 +372,8 @@ class LevelSolver:
 
 
 class _Stop(ca.Callback):  # type: ignore[misc]  # CasADi has no types
-    """Called by the NLP solver after each iteration: not 0 once the deadline is over, or whoever
-    looks on wants no more.
+    """Callback of the NLP solver after each iteration: not 0, which stops it, once the deadline is
+    over or the monitor wants no more.
     """
 
     def __init__(self, nlp: LevelNlp, name: str, deadline: Deadline, watch: SolveMonitor) -> None:

@@ -23,7 +23,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, unchecked_constructor
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.solvers.nlp import level_solver, program as nlp
+from uvms_ocp.solvers.nlp import level_solver, program as nlp, solve_monitor
 from uvms_ocp.types import Bound, read_only
 
 
@@ -59,7 +59,7 @@ class LexicographicResult:
 
 
 class NlpSolver(Protocol):
-    """The NLP of one level, solved by whoever can; as `LevelSolver`."""
+    """Protocol of what solves the NLP of one level, such as `LevelSolver`."""
 
     def fits(self, point: level_solver.NlpPoint) -> bool:
         """True for a start of this program."""
@@ -78,7 +78,7 @@ class SelfSolving(Protocol):
 
     @property
     def ranges(self) -> nlp.RowRanges:
-        """With which it is solved unless others are given."""
+        """Ranges of the rows, for solves that are given none."""
 
     @property
     def n_x(self) -> int:
@@ -92,9 +92,11 @@ class SelfSolving(Protocol):
         self,
         options: level_solver.NlpOptions,
         deadline: level_solver.Deadline,
-        watch: level_solver.SolveMonitor,
+        watch: solve_monitor.SolveMonitor,
     ) -> Sequence[NlpSolver]:
-        """One for each level, which tell `watch` every iteration and end where it wants no more."""
+        """Return a solver for each level, which reports every iteration to `watch` and stops where
+        it or the deadline says so.
+        """
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
@@ -120,13 +122,13 @@ class LexicographicNlp:
         options: level_solver.NlpOptions | None = None,
     ) -> None:
         self.program = program
-        given = options or level_solver.NlpOptions()
-        if given.plugin == level_solver.AUTO:
-            self.options = replace(given, plugin=level_solver.IPOPT)
+        requested = options or level_solver.NlpOptions()
+        if requested.plugin == level_solver.AUTO:
+            self.options = replace(requested, plugin=level_solver.IPOPT)
         else:
-            self.options = given
+            self.options = requested
         self.deadline = level_solver.Deadline()
-        self.watch = level_solver.SolveMonitor()
+        self.watch = solve_monitor.SolveMonitor()
         self.levels = self._solvers(program)
 
     def _solvers(self, program: nlp.LexicographicProgram | SelfSolving) -> Sequence[NlpSolver]:
@@ -151,7 +153,7 @@ class LexicographicNlp:
         x_upper: nlp.Variables | float = np.inf,
         ranges: nlp.RowRanges | None = None,
         time_limit: Bound | None = None,
-        progress: level_solver.Progress | None = None,
+        progress: solve_monitor.Progress | None = None,
     ) -> LexicographicResult:
         """Solve from a start that is a guess (n,) [unit of x], cold, or an earlier result, warm in
         primal and dual variables.
@@ -174,13 +176,13 @@ class LexicographicNlp:
             limit = self.options.time_limit
         else:
             limit = min(time_limit, self.options.time_limit)
-        given = ranges or self.program.ranges
+        row_ranges = ranges or self.program.ranges
         run = _Run(
             self,
-            given.levels,
+            row_ranges.levels,
             points,
             parameters,
-            nlp.row_bounds(given, x_lower, x_upper, len(points[0].x)),
+            nlp.row_bounds(row_ranges, x_lower, x_upper, len(points[0].x)),
             begin,
         )
         # An anticipation that fails must leave time for the levels in their order.
@@ -259,7 +261,7 @@ class _Run:
         )
 
     def in_order(self) -> LexicographicResult:
-        """Level by level. A level that fails leaves those below it out."""
+        """Solve level by level. Below a level that fails, all are skipped."""
         bounds = self._bounds
         best = None
         statuses = []
@@ -280,11 +282,11 @@ class _Run:
                 bounds = bounds.with_rows(
                     level.frozen, level.frozen_bounds(y, best.cost, self._tolerance)
                 )
-        left = len(self._levels) - len(statuses)
+        n_unsolved = len(self._levels) - len(statuses)
         statuses += [
             nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED
-        ] * left
-        iterations += [0] * left
+        ] * n_unsolved
+        iterations += [0] * n_unsolved
         iterations[0] += self._spent
         assert best is not None  # as there is one level at least
         return self._result(best, tuple(statuses), tuple(iterations), tuple(points), False)
@@ -293,13 +295,15 @@ class _Run:
         """Return the result of a solve stopped by hand before the first level was solved: no level
         is held.
         """
-        left = len(self._levels) - 1
-        statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * left)
+        n_unsolved = len(self._levels) - 1
+        statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * n_unsolved)
         reached = replace(
             outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
         )
-        points = (level_solver.NlpPoint(x=outcome.point.x),) * (left + 1)
-        return self._result(reached, statuses, (outcome.iterations, *(0,) * left), points, False)
+        points = (level_solver.NlpPoint(x=outcome.point.x),) * (n_unsolved + 1)
+        return self._result(
+            reached, statuses, (outcome.iterations, *(0,) * n_unsolved), points, False
+        )
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
         """A warm start of this level if there is one; otherwise where the level above ended,
@@ -340,7 +344,9 @@ _ORDER = tuple(nlp.NlpStatus)
 
 
 def _severity(status: nlp.NlpStatus) -> int:
-    """SKIPPED is only ever the consequence of another status."""
+    """Rank a status by how bad it is; SKIPPED, only ever the consequence of another one, ranks
+    1.
+    """
     if status is nlp.NlpStatus.SKIPPED:
         return 1
     return _ORDER.index(status)

@@ -1,13 +1,13 @@
 """Lexicographic nonlinear programs as data: shared constraints, levels of least squares in order,
 bounds, and outcomes.
 
-Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to their range, while
-the rows of the levels above stay where those levels left them. All rows of the program are numbered once: first
-the constraints, then those that freeze level 0, level 1 and so on. Bounds and multipliers use that numbering at every
-level, so that they carry over.
+Level k minimises ``1/2 |y_k - clip(y_k, lower_k, upper_k)|^2``, the squared distance of its rows to
+their range, while the rows of the levels above stay where those levels left them. All rows of the
+program are numbered once: first the constraints, then those that freeze level 0, level 1 and so on.
+Bounds and multipliers use that numbering at every level, so that they carry over.
 
 Variables and rows may have any units. Scale rows to the order of 1: those of a level add up as
-squares, and one tolerance holds for all, so that costs, norms and violations are ``.
+squares, and one tolerance holds for all, so that costs, norms and violations have no unit.
 """
 
 from __future__ import annotations
@@ -26,7 +26,12 @@ from uvms_ocp.codegen.elementwise import interval_distance, interval_excess
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Bound, Positive, Range, Shape
 
-# Outcome of a nonlinear program, whichever solver produced it.
+_FROZEN_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
+Expression: TypeAlias = ca.SX | ca.MX
+Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
+"""Variables of the program that the owner holds."""
+Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
+_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 class NlpStatus(AdvisedStatus):
@@ -89,17 +94,6 @@ def status_of(stats: Mapping[str, Any]) -> NlpStatus:
     return named or _STATUSES.get(
         str(stats.get("unified_return_status")), NlpStatus.ITERATION_LIMIT
     )
-
-
-# A lexicographic nonlinear program as data: shared constraints, and levels of least squares in
-# order.
-
-_SLACK = 1e-6  # of inequality rows that are frozen exactly: they still need an inside
-
-Expression: TypeAlias = ca.SX | ca.MX
-Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
-"""Variables of the program that the owner holds."""
-Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 
 
 @checked_dataclass(eq=False)
@@ -180,7 +174,7 @@ class LevelRows:
                 equal = self.lower == self.upper
             else:
                 equal = np.zeros(len(y), dtype=bool)
-            slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _SLACK)
+            slack = np.where(equal, 0.0, tolerance / (2 * max(len(y), 1) ** 0.5) or _FROZEN_SLACK)
             low = np.where(equal, y, np.minimum(self.lower, y))
             up = np.where(equal, y, np.maximum(self.upper, y))
             return low - slack, up + slack
@@ -217,23 +211,20 @@ def nlp_functions(
     (gradient, J, H) = derivatives
     primal = ["x", "p"]
     dual = ["x", "p", "lam_f", "lam_g"]
-    everything = [*variables, *lam]
+    primal_dual = [*variables, *lam]
     slope = lam[0] * gradient + J.T @ lam[1]
     functions = (
         ca.Function("nlp_f", variables, [f], primal, ["f"]),
         ca.Function("nlp_g", variables, [g], primal, ["g"]),
         ca.Function("nlp_grad_f", variables, [f, gradient], primal, ["f", "grad_f_x"]),
         ca.Function("nlp_jac_g", variables, [g, J], primal, ["g", "jac_g_x"]),
-        ca.Function("nlp_hess_l", everything, [H], dual, ["triu_hess_gamma_x_x"]),
+        ca.Function("nlp_hess_l", primal_dual, [H], dual, ["triu_hess_gamma_x_x"]),
         # Asked for at construction, never called: multipliers of parameters are off.
         ca.Function(
-            "nlp_grad", everything, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS
+            "nlp_grad", primal_dual, [f, g, slope, ca.MX(*variables[1].shape)], dual, _GRADIENTS
         ),
     )
     return {function.name(): function for function in functions}
-
-
-_GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
 
 @checked_dataclass(eq=False)
@@ -354,7 +345,8 @@ def signed_excess(
 
 
 def half_square(y: Expression, lower: Expression, upper: Expression, kinds: RowKinds) -> Expression:
-    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable everywhere.
+    """``1/2 |distance to [lower, upper]|^2``; rows with lower = upper stay twice differentiable
+    everywhere.
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.
     """
@@ -441,9 +433,6 @@ def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
         relax=level.relax,
         frozen=slice(first, first + (m if level.relax is None else 1)),
     )
-
-
-# Bounds of the variables and rows of a lexicographic program.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -32,8 +32,20 @@ from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN, STAGEWISE, SqpOptio
 from uvms_ocp.solvers.nlp.lexicographic_nlp import SelfSolving
 from uvms_ocp.types import Bound
 
-# Which share of a level's step is taken: the rule by which no level loses what it had for the sake
-# of one below.
+_WEIGHT_RISE = 5.0  # factor on a proximal weight where a step was cut short
+_WEIGHT_FALL = 0.5  # factor where the whole step was taken
+_LARGEST_WEIGHT = 3e3  # multiple of the smallest weight
+_FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
+_OPTIONS: dict[str, dict[str, object]] = {
+    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
+    # slabs so thin that the QPs of lower levels take up to 30. With its own 1e8 in the place of
+    # infinite bounds hpipm ends far from the solution.
+    "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
+    "proxqp": {"proxqp": {"eps_abs": 1e-7}},
+    # With less regularisation factors of long horizons are noise.
+    "piqp": {"piqp": {"reg_lower_limit": 1e-7}},
+}
+
 
 SHARES = (1.0, 1 / 2, 1 / 4, 1 / 8, 1 / 16)
 """Tried one after the other."""
@@ -51,56 +63,51 @@ class LevelMerit:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Acceptance:
-    """Conditions on the step of a level."""
+    """Largest violation and residual norms with which the step of a level is accepted."""
 
     violation: float
     """Most that constraints may be broken."""
     residuals: np.ndarray
     """(n,) largest norms of the levels above, and that of the level itself."""
 
-    def allows(self, found: LevelMerit) -> bool:
-        """Never for a merit that is not a number."""
-        kept = found.residuals[: len(self.residuals)] <= self.residuals
-        return bool(found.violation <= self.violation and kept.all())
+    def allows(self, candidate: LevelMerit) -> bool:
+        """Check a merit against the limits; one that is not a number is never accepted."""
+        no_level_worse = candidate.residuals[: len(self.residuals)] <= self.residuals
+        return bool(candidate.violation <= self.violation and no_level_worse.all())
 
 
 def acceptance(
     levels: Sequence[nlp.LevelRows],
     reached: Sequence[float],
-    here: LevelMerit,
+    merit: LevelMerit,
     *,
     accuracy: float,
     tolerance: float,
 ) -> Acceptance:
-    """For the step of the level after those that have `reached` their residuals, from a point with
-    merit `here`.
+    """Return the conditions on the step of the level after those that have `reached` their
+    residuals, from a point of this `merit`.
 
     Constraints may be broken by `accuracy`, or as much as they are here; residuals may rise by
     `tolerance`, those of the levels above by no more than that from where their own turn left them,
     however many levels follow. The first level pays whatever a guess lacks that breaks constraints.
     """
     above = [level.kept(norm, tolerance) for level, norm in zip(levels, reached, strict=False)]
-    mending = not above and here.violation > accuracy
+    mending = not above and merit.violation > accuracy
     if mending:
-        own = np.inf
+        level_limit = np.inf
     else:
-        own = here.residuals[len(reached)] + tolerance
-    return Acceptance(violation=max(accuracy, here.violation), residuals=np.array([*above, own]))
-
-
-# Weights that keep the step of a level near the point at which its rows were linearised.
-
-_RISE = 5.0
-_FALL = 0.5
-_MOST = 3e3  # times the least
+        level_limit = merit.residuals[len(reached)] + tolerance
+    return Acceptance(
+        violation=max(accuracy, merit.violation), residuals=np.array([*above, level_limit])
+    )
 
 
 class ProximalWeights:
     """Proximal weights of the levels of one program; carried from one solve to the next."""
 
-    def __init__(self, n_levels: int, least: float) -> None:
+    def __init__(self, n_levels: int, smallest: float) -> None:
         """Least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
-        self._least = np.full(n_levels, least)
+        self._least = np.full(n_levels, smallest)
         self._least[:1] = 0.0
         self._now = self._least.copy()
 
@@ -109,14 +116,15 @@ class ProximalWeights:
         return float(self._now[level])
 
     def adapt(self, level: int, share: float) -> None:
-        """After `share` of the level's step could be taken."""
-        least = self._least[level]
+        """Lower the weight of a level whose whole step was taken, raise it where `share` of it is
+        less.
+        """
+        smallest = self._least[level]
         self._now[level] = np.clip(
-            (_FALL if share == 1 else _RISE) * self._now[level], least, _MOST * least
+            (_WEIGHT_FALL if share == 1 else _WEIGHT_RISE) * self._now[level],
+            smallest,
+            _LARGEST_WEIGHT * smallest,
         )
-
-
-# One step of a lexicographic program: its levels take their turns.
 
 
 class TimeBudget:
@@ -245,17 +253,17 @@ class LexicographicSqp:
         failure = self._model.step(i, point, bounds, self._options.damping + self._weights[i])
         if failure is not None:
             share = 0.0
-            found = point
+            reached = point
         else:
-            share, found = self._searched(point, levels, bounds)
+            share, reached = self._searched(point, levels, bounds)
         self._weights.adapt(i, share)
-        return found
+        return reached
 
     def _searched(
         self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
     ) -> tuple[float, SqpPoint]:
-        """The share of the step that is taken, and where it leads: the largest that is allowed, or
-        all of it, mended.
+        """Return the largest share of the step that is accepted, and the point it leads to; where
+        that is not all of it, try a second-order correction of the whole step.
         """
         rule = self._rule(point, levels)
         i = len(point.reached)
@@ -264,26 +272,26 @@ class LexicographicSqp:
             tried.append(self._model.moved(SHARES[len(tried)]))
         if rule.allows(tried[-1].merit):
             share = SHARES[len(tried) - 1]
-            found = tried[-1]
+            best = tried[-1]
         else:
             share = 0.0
-            found = point
+            best = point
         if share < 1.0:
             mended = self._mended(tried[0], i, bounds)
-            if rule.allows(mended.merit) and mended.merit.residuals[i] <= found.merit.residuals[i]:
+            if rule.allows(mended.merit) and mended.merit.residuals[i] <= best.merit.residuals[i]:
                 share = 1.0
-                found = mended
-        return share, replace(found, reached=point.reached)
+                best = mended
+        return share, replace(best, reached=point.reached)
 
-    def _mended(self, whole: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
-        """A whole step, and one more, which brings back what curvature did to the rows above: a
-        second-order correction.
+    def _mended(self, full_step: SqpPoint, level: int, bounds: nlp.RowBounds) -> SqpPoint:
+        """Apply a second-order correction: one more step, which takes back what curvature did to
+        the rows above.
         """
         failure = self._model.step(
-            level, whole, bounds, self._options.damping + self._weights[level]
+            level, full_step, bounds, self._options.damping + self._weights[level]
         )
         if failure is not None:
-            return whole
+            return full_step
         return self._model.moved(1.0)
 
     def _rule(self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> Acceptance:
@@ -308,23 +316,10 @@ class LexicographicSqp:
         )
 
 
-# The QP of one level at a point: least squares of its rows, subject to linearised constraints and
-# rows of the levels above.
-
-_FUNCTIONS = ("nlp_g", "nlp_grad_f", "nlp_jac_g", "nlp_hess_l")
-_OPTIONS: dict[str, dict[str, object]] = {
-    # Starts are near the solution: a small barrier saves two of nine iterations. Frozen rows leave
-    # slabs so thin that the QPs of lower levels take up to 30. With its own 1e8 in the place of
-    # infinite bounds hpipm ends far from the solution.
-    "hpipm": {"inf": 1e6, "hpipm": {"mu0": 1e-2, "iter_max": 60}},
-    "proxqp": {"proxqp": {"eps_abs": 1e-7}},
-    # With less regularisation factors of long horizons are noise.
-    "piqp": {"piqp": {"reg_lower_limit": 1e-7}},
-}
-
-
 class LevelQp:
-    """Built once; raises `InvalidInput` for a level without derivative functions."""
+    """The QP of one level at a point. Raises `InvalidInput` for a level without derivative
+    functions.
+    """
 
     def __init__(self, level: nlp.LevelNlp, index: int, options: SqpOptions) -> None:
         missing = [name for name in _FUNCTIONS if name not in level.functions]
@@ -377,12 +372,9 @@ class LevelQp:
         return step, None
 
 
-# The levels of a program in sparse matrices, by the QP solvers of CasADi.
-
-
 class SparseLevels:
-    """A `LevelModel`; its QPs are built once, here. Raises `InvalidInput` for a program without
-    derivative functions.
+    """Linear models of the levels in sparse matrices, solved by a conic plugin of CasADi. Raises
+    `InvalidInput` for a program without derivative functions.
     """
 
     def __init__(self, program: nlp.LexicographicProgram, options: SqpOptions) -> None:
@@ -437,9 +429,6 @@ class SparseLevels:
     def variables(self, point: SqpPoint) -> np.ndarray:
         """Return the variables of a point, as `LevelModel.variables`."""
         return point.x
-
-
-# Steps of one program: the first whose constraints are kept, as long as there is time.
 
 
 @checked_dataclass(eq=False)

@@ -208,8 +208,10 @@ class CompiledCore:
     def _load(self, qp: problem.StageQp, options: problem.StageQpOptions | None) -> None:
         memory = self._problem
         if qp is not self._loaded:
-            _point(memory.stages, {name: qp.flat[own] for name, own in _DATA.items()})
-            _point(memory, {name: qp.flat[own] for name, own in _BOUNDS.items()})
+            _point(
+                memory.stages, {name: qp.flat[memory_slice] for name, memory_slice in _DATA.items()}
+            )
+            _point(memory, {name: qp.flat[memory_slice] for name, memory_slice in _BOUNDS.items()})
             self._loaded = qp
         if options is not None:
             memory.tolerance = options.tolerance
@@ -219,7 +221,7 @@ class CompiledCore:
 
     def _end(self, qp: problem.StageQp) -> problem.FlatSolution:
         memory = self._problem
-        now = self._problem.now
+        iterate = self._problem.now
         (z, costate, equal, _, sides) = self._parts
         y = equal + sides[1::2]
         y -= sides[::2]
@@ -231,14 +233,14 @@ class CompiledCore:
             y=y,
             value=self._now["value"].copy(),
             kkt=problem.kkt_residual(
-                stationarity=now.stationarity,
-                primal=now.primal,
-                complementarity=now.complementarity,
+                stationarity=iterate.stationarity,
+                primal=iterate.primal,
+                complementarity=iterate.complementarity,
             ),
-            worst=now.worst,
+            worst=iterate.worst,
             iterations=memory.iterations,
             shape=self._shape,
-            products=problem.ResidualProducts(*now.along)
+            products=problem.ResidualProducts(*iterate.along)
             if memory.stages.squares
             else self.products(qp, z),
         )
@@ -290,9 +292,9 @@ def _indices(shape: problem.StageShape) -> dict[str, Any]:
     products = {"F": (n_x[1:], n_z), "J": (n_r, n_z), "H": (n_z, n_z), "C": (n_c, n_z)}
     sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "T": [n * (n + 1) // 2 for n in n_z]}
     sizes |= {name: [m * n for m, n in zip(*pair, strict=False)] for name, pair in products.items()}
-    given = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
+    stage_sizes = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
     return {
-        **given,
+        **stage_sizes,
         **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()},
     }
 
@@ -303,7 +305,7 @@ def padded(n: int) -> int:
 
 
 def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
-    n, most, triangles = (
+    n, widest, triangles = (
         sum(shape.n_z),
         padded(max(shape.n_z)),
         sum(n * (n + 1) // 2 for n in shape.n_z),
@@ -316,11 +318,11 @@ def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
         "L": triangles,
         "inverse": n,
         "entry": entries,
-        "two": 2 * most**2,
+        "two": 2 * widest**2,
     }
     sizes |= {
-        "W": 2 * padded(max(shape.n_x)) * most,
-        "v": most,
+        "W": 2 * padded(max(shape.n_x)) * widest,
+        "v": widest,
         "list": 14 * max(*shape.n_r, *shape.n_c),
     }
     numbers = {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}

@@ -18,9 +18,6 @@ from uvms_ocp.codegen.elementwise import interval_distance
 from uvms_ocp.errors import AdvisedStatus, InvalidInput
 from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
 
-# The numbers of a QP of stages, in arrays that are made once and written into, and how many there
-# are.
-
 _BEYOND = 4  # numbers that compiled code may read after the end
 
 
@@ -45,9 +42,10 @@ class StageShape:
     def __post_init__(self) -> None:
         for name, length in (("n_x", self.N + 1), ("n_r", self.N + 1), ("n_c", self.N + 1)):
             if len(getattr(self, name)) != length:
-                given = len(getattr(self, name))
+                n_stages = len(getattr(self, name))
                 raise InvalidInput(
-                    f"{name} of {given} stages and n_u of {self.N}; give one stage more than in n_u"
+                    f"{name} of {n_stages} stages and n_u of {self.N}; "
+                    "give one stage more than in n_u"
                 )
         if min((*self.n_x, *self.n_u, *self.n_r, *self.n_c)) < 0:
             raise InvalidInput("a stage has a negative size; give sizes >= 0")
@@ -67,7 +65,7 @@ class StageShape:
 
 @lru_cache(maxsize=256)
 def _sums(a: tuple[int, ...], b: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(one + other for one, other in zip(a, b, strict=True))
+    return tuple(first + second for first, second in zip(a, b, strict=True))
 
 
 def offsets(sizes: Iterable[int]) -> list[int]:
@@ -93,13 +91,14 @@ def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
 
 def parts(flat: Array, sizes: tuple[int, ...]) -> tuple[Array, ...]:
     """Views (size,) of such parts of one array (n,) [any]."""
-    return tuple(flat[own] for own in slices(sizes))
+    return tuple(flat[part] for part in slices(sizes))
 
 
 @checked
 class StageQp:
-    """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k, z_k = (x_k, u_k), with
-    x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k, z_lower_k <= z_k <= z_upper_k.
+    """Min sum_k 1/2 |J_k z_k + r_k|^2 + 1/2 z_k' H_k z_k + g_k' z_k + 1/2 z_k' diag(damping_k) z_k,
+    z_k = (x_k, u_k), with x_{k+1} = A_k x_k + B_k u_k + b_k, lower_k <= C_k z_k <= upper_k,
+    z_lower_k <= z_k <= z_upper_k.
 
     Every attribute below is a tuple with a view per stage; write with ``qp.A[k][:] = ...``. The
     views of one name lie one after the other in ``qp.flat[name]``, row-major; A and B are columns
@@ -188,9 +187,6 @@ def is_valid(qp: StageQp) -> bool:
     )
 
 
-# How exactly a QP of stages is solved.
-
-
 @checked_dataclass(eq=False)
 class StageQpOptions:
     """Raises `InvalidInput` for numbers that are not positive and finite, and more than 10,000
@@ -212,9 +208,6 @@ class StageQpOptions:
     """
     compiled: bool = True
     """False keeps to PIQP, which solves the same QPs without warm starts."""
-
-
-# What comes of a QP of stages.
 
 
 class StageQpStatus(AdvisedStatus):
@@ -357,9 +350,6 @@ stage_qp_solution = unchecked_constructor(StageQpSolution)
 """The same."""
 
 
-# Where an interior point is, and how it ends.
-
-
 class StartMode(IntEnum):
     """Treatment of the start point of a run."""
 
@@ -370,8 +360,6 @@ class StartMode(IntEnum):
     COLD = 2
     """The run starts from z."""
 
-
-# Rows of constraints and bounds of variables in one list, with what each of them is.
 
 SIGNS = np.array([[1.0], [-1.0]])
 """Signs of the distances to the lower and the upper side."""
@@ -471,7 +459,7 @@ def norms(rows: Array) -> Array:
 @lru_cache(maxsize=64)
 def undetermined_variables(shape: StageShape) -> Mask:
     """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
-    own = [np.ones(n, dtype=bool) for n in shape.n_z]
+    undetermined = [np.ones(n, dtype=bool) for n in shape.n_z]
     for k, n_x in enumerate(shape.n_x[1:], start=1):
-        own[k][:n_x] = False
-    return np.concatenate(own)
+        undetermined[k][:n_x] = False
+    return np.concatenate(undetermined)

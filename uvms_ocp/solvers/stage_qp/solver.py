@@ -22,27 +22,33 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.stage_qp import compiled, problem, sparse_core, tolerances
 from uvms_ocp.types import Array
 
-# A QP with its residuals as rows: where a Hessian is the sum of stiff and weak ones, the weak are
-# lost to rounding.
+_DIRECTION_TOLERANCE = 1e-7  # relative violation with which a direction keeps bounds and rows
+_SMALLEST_DESCENT = 1e-6  # smallest descent along a direction, relative to the gradient
+_SIDES = (("lower", -np.inf), ("upper", np.inf))
+_UNEXPLAINED = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
+_INFEASIBLE_VIOLATION = 1e-5  # relative violation of the best point that proves a QP infeasible
+_PHASE_ONE_TOLERANCE = 1e-6  # of the run that looks for a feasible point
+
 
 _COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "z_l2")
 _ROWS = ("C", "lower", "upper", "l1", "l2")
 
 
 def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
-    """The same QP where every residual is a row behind the others that is missed at the same
-    cost.
+    """Return the QP with every residual as a row behind the others, missed at the same cost.
+
+    Where a Hessian is the sum of stiff and weak residuals, the weak ones are lost to rounding.
     """
-    other = with_rows(qp, qp.J)
+    converted = with_rows(qp, qp.J)
     for name in _COPIED:
-        other.flat[name][:] = qp.flat[name]
+        converted.flat[name][:] = qp.flat[name]
     for k, (J, r) in enumerate(zip(qp.J, qp.r, strict=True)):
         n = qp.shape.n_c[k]
         norm = problem.norms(J)
-        other.lower[k][n:] = other.upper[k][n:] = -r / norm
-        other.l1[k][n:] = 0.0
-        other.l2[k][n:] = norm**2
-    return other
+        converted.lower[k][n:] = converted.upper[k][n:] = -r / norm
+        converted.l1[k][n:] = 0.0
+        converted.l2[k][n:] = norm**2
+    return converted
 
 
 def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Array:
@@ -55,24 +61,17 @@ def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Arra
 
 
 def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
-    """Its constraints and, without a cost, more `rows` (m, n_z) [any], of largest entry 1, that are
-    to be 0.
+    """Return the QP without its cost, and with more `rows` (m, n_z) [any] behind its own, scaled to
+    a largest entry of 1, that are to be 0.
     """
-    n_c = tuple(n + len(own) for n, own in zip(qp.shape.n_c, rows, strict=True))
-    other = problem.StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
-    for k, (n, own) in enumerate(zip(qp.shape.n_c, rows, strict=True)):
+    n_c = tuple(n + len(added) for n, added in zip(qp.shape.n_c, rows, strict=True))
+    extended = problem.StageQp(replace(qp.shape, n_r=(0,) * len(n_c), n_c=n_c))
+    for k, (n, added) in enumerate(zip(qp.shape.n_c, rows, strict=True)):
         for name in _ROWS:
-            getattr(other, name)[k][:n] = getattr(qp, name)[k]
-        other.C[k][n:] = own / problem.norms(own)[:, None]
-        other.lower[k][n:] = other.upper[k][n:] = 0.0
-    return other
-
-
-# Ways along which the cost of a QP falls without end: no curvature, no bound and no row ends them.
-
-_EXACT = 1e-7  # relative violation of what a way has to keep
-_STEEP = 1e-6  # least descent along a way, relative to the gradient
-_SIDES = (("lower", -np.inf), ("upper", np.inf))
+            getattr(extended, name)[k][:n] = getattr(qp, name)[k]
+        extended.C[k][n:] = added / problem.norms(added)[:, None]
+        extended.lower[k][n:] = extended.upper[k][n:] = 0.0
+    return extended
 
 
 def may_be_unbounded(qp: problem.StageQp) -> bool:
@@ -92,70 +91,66 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
     Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
     """
     curved = [H[np.abs(H).any(axis=1)] for H in qp.H]
-    other = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
+    recession = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
     steepest = max(np.abs(qp.flat["g"]).max(), 1e-300)
-    other.flat["dynamics"][:] = qp.flat["dynamics"]
-    other.flat["damping"][:] = 1.0
-    other.flat["g"][:] = qp.flat["g"] / steepest
+    recession.flat["dynamics"][:] = qp.flat["dynamics"]
+    recession.flat["damping"][:] = 1.0
+    recession.flat["g"][:] = qp.flat["g"] / steepest
     for name in ("z_lower", "z_upper", "z_l1", "z_l2"):
-        other.flat[name][:] = qp.flat[name]
+        recession.flat[name][:] = qp.flat[name]
     for z in ("", "z_"):
-        _make_cone(other, z, steepest)
+        _make_cone(recession, z, steepest)
     bent = qp.flat["damping"] > 0.0
-    other.flat["z_lower"][bent] = 0.0
-    other.flat["z_upper"][bent] = 0.0
-    other.flat["z_l1"][bent] = np.inf
-    return other
+    recession.flat["z_lower"][bent] = 0.0
+    recession.flat["z_upper"][bent] = 0.0
+    recession.flat["z_l1"][bent] = np.inf
+    return recession
 
 
-def _make_cone(other: problem.StageQp, z: str, steepest: float) -> None:
-    """Bounds of ways; what is missed at a cost that bends is not missed at all."""
+def _make_cone(qp: problem.StageQp, z: str, steepest: float) -> None:
+    """Set every finite bound to 0, and make rows hard whose penalty is quadratic: along a direction
+    without end these must not be missed.
+    """
     for side, endless in _SIDES:
-        bound = other.flat[f"{z}{side}"]
+        bound = qp.flat[f"{z}{side}"]
         bound[bound != endless] = 0.0
-    l1 = other.flat[f"{z}l1"]
-    l2 = other.flat[f"{z}l2"]
+    l1 = qp.flat[f"{z}l1"]
+    l2 = qp.flat[f"{z}l2"]
     l1 /= steepest
     l1[l2 > 0.0] = np.inf
     l2[:] = 0.0
 
 
-def is_recession_direction(other: problem.StageQp, z: tuple[Array, ...]) -> bool:
+def is_recession_direction(recession: problem.StageQp, z: tuple[Array, ...]) -> bool:
     """Check whether the optimum z (n_z,) [unit of z] of `recession_problem` is a recession
     direction, by its own numbers.
     """
-    longest = max(np.abs(own).max(initial=0.0) for own in z)
+    longest = max(np.abs(z_k).max(initial=0.0) for z_k in z)
     if not 0.0 < longest < np.inf:
         return False
-    way = [own / longest for own in z]
+    way = [z_k / longest for z_k in z]
     worst = 0.0
     rise = 0.0
     for k, d in enumerate(way):
-        missed = interval_excess(other.C[k] @ d, other.lower[k], other.upper[k])
-        beyond = interval_excess(d, other.z_lower[k], other.z_upper[k])
+        missed = interval_excess(recession.C[k] @ d, recession.lower[k], recession.upper[k])
+        beyond = interval_excess(d, recession.z_lower[k], recession.z_upper[k])
         for l1, by, norm in (
-            (other.l1[k], missed, problem.norms(other.C[k])),
-            (other.z_l1[k], beyond, 1.0),
+            (recession.l1[k], missed, problem.norms(recession.C[k])),
+            (recession.z_l1[k], beyond, 1.0),
         ):
             worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
             soft = l1 < np.inf
             rise += float(l1[soft] @ by[soft])
-        rise += float(other.g[k] @ d)
+        rise += float(recession.g[k] @ d)
         if k:
-            ahead = other.dynamics[k - 1] @ way[k - 1] - d[: other.shape.n_x[k]]
+            ahead = recession.dynamics[k - 1] @ way[k - 1] - d[: recession.shape.n_x[k]]
             worst = max(worst, np.abs(ahead).max(initial=0.0))
-    return bool(worst <= _EXACT and rise <= -_STEEP)
+    return bool(worst <= _DIRECTION_TOLERANCE and rise <= -_SMALLEST_DESCENT)
 
-
-# QPs of stages by an interior point: with a factor per iteration, and one only where no bound is
-# reached.
 
 _with = lru_cache(maxsize=64)(
     lambda options, *given: replace(options, **{k: v for k, v in given if v is not None})
 )
-_UNCLEAR = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
-_MISSED = 1e-5  # relative violation that no point does without
-_ROUGH = 1e-6  # tolerance of phase one
 
 
 @checked_constructor
@@ -200,7 +195,7 @@ class StageQpSolver:
         max_iterations: int | None = None,
         explained: bool = True,
     ) -> problem.FlatSolution:
-        """The same in arrays with stage after stage.
+        """Solve, with the solution in arrays that hold stage after stage.
 
         near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the
         options. explained: False takes less time where no optimum is found, and does not tell
@@ -213,7 +208,7 @@ class StageQpSolver:
             _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)),
             near,
         )
-        if explained and (end.status in _UNCLEAR or _only_rounding(qp, end)):
+        if explained and (end.status in _UNEXPLAINED or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
         return end
 
@@ -234,8 +229,10 @@ class StageQpSolver:
         lower, upper = (
             np.concatenate([flat[name], flat[f"z_{name}"]])[counts] for name in ("lower", "upper")
         )
-        left = y * np.where(y > 0.0, upper, lower)
-        return max(self._core.stationarity(qp, near), float(np.abs(left).max(initial=0.0)))
+        complementarity = y * np.where(y > 0.0, upper, lower)
+        return max(
+            self._core.stationarity(qp, near), float(np.abs(complementarity).max(initial=0.0))
+        )
 
     def _explain(
         self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution
@@ -246,19 +243,19 @@ class StageQpSolver:
         if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=problem.StageQpStatus.INEXACT)
         # With next to no curvature phase one loses digits, and needs few.
-        rough = replace(self.options, tolerance=max(self.options.tolerance, _ROUGH))
-        least = self._core.run(
+        rough = replace(self.options, tolerance=max(self.options.tolerance, _PHASE_ONE_TOLERANCE))
+        phase_one = self._core.run(
             qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True
         )
-        spent = failed.iterations + least.iterations
-        missed = table.violation(_values(qp, least.z))
-        if least.status is problem.StageQpStatus.SOLVED and missed > _MISSED * (
-            1.0 + np.abs(least.z).max()
+        spent = failed.iterations + phase_one.iterations
+        missed = table.violation(_values(qp, phase_one.z))
+        if phase_one.status is problem.StageQpStatus.SOLVED and missed > _INFEASIBLE_VIOLATION * (
+            1.0 + np.abs(phase_one.z).max()
         ):
-            return replace(least, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
+            return replace(phase_one, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_unbounded(qp):
             return replace(failed, status=problem.StageQpStatus.UNBOUNDED, iterations=spent)
-        again = self._run_damped(qp, least.z)
+        again = self._run_damped(qp, phase_one.z)
         best = min(failed, again, key=lambda end: end.worst)
         return replace(best, status=self._final_status(best), iterations=spent + again.iterations)
 
@@ -283,20 +280,24 @@ class StageQpSolver:
         """Check whether there is a direction along which the cost falls for ever."""
         if not may_be_unbounded(qp):
             return False
-        other = recession_problem(qp)
-        way = StageQpSolver(other.shape, self.options).solve(other)
-        return way.status.usable and is_recession_direction(other, way.z)
+        recession = recession_problem(qp)
+        way = StageQpSolver(recession.shape, self.options).solve(recession)
+        return way.status.usable and is_recession_direction(recession, way.z)
 
     def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.FlatSolution:
-        """With residuals as rows, and some curvature for directions that have none, from z."""
-        other = with_residuals_as_rows(qp)
-        table = problem.row_table(other)
-        own = original_rows(qp.shape, other.shape)
-        end = StageQpSolver(other.shape, self.options)._core.run(
-            other, table, z, self.options, phase_one=False
+        """Solve the QP with residuals as rows, and some curvature for directions that have none,
+        from z.
+        """
+        converted = with_residuals_as_rows(qp)
+        table = problem.row_table(converted)
+        original = original_rows(qp.shape, converted.shape)
+        end = StageQpSolver(converted.shape, self.options)._core.run(
+            converted, table, z, self.options, phase_one=False
         )
         products = self._core.products(qp, end.z)
-        return replace(end, y=end.y[own], value=end.value[own], shape=self.shape, products=products)
+        return replace(
+            end, y=end.y[original], value=end.value[original], shape=self.shape, products=products
+        )
 
 
 def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
@@ -308,29 +309,29 @@ def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
     )
 
 
-def _split(qp: problem.StageQp, found: problem.FlatSolution) -> problem.StageQpSolution:
+def _split(qp: problem.StageQp, flat: problem.FlatSolution) -> problem.StageQpSolution:
     shape = qp.shape
     m = len(qp.flat["lower"])
-    z = problem.parts(found.z, shape.n_z)
+    z = problem.parts(flat.z, shape.n_z)
     return problem.stage_qp_solution(
-        status=found.status,
+        status=flat.status,
         z=z,
-        x=tuple(own[:n] for own, n in zip(z, shape.n_x, strict=True)),
-        u=tuple(own[n:] for own, n in zip(z[:-1], shape.n_x, strict=False)),
-        costate=problem.parts(found.costate, shape.n_x),
-        y=problem.parts(found.y[:m], shape.n_c),
-        y_z=problem.parts(found.y[m:], shape.n_z),
-        excess=problem.parts(found.excess(qp), shape.n_c),
-        iterations=found.iterations,
-        kkt=found.kkt,
-        cost=_cost(qp, found),
+        x=tuple(z_k[:n] for z_k, n in zip(z, shape.n_x, strict=True)),
+        u=tuple(z_k[n:] for z_k, n in zip(z[:-1], shape.n_x, strict=False)),
+        costate=problem.parts(flat.costate, shape.n_x),
+        y=problem.parts(flat.y[:m], shape.n_c),
+        y_z=problem.parts(flat.y[m:], shape.n_z),
+        excess=problem.parts(flat.excess(qp), shape.n_c),
+        iterations=flat.iterations,
+        kkt=flat.kkt,
+        cost=_cost(qp, flat),
     )
 
 
 def _values(qp: problem.StageQp, z: Array) -> Array:
-    """(M,) of rows and variables."""
+    """Return the values (M,) of rows and variables."""
     return np.concatenate(
-        [*(C @ own for C, own in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z]
+        [*(C @ z_k for C, z_k in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z]
     )
 
 
@@ -342,11 +343,11 @@ def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
-def _cost(qp: problem.StageQp, found: problem.FlatSolution) -> float:
+def _cost(qp: problem.StageQp, solution: problem.FlatSolution) -> float:
     r = qp.flat["r"]
-    z = found.z
+    z = solution.z
     flat = qp.flat
-    products = found.products
+    products = solution.products
     straight = products.slope + z @ flat["g"]
-    bend = sum(own @ H @ own for H, own in zip(qp.H, problem.parts(z, qp.shape.n_z), strict=True))
+    bend = sum(z_k @ H @ z_k for H, z_k in zip(qp.H, problem.parts(z, qp.shape.n_z), strict=True))
     return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)

@@ -98,11 +98,11 @@ class SparseCore:
             [(table.side.any(axis=0) | table.equal)[: len(qp.flat["lower"])], table.fixed]
         )
         rows = np.flatnonzero(soft | hard)
-        given = self._assembled(qp, table, Q, q, soft, rows)
+        sparse = self._assembled(qp, table, Q, q, soft, rows)
         ends = list[problem.FlatSolution]()
         for regularization in _REGULARIZATIONS:
-            (x, y_a, y_x), infeasible = self._solved(given, z, options, regularization)
-            end = self._judged(qp, table, given, rows, (x, y_a, y_x))
+            (x, y_a, y_x), infeasible = self._solved(sparse, z, options, regularization)
+            end = self._judged(qp, table, sparse, rows, (x, y_a, y_x))
             worst = np.inf if infeasible else end.worst
             solved = (
                 problem.StageQpStatus.SOLVED
@@ -118,12 +118,14 @@ class SparseCore:
         self,
         qp: problem.StageQp,
         table: problem.RowTable,
-        given: _SparseQp,
+        sparse: _SparseQp,
         rows: Indices,
-        found: tuple[Array, Array, Array],
+        primal_dual: tuple[Array, Array, Array],
     ) -> problem.FlatSolution:
-        """How far x and the multipliers of rows and of variables are from optimality."""
-        x, y_a, y_x = found
+        """Return the solution with its residuals of the optimality conditions, from x and the
+        multipliers of rows and variables.
+        """
+        x, y_a, y_x = primal_dual
         n = len(table.fixed)
         m = len(qp.flat["lower"])
         n_b = len(qp.flat["b"])
@@ -131,20 +133,20 @@ class SparseCore:
         y = np.concatenate([np.zeros(m), y_x[:n]])
         y[rows] = y_a[n_b:]
         value = np.concatenate(
-            [*(C @ own for C, own in zip(qp.C, problem.parts(z, self._shape.n_z), strict=True)), z]
+            [*(C @ z_k for C, z_k in zip(qp.C, problem.parts(z, self._shape.n_z), strict=True)), z]
         )
-        values = (given.a @ x).full().ravel()
-        slope = (given.h @ x).full().ravel() + given.g
+        values = (sparse.a @ x).full().ravel()
+        slope = (sparse.h @ x).full().ravel() + sparse.g
         kkt = problem.kkt_residual(
-            stationarity=float(np.abs(slope + (given.a.T @ y_a).full().ravel() + y_x).max()),
+            stationarity=float(np.abs(slope + (sparse.a.T @ y_a).full().ravel() + y_x).max()),
             primal=float(
-                max(np.abs(values - given.lba)[:n_b].max(initial=0.0), table.violation(value))
+                max(np.abs(values - sparse.lba)[:n_b].max(initial=0.0), table.violation(value))
             ),
             complementarity=max(
-                _left(y_a, values, given.lba, given.uba), _left(y_x, x, given.lbx, given.ubx)
+                _left(y_a, values, sparse.lba, sparse.uba), _left(y_x, x, sparse.lbx, sparse.ubx)
             ),
         )
-        curvature = float(np.abs(given.h[:n, :n].nonzeros()).max(initial=0.0))
+        curvature = float(np.abs(sparse.h[:n, :n].nonzeros()).max(initial=0.0))
         gradient = float(
             max(
                 np.abs(slope[:n]).max(),
@@ -160,7 +162,7 @@ class SparseCore:
             kkt.complementarity / (gradient * variable),
         )
         # Where there is no point multipliers grow without end, and all else is small beside them.
-        least = max(np.abs(given.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
+        smallest_gradient = max(np.abs(sparse.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
         return self._ended(
             qp,
             z,
@@ -169,7 +171,7 @@ class SparseCore:
             y=y,
             value=value,
             kkt=kkt,
-            worst=np.inf if gradient > tolerances.HOPELESS * least else worst,
+            worst=np.inf if gradient > tolerances.HOPELESS * smallest_gradient else worst,
             iterations=1,
         )
 
@@ -193,8 +195,8 @@ class SparseCore:
             worst=np.inf,
         )
 
-    def _ended(self, qp: problem.StageQp, z: Array, **found: Any) -> problem.FlatSolution:
-        return problem.FlatSolution(z=z, shape=self._shape, products=self.products(qp, z), **found)
+    def _ended(self, qp: problem.StageQp, z: Array, **fields: Any) -> problem.FlatSolution:
+        return problem.FlatSolution(z=z, shape=self._shape, products=self.products(qp, z), **fields)
 
     def _assembled(
         self,
@@ -214,7 +216,7 @@ class SparseCore:
             )
             - self._after
         )
-        own = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
+        row_matrix = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
         slack = ca.DM.triplet(
             np.flatnonzero(soft[rows]).tolist(), list(range(k)), ca.DM.ones(k), len(rows), k
         )
@@ -230,7 +232,8 @@ class SparseCore:
             h=ca.diagcat(*map(ca.DM, Q), ca.diag(ca.DM([*l2, *l2]))),
             g=np.concatenate([q, table.l1[soft], table.l1[soft]]),
             a=ca.vertcat(
-                ca.horzcat(steps, ca.DM(steps.shape[0], 2 * k)), ca.horzcat(own, -slack, slack)
+                ca.horzcat(steps, ca.DM(steps.shape[0], 2 * k)),
+                ca.horzcat(row_matrix, -slack, slack),
             ),
             lba=np.concatenate([-qp.flat["b"], lower[rows]]),
             uba=np.concatenate([-qp.flat["b"], upper[rows]]),
@@ -239,26 +242,39 @@ class SparseCore:
         )
 
     def _solved(
-        self, given: _SparseQp, z: Array, options: problem.StageQpOptions, least: float
+        self, sparse: _SparseQp, z: Array, options: problem.StageQpOptions, regularization: float
     ) -> tuple[list[Array], bool]:
-        """X, the multipliers of A x and of x, zeros where any of these is no number; whether PIQP
-        finds the QP infeasible.
+        """Return x, the multipliers of A x and of x, zeros where any of these is no number; and
+        whether PIQP finds the QP infeasible.
         """
-        H = given.h.sparsity()
-        A = given.a.sparsity()
-        key = (H.nnz(), *A.row(), *A.colind(), options.tolerance, options.max_iterations, least)
+        H = sparse.h.sparsity()
+        A = sparse.a.sparsity()
+        key = (
+            H.nnz(),
+            *A.row(),
+            *A.colind(),
+            options.tolerance,
+            options.max_iterations,
+            regularization,
+        )
         if key not in self._solvers:
             accuracy = dict.fromkeys(
                 (f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER
             )
-            own = {
-                _PLUGIN: {**accuracy, "reg_lower_limit": least, "max_iter": options.max_iterations},
+            plugin_options = {
+                _PLUGIN: {
+                    **accuracy,
+                    "reg_lower_limit": regularization,
+                    "max_iter": options.max_iterations,
+                },
                 "error_on_fail": False,
             }
-            self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, own)
+            self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, plugin_options)
         solver = self._solvers[key]
-        found = solver(**given._asdict(), x0=np.concatenate([z, np.zeros(len(given.g) - len(z))]))
-        parts = [np.array(found[name]).ravel() for name in ("x", "lam_a", "lam_x")]
+        result = solver(
+            **sparse._asdict(), x0=np.concatenate([z, np.zeros(len(sparse.g) - len(z))])
+        )
+        parts = [np.array(result[name]).ravel() for name in ("x", "lam_a", "lam_x")]
         finite = all(np.isfinite(part).all() for part in parts)
         infeasible = "infeasible" in solver.stats()["return_status"]
         return parts if finite else [np.zeros_like(part) for part in parts], infeasible
@@ -269,9 +285,9 @@ class SparseCore:
         """
         if not qp.flat["H"].any() and (qp.flat["damping"] >= 0.0).all():
             return True
-        most = max(np.abs(own).max(initial=0.0) for own in Q)
+        largest = max(np.abs(Q_k).max(initial=0.0) for Q_k in Q)
         m = len(qp.flat["lower"])
-        weight = np.where(table.equal, most / (tolerances.ELASTICITY * table.norm**2), 0.0)
+        weight = np.where(table.equal, largest / (tolerances.ELASTICITY * table.norm**2), 0.0)
         P = np.zeros((0, 0))
         for k in range(self._shape.N, -1, -1):
             C = qp.C[k]
@@ -286,10 +302,10 @@ class SparseCore:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
             M[table.fixed[z]] = 0.0
             M[:, table.fixed[z]] = 0.0
-            least = tolerances.INDEFINITE * (
-                np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * most
+            pivot_margin = tolerances.INDEFINITE * (
+                np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * largest
             )
-            M += np.diag(np.where(table.fixed[z], 1.0, least))
+            M += np.diag(np.where(table.fixed[z], 1.0, pivot_margin))
             try:
                 W = np.linalg.solve(np.linalg.cholesky(M[n:, n:]), M[n:, :n])
             except np.linalg.LinAlgError:
@@ -304,12 +320,12 @@ class SparseCore:
         (_, grad) = _cost(qp)
         m = len(qp.flat["lower"])
         N = self._shape.N
-        costate = [near.costate[own] for own in problem.slices(self._shape.n_x)]
+        costate = [near.costate[stage] for stage in problem.slices(self._shape.n_x)]
         y = near.y[m:]
-        for k, own in enumerate(problem.slices(self._shape.n_z)):
-            grad[own] += near.y[problem.slices(self._shape.n_c)[k]] @ qp.C[k] + y[own]
-            grad[own][: len(costate[k])] -= costate[k] if k else 0.0
-            grad[own] += costate[k + 1] @ qp.dynamics[k] if k < N else 0.0
+        for k, stage in enumerate(problem.slices(self._shape.n_z)):
+            grad[stage] += near.y[problem.slices(self._shape.n_c)[k]] @ qp.C[k] + y[stage]
+            grad[stage][: len(costate[k])] -= costate[k] if k else 0.0
+            grad[stage] += costate[k + 1] @ qp.dynamics[k] if k < N else 0.0
         return float(np.abs(np.where(problem.row_table(qp).fixed, 0.0, grad)).max(initial=0.0))
 
     def steepest(self, qp: problem.StageQp) -> float:
@@ -318,13 +334,13 @@ class SparseCore:
 
     @np.errstate(invalid="ignore")  # of what is not a number
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
-        """At z (n,) [unit of z]."""
-        along = [J @ own for J, own in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
-        changes = [np.abs(own @ J).max(initial=0.0) for J, own in zip(qp.J, along, strict=True)]
-        whole = np.concatenate(along)
+        """Return the products of the residuals' rows along z (n,) [unit of z]."""
+        along = [J @ part for J, part in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
+        changes = [np.abs(part @ J).max(initial=0.0) for J, part in zip(qp.J, along, strict=True)]
+        residual_change = np.concatenate(along)
         return problem.ResidualProducts(
-            slope=float(qp.flat["r"] @ whole),
-            square=float(whole @ whole),
+            slope=float(qp.flat["r"] @ residual_change),
+            square=float(residual_change @ residual_change),
             change=float(max(changes)),
         )
 
@@ -336,13 +352,13 @@ def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], 
     if costless:
         return [tolerances.PHASE_ONE * np.eye(n) for n in qp.shape.n_z], np.zeros(sum(qp.shape.n_z))
     Q = [
-        J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(own)
-        for J, H, own in zip(qp.J, qp.H, qp.damping, strict=True)
+        J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping)
+        for J, H, damping in zip(qp.J, qp.H, qp.damping, strict=True)
     ]
     return Q, np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
 
 
 def _left(y: Array, value: Array, lower: Array, upper: Array) -> float:
-    """Largest product of a multiplier and what is left to its bound."""
+    """Return the largest product of a multiplier and the distance from its bound."""
     gap = np.abs(np.where(y > 0.0, upper, lower) - value)
     return float(np.abs(y * np.where(np.isfinite(gap), gap, 0.0)).max(initial=0.0))

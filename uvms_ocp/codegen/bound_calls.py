@@ -1,0 +1,206 @@
+"""Calls of CasADi functions on memory that stays in place; results that nobody wants are not
+written.
+
+Where all functions are machine code, machine code calls them: between two short functions the
+interpreter takes as long as they do, and holds its lock.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from itertools import pairwise, product
+
+import casadi as ca
+import numpy as np
+
+from uvms_ocp.codegen.buffered import buffer_on
+from uvms_ocp.codegen.compile import (
+    compile_library,
+    compiled_symbol,
+    has_compiler,
+    is_being_compiled,
+    loaded_library,
+    two_calls,
+)
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.types import Array
+
+_SOURCE = (files("uvms_ocp.codegen") / "calls.c").read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Call:
+    """A function with the memory of its arguments and results; a result of None is not written."""
+
+    function: ca.Function
+    arguments: Sequence[Array]
+    results: Sequence[Array | None]
+
+    def fail(self) -> None:
+        """Clear the results: they are unknown, and must not be taken for those of an earlier
+        call.
+        """
+        for result in self.results:
+            if result is not None:
+                result[...] = np.nan
+
+
+class BoundCalls:
+    """Calls of CasADi functions, one after the other, on memory that stays in place. The results of
+    one that fails are nan. Not for use from two threads at once.
+
+    Until machine code is there CasADi's virtual machine makes them, with the same results.
+    """
+
+    __slots__ = ("_calls", "_for_now", "_make")
+
+    def __init__(self) -> None:
+        self._calls: list[_Call] = []
+        self._make: Callable[[], None] | None = None
+        self._for_now = False
+
+    def add(
+        self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
+    ) -> None:
+        """Add a call; arguments and results, (m,) or (m, n) [any], are contiguous, column by column
+        as CasADi has them, of sparse ones the entries.
+
+        Raises `InvalidInput` for memory of another size.
+        """
+        for i, argument in enumerate(arguments):
+            _require(function, argument, function.nnz_in(i))
+        requested = [result if result is not None and result.size else None for result in results]
+        for i, result in enumerate(requested):
+            if result is not None:
+                _require(function, result, function.nnz_out(i))
+        self._calls.append(
+            _Call(function=function, arguments=tuple(arguments), results=tuple(requested))
+        )
+        self._make = None
+
+    def __call__(self) -> None:
+        """Make all calls."""
+        if self._make is None or self._for_now:
+            self._bind()
+        assert self._make is not None
+        self._make()
+
+    def _bind(self) -> None:
+        waits = any(is_being_compiled(call.function) for call in self._calls)
+        if self._make is None or not waits:
+            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(
+                self._calls
+            )
+        self._for_now = waits
+
+
+def _require(function: ca.Function, array: Array, size: int) -> None:
+    if array.size != size or array.dtype != np.float64 or not array.flags.c_contiguous:
+        raise InvalidInput(
+            f"{function.name()}: memory of shape {array.shape}; give {size} numbers side by side"
+        )
+
+
+def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
+    bound = [(*buffer_on(call.function, call.arguments, call.results), call) for call in calls]
+
+    def make() -> None:
+        for buffer, evaluate, call in bound:
+            evaluate()
+            if buffer.ret():
+                call.fail()
+
+    return make
+
+
+def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
+    """Return the calls in machine code, None where one of the functions has none; each function is
+    looked up once, as that takes long for one that cannot be compiled.
+    """
+    if has_compiler():
+        library = calls_library()
+    else:
+        library = None
+    if library is None:
+        return None
+    symbols = {
+        function: compiled_symbol(function)
+        for function in dict.fromkeys(call.function for call in calls)
+    }
+    if None in symbols.values():
+        return None
+    return _MachineCode(library, [symbols[call.function] for call in calls], calls)
+
+
+class _MachineCode:
+    """Calls that machine code makes, from a table of addresses."""
+
+    __slots__ = ("_calls", "_given", "_kept", "_make")
+
+    def __init__(
+        self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
+    ) -> None:
+        argument_addresses = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
+        result_addresses = [_addresses(call.results, call.function.sz_res()) for call in calls]
+        rows = [
+            (*at, a.ctypes.data, r.ctypes.data)
+            for *at, a, r in zip(
+                symbols, _pairs(calls), argument_addresses, result_addresses, strict=True
+            )
+        ]
+        table = np.array(rows, dtype=np.uintp)
+        integer_work = np.zeros(
+            max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64
+        )
+        work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
+        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, integer_work, work))
+        self._make = library.make_calls
+        self._given = (ctypes.c_int(len(calls)), *pointers)
+        self._calls = calls
+        self._kept = (argument_addresses, result_addresses, table, integer_work, work)
+
+    def __call__(self) -> None:
+        failed = self._make(0, *self._given)
+        n = len(self._calls)
+        while failed < n:
+            self._calls[failed].fail()
+            failed = self._make(failed + 1, *self._given)
+
+
+def _pairs(calls: Sequence[_Call]) -> list[int]:
+    """Return (n,) addresses of the code that makes a call and the next one at once, where these do
+    not build on each other; else 0.
+    """
+    pairs = [0] * len(calls)
+    for i, (first, second) in enumerate(pairwise(calls)):
+        if first.function is second.function and not (i and pairs[i - 1]):
+            twice = two_calls(first.function)
+        else:
+            twice = None
+        if twice and not any(
+            np.may_share_memory(*pair) for pair in product(first.results, second.arguments)
+        ):
+            pairs[i] = twice
+    return pairs
+
+
+def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
+    """Return (size,) addresses of the memory of arrays, 0 for none; functions use the places behind
+    them.
+    """
+    addresses = np.zeros(max(size, len(arrays)), dtype=np.uintp)
+    addresses[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
+    return addresses
+
+
+@lru_cache(maxsize=1)
+def calls_library() -> ctypes.CDLL | None:
+    """Return the library of calls.c, which makes `BoundCalls`, compiled at the first call."""
+    path = compile_library(_SOURCE, name="calls one after the other")
+    if path is None:
+        return None
+    return loaded_library(path)

@@ -1,0 +1,249 @@
+"""Texts of the files of an exported controller in C, and the names in them."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from importlib.resources import files
+from string import Template
+
+from uvms_ocp.codegen.compile import EXACT
+from uvms_ocp.codegen.kernel_layout import Layout
+from uvms_ocp.codegen.kernels import CLibrary, number
+from uvms_ocp.control.velocity.levels import numbers_of
+from uvms_ocp.errors import plain_line
+from uvms_ocp.export.names import functions_in, structures_in, with_prefix
+from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.tasks.task import Task
+
+NUMBERS = "controller_numbers"
+
+SOURCES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
+"""What is compiled, each name behind that of the export."""
+FILES = (*SOURCES, "replay.c", "recorded.bin")
+"""Files of an export whose names begin with its own."""
+COMMON_FILES = ("CMakeLists.txt", "README.md")
+"""Those whose names are the same for every export, as other programs look for them."""
+_PLACEHOLDER = "NAME_"  # for the name of the export, in templates
+
+
+def file_names(name: str) -> dict[str, str]:
+    """Return the files of the export of that name, by what they are called without it."""
+    return {file: f"{name}_{file}" for file in FILES} | {file: file for file in COMMON_FILES}
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ControllerNames:
+    """Name of the export, and those of the controller's phases, statuses and quantities."""
+
+    export: str
+    """What stands before every identifier, behind a ``_``."""
+    phases: tuple[str, ...]
+    """In the order of `ControllerOutputs.phase`."""
+    statuses: tuple[str, ...]
+    """In that of `ControllerOutputs.status`."""
+    quantities: tuple[str, ...]
+    """In that of `ControllerOutputs.quantities`."""
+    channels: tuple[str, ...]
+    """In that of `ControllerInputs.trust`."""
+
+    @property
+    def prefix(self) -> str:
+        """What stands before every identifier."""
+        return f"{self.export}_"
+
+    def texts(self) -> dict[str, list[str]]:
+        """Return them by the names of their arrays in C, as far as they can stand in a text there;
+        never empty.
+        """
+        plain_texts = {
+            name: [_plain(text) for text in getattr(self, name)]
+            for name in ("phases", "statuses", "quantities", "channels")
+        }
+        return {
+            f"{self.prefix}CONTROLLER_{name.upper()}": texts or [""]
+            for name, texts in plain_texts.items()
+        }
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class NamedSources:
+    """Texts of a `CLibrary` and a solver with the name of the export before all that other files
+    can see.
+    """
+
+    types: str
+    """Structures."""
+    kernels: str
+    """Kernels, after types and declarations."""
+    functions: str
+    """CasADi functions, a file of its own."""
+    numbers: str
+    """Definition of their numbers, in another file."""
+    declarations: str
+    """Declarations of these functions, and of the solver."""
+    initial: str
+    """What initialises the memory."""
+    solver: str
+    """The solver, a file of its own."""
+
+    @classmethod
+    def of(cls, library: CLibrary, solver: str, prefix: str) -> NamedSources:
+        """Name the texts: structures where kernels use them, functions where they are defined."""
+        structures = structures_in(library.types)
+        kernels = functions_in(library.kernels)
+        defined = functions_in(library.functions) | functions_in(solver)
+        declared = functions_in(library.declarations)
+        written = {name for name in defined | declared if not name.startswith("casadi_")}
+        # CasADi gives what all its functions share the name of their file.
+        functions = {*written, "functions_", "numbers"}
+        return cls(
+            types=with_prefix(library.types, prefix, structures),
+            kernels=with_prefix(library.kernels, prefix, structures | kernels),
+            functions=with_prefix(library.functions, prefix, functions),
+            numbers=with_prefix(library.numbers, prefix, functions),
+            declarations=with_prefix(library.declarations, prefix, functions),
+            initial=with_prefix(library.initial, prefix, functions),
+            solver=with_prefix(solver, prefix, functions),
+        )
+
+
+def header(sources: NamedSources, names: ControllerNames, memory: str) -> str:
+    """Return controller.h; memory: name of the structure of all that the controller remembers."""
+    return Template(template("controller.h", names.export)).substitute(
+        types=sources.types,
+        memory=f"{names.prefix}{memory}",
+        inputs=_documented(ControllerInputs, names.prefix),
+        outputs=_documented(ControllerOutputs, names.prefix),
+        names="\n".join(
+            f"extern const char *const {name}[{len(texts)}];"
+            for name, texts in names.texts().items()
+        ),
+    )
+
+
+def source(
+    sources: NamedSources,
+    names: ControllerNames,
+    kernel: str,
+    numbers: list[float],
+    places: Mapping[str, int],
+) -> str:
+    """Return controller.c, whose tick is the `kernel` of that name."""
+    quoted = '", "'
+    texts = (
+        f'const char *const {name}[] = {{"{quoted.join(texts)}"}};'
+        for name, texts in names.texts().items()
+    )
+    parameters = (
+        f'{{"{_plain(name)}", {names.prefix}{NUMBERS} + {k}}}, ' for name, k in places.items()
+    )
+    return Template(template("controller.c", names.export)).substitute(
+        exact=EXACT,
+        declarations=sources.declarations,
+        kernels=sources.kernels,
+        kernel=kernel,
+        names="\n".join(texts),
+        values=", ".join(number(value) or "0" for value in numbers),
+        parameters="".join(parameters),
+    )
+
+
+def initial(sources: NamedSources, names: ControllerNames) -> str:
+    """Return initial.c: what is remembered at first, and the numbers of `functions.c`.
+
+    A file of its own, as compilers that see megabytes of it look for what follows from them for
+    minutes.
+    """
+    return Template(template("initial.c", names.export)).substitute(
+        exact=EXACT,
+        declarations=sources.declarations,
+        numbers=sources.numbers,
+        value=sources.initial,
+    )
+
+
+def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict[str, int]]:
+    """Return the numbers of all tasks [as their fields] in the order of their rows, with the two
+    that `with_numbers` appends.
+
+    And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on
+    them: safety rules beside the rows are compiled with the others.
+    """
+    pairs = [(task, name) for task in tasks for name in numbers_of(task)]
+    places = {
+        f"{task.name}.{name}": k
+        for k, (task, name) in enumerate(pairs)
+        if _of_rows_alone(task, robot, name)
+    }
+    return [*(getattr(*pair) for pair in pairs), 0.0, 1.0], places
+
+
+def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
+    """Check that a number of a task enters its rows alone: its rest altitude and position limit are
+    the same for another value.
+    """
+    changed = copy(task)
+    object.__setattr__(changed, name, getattr(task, name) + 1.0)
+    return _rules(task, robot) == _rules(changed, robot)
+
+
+def _rules(task: Task, robot: Robot) -> tuple[object, object]:
+    """Return the rest altitude of a task and the lower end of its position limit, where it has
+    them.
+    """
+    limit = task.position_limit(robot)
+    return task.rest_altitude, limit and limit.lower
+
+
+def template(file: str, name: str) -> str:
+    """Return a template of the export with its name put in; other places may be left to be
+    filled.
+    """
+    text = files("uvms_ocp.export").joinpath("templates", file).read_text(encoding="utf-8")
+    return text.replace(_PLACEHOLDER, f"{name}_")
+
+
+def table(names: Sequence[str]) -> str:
+    """Return rows of a table in Markdown: place and name."""
+    return "\n".join(f"| {place} | {literal(name)} |" for place, name in enumerate(names))
+
+
+def literal(name: str) -> str:
+    """Return a name as code in Markdown, in tables too, with no letter that would end it."""
+    return f"`{re.sub('[`|]', '.', plain_line(name))}`"
+
+
+def _plain(name: str) -> str:
+    """Return a name without letters that would end a string, a comment or a cell of a table."""
+    return "".join(c for c in plain_line(name) if c.isascii() and c not in '"\\?*/|')
+
+
+def _documented(layout: type[Layout], prefix: str) -> str:
+    lines = [
+        f"   {name}: {text.replace('CONTROLLER_', f'{prefix}CONTROLLER_')}"
+        for name, text in field_docs(layout).items()
+    ]
+    heading = f"/* {prefix}{layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}"
+    return "\n".join([heading, *lines, "*/"])
+
+
+def field_docs(layout: type[Layout]) -> Mapping[str, str]:
+    """Return the docstring of each field of a layout, or of the next one that has one."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
+    body = definition.body if isinstance(definition, ast.ClassDef) else []
+    texts = dict[str, str]()
+    waiting = list[str]()
+    for node in body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            waiting.append(node.target.id)
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and waiting:
+            texts |= dict.fromkeys(waiting, inspect.cleandoc(str(node.value.value)))
+            waiting.clear()
+    return texts
