@@ -22,7 +22,7 @@ from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report.metrics import resources
 from uvms_ocp.scenario import cases as scenarios
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 
 STEADY = (0.3, -0.2, 0.05)  # [m/s]
 MISSIONS: dict[str, Callable[..., Scenario]] = {

@@ -34,7 +34,7 @@ from uvms_ocp.robot.proposal import propose
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 from uvms_ocp.tasks import (
     Alignment,
     HorizontalAttitude,

@@ -20,7 +20,7 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.options import activate, with_activations
 from uvms_ocp.scenario.scenario import Scenario, pose_at
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.tasks.clearance import Clearance

@@ -9,7 +9,7 @@ from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
 from uvms_ocp.scenario.cases.transit import Length, transit
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 from uvms_ocp.types import Count
 
 THRESHOLDS = (1.0, 5.0, 10.0)  # [m]

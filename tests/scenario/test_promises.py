@@ -13,7 +13,7 @@ from uvms_ocp.scenario.cases.bluerov import bluerov_inspection
 from uvms_ocp.scenario.cases.case1 import current_drift, priority_swap, two_targets
 from uvms_ocp.scenario.cases.case2 import ToolPath, case2
 from uvms_ocp.scenario.cases.transit import obstacle_field, transit
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 
 
 def largest_tilt(record: Record) -> float:

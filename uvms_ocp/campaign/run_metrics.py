@@ -13,7 +13,7 @@ from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report import metrics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 
 _TABLE = (files("uvms_ocp.campaign") / "metrics.csv").read_text(encoding="utf-8").splitlines()
 METRICS: Mapping[str, str] = {row["metric"]: row["meaning"] for row in csv.DictReader(_TABLE)}

@@ -1,8 +1,4 @@
 from .bathymetry import Bathymetry as Bathymetry
-from .closest_approach import (
-    ClosestApproach as ClosestApproach,
-    closest_approach as closest_approach,
-)
 from .currents import (
     Current as Current,
     GustyCurrent as GustyCurrent,
@@ -16,6 +12,10 @@ from .dynamic_plant import DynamicPlant as DynamicPlant
 from .environment import Environment as Environment
 from .faults import Fault as Fault, parse_fault as parse_fault
 from .loop import simulate as simulate
+from .nearest_passage import (
+    ClosestApproach as ClosestApproach,
+    closest_approach as closest_approach,
+)
 from .own_parts import (
     ControllerMaker as ControllerMaker,
     Disturbance as Disturbance,

@@ -355,7 +355,7 @@ class StageSqp:
         self, here: FilterMerit, share: float, gained: float, promise: float
     ) -> None:
         """Raise damping after steps that had to be cut, and after those that gain little of what
-        the QP promised; lower it after those that keep the promise [Levenberg1944, Marquardt1963].
+        the QP promised; lower it after those that keep the promise [Levenberg1944] [Marquardt1963].
 
         It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
         """

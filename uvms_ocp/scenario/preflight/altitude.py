@@ -22,7 +22,7 @@ from uvms_ocp.scenario.preflight.setup import (
     points_on_ball,
     threshold_of,
 )
-from uvms_ocp.sim.closest_approach import closest_approach
+from uvms_ocp.sim.nearest_passage import closest_approach
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 
