@@ -253,7 +253,7 @@ def least(term: ShapeClearance, path: Trajectory) -> float:
 
 @pytest.mark.parametrize("n_steps", [4, 8])
 @pytest.mark.parametrize("way", WAYS)
-def test_a_plan_tells_by_how_much_it_misses_its_margin_between_nodes(
+def test_a_plan_is_called_solved_only_where_it_keeps_its_margin_between_nodes(
     way: str, n_steps: int
 ) -> None:
     """Of steps in which a link turns far, tighter nodes do not help, and a short dip is found as
@@ -262,10 +262,14 @@ def test_a_plan_tells_by_how_much_it_misses_its_margin_between_nodes(
     problem, term = planar_problem(WAYS[way], n_steps=n_steps)
     plan = Planner(problem, NlpOptions(time_limit=600.0, plugin="stagewise")).plan()
     missed = max(0.05 - least(term, plan.trajectory), 0.0)
-    assert plan.status is OcpStatus.SOLVED
+    assert plan.verdict is not None
+    allowed = plan.verdict.tolerances.clearance
     assert shortfall(term, plan.trajectory, 0.0).max() == pytest.approx(missed, abs=1e-3)
-    told = "between nodes clearance misses its margin by" in plan.reason
-    assert told if missed > 2e-3 else missed > 5e-4 or not told
+    assert plan.status in (OcpStatus.SOLVED, OcpStatus.BROKEN)
+    if plan.status is OcpStatus.SOLVED:
+        assert missed <= 1.1 * allowed
+    elif missed > 1.1 * allowed:
+        assert "clearance" in plan.reason
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.0], ids=["steady", "a jump from node to node"])
