@@ -13,7 +13,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tiny_robots import Tiny, robot_of
-from uvms_ocp.ocp.clearance import Ball, BallClearance
 
 import uvms_ocp as uo
 from uvms_ocp.control import Nmpc, solve_workers
@@ -29,6 +28,7 @@ from uvms_ocp.control.solve_workers import (
     TimedPlan,
     WorkerStatus,
 )
+from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
 from uvms_ocp.ocp.trajectory import guess_through, hold_guess
