@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor, checked_dataclass
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot import kinematics, robot
 from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
@@ -117,14 +118,15 @@ class CoalDistances:
 
     def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
         """The same at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
-        (n, n_pairs), by default all are.
+        (n, n_pairs), by default all are. Raises `InvalidInput` for what
+        chooses by other than truth values.
         """
         result = np.full((len(q), self.scene.n_pairs), np.inf)
         data = self._geometry_data
         if chosen is None:
             selection = np.ones(result.shape, dtype=bool)
         elif chosen.dtype != np.bool_:
-            raise TypeError(f"chosen of {chosen.dtype}")  # which the check of arguments explains
+            raise InvalidInput(f"distances_at: chosen of {chosen.dtype}; give truth values")
         else:
             selection = chosen
         for row, configuration, selected in zip(result, q, selection, strict=True):
