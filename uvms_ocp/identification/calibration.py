@@ -65,11 +65,11 @@ def mixed_thrusters(
     best = agreement(B)
     for _ in range(_MOST):
         ways = {text: B @ Q for text, Q in _ways(names).items()}
-        found: Mapping[str, float] = {text: agreement(way) for text, way in ways.items()}
-        text = max(found, key=lambda one: found[one])
-        if found[text] < best + _BETTER:
+        agreements: Mapping[str, float] = {text: agreement(way) for text, way in ways.items()}
+        text = max(agreements, key=lambda change: agreements[change])
+        if agreements[text] < best + _BETTER:
             break
-        best = found[text]
+        best = agreements[text]
         B = ways[text]
         changes.append(text)
     if best > _WELL * axes:
@@ -85,10 +85,10 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
     the one before the other.
     """
     held = ZeroOrderHold(thrust)
-    given = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
+    commands = np.array([commanded(held, motion, shift) for shift in SHIFTS[MAY]])
     size = np.maximum(np.linalg.norm(motion.acceleration, axis=0), 1e-300)
-    common = (motion.acceleration / size).T @ given
-    gram = given.swapaxes(1, 2) @ given
+    common = (motion.acceleration / size).T @ commands
+    gram = commands.swapaxes(1, 2) @ commands
 
     def of(B: np.ndarray) -> float:
         along = (B * common).sum(axis=2)
@@ -103,16 +103,16 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
     """(n, n) each, by what they do."""
     places = np.arange(len(names))
-    found = {"all reversed": -np.eye(len(names))}
-    found |= {
+    permutations = {"all reversed": -np.eye(len(names))}
+    permutations |= {
         f"{name} reversed": np.diag(np.where(places == k, -1.0, 1.0))
         for k, name in enumerate(names)
     }
     for i, j in combinations(range(len(names)), 2):
         order = places.copy()
         order[[i, j]] = j, i
-        found[f"{names[i]} and {names[j]} exchanged"] = np.eye(len(names))[order]
-    return found
+        permutations[f"{names[i]} and {names[j]} exchanged"] = np.eye(len(names))[order]
+    return permutations
 
 
 # What a recording says, and a fit with these settings takes for something else: doubts about both
@@ -129,10 +129,10 @@ def check_settings(
     subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
 ) -> Iterator[QualityIssue]:
     """One after the other."""
-    known = subject.vehicle.own.declaration.quantities
+    quantities = subject.vehicle.own.declaration.quantities
     channels = recording.channels
     if "current" in channels:
-        yield from _of_current(channels["current"], learnt=bool(known["current"].free.all()))
+        yield from _of_current(channels["current"], learnt=bool(quantities["current"].free.all()))
     if not channels.keys() & {"thrust", "wrench"}:
         yield QualityIssue(
             channel=settings.commands,
@@ -145,7 +145,7 @@ def check_settings(
         )
         yield QualityIssue(channel="linear_velocity", problem=text)
     delayed = (
-        settings.delay is not None and settings.delay > _SOON and not known["delay"].free.any()
+        settings.delay is not None and settings.delay > _SOON and not quantities["delay"].free.any()
     )
     if recording.at_once and delayed:
         text = (
@@ -179,7 +179,7 @@ def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: 
         "attitude": (names[3:5], _LEVEL),
     }
     rest |= {"linear_velocity": (names[:3], [0.0] * 3), "angular_velocity": (names[3:], [0.0] * 3)}
-    longest = max(recording.channels.values(), key=lambda one: len(one.t))
+    longest = max(recording.channels.values(), key=lambda channel: len(channel.t))
     assumed = {
         name: replace(longest, values=np.tile(value, (len(longest.t), 1)), columns=())
         for name, (axes, value) in rest.items()
@@ -202,12 +202,12 @@ def require_current(subject: CalibratedRobot, recording: Recording) -> None:
     else:
         size = float(np.linalg.norm(current.values.mean(axis=0)))
     if size > _STRONG and not free.any():
-        given = (
+        problem = (
             f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still"
             " water"
         )
         raise InvalidInput(
-            f"{given}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out"
+            f"{problem}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out"
         )
 
 
@@ -215,11 +215,11 @@ def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
     values = current.values - (current.values.mean(axis=0) if learnt else 0.0)
     size = float(np.linalg.norm(values, axis=1).max())
     if size > _FLOWS:
-        taken = (
+        assumption = (
             "that a fit takes for still water: learn it",
             "about its mean, and a fit takes it for steady",
         )[learnt]
-        yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {taken}")
+        yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {assumption}")
 
 
 def _of_thrust(
@@ -279,19 +279,19 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     is_open = (
         uncertainty.standard_errors(fitted.vehicle, estimate, inflation) > uncertainty.DETERMINED
     )
-    kept = np.zeros(len(is_open), dtype=bool)
+    is_held = np.zeros(len(is_open), dtype=bool)
     best = estimate
     if estimate.status is FitStatus.CONVERGED:
         for chosen in _chosen(shared, is_open):
-            if (chosen <= kept).all():
-                found = None
+            if (chosen <= is_held).all():
+                held_fit = None
             else:
-                found = _held(fitted, kept | chosen)
-            allowed = uncertainty.INTERVAL**2 * inflation * int((kept | chosen).sum())
-            if found is not None and 2.0 * (found.cost - estimate.cost) < allowed:
-                kept = kept | chosen
-                best = found
-    return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[kept].tolist()))
+                held_fit = _held(fitted, is_held | chosen)
+            allowed = uncertainty.INTERVAL**2 * inflation * int((is_held | chosen).sum())
+            if held_fit is not None and 2.0 * (held_fit.cost - estimate.cost) < allowed:
+                is_held = is_held | chosen
+                best = held_fit
+    return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[is_held].tolist()))
 
 
 def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
@@ -306,14 +306,14 @@ def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
     """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
-    near = problem.resumed(
+    warm_start = problem.resumed(
         replace(fitted.estimate, shared=np.where(which, shared.start, fitted.estimate.shared))
     )
-    found = problem.solve(
-        near, iterations=fitted.search.iterations, tolerance=1e-3
+    solution = problem.solve(
+        warm_start, iterations=fitted.search.iterations, tolerance=1e-3
     )  # from near: a step leaves its square
-    exact = replace(found, shared=np.where(which, shared.start, found.shared))
-    if found.status is FitStatus.CONVERGED:
+    exact = replace(solution, shared=np.where(which, shared.start, solution.shared))
+    if solution.status is FitStatus.CONVERGED:
         return exact
     return None
 
@@ -393,51 +393,51 @@ def held_constants(
     numbered, with_unknowns = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
     C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
     errors = np.sqrt(np.einsum("ij,jk,ik->i", with_unknowns, C, with_unknowns))
-    found = []
+    constants = []
     assumed = fitted.estimate.assumed
 
-    def most(own: np.ndarray) -> dict[str, Any]:
+    def most(slopes_of_constant: np.ndarray) -> dict[str, Any]:
         """Number that changes (n, m) of unknowns move farthest, and how far."""
-        change = np.linalg.norm(with_unknowns @ own, axis=1) / errors
+        change = np.linalg.norm(with_unknowns @ slopes_of_constant, axis=1) / errors
         return {"most": numbered[int(np.argmax(change))][1], "change": float(change.max())}
 
     for name in dict.fromkeys(owners.tolist()):
         of_file = name in _FILED or (name == "lag" and settings.commands != "wrench")
         if getattr(settings, name, None) is not None:
-            known = "given"
+            origin = "given"
         else:
-            known = "robot's file" if of_file else "assumed"
-        own = moved[:, owners == name]
-        assumed = assumed + own @ own.T * (known == "assumed" and name not in _SEEN)
+            origin = "robot's file" if of_file else "assumed"
+        own_slopes = moved[:, owners == name]
+        assumed = assumed + own_slopes @ own_slopes.T * (origin == "assumed" and name not in _SEEN)
         alike = [
             name,
             *(
-                one
-                for one, other in _ALIKE.items()
-                if other == name and not quantities[one].free.any()
+                quantity
+                for quantity, twin in _ALIKE.items()
+                if twin == name and not quantities[quantity].free.any()
             ),
         ]
-        found += [
-            HeldConstant(quantity=one, known=known, spread=_SPREADS[name], **most(own))
-            for one in alike
+        constants += [
+            HeldConstant(quantity=quantity, known=origin, spread=_SPREADS[name], **most(own_slopes))
+            for quantity in alike
         ]
     for name, unit in _NOISIER.items():
         sigma = getattr(fitted.noise, name)
-        known = "given" if name in settings.noise.model_fields_set else "assumed"
+        origin = "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
         point, _ = noisier.stepped(noisier.resumed(fitted.estimate))
         moved_by = most((point.shared - fitted.estimate.shared)[:, None])
-        found.append(
+        constants.append(
             HeldConstant(
                 quantity=f"noise {name}",
-                known=known,
+                known=origin,
                 spread=1.0,
                 value=sigma,
                 unit=unit,
                 **moved_by,
             )
         )
-    return replace(fitted.estimate, assumed=assumed), tuple(found)
+    return replace(fitted.estimate, assumed=assumed), tuple(constants)
 
 
 # Recordings in, all that is known of a robot after them out.
@@ -520,28 +520,32 @@ class Calibration(TableDisplay):
         """Channels that are predicted worse than by a vehicle that stands still, of every
         prediction that was made.
         """
-        found = [shortfall for one in self.comparisons for shortfall in one.worse_than_still]
+        shortfalls = [
+            shortfall
+            for comparison in self.comparisons
+            for shortfall in comparison.worse_than_still
+        ]
         for recording in (*self.left_out, *self.predicted):
-            found += recording.worse_than_still
-        return tuple(found)
+            shortfalls += recording.worse_than_still
+        return tuple(shortfalls)
 
     def _table(self) -> SmallTable:
-        found = (
+        rows = (
             (
-                one.name,
-                one.value,
-                *one.interval,
-                one.unit,
-                "" if one.determined else "not determined",
+                number.name,
+                number.value,
+                *number.interval,
+                number.unit,
+                "" if number.determined else "not determined",
             )
-            for one in self.numbers
+            for number in self.numbers
         )
         head = ("number", "value", "from", "to, 95 %", "unit", "")
         return SmallTable(
             title="Calibration",
             words=" ".join(map(str, (*self.verdicts, *self.worse_than_still, *self.disagreed))),
             head=head,
-            rows=tuple(tuple(map(cell, row)) for row in found),
+            rows=tuple(tuple(map(cell, row)) for row in rows),
         )
 
 
@@ -569,15 +573,15 @@ def calibrate(
     """
     recordings = _with_commands(subject, settings, recordings)
     others = _with_commands(subject, settings, predict)
-    names = [one.name for one in recordings]
-    every_name = [*names, *(one.name for one in others)]
+    names = [item.name for item in recordings]
+    every_name = [*names, *(item.name for item in others)]
     if not names or len(set(every_name)) < len(every_name):
         raise InvalidInput(
             f"recordings {every_name} given; allowed: one at least, each with a name of its own"
         )
-    if leave_one_out and len({one.source for one in recordings}) < 2:
+    if leave_one_out and len({item.source for item in recordings}) < 2:
         raise InvalidInput(f"recordings {names} given; leave-one-out needs at least 2")
-    at_once = all(one.at_once for one in recordings)
+    at_once = all(item.at_once for item in recordings)
     subject = with_delays(subject, settings, at_once=at_once)
     prepared = _prepared(subject, settings, recordings)
     prepared_others = _prepared(subject, settings, others)
@@ -595,18 +599,18 @@ def calibrate(
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
         progress = progress or bar.set_description_str
         search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
-        known: dict[str, Any] = {
+        context: dict[str, Any] = {
             "vehicle": vehicle,
             "prepared": prepared,
             "noise": noise,
             "rollout": rollout,
         }
         fitted = FitContext(
-            **known, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search)
+            **context, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search)
         )
         residuals = fitted.residuals()
-        left = Predicted.joined(list(residuals.values()))
-        inflation = uncertainty.variance_inflation(left, fitted.noise)
+        joined_residuals = Predicted.joined(list(residuals.values()))
+        inflation = uncertainty.variance_inflation(joined_residuals, fitted.noise)
         constants = tuple[HeldConstant, ...]()
         if (
             not at_once
@@ -623,7 +627,7 @@ def calibrate(
         predicted_bounds = None
         if prepared_others and bounds:
             predicted_bounds = fit_bounds(fitted, prepared_others, progress)
-        white = uncertainty.whiteness(left, fitted.noise)
+        white = uncertainty.whiteness(joined_residuals, fitted.noise)
         identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, white)
         balance = validation.StaticBalance(subject.vehicle)
         return Calibration(
@@ -635,7 +639,8 @@ def calibrate(
             inflation=inflation,
             whiteness=white,
             comparisons=tuple(
-                _comparison(fitted, balance, one, residuals[one.recording.name]) for one in prepared
+                _comparison(fitted, balance, item, residuals[item.recording.name])
+                for item in prepared
             ),
             issues=tuple(doubtful),
             constants=constants,
@@ -666,8 +671,10 @@ def _with_commands(
             parameters.AXES
         )  # others may have no commands, as decay tests
         recordings = [
-            with_thrust(subject.robot, one) if free or one.channels.keys() & COMMANDS else one
-            for one in recordings
+            with_thrust(subject.robot, recording)
+            if free or recording.channels.keys() & COMMANDS
+            else recording
+            for recording in recordings
         ]
     return split_at_gaps(recordings)
 
@@ -680,11 +687,11 @@ def _prepared(
     """
     n = subject.vehicle.actuators.allocation.shape[1]
     prepared = tuple(
-        PreparedRecording.of(along_axes(one, settings, n), subject.vehicle) for one in recordings
+        PreparedRecording.of(along_axes(item, settings, n), subject.vehicle) for item in recordings
     )
-    for one in prepared:
-        one.stretches(settings.step, settings.stretch)  # or it is too short
-        require_current(subject, one.recording)
+    for item in prepared:
+        item.stretches(settings.step, settings.stretch)  # or it is too short
+        require_current(subject, item.recording)
     return prepared
 
 
@@ -698,13 +705,15 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
     signals = recording.channel("propeller_commands").of(robot.thruster_names, "propeller_commands")
     n = len(robot.thruster_names)
     if signals.values.shape[1] != n:
-        given = f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given"
+        problem = (
+            f"{recording.name}: propeller_commands of {signals.values.shape[1]} thrusters given"
+        )
         raise InvalidInput(
-            f"{given}; allowed: {n}, those that drive it, in the order of the robot's file"
+            f"{problem}; allowed: {n}, those that drive it, in the order of the robot's file"
         )
     ends = (
-        (one.curve[0][0], one.curve[-1][0]) if one.curve else (-1.0, 1.0)
-        for one in robot.description.thrusters
+        (thruster.curve[0][0], thruster.curve[-1][0]) if thruster.curve else (-1.0, 1.0)
+        for thruster in robot.description.thrusters
     )
     low, high = np.transpose(list(ends))
     share = float(((signals.values < low - 1e-6) | (signals.values > high + 1e-6)).mean())

@@ -137,11 +137,11 @@ class PositiveDefinite:
         """X of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not
         positive definite on its axes.
         """
-        own = np.ix_(self.own, self.own)
+        block = np.ix_(self.own, self.own)
         L = np.zeros((len(self.axes),) * 2)
         unit = np.diag(1.0 / self.scale[list(self.own)])
         try:
-            L[own] = np.linalg.cholesky(unit @ np.asarray(value, dtype=float)[own] @ unit)
+            L[block] = np.linalg.cholesky(unit @ np.asarray(value, dtype=float)[block] @ unit)
         except np.linalg.LinAlgError:
             raise InvalidInput(
                 "a matrix that is not positive definite is given; give one that is"
@@ -265,9 +265,9 @@ class QuadraticDrag:
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
         needed = self._needed({pair: float(_size(x)) for pair, x in coupled.items()})
-        own = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
+        diagonal = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
         return np.concatenate(
-            [np.log(positive(own, "drag left for the diagonal")), list(coupled.values())]
+            [np.log(positive(diagonal, "drag left for the diagonal")), list(coupled.values())]
         )
 
     def _needed(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:

@@ -61,11 +61,11 @@ def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them; of an attitude that is read wrong this alone, for all
     else follows from it.
     """
-    found = list(_other_attitude(recording))
-    yield from found or (
+    issues = list(_other_attitude(recording))
+    yield from issues or (
         issue
-        for name, one in _references(recording)
-        for issue in _rate_issues(recording, name, one)
+        for name, reference in _references(recording)
+        for issue in _rate_issues(recording, name, reference)
     )
 
 
@@ -73,7 +73,7 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
     """Another way to read the attitude, with which all that depends on it agrees better, and other
     axes alone would not.
     """
-    own = _agreement(recording)
+    present_agreement = _agreement(recording)
     channels = recording.channels
     attitude = channels.get("attitude")
     turned = {
@@ -82,7 +82,7 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
         if attitude
     }
     if (
-        attitude and not own and _level(attitude) < _HALF
+        attitude and not present_agreement and _level(attitude) < _HALF
     ):  # no vehicle is level for long by numbers in another order
         order = (
             how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL
@@ -94,22 +94,27 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
     ways = {
         how: _agreement(replace(recording, channels={**channels, "attitude": one}))
         for how, one in turned.items()
-        if own
+        if present_agreement
     }
-    for how, found in sorted(
+    for how, agreement in sorted(
         ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())
     ):
-        more = [found.get(name, (0.0, 0.0))[0] - share for name, (share, _) in own.items()]
-        least = min(found.get(name, (0.0, 0.0))[0] for name in own)
+        more = [
+            agreement.get(name, (0.0, 0.0))[0] - share
+            for name, (share, _) in present_agreement.items()
+        ]
+        smallest_share = min(agreement.get(name, (0.0, 0.0))[0] for name in present_agreement)
         better = sum(one > checks.EXPLAINED for one in more)
         clearer = better and all(
-            found[name][0] > best + _EVEN for name, (_, best) in own.items() if name in found
+            agreement[name][0] > best + _EVEN
+            for name, (_, best) in present_agreement.items()
+            if name in agreement
         )
-        if least > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
+        if smallest_share > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
             shares = ", ".join(
-                f"{100 * share:.0f} % of {name}" for name, (share, _) in found.items()
+                f"{100 * share:.0f} % of {name}" for name, (share, _) in agreement.items()
             )
-            before = ", ".join(f"{100 * share:.0f} %" for share, _ in own.values())
+            before = ", ".join(f"{100 * share:.0f} %" for share, _ in present_agreement.values())
             yield (
                 "attitude",
                 f"reads better with {how}: it agrees with {shares}, and as it is with {before}",
@@ -126,15 +131,15 @@ def _agreement(recording: Recording) -> dict[str, tuple[float, float]]:
     """Share of each channel's motion that its reference explains with the axes as they are, and
     with those that fit best.
     """
-    found = {}
+    agreements = {}
     for name, reference in _references(recording):
         aligned = _aligned(recording, name, reference)
         if aligned is not None:
-            found[name] = (
+            agreements[name] = (
                 checks.explained(aligned[0], reference.body),
                 max(_ways(reference, aligned[0], name).values()),
             )
-    return found
+    return agreements
 
 
 def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
@@ -183,9 +188,9 @@ def _aligned(
     if name == "specific_force":  # whose mean is gravity
         return recordings.interpolated(reference.t, t, values - values.mean(axis=0)), 0.0, True, 1.0
     late, steady = checks.offset(reference.t, reference.body, t, values)
-    seen = recordings.interpolated(reference.t + late, t, values)
-    factor = float(np.linalg.norm(seen) / np.linalg.norm(reference.body))
-    return seen / factor, late, steady, factor
+    measured_values = recordings.interpolated(reference.t + late, t, values)
+    factor = float(np.linalg.norm(measured_values) / np.linalg.norm(reference.body))
+    return measured_values / factor, late, steady, factor
 
 
 def _rate_issues(
@@ -194,7 +199,7 @@ def _rate_issues(
     aligned = _aligned(recording, name, reference)
     if aligned is None:
         return
-    (seen, late, steady, factor) = aligned
+    (measured, late, steady, factor) = aligned
     partner = _PARTNER[name]
     jump = (
         "its clock and that of the {} differ at the end by another time than at the beginning: a"
@@ -202,73 +207,82 @@ def _rate_issues(
     )
     texts = [
         checks.describe_delay(late) if steady else jump,
-        checks.describe_factor(reference.body, factor * seen),
+        checks.describe_factor(reference.body, factor * measured),
     ]
     if name != "specific_force":
         yield from ((name, text.format(partner)) for text in texts if text)
-    yield from _rate_axes(reference, seen, name)
+    yield from _rate_axes(reference, measured, name)
 
 
-def _rate_axes(reference: _Reference, seen: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
+def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Other axes that explain more of the motion than the axes as they are."""
-    own = checks.explained(seen, reference.body)
-    ways = _ways(reference, seen, name)
+    present_share = checks.explained(measured, reference.body)
+    ways = _ways(reference, measured, name)
     best = max(ways, key=lambda way: ways[way])
-    alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (seen, reference.body)))
-    if ways[best] > max(own + checks.EXPLAINED, _HALF, _MOST * alike):
-        yield best[0], f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * own:.0f} % as they are)"
+    alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (measured, reference.body)))
+    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * alike):
+        yield (
+            best[0],
+            f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * present_share:.0f} % as they are)",
+        )
     elif (
         name == "linear_velocity"
         and alike > _AS_LARGE
         and reference.R is not None
         and reference.world is not None
     ):
-        turn, share = _turn(np.einsum("nij,nj->ni", reference.R, seen), reference.world)
-        if own < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
+        turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
+        if present_share < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
             text = (
                 "with it the velocity is as large as the rate of the position, and points elsewhere"
             )
             yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
 
 
-def _ways(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
+def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[str, str], float]:
     """Ways to read axes, as a channel and a text, and what each explains of the motion."""
     fits = (
         f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the"
         f" {_PARTNER[name]} as"
     )
     ways = {
-        (name, f"{fits} {checks.named(Q)}"): checks.explained(seen @ Q.T, reference.body)
+        (name, f"{fits} {checks.named(Q)}"): checks.explained(measured @ Q.T, reference.body)
         for Q in checks.WAYS
     }
-    return ways | _in_world(reference, seen, name)
+    return ways | _in_world(reference, measured, name)
 
 
-def _turn(seen: np.ndarray, wanted: np.ndarray) -> tuple[float, float]:
+def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
     """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without
     it.
     """
-    plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (seen, wanted))
+    plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (measured, expected))
     turn = float(np.angle(np.vdot(reference, plane)))
     plane = plane * np.exp(-1j * turn)
-    return turn, checks.explained(np.column_stack([plane.real, plane.imag, seen[:, 2]]), wanted)
+    return turn, checks.explained(
+        np.column_stack([plane.real, plane.imag, measured[:, 2]]), expected
+    )
 
 
-def _in_world(reference: _Reference, seen: np.ndarray, name: str) -> dict[tuple[str, str], float]:
+def _in_world(
+    reference: _Reference, measured: np.ndarray, name: str
+) -> dict[tuple[str, str], float]:
     """Ways that only a world frame tells; less likely than those of B, where both will do."""
     if reference.world is None or reference.R is None:
         return {}
     partner = _PARTNER[name]
     world = reference.world
-    found = {(name, f"its axes fit the rate of the {partner} in W"): checks.explained(seen, world)}
+    shares = {
+        (name, f"its axes fit the rate of the {partner} in W"): checks.explained(measured, world)
+    }
     if name == "linear_velocity":
-        turned = np.einsum("nij,nj->ni", reference.R, seen)
+        turned = np.einsum("nij,nj->ni", reference.R, measured)
         fits = "its rate fits the velocity with axes {}: NED against ENU? give columns so"
-        found |= {
+        shares |= {
             (partner, fits.format(checks.named(Q))): checks.explained(turned, world @ Q.T)
             for Q in checks.WAYS
         }
-    return {way: share - checks.EXPLAINED / 2 for way, share in found.items()}
+    return {way: share - checks.EXPLAINED / 2 for way, share in shares.items()}
 
 
 # Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and
@@ -292,35 +306,37 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
         )
         return
     t, rate = smoothed(positions.undelayed_t, positions.values, checks.WINDOW, derivative=1)
-    t_seen, seen = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
+    t_seen, measured_rate = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
     yield from _dead(
-        rate, seen, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0)
+        rate, measured_rate, np.ptp(positions.values, axis=0), np.ptp(velocities.values, axis=0)
     )
-    if rate.std(axis=0).max() < _MOVING_JOINT or seen.std(axis=0).max() < checks.DEAD:
+    if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < checks.DEAD:
         return
-    late, _ = checks.offset(t, rate, t_seen, seen)
-    shifted = recordings.interpolated(t + late, t_seen, seen)
+    late, _ = checks.offset(t, rate, t_seen, measured_rate)
+    shifted = recordings.interpolated(t + late, t_seen, measured_rate)
     texts = [checks.describe_delay(late), checks.describe_factor(rate, shifted)]
     yield from ((_NAMES[1], text.format("positions")) for text in texts if text)
     yield from _columns(rate, shifted)
 
 
 def _dead(
-    rate: np.ndarray, seen: np.ndarray, width: np.ndarray, speeds: np.ndarray
+    rate: np.ndarray, measured_rate: np.ndarray, width: np.ndarray, speeds: np.ndarray
 ) -> Iterator[tuple[str, str]]:
     for k in range(len(width)):
-        if width[k] < checks.DEAD and seen[:, k].std() > _MOVING_JOINT:
+        if width[k] < checks.DEAD and measured_rate[:, k].std() > _MOVING_JOINT:
             yield _NAMES[0], f"dead: {k} stays where it is, and its velocity does not"
         if speeds[k] < checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
             yield _NAMES[1], f"dead: {k} stays as it is, and its position moves"
 
 
-def _columns(rate: np.ndarray, seen: np.ndarray) -> Iterator[tuple[str, str]]:
+def _columns(rate: np.ndarray, measured_rate: np.ndarray) -> Iterator[tuple[str, str]]:
     moving = [
-        k for k in range(rate.shape[1]) if min(rate[:, k].std(), seen[:, k].std()) > _MOVING_JOINT
+        k
+        for k in range(rate.shape[1])
+        if min(rate[:, k].std(), measured_rate[:, k].std()) > _MOVING_JOINT
     ]
     for k in moving:
-        fits = {j: checks.correlation(seen[:, k], rate[:, j]) for j in moving}
+        fits = {j: checks.correlation(measured_rate[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _OTHER and abs(fits[best]) > fits[k] + _BETTER:
             yield (
@@ -375,14 +391,18 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     if turning is None or np.ptp(turning.values) < 1e-3:
         when, omega = angular_rate(channels["attitude"], checks.WINDOW)
         turning = Channel(t=when, values=omega)
-    parts = [_at(t, one) for one in (channels["linear_velocity"], turning)]
+    parts = [_at(t, channel) for channel in (channels["linear_velocity"], turning)]
     v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
     R = rotations(channels["attitude"], t)
-    beside, _ = np.linalg.qr(
+    explained_basis, _ = np.linalg.qr(
         np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])])
     )
-    left = np.where(v.std(axis=0) > _MOVING_VEHICLE, a - beside @ (beside.T @ a), 0.0)
-    return ExplainedMotion(t, left / np.maximum(left.std(axis=0), 1e-9), beside, R)
+    unexplained = np.where(
+        v.std(axis=0) > _MOVING_VEHICLE, a - explained_basis @ (explained_basis.T @ a), 0.0
+    )
+    return ExplainedMotion(
+        t, unexplained / np.maximum(unexplained.std(axis=0), 1e-9), explained_basis, R
+    )
 
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
@@ -425,9 +445,9 @@ _PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
-    given = [name for name in _COMMANDS if name in recording.channels]
-    if given and (motion := motion_of(recording)) is not None:
-        for name in given:
+    names = [name for name in _COMMANDS if name in recording.channels]
+    if names and (motion := motion_of(recording)) is not None:
+        for name in names:
             yield from (
                 (name, text)
                 for text in _command_issues(name, ZeroOrderHold(recording.channels[name]), motion)
@@ -468,25 +488,25 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
             yield f"its {part} fit the acceleration as {best}"
 
 
-def _along(acceleration: np.ndarray, seen: np.ndarray, Q: np.ndarray) -> float:
+def _along(acceleration: np.ndarray, forces: np.ndarray, Q: np.ndarray) -> float:
     """Shares that each axis of Q seen (m, 3) explains of its acceleration (m, 3), less where it
     points away; their sum.
     """
-    along = np.diag(_correlations(acceleration, seen @ Q.T))
+    along = np.diag(_correlations(acceleration, forces @ Q.T))
     return float((along * np.abs(along)).sum())
 
 
-def _shares(motion: ExplainedMotion, seen: np.ndarray, signed: bool) -> np.ndarray:
+def _shares(motion: ExplainedMotion, forces: np.ndarray, signed: bool) -> np.ndarray:
     """Shares (6,) of all accelerations that a command explains; signed: of its own axis, and along
     it.
     """
     if signed:
-        return np.maximum(np.diag(_correlations(motion.acceleration, seen)), 0.0) ** 2
-    seen = seen / np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
-    common = seen.T @ motion.acceleration
-    along = (common * (np.linalg.pinv(seen.T @ seen, rcond=1e-12, hermitian=True) @ common)).sum(
-        axis=0
-    )
+        return np.maximum(np.diag(_correlations(motion.acceleration, forces)), 0.0) ** 2
+    forces = forces / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
+    common = forces.T @ motion.acceleration
+    along = (
+        common * (np.linalg.pinv(forces.T @ forces, rcond=1e-12, hermitian=True) @ common)
+    ).sum(axis=0)
     return np.asarray(along / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
 
 
@@ -512,14 +532,14 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         name for name, text in recording.issues_in_file if "rad: in deg?" in text
     }  # all else would follow from it
     sound = {
-        name: one
-        for name, one in recording.channels.items()
-        if CHANNEL_KINDS[name].command or checks.has_times(one)
+        name: channel
+        for name, channel in recording.channels.items()
+        if CHANNEL_KINDS[name].command or checks.has_times(channel)
     }
     others = replace(
-        recording, channels={name: one for name, one in sound.items() if name not in wrong}
+        recording, channels={name: channel for name, channel in sound.items() if name not in wrong}
     )
-    found = [*recording.issues_in_file, *checks.of_samples(recording)]
+    issues = [*recording.issues_in_file, *checks.of_samples(recording)]
     for kind in (
         checks.of_poses,
         of_rates,
@@ -529,8 +549,8 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         of_commands,
     ):
         turned = kind is of_commands and any(
-            name in _PARTNER and "its axes fit" in text for name, text in found
+            name in _PARTNER and "its axes fit" in text for name, text in issues
         )
-        found += () if turned else kind(others)  # by such axes no vehicle follows its commands
-        forget(one.values for one in others.channels.values())
-    return tuple(QualityIssue(channel=name, problem=text) for name, text in found)
+        issues += () if turned else kind(others)  # by such axes no vehicle follows its commands
+        forget(channel.values for channel in others.channels.values())
+    return tuple(QualityIssue(channel=name, problem=text) for name, text in issues)

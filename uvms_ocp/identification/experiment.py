@@ -59,9 +59,9 @@ class ExperimentLimits:
                 " finite"
             )
         if not (self.slew > 0.0 and 0.0 < self.tilt < np.pi / 2 and 0.0 <= self.margin < 1.0):
-            given = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
+            problem = f"slew = {self.slew}, tilt = {self.tilt}, margin = {self.margin} given"
             raise InvalidInput(
-                f"{given}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1"
+                f"{problem}; allowed: slew > 0, tilt from 0 to pi/2, margin from 0 to 1"
             )
         if not (self.hull[0] <= self.hull[1]).all():
             raise InvalidInput(
@@ -69,8 +69,8 @@ class ExperimentLimits:
             )
         if not (self.room > 0.0).all():
             sides = (
-                " x ".join(f"{side:.4g}" for side in one[1] - one[0])
-                for one in (self.hull, self.pool)
+                " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
+                for corners in (self.hull, self.pool)
             )
             raise InvalidInput(
                 "hull of {} m in a pool of {} m given; give a pool that leaves it room".format(
@@ -98,18 +98,22 @@ class ExperimentLimits:
         """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they
         begin from 0.
         """
-        found = np.empty_like(commands)
+        limited = np.empty_like(commands)
         before = np.zeros(commands.shape[1])
-        for k, wanted in enumerate(commands):
-            before = found[k] = self.after(before, wanted, step)
-        return found
+        for k, command in enumerate(commands):
+            before = limited[k] = self.after(before, command, step)
+        return limited
 
     def after(self, before: np.ndarray, wanted: np.ndarray, step: float) -> np.ndarray:
         """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before
         (n_u,) [N, N m].
         """
-        most = self.slew * step
-        return np.asarray(np.clip(np.clip(wanted, *self.thrust.T), before - most, before + most))
+        largest_change = self.slew * step
+        return np.asarray(
+            np.clip(
+                np.clip(wanted, *self.thrust.T), before - largest_change, before + largest_change
+            )
+        )
 
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and
@@ -117,16 +121,16 @@ class ExperimentLimits:
 
         margin: default: the limits' own.
         """
-        left = 1.0 - (self.margin if margin is None else margin)
+        remaining = 1.0 - (self.margin if margin is None else margin)
         far = np.zeros((len(x), 4))
         slope = np.zeros((len(x), 4, 7))
         far[:, :3], slope[:, :3] = self._far(x)
         # The root of qx^2 + qy^2 is the sine of half the tilt.
         leaning = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9)
-        most = np.sin(left * self.tilt / 2)
-        far[:, 3] = leaning / most
-        slope[:, 3, 3:5] = x[:, 3:5] / leaning[:, None] / most
-        over = far - [left, left, left, 1.0]
+        largest_lean = np.sin(remaining * self.tilt / 2)
+        far[:, 3] = leaning / largest_lean
+        slope[:, 3, 3:5] = x[:, 3:5] / leaning[:, None] / largest_lean
+        over = far - [remaining, remaining, remaining, 1.0]
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
