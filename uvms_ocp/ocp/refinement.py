@@ -156,13 +156,15 @@ def _in_vain(looked_at: list[tuple[float, RefinedResult]]) -> bool:
 def _least_lacking(
     looked_at: list[tuple[float, RefinedResult]], last: RefinedResult
 ) -> RefinedResult:
-    """The last result, or where it was looked at and lacks something, the one that lacks least."""
-    if not looked_at or looked_at[-1][1] is not last:
+    """The last result where it was looked at and lacks nothing, or that which lacks least of those
+    looked at: rounds may end at one whose rows are still far from its distances.
+    """
+    if not looked_at:
         return last
     amounts = [amount for amount, _ in looked_at]
-    least = looked_at[int(np.argmin(amounts))][1]
-    if amounts[-1] == 0.0:
+    if looked_at[-1][1] is last and amounts[-1] == 0.0:
         return last
+    least = looked_at[int(np.argmin(amounts))][1]
     return least.after_all(last)
 
 
