@@ -8,12 +8,11 @@ do not.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
 
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import list_variants
@@ -85,9 +84,7 @@ def main() -> None:
     """Run all missions."""
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=20, metavar="N")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    add_jobs_option(parser)
     given, run = begin(parser)
     drags = (NOMINAL, *list_variants(ROBOT))
     jobs = product(range(given.seeds), drags, [None])

@@ -9,12 +9,10 @@ drawn_exports.md. With --work DIR it goes on where it was.
 
 from __future__ import annotations
 
-import os
 import shutil
-import tempfile
-from pathlib import Path
 
-from recording.kept_rows import kept_rows
+from recording.kept_rows import add_study_options, kept_rows
+from recording.processes import compiled_once
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.drawn_exports import FUSING, PLAIN, drawn_exports, totals
 
@@ -54,24 +52,14 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--exports", type=int, default=300, metavar="N")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
-    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument(
-        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
-    )
+    add_study_options(parser)
     given, run = begin(parser)
     if shutil.which("cc") is None:
         parser.error(COMPILER_NEEDED)
-    with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {
-            "UVMS_OCP_CACHE": cache,
-            "UVMS_OCP_CFLAGS": "-O0",
-        }  # what is compiled runs once
+    with compiled_once() as folder:
         study = drawn_exports(n=1 if run.quick else given.exports, seed=2 if run.quick else 0)
         rows = kept_rows(
-            study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours
+            study, given.work or folder / "work", 1 if run.quick else given.jobs, given.hours
         )
     run.write(
         Report(

@@ -10,13 +10,10 @@ where it was.
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections import Counter
-from pathlib import Path
 
-from recording.kept_rows import kept_rows
-from recording.processes import hide_compiler
+from recording.kept_rows import add_study_options, kept_rows
+from recording.processes import compiled_once, hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.drawn_files import REASONS, drawn_files, reason_of, totals
 
@@ -58,22 +55,12 @@ def main() -> None:
         metavar="N",
         help="of them, through export, with a compiler",
     )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
-    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument(
-        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
-    )
+    add_study_options(parser)
     given, run = begin(parser)
     exports, files = (0, 1) if run.quick else (given.exports, given.files)
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {
-            "UVMS_OCP_CACHE": cache,
-            "UVMS_OCP_CFLAGS": "-O0",
-        }  # what is compiled runs once
-        work = given.work or Path(cache)
+    with compiled_once() as folder:
+        work = given.work or folder
         if exports:
             rows += kept_rows(
                 drawn_files(n=exports, exports=True), work / "exports", given.jobs, given.hours

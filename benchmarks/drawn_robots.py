@@ -9,12 +9,10 @@ points and reach with their tools. Writes drawn_robots.csv, one row per robot of
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections import Counter
-from pathlib import Path
 
-from recording.kept_rows import kept_rows
+from recording.kept_rows import add_study_options, kept_rows
+from recording.processes import compiled_once
 from recording.report import Report, Row, Table, begin, parser_of
 from studies.drawn_robots import (
     BALLAST,
@@ -87,22 +85,12 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--robots", type=int, default=2000, metavar="N")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
-    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument(
-        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
-    )
+    add_study_options(parser)
     given, run = begin(parser)
-    with tempfile.TemporaryDirectory() as cache:
-        os.environ |= {
-            "UVMS_OCP_CACHE": cache,
-            "UVMS_OCP_CFLAGS": "-O0",
-        }  # what is compiled runs once
+    with compiled_once() as folder:
         study = drawn_robots(n=1 if run.quick else given.robots, flies=not run.quick)
         rows = kept_rows(
-            study, given.work or Path(cache) / "work", 1 if run.quick else given.jobs, given.hours
+            study, given.work or folder / "work", 1 if run.quick else given.jobs, given.hours
         )
     run.write(
         Report(

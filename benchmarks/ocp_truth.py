@@ -15,7 +15,7 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from recording.kept_rows import kept_rows
+from recording.kept_rows import add_study_options, kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
 from truth.dense_check import LOOKS
 from truth.drawing import FEWEST_STEPS, MOST_STEPS
@@ -123,13 +123,7 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=PROBLEMS, metavar="N")
     parser.add_argument("--first", type=int, default=0, metavar="K", help="seed of the first")
     parser.add_argument("--seed", type=int, metavar="K", help="run this problem alone")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
-    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
-    parser.add_argument(
-        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
-    )
+    add_study_options(parser)
     given, run = begin(parser)
     os.environ.setdefault("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs a few times
     if given.seed is not None:

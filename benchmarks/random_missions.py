@@ -7,11 +7,10 @@ random_missions.md.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 from recording.progress import show_runs
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
 from studies.random_missions import random_missions
 from studies.study import StudyResult
 
@@ -83,9 +82,7 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--missions", type=int, default=200, metavar="N")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    add_jobs_option(parser)
     given, run = begin(parser)
     # The mission of seed 1 is accepted; one that is refused runs until its time is over.
     chosen = (

@@ -6,11 +6,10 @@ Writes table2.csv, one row per transit of the study `table2`, and its cells to t
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 
 from recording.progress import show_runs
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
 from studies.table2 import FLOORS, MARGIN, table2
 
 from uvms_ocp.sim.rough_seafloor import RELIEFS
@@ -64,9 +63,7 @@ def main() -> None:
     """Run the study."""
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=10, metavar="N", help="floors for each cell")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    add_jobs_option(parser)
     given, run = begin(parser)
     seeds, length, jobs = (1, 2.0, 1) if run.quick else (given.seeds, 30.0, given.jobs)
     result = table2(seeds=seeds, length=length).run(workers=jobs, progress=show_runs)

@@ -7,11 +7,10 @@ viability.md.
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 from recording.progress import show_runs
-from recording.report import Report, Row, Table, begin, parser_of
+from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
 from studies.random_limits import (
     CLEARANCE,
     N_OBSTACLES,
@@ -51,9 +50,7 @@ def main() -> None:
     parser.add_argument(
         "--rates", type=float, nargs="+", default=[50.0, 200.0], metavar="HZ", help="of control"
     )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
-    )
+    add_jobs_option(parser)
     given, run = begin(parser)
     runs, jobs, rates = (
         (1, 1, given.rates[:1]) if run.quick else (given.runs, given.jobs, given.rates)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -11,7 +12,7 @@ from pathlib import Path
 from studies.study import Study, finished_rows
 
 from recording.progress import show_progress
-from recording.report import Row
+from recording.report import Row, add_jobs_option
 from uvms_ocp.campaign.store import part_paths
 
 _ROUND = 7  # cases, from all over a study, that are run one after the other
@@ -19,6 +20,15 @@ _ROUND = 7  # cases, from all over a study, that are run one after the other
 
 class Over(Exception):
     """There is no time left."""
+
+
+def add_study_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a study that goes on where it was."""
+    add_jobs_option(parser)
+    parser.add_argument("--work", type=Path, metavar="PATH", help="folder of rows that are kept")
+    parser.add_argument(
+        "--hours", type=float, default=24.0, metavar="H", help="time after which it ends [h]"
+    )
 
 
 def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:

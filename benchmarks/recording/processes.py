@@ -6,6 +6,9 @@ import compileall
 import os
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import uvms_ocp
@@ -49,3 +52,13 @@ def as_installed(cache: Path | str) -> dict[str, str]:
 def hide_compiler() -> None:
     """From this process, before anything is compiled: a quick run does not wait for a compiler."""
     os.environ.update(_HIDDEN)
+
+
+@contextmanager
+def compiled_once() -> Iterator[Path]:
+    """Keep what is compiled from here on in a folder that is gone afterwards, and do not optimize
+    it: it runs once.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"UVMS_OCP_CACHE": folder, "UVMS_OCP_CFLAGS": "-O0"}
+        yield Path(folder)

@@ -107,6 +107,13 @@ def parser_of(doc: str | None) -> argparse.ArgumentParser:
     return parser
 
 
+def add_jobs_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of benchmarks whose cases run beside each other."""
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
+    )
+
+
 def begin(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, Run]:
     """Parse the command line and start to watch the processors; a quick run must not replace
     recorded files.
