@@ -19,7 +19,7 @@ from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, recor
 from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.calibration import held_constants
-from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.fit import FitContext, Predicted, Search
 from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of
 from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
 from uvms_ocp.identification.recording import Channel, Recording
@@ -107,14 +107,8 @@ def identified(
     prepared = (PreparedRecording.of(recording, subject.vehicle),)
     search = Search(step=step)
     begun = process_time()
-    estimate = search_fit(subject.vehicle, prepared, NOISE, rollout, search)
-    fitted = FitContext(
-        vehicle=subject.vehicle,
-        rollout=rollout,
-        prepared=prepared,
-        noise=NOISE,
-        search=search,
-        estimate=estimate,
+    fitted = FitContext.searched(
+        vehicle=subject.vehicle, rollout=rollout, prepared=prepared, noise=NOISE, search=search
     )
     inflation = variance_inflation(Predicted.joined(list(fitted.residuals().values())), NOISE)
     wide, _ = held_constants(fitted, settings, inflation)
@@ -122,7 +116,7 @@ def identified(
     pairs = zip(
         *(
             numbers(subject.vehicle, each, inflation)
-            for each in (wide, replace(estimate, assumed=0.0))
+            for each in (wide, replace(fitted.estimate, assumed=0.0))
         ),
         strict=True,
     )
@@ -138,7 +132,7 @@ def identified(
             "inside": told.interval[0] <= truths[told.name] <= told.interval[1],
             "inside without": alone.interval[0] <= truths[told.name] <= alone.interval[1],
             "determined": told.determined,
-            "status": estimate.status.value,
+            "status": fitted.estimate.status.value,
             "time [s]": taken,
         }
         for told, alone in pairs

@@ -38,10 +38,8 @@ class BrokenSensors:
     last: StateEstimate | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        self.estimator, self.monitor = (
-            PassThrough(self.robot),
-            HealthMonitor(self.robot, IDEAL_SENSORS),
-        )
+        self.estimator = PassThrough(self.robot)
+        self.monitor = HealthMonitor(self.robot, IDEAL_SENSORS)
 
     def __call__(
         self, readings: Readings, t: float, command: Command | None = None

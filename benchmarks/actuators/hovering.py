@@ -122,12 +122,11 @@ class WayPoints(KinematicController):
         self.guide = None
         self._rng = np.random.default_rng(hover.seed + 1000)
         self._moves = hover.moves
-        self._v, self._joints = np.zeros(robot.n_v), np.array(robot.home)
-        self.goal, self._yaw, self._next = (
-            STATION.copy(),
-            0.0,
-            hover.stays + float(self._rng.uniform(2.0, 6.0)),
-        )
+        self._v = np.zeros(robot.n_v)
+        self._joints = np.array(robot.home)
+        self.goal = STATION.copy()
+        self._yaw = 0.0
+        self._next = hover.stays + float(self._rng.uniform(2.0, 6.0))
 
     def observe(self, measurement: StateEstimate, t: float) -> Any:
         self.measurement = measurement

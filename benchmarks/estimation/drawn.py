@@ -74,10 +74,8 @@ class Drawn:
         spin = self.spin[0]
         a_B = self.R.T @ self.place[2] - np.cross(spin, v_B)
         q = np.concatenate([self.place[0], pin.Quaternion(self.R).coeffs(), self.joints[0]])
-        v, a = (
-            np.concatenate([v_B, spin, self.joints[1]]),
-            np.concatenate([a_B, self.spin[1], 0.0 * self.joints[1]]),
-        )
+        v = np.concatenate([v_B, spin, self.joints[1]])
+        a = np.concatenate([a_B, self.spin[1], 0.0 * self.joints[1]])
         return State(q=q, v=v, a=a)
 
     def step(self) -> None:

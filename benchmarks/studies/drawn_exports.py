@@ -128,7 +128,8 @@ def _limit(kind: str, rng: np.random.Generator) -> str:
         return ""
     if kind == "continuous":
         return '<limit effort="8" velocity="0.7"/>'
-    lower, upper = -rng.uniform(0.3, 2.0), rng.uniform(0.3, 2.0)
+    lower = -rng.uniform(0.3, 2.0)
+    upper = rng.uniform(0.3, 2.0)
     return f'<limit lower="{lower:.3f}" upper="{upper:.3f}" effort="8" velocity="0.7"/>'
 
 

@@ -117,10 +117,8 @@ def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
     wet["volume"] *= float(1.0 + rng.uniform(-BALLAST, BALLAST))
     stronger = float(rng.uniform(0.5, 2.0))
     for thruster in water["thrusters"]:
-        thruster["maximum"], thruster["minimum"] = (
-            stronger * thruster["maximum"],
-            stronger * thruster["minimum"],
-        )
+        thruster["maximum"] *= stronger
+        thruster["minimum"] *= stronger
     file = folder / "hydrodynamics.yaml"
     file.write_text(yaml.safe_dump(water, sort_keys=False), encoding="utf-8")
     return load_robot(urdf=urdf, hydrodynamics=file)

@@ -178,15 +178,11 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
     cause = cause_of_end(record)
     contact = truth.contact_outside_landing(scenario, record, kind.floor)
     told = _told(scenario.toolkit_faults, scenario, record, cause["text"], kind.name == PAIR)
-    joints, way = (
-        truth.joint_excess(scenario.robot, record["q"]),
-        truth.astray(usual.way, record["q"]),
-    )
+    joints = truth.joint_excess(scenario.robot, record["q"])
+    way = truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
-    rates, arm = (
-        truth.rate_share(scenario.robot, record["v"]),
-        truth.arm_height(scenario, record["q"]),
-    )
+    rates = truth.rate_share(scenario.robot, record["v"])
+    arm = truth.arm_height(scenario, record["q"])
     passes = truth.passes_rates(
         scenario.robot, record, [fault.onset for fault in scenario.toolkit_faults]
     )

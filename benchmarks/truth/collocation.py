@@ -293,7 +293,12 @@ class Collocation:
         ]
         for rows in self.statement.path:
             block = block_of("path", z, node.t, rows.rows(node))
-            nodes = steps if rows.of_inputs else (after if problem.fixed_start else every)
+            if rows.of_inputs:
+                nodes = steps
+            elif problem.fixed_start:
+                nodes = after
+            else:
+                nodes = every
             chosen.append(
                 (rows.name, block, nodes, self.times[None, nodes], rows.lower, rows.upper)
             )
@@ -515,9 +520,12 @@ class Collocation:
     @cached_property
     def row_bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_rows,)."""
-        lower, upper = np.zeros(self.n_rows), np.zeros(self.n_rows)
+        lower = np.zeros(self.n_rows)
+        upper = np.zeros(self.n_rows)
         for group in self._groups:
-            lower[group.numbers.ravel()], upper[group.numbers.ravel()] = group.lower, group.upper
+            numbers = group.numbers.ravel()
+            lower[numbers] = group.lower
+            upper[numbers] = group.upper
         return lower, upper
 
     # --- motions ----------------------------------------------------------------------------------

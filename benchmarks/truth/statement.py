@@ -155,7 +155,8 @@ def units_of(robot: Robot, *, wrench: bool) -> Units:
     n = robot.n_vehicle
     if wrench or not n:
         matrix = np.eye(n)
-        lower, upper = np.full(n, -np.inf), np.full(n, np.inf)
+        lower = np.full(n, -np.inf)
+        upper = np.full(n, np.inf)
     else:
         matrix = thruster_matrix(robot)[:n]
         lower, upper = thrust_limits(robot)

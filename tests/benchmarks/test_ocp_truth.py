@@ -86,7 +86,8 @@ def test_all_kinds_are_drawn() -> None:
 def test_a_step_is_that_of_pinocchio(name: str) -> None:
     robot = load_robot(name)
     rng = np.random.default_rng(1)
-    q, step = ca.SX.sym("q", robot.n_q), ca.SX.sym("step", robot.n_v)
+    q = ca.SX.sym("q", robot.n_q)
+    step = ca.SX.sym("step", robot.n_v)
     function = ca.Function("moved", [q, step], [moved(robot, q, step)])
     for size in (0.0, 1e-9, 1e-3, 0.5, 1.5):
         about = pin.integrate(robot.model, robot.configuration(), rng.normal(size=robot.n_v))
@@ -102,8 +103,10 @@ def test_derivatives_are_those_of_the_rows(tmp_path: Path) -> None:
     """CasADi differentiates the assembled rows and costs another way."""
     one = drawn(7, tmp_path)
     whole = Collocation(one.problem, one.statement, [one.straight])
-    x, p = whole._x, whole._p
-    lam, sigma = ca.MX.sym("lam", whole.n_rows), ca.MX.sym("sigma", whole.n_levels)
+    x = whole._x
+    p = whole._p
+    lam = ca.MX.sym("lam", whole.n_rows)
+    sigma = ca.MX.sym("sigma", whole.n_levels)
     at = whole.pack(one.straight) + 1e-3 * np.random.default_rng(2).normal(size=x.numel())
     weights = np.random.default_rng(3).normal(size=whole.n_rows)
     worth = np.ones(whole.n_levels)

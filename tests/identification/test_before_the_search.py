@@ -39,10 +39,10 @@ class Searched(Exception):
 
 @pytest.fixture(autouse=True)
 def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    def search_fit(*_: object) -> None:
+    def searched(*_: object, **__: object) -> None:
         raise Searched
 
-    monkeypatch.setattr(fitting, "search_fit", search_fit)
+    monkeypatch.setattr(fitting.FitContext, "searched", searched)
     monkeypatch.setattr(fitting, "Rollout", lambda stage: stage)
 
 

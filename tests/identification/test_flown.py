@@ -34,17 +34,12 @@ def fitted() -> FitContext:
         rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0
     )
     prepared = (PreparedRecording.of(recording, one),)
-    estimate = replace(
-        search_fit(one, prepared, NOISE, rollout, SEARCH), assumed=0.0
-    )  # what recordings tell alone
-    return FitContext(
-        vehicle=one,
-        rollout=rollout,
-        prepared=prepared,
-        noise=NOISE,
-        search=SEARCH,
-        estimate=estimate,
+    found = FitContext.searched(
+        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
+    return replace(
+        found, estimate=replace(found.estimate, assumed=0.0)
+    )  # what recordings tell alone
 
 
 def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:

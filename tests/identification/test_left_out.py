@@ -14,7 +14,7 @@ from driven import drive, known, vehicle_of
 from vehicles import vehicle as with_arm
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.fit import FitContext, Predicted, Search, search_fit
+from uvms_ocp.identification.fit import FitContext, Predicted, Search
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import Free
@@ -64,14 +64,8 @@ def recordings() -> tuple[Recording, ...]:
 def solved(given: Sequence[Recording]) -> FitContext:
     one, rollout = problem()
     prepared = tuple(PreparedRecording.of(each, one) for each in given)
-    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
-    return FitContext(
-        vehicle=one,
-        rollout=rollout,
-        prepared=prepared,
-        noise=NOISE,
-        search=SEARCH,
-        estimate=estimate,
+    return FitContext.searched(
+        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
 
 

@@ -71,14 +71,8 @@ def identified() -> FitContext:
     """The vehicle, identified on two recordings of it."""
     one, rollout = problem()
     prepared = tuple(driven(seed, truth()) for seed in range(2))
-    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
-    return FitContext(
-        vehicle=one,
-        rollout=rollout,
-        prepared=prepared,
-        noise=NOISE,
-        search=SEARCH,
-        estimate=estimate,
+    return FitContext.searched(
+        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
 
 

@@ -1,4 +1,6 @@
-"""What a campaign is, written down beside its rows: another one, or a changed one, is refused."""
+"""The manifest of a campaign, a file beside its rows: a folder with rows of another campaign, or
+of a changed one, is refused.
+"""
 
 from __future__ import annotations
 

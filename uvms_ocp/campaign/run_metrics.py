@@ -19,8 +19,8 @@ _TABLE = (files("uvms_ocp.campaign") / "metrics.csv").read_text(encoding="utf-8"
 METRICS: Mapping[str, str] = {row["metric"]: row["meaning"] for row in csv.DictReader(_TABLE)}
 """Metrics of a run, with unit and meaning."""
 OF_EACH_TOOL = ("tool_position_error_m", "tool_orientation_error_rad", "clearance_m")
-"""Those that a robot with several tools has of each, such as ``clearance_m[port_tool]``, that of
-its arm.
+"""Metrics that a robot with several tools has of each, such as ``clearance_m[port_tool]``, the
+clearance of the arm with that tool.
 """
 _FROM_REPORT = (
     "energy_j",

@@ -75,7 +75,7 @@ _COLOUR = 4.0
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LoadSample:
-    """At the disturbance, with how it would come about."""
+    """A disturbance that was found, and what a load at each tool or a current would make of it."""
 
     disturbance: np.ndarray
     """(n_v,) [N, N m] found."""
@@ -125,7 +125,7 @@ class LoadFilter:
         lasting force (n_v,) [N, N m].
         """
         self.P = np.diag(self._prior)
-        """Its covariance."""
+        """Covariance of `x`, in the products of its units."""
 
     def error(self, place: int) -> float:
         """Standard error of an entry of `x`, in its unit, with that of the scale."""

@@ -29,7 +29,7 @@ class PlanningWatch:
         self.rejected = 0
         """Plans that may not be flown, or came too late for it."""
         self._unusable = 0
-        """Of them, in a row."""
+        """Plans that may not be flown, in a row."""
         self._late = 0
         """Solves that took longer than the period, in a row."""
         self._told_overdue = False

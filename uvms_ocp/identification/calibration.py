@@ -24,7 +24,7 @@ from uvms_ocp.identification.data_quality import (
     commanded,
     motion_of,
 )
-from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes, search_fit
+from uvms_ocp.identification.fit import FitContext, Predicted, Search, constant_slopes
 from uvms_ocp.identification.jackknife import DisagreedNumber, disagreed_numbers
 from uvms_ocp.identification.output_error import Estimate, FitStatus, Noise
 from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_bounds
@@ -599,14 +599,8 @@ def calibrate(
     with progress_bar(shown=progress is None, bar_format="{elapsed} {desc}") as bar:
         progress = progress or bar.set_description_str
         search = Search(step=settings.step, stretch=settings.stretch, progress=progress)
-        context: dict[str, Any] = {
-            "vehicle": vehicle,
-            "prepared": prepared,
-            "noise": noise,
-            "rollout": rollout,
-        }
-        fitted = FitContext(
-            **context, search=search, estimate=search_fit(vehicle, prepared, noise, rollout, search)
+        fitted = FitContext.searched(
+            vehicle=vehicle, rollout=rollout, prepared=prepared, noise=noise, search=search
         )
         residuals = fitted.residuals()
         joined_residuals = Predicted.joined(list(residuals.values()))

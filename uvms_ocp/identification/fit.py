@@ -245,6 +245,26 @@ class FitContext:
     """Settings by which recordings are cut into segments."""
     estimate: Estimate
 
+    @classmethod
+    def searched(
+        cls,
+        *,
+        vehicle: Vehicle,
+        rollout: Rollout,
+        prepared: tuple[PreparedRecording, ...],
+        noise: Noise,
+        search: Search,
+    ) -> FitContext:
+        """Search for the estimate, see `search_fit`."""
+        return cls(
+            vehicle=vehicle,
+            rollout=rollout,
+            prepared=prepared,
+            noise=noise,
+            search=search,
+            estimate=search_fit(vehicle, prepared, noise, rollout, search),
+        )
+
     @property
     def stretches(self) -> tuple[Segment, ...]:
         """Segments of all recordings, in the order of the estimate's starts."""

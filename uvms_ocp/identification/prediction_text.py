@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-import tomllib
 
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER, PredictionBounds
 from uvms_ocp.identification.prediction_verdict import (
@@ -20,13 +18,9 @@ from uvms_ocp.identification.prediction_verdict import (
     fits_beside_bounds,
     judge_predictions,
 )
+from uvms_ocp.identification.report_prose import PROSE
 from uvms_ocp.identification.still_comparison import EQUAL_WITHIN, WorseThanStill
 from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
-
-_PROSE = tomllib.loads(
-    (files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8")
-)
-"""Texts of the report."""
 
 
 def prediction_lines(
@@ -49,7 +43,7 @@ def prediction_lines(
 def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
     """A sentence for each channel that is predicted worse than it stands still, as a list."""
     if not worse:
-        yield _PROSE["none_worse"].format(share=100.0 * EQUAL_WITHIN)
+        yield PROSE["none_worse"].format(share=100.0 * EQUAL_WITHIN)
     for shortfall in worse:
         yield f"- {shortfall}"
 
@@ -138,7 +132,7 @@ def _bound_lines(
     bounds: PredictionBounds,
     judgement: PredictionJudgement,
 ) -> Iterator[str]:
-    yield _PROSE["bounds"].format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
+    yield PROSE["bounds"].format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
     yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
     yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"
     for one in recordings:
@@ -151,7 +145,7 @@ def _bound_lines(
     for shares in judgement.shares:
         yield f"- {shares}"
     if judgement.differing:
-        yield _PROSE["recordings_differ"].format(channels=", ".join(judgement.differing))
+        yield PROSE["recordings_differ"].format(channels=", ".join(judgement.differing))
     causes = {shares.cause for shares in judgement.shares}
     for cause in MissCause:
         if cause in causes:

@@ -45,6 +45,7 @@ from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record import output, run_meta, untrusted
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.row_files import META
+from uvms_ocp.robot.spatial import continuous_quaternions
 
 # When messages were sent that arrived late, in bursts or with gaps.
 
@@ -591,7 +592,7 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
 
 def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
-        return recordings.continuous_quaternions(_quaternions(one, values))
+        return continuous_quaternions(_quaternions(one, values))
     turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(
         one.frame or recordings.CHANNEL_KINDS[key].frame, False
     )
@@ -684,7 +685,7 @@ def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.nd
     q, v = record["q_estimated"], record["v_estimated"]
     if floating:
         yield "position", q[:, :3]
-        yield "attitude", recordings.continuous_quaternions(q[:, 3:_POSE])
+        yield "attitude", continuous_quaternions(q[:, 3:_POSE])
         yield "linear_velocity", v[:, :3]
         yield "angular_velocity", v[:, 3:_TWIST]
     yield "joint_positions", q[:, _POSE if floating else 0 :]
@@ -704,7 +705,7 @@ def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
         )  # clocks that fail give times again
         if known.sum() > 1:
             if channel == "attitude":
-                right = recordings.continuous_quaternions(values[known])
+                right = continuous_quaternions(values[known])
             else:
                 right = values[known]
             yield channel, recordings.Channel(t=t[known, 0], values=right)

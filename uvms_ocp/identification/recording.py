@@ -277,14 +277,6 @@ def smoothed(
     )
 
 
-def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
-    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not
-    jump.
-    """
-    signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
-    return quaternions * np.concatenate([[1.0], signs])[:, None]
-
-
 def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarray]:
     """Uniform times (m,) [s] and the angular velocity in B (m, 3) [rad/s] of an attitude, smoothed
     over `window` [s].

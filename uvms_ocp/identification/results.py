@@ -8,13 +8,11 @@ driver's: the report has them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
-import tomllib
 import yaml
 
 from uvms_ocp.identification import (
@@ -32,6 +30,7 @@ from uvms_ocp.identification.prediction_text import (
     shortfall_data,
     still_lines,
 )
+from uvms_ocp.identification.report_prose import PROSE
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import (
     OTHERS,
@@ -41,11 +40,6 @@ from uvms_ocp.identification.validation import (
     errors,
 )
 from uvms_ocp.robot.description import read_description
-
-_PROSE = tomllib.loads(
-    (files("uvms_ocp.identification") / "report.toml").read_text(encoding="utf-8")
-)
-"""Texts of the report."""
 
 # What to do about a combination that recordings leave open, in words: which motion shows it, or
 # what has to be measured.
@@ -64,7 +58,7 @@ def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
     shares = [name.partition(" ")[::2] for name, _ in one.shares[:_SHARES]]
     return _of_all(shares) or "; ".join(
-        dict.fromkeys(_motion(_PROSE["motions"][quantity], entry) for quantity, entry in shares)
+        dict.fromkeys(_motion(PROSE["motions"][quantity], entry) for quantity, entry in shares)
     )
 
 
@@ -75,20 +69,20 @@ def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
     quantities = frozenset(one for one, _ in shares)
     entries = {entry for _, entry in shares}
     if quantities == _DRAGS and len(entries) == 1:
-        return _motion(_PROSE["advice"]["speeds"], entries.pop())
+        return _motion(PROSE["advice"]["speeds"], entries.pop())
     if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
-        return _PROSE["advice"]["weighed"].format(body=" and ".join(sorted(quantities & _BODY)))
+        return PROSE["advice"]["weighed"].format(body=" and ".join(sorted(quantities & _BODY)))
     if (
         "gain" in quantities
         and quantities & _DRIVEN
         and quantities <= _DRIVEN | {"gain", "reverse"}
     ):
-        return _PROSE["advice"]["scale"]
+        return PROSE["advice"]["scale"]
     name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(
         quantities
     )
     if name:
-        return _PROSE["advice"][name]
+        return PROSE["advice"][name]
     return None
 
 
@@ -98,7 +92,7 @@ def _motion(text: str, entry: str) -> str:
         driven = axes[0]
     else:
         driven = f"{' and '.join(axes)} together"
-    return text.format(entry=entry, axes=driven, tilt=_PROSE["tilts"].get(entry, "every way"))
+    return text.format(entry=entry, axes=driven, tilt=PROSE["tilts"].get(entry, "every way"))
 
 
 # What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with
@@ -219,7 +213,7 @@ _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Table of fits of recordings that the search used."""
-    yield _PROSE["fits"]
+    yield PROSE["fits"]
     yield "| recording | " + " | ".join((*parameters.AXES, "tilt")) + " |"
     yield "|---" * (2 + len(parameters.AXES)) + "|"
     for each in comparisons:
@@ -252,7 +246,7 @@ def left_out_tables(one: Sequence[HeldOutRecording], heading: str = "left_out") 
     """
     if not one:
         return
-    yield _PROSE[heading]
+    yield PROSE[heading]
     for asked in sorted({each.asked for left in one for each in left.horizons}):
         yield from _horizon(
             asked, [each for left in one for each in left.horizons if each.asked == asked]
@@ -377,7 +371,7 @@ def _disagreed(one: Calibration) -> Iterator[str]:
     """Numbers called determined that move by more than that where a recording is left out."""
     if not one.left_out:
         return
-    yield _PROSE["disagreed"]
+    yield PROSE["disagreed"]
     disagreed = one.disagreed
     if not disagreed:
         yield "None."
@@ -399,16 +393,16 @@ def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
 
 def _number_table(one: Calibration) -> Iterator[str]:
     known = {"status": one.estimate.status, "inflation": one.inflation}
-    yield _PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
+    yield PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
     missed = [each.channel for each in one.whiteness if each.unexplained]
     if missed:
-        yield _PROSE["unexplained"].format(missed=", ".join(missed))
+        yield PROSE["unexplained"].format(missed=", ".join(missed))
     if len(axes := one.subject.vehicle.axes) < len(parameters.AXES):
-        yield _PROSE["axes"].format(axes=", ".join(parameters.AXES[k] for k in axes))
+        yield PROSE["axes"].format(axes=", ".join(parameters.AXES[k] for k in axes))
     shape = settings.shape_of(one.subject.robot, one.subject.frame)
     if shape:
-        yield _PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
-    yield _PROSE["number_table"]
+        yield PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
+    yield PROSE["number_table"]
     for each in one.numbers:
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield (
@@ -424,7 +418,7 @@ def _own(one: Calibration) -> Iterator[str]:
     own = one.subject.vehicle.own
     if own.names:
         units = [own.declaration.quantities[name.partition(" ")[0]].unit for name in own.names]
-        yield _PROSE["own"]
+        yield PROSE["own"]
         yield (
             "| recording | "
             + " | ".join(f"{name} [{unit}]" for name, unit in zip(own.names, units, strict=True))
@@ -446,7 +440,7 @@ def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
 def _profiles(one: Calibration) -> Iterator[str]:
     if not one.profiles:
         return
-    yield _PROSE["profiles"]
+    yield PROSE["profiles"]
     for each in one.profiles:
         number = each.number
         word = "differs" if each.differs else ""
@@ -476,7 +470,7 @@ def _open(one: Calibration) -> Iterator[str]:
 
 
 def _held(one: Calibration) -> Iterator[str]:
-    yield _PROSE["held"]
+    yield PROSE["held"]
     effects = {each.quantity: each for each in one.constants}
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
@@ -509,7 +503,7 @@ def _held(one: Calibration) -> Iterator[str]:
 
 
 def _white(one: Calibration) -> Iterator[str]:
-    yield _PROSE["white"].format(level=LEVEL)
+    yield PROSE["white"].format(level=LEVEL)
     for each in one.whiteness:
         word = "yes" if each.white else "no"
         if each.p > LEAST_P:
@@ -538,7 +532,7 @@ def _course(one: experiment_design.Excitation, actuators: Sequence[str]) -> Iter
         f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of"
         f" {', '.join(actuators)}.\n"
     )
-    yield _PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
+    yield PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
     for each in one.numbers:
         yield (
             f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} |"

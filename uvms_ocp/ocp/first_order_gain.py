@@ -24,6 +24,7 @@ from uvms_ocp.ocp.terms import At
 from uvms_ocp.ocp.trajectory import Trajectory, admissible
 from uvms_ocp.ocp.transcription.term_rows import TermBlock
 from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.robot.spatial import continuous_quaternions
 from uvms_ocp.types import Array
 
 if TYPE_CHECKING:
@@ -134,7 +135,8 @@ class LinearizedMotion:
         """
         q = self.trajectory.q.copy()
         if self.problem.robot.n_vehicle:
-            q[:, 3:7] = _continuous(q[:, 3:7], self.problem.start.q[3:7])
+            attitudes = np.vstack([self.problem.start.q[3:7], q[:, 3:7]])
+            q[:, 3:7] = continuous_quaternions(attitudes)[1:]
         return self.transcription.pack(replace_unchecked(self.trajectory, q=q))
 
     @cached_property
@@ -306,13 +308,6 @@ class LinearizedMotion:
             stationarity=float(np.abs(lagrangian).max(initial=0.0)),
         )
         return found, step
-
-
-def _continuous(quaternions: Array, first: Array) -> Array:
-    """Quaternions (n, 4) with the sign that is nearer to the one before, from `first` (4,) on."""
-    before = np.vstack([first, quaternions[:-1]])
-    turns = np.where((before * quaternions).sum(axis=1) < 0.0, -1.0, 1.0)
-    return quaternions * np.cumprod(turns)[:, None]
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:

@@ -40,7 +40,10 @@ def motion_check(problem: OcpProblem, trajectory: Trajectory, *, t0: float = 0.0
     if problem.limited:
         ranges += [check_positions(motion), check_velocities(motion), check_accelerations(motion)]
         ranges += check_forces(motion)
-    return MotionCheck(ranges=(*ranges, *_constraints(motion)))
+    return MotionCheck(
+        ranges=(*ranges, *_constraints(motion)),
+        time_resolution=float(motion.h.max() / motion.looks),
+    )
 
 
 def between_checks(

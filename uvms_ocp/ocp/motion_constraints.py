@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
@@ -95,7 +96,7 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
         upper=rows.residual.upper,
     )
 
-    def values(t: Array, states: tuple[Array, Array], steps: Indices) -> Array:
+    def values(t: Array, states: Sequence[Array], steps: Indices) -> Array:
         """(n, m) at times (n,) [s]; step N has no inputs."""
         times = motion.reference_times(t).tolist()
         reference = unchecked_method(term.reference)
@@ -105,8 +106,7 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
         return np.asarray(rows.function(*columns).full().T).reshape(len(t), m)
 
     def inside(samples: Samples) -> Array:
-        own = np.repeat(samples.steps, samples.t.shape[1])
-        states = (samples.q.reshape(len(own), -1), samples.v.reshape(len(own), -1))
+        own, *states = samples.flat
         return values(samples.t.ravel(), states, own).reshape(*samples.t.shape, m)
 
     nodes = _nodes_of(problem, term)

@@ -15,6 +15,7 @@ from uvms_ocp.ocp.transcription.stage import ActuationModel
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
+from uvms_ocp.robot.thrusters import AXES
 from uvms_ocp.types import Array, Indices
 
 
@@ -114,13 +115,12 @@ def given_forces(motion: Motion) -> Array:
 
 
 def axis_names(robot: Robot) -> tuple[str, ...]:
-    vehicle = ("surge", "sway", "heave", "roll", "pitch", "yaw")[: robot.n_vehicle]
     joints = [
         joint.name if joint.n_v == 1 else f"{joint.name}[{i}]"
         for joint in robot.joints
         for i in range(joint.n_v)
     ]
-    return (*vehicle, *joints)
+    return (*AXES[: robot.n_vehicle], *joints)
 
 
 def check_ends(motion: Motion) -> list[RangeCheck]:

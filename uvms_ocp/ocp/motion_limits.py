@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from uvms_ocp.ocp.motion_dynamics import axis_names, given_forces, required_forces
-from uvms_ocp.ocp.motion_scan import Motion, QuantityRange, Samples, finite_excess, scanned
+from uvms_ocp.ocp.motion_scan import Motion, QuantityRange, Samples, given_by_start, scanned
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.trajectory import has_thrusters
 from uvms_ocp.ocp.transcription.stage import ActuationModel
@@ -38,11 +38,11 @@ def check_positions(motion: Motion) -> RangeCheck:
     turn = np.clip(np.divide(-speed, a, out=np.zeros_like(a), where=a != 0.0), 0.0, h)
     under, over = scope.beyond(nodes[:-1] + turn * speed + turn**2 / 2 * a)
     inside = (turn > 0.0) & (turn < h)
-    own = less_start(motion, scope, nodes)
+    own = given_by_start(motion, scope, nodes[0])
     under[:1] -= own[0]
     over[:1] -= own[1]
     return scope.checked(
-        nodes=scope.peak(of_nodes(motion, scope, nodes), path.t),
+        nodes=scope.peak(node_excess(motion, scope, nodes), path.t),
         slack=scope.inside(motion, np.arange(motion.N + 1), nodes),
         below=np.where(inside, under, 0.0),
         above=np.where(inside, over, 0.0),
@@ -50,14 +50,7 @@ def check_positions(motion: Motion) -> RangeCheck:
     )
 
 
-def less_start(motion: Motion, scope: QuantityRange, nodes: Array) -> tuple[Array, Array]:
-    """(m,) What a given start breaks by itself, below and above."""
-    below, above = scope.beyond(nodes[0])
-    given = float(motion.problem.fixed_start)
-    return given * finite_excess(below), given * finite_excess(above)
-
-
-def of_nodes(motion: Motion, scope: QuantityRange, nodes: Array) -> Array:
+def node_excess(motion: Motion, scope: QuantityRange, nodes: Array) -> Array:
     """(N + 1, m) Excess at the nodes, of a given start none."""
     excess = scope.excess(nodes)
     if motion.problem.fixed_start:
@@ -79,7 +72,7 @@ def check_velocities(motion: Motion) -> RangeCheck:
     )
     under, over = scope.beyond(path.v[:-1] + motion.h[:, None] * path.a)
     return scope.checked(
-        nodes=scope.peak(of_nodes(motion, scope, path.v), path.t),
+        nodes=scope.peak(node_excess(motion, scope, path.v), path.t),
         slack=scope.inside(motion, np.arange(motion.N + 1), path.v),
         below=under,
         above=over,
@@ -137,10 +130,7 @@ def check_forces(motion: Motion) -> list[RangeCheck]:
 
     @lru_cache(maxsize=4)
     def required(samples: Samples) -> Array:
-        shape = samples.t.shape
-        own = np.repeat(samples.steps, shape[1])
-        states = (samples.q.reshape(len(own), -1), samples.v.reshape(len(own), -1))
-        return required_forces(motion, own, *states).reshape(*shape, -1)
+        return required_forces(motion, *samples.flat).reshape(*samples.t.shape, -1)
 
     def thrusts(samples: Samples) -> Array:
         more = required(samples)[..., :n] - planned[samples.steps, None, :n]

@@ -40,6 +40,12 @@ class Samples:
     v: Array
     """(n, n_s, n_v) [m/s, rad/s]"""
 
+    @property
+    def flat(self) -> tuple[Indices, Array, Array]:
+        """Steps (n n_s,), q (n n_s, n_q) and v (n n_s, n_v), a row for each sample."""
+        steps = np.repeat(self.steps, self.t.shape[1])
+        return steps, self.q.reshape(len(steps), -1), self.v.reshape(len(steps), -1)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
@@ -218,7 +224,8 @@ def scanned(
         inner = slice(0, None)
     else:
         inner = slice(1, -1)
-    allowed = _given_by_start(motion, scope, rows)
+    begin = motion.samples(np.array([0]), motion.looks)
+    allowed = given_by_start(motion, scope, rows(begin)[0, 0])
     for times_as_many in _CLOSER:
         samples = motion.samples(steps, times_as_many * motion.looks)
         values = rows(samples)
@@ -256,14 +263,13 @@ def _bend(values: Array) -> Array:
         return np.abs(np.diff(values, n=2, axis=1)).max(axis=1)
 
 
-def _given_by_start(motion: Motion, scope: QuantityRange, rows: Rows) -> tuple[Array, Array]:
-    """(m,) Amounts below and above that a start which is given has by itself."""
-    m = len(scope.quantities)
-    if not motion.problem.fixed_start or not motion.N:
-        return np.zeros(m), np.zeros(m)
-    begin = motion.samples(np.array([0]), motion.looks)
-    below, above = scope.beyond(rows(begin)[0, 0])
-    return finite_excess(below), finite_excess(above)
+def given_by_start(motion: Motion, scope: QuantityRange, values: Array) -> tuple[Array, Array]:
+    """Amounts (m,) below and above that a start with these values (m,) has by itself, where it is
+    given.
+    """
+    given = float(motion.problem.fixed_start)
+    below, above = scope.beyond(values)
+    return given * finite_excess(below), given * finite_excess(above)
 
 
 def finite_excess(amounts: Array) -> Array:

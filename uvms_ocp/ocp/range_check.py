@@ -86,6 +86,8 @@ class MotionCheck:
 
     ranges: tuple[RangeCheck, ...]
     """One for each kind that the problem has, and for each constraint."""
+    time_resolution: float
+    """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
 
     def of(self, *kinds: RangeKind) -> tuple[RangeCheck, ...]:
         """Select those of the given kinds."""

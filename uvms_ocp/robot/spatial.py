@@ -15,9 +15,9 @@ Notation (Drake's monogram, ASCII):
   in Pinocchio's order. Fossen's ``nu, M_A, C_A, D, g`` appear inside hydrodynamics only. Counts are
   ``n_...``.
 
-Every function takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind; ``[any]`` is
-any unit. Expressions stay finite, and so do their derivatives, at zero angle (series) and at the
-angle pi.
+Every function of one attitude takes ``numpy`` arrays or ``casadi.SX`` / ``MX`` and answers in kind;
+``[any]`` is any unit. Expressions stay finite, and so do their derivatives, at zero angle (series)
+and at the angle pi.
 """
 
 from __future__ import annotations
@@ -213,6 +213,14 @@ def quaternion_multiply(a: Array, b: Array) -> Array:
 def quaternion_conjugate(quaternion: Array) -> Array:
     """Inverse (4,) of a unit quaternion (4,) xyzw."""
     return column(-quaternion[0], -quaternion[1], -quaternion[2], quaternion[3])
+
+
+def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
+    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not
+    jump; NumPy alone.
+    """
+    signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    return np.asarray(quaternions * np.concatenate([[1.0], signs])[:, None])
 
 
 def quaternion_exp(rotation_vector: Array) -> Array:

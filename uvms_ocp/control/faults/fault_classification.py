@@ -90,7 +90,7 @@ def classify_fault(m: FaultFit) -> None:
 
 
 def _try_onset(m: FaultFit, k: int) -> None:
-    """At look k."""
+    """Explain the looks by a fault that began at look k, and keep it where it explains them best."""
     for j in range(m.count):
         if j >= k:
             m.faded[j] = math.exp(-m.bandwidth * max(m.time[j] - m.time[k], 0.0))

@@ -1,5 +1,5 @@
-"""What is taken in at every tick between two looks: what was asked, as late as the residual tells
-of it.
+"""Filter the commands of the actuators tick by tick as the observer filters its residual, so that a
+look compares the two at the same delay.
 """
 
 from __future__ import annotations

@@ -16,6 +16,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import ALTIMETER, TOOL
+from uvms_ocp.robot.spatial import continuous_quaternions
 from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, geometry as mg
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
 from uvms_ocp.viz.series import phase_spans, require_rows
@@ -150,9 +151,7 @@ def goal_clips(record: Record, frames: Frames, fps: float) -> Iterator[tuple[str
                     if span.name == frame.phase:
                         begun = frames.t >= span.start
                         elapsed[begun] = np.minimum(frames.t[begun], span.end) - span.start
-            way[1:, 4:] *= np.cumprod(np.sign(np.sum(way[1:, 4:] * way[:-1, 4:], axis=1)))[
-                :, None
-            ]  # the short way round
+            way[:, 4:] = continuous_quaternions(way[:, 4:])  # the short way round
             poses = np.column_stack(
                 [np.interp(elapsed, way[:, 0], column) for column in way[:, 1:].T]
             )
