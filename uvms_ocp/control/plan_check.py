@@ -30,7 +30,7 @@ from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNode
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
-from uvms_ocp.robot.signals import State
+from uvms_ocp.robot.signals import State, unchecked_state
 
 # What the robot makes of a plan.
 
@@ -70,30 +70,40 @@ class PlannedMotion:
         q[0] = start.q
         v[0] = start.v
         for k in range(n_steps):
-            q[k + 1], v[k + 1], thrust[k], torque[k] = self._over_step(plan, k, q[k], v[k])
+            q[k + 1], v[k + 1], thrust[k], torque[k] = self._over(
+                plan, plan.t[k], plan.t[k + 1], k, q[k], v[k]
+            )
         a = np.diff(v, axis=0) / np.diff(plan.t)[:, None]
         return Trajectory(
             t=plan.t, q=q, v=v, a=a, thrust=thrust, torque=torque, of_wrench=plan.of_wrench
         )
 
-    def _over_step(
-        self, plan: Trajectory, k: int, q: np.ndarray, v: np.ndarray
+    def state_after(self, plan: Trajectory, start: State, begin: float, seconds: float) -> State:
+        """Return the state after a plan was followed for so many seconds from a start at `begin` [s]
+        of its time.
+        """
+        step = int(np.clip(np.searchsorted(plan.t, begin, side="right") - 1, 0, len(plan.a) - 1))
+        q, v, _, _ = self._over(plan, begin, begin + seconds, step, start.q, start.v)
+        return unchecked_state(q=q, v=v)
+
+    def _over(
+        self, plan: Trajectory, begin: float, end: float, step: int, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Follow step k from q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s]; return both at its end,
-        and the mean thrust and torque.
+        """Follow a plan from `begin` to `end` [s], in the water of a step, from q (n_q,) [m, rad] and
+        v (n_v,) [m/s, rad/s]; return both at the end, and the mean thrust and torque.
         """
         model = self._robot.model
-        n_parts = int(np.ceil((plan.t[k + 1] - plan.t[k]) / _LONGEST_STEP))
-        h = (plan.t[k + 1] - plan.t[k]) / n_parts
+        n_parts = max(1, int(np.ceil((end - begin) / _LONGEST_STEP)))
+        h = (end - begin) / n_parts
         thrusts = []
         torques = []
         for part in range(n_parts):
-            wanted_q, wanted_v, a = plan.state_at(model, plan.t[k] + part * h)
+            wanted_q, wanted_v, a = plan.state_at(model, begin + part * h)
             error = pin.difference(model, q, wanted_q)
             rate_error = self._rates.velocity(wanted_v) - v
             asked = a + self._stiffness * error + self._damping * rate_error
             wanted = self._rates.acceleration(asked, v)
-            acceleration, thrust, torque = self._accelerated(q, v, wanted, h, k)
+            acceleration, thrust, torque = self._accelerated(q, v, wanted, h, step)
             q = pin.integrate(model, q, h * v + h * h / 2 * acceleration)
             v = v + h * acceleration
             thrusts.append(thrust)
@@ -154,7 +164,7 @@ class PlanCheck:
         self._whole = transcription
         self._problem = transcription.problem
         self._accuracy = accuracy
-        self._motion = PlannedMotion(transcription.problem, gains)
+        self.followed = PlannedMotion(transcription.problem, gains)
         self._constrained = [
             (block, block.rows.own)
             for block in transcription.blocks
@@ -162,7 +172,7 @@ class PlanCheck:
         ]
         # All functions are made before any clock runs.
         hold = hold_guess(self._problem)
-        self.unsafe(self._motion.of(hold, self._problem.start), 0.0)
+        self.unsafe(self.followed.of(hold, self._problem.start), 0.0)
 
     def judged(self, plan: Trajectory, start: State, t0: float, violation: float) -> CheckedPlan:
         """Judge a plan that begins at t0 [s] in a start.
@@ -174,7 +184,7 @@ class PlanCheck:
             return CheckedPlan(motion=None, reason="no step of the solver came to an end")
         if violation <= self._accuracy:
             return CheckedPlan(motion=plan, reason="")
-        motion = self._motion.of(plan, start)
+        motion = self.followed.of(plan, start)
         reason = self.unsafe(motion, t0)
         return CheckedPlan(motion=None if reason else motion, reason=reason)
 

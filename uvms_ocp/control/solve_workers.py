@@ -17,7 +17,6 @@ from time import perf_counter, process_time
 from typing import TypeAlias
 
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control.force.computed_torque import TrackingGains, undriven_axes
@@ -27,7 +26,7 @@ from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory, hold_guess, shift_guess
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.robot.signals import State, unchecked_state
+from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers import RealTimeSqp, SqpOptions
 from uvms_ocp.solvers.nlp.level_solver import SPARSE_PLUGIN
 from uvms_ocp.solvers.nlp.real_time_sqp import TimeBudget
@@ -349,16 +348,11 @@ class Replanner:
         return end, checked
 
     def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
-        """The state in which the plan will begin: the measured one, moved as planned."""
-        model = self._problem.robot.model
+        """The state in which the plan will begin: what the robot makes of the plan in use until then,
+        from the measured state. No plan brings back an axis that nothing drives.
+        """
         age = request.t - now.begin
-        state = request.state
-        q, v, _ = now.trajectory.state_at(model, age)
-        q_next, v_next, _ = now.trajectory.state_at(model, age + request.delay)
-        return unchecked_state(
-            q=pin.integrate(model, state.q, pin.difference(model, q, q_next)),
-            v=state.v + v_next - v,
-        )
+        return self._check.followed.state_after(now.trajectory, request.state, age, request.delay)
 
 
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.

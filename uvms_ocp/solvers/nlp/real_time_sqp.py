@@ -106,10 +106,12 @@ class ProximalWeights:
     """Proximal weights of the levels of one program; carried from one solve to the next."""
 
     def __init__(self, n_levels: int, smallest: float) -> None:
-        """Least [1/unit of x^2]: of all levels but the first, whose weight is 0."""
-        self._least = np.full(n_levels, smallest)
-        self._least[:1] = 0.0
-        self._now = self._least.copy()
+        """smallest [1/unit of x^2]: of all levels but the first, which has a weight only after steps
+        that were cut.
+        """
+        self._smallest = smallest
+        self._now = np.full(n_levels, smallest)
+        self._now[:1] = 0.0
 
     def __getitem__(self, level: int) -> float:
         """[1/unit of x^2]"""
@@ -119,12 +121,13 @@ class ProximalWeights:
         """Lower the weight of a level whose whole step was taken, raise it where `share` of it is
         less.
         """
-        smallest = self._least[level]
-        self._now[level] = np.clip(
-            (_WEIGHT_FALL if share == 1 else _WEIGHT_RISE) * self._now[level],
-            smallest,
-            _LARGEST_WEIGHT * smallest,
-        )
+        if share < 1.0:
+            weight = max(_WEIGHT_RISE * self[level], self._smallest)
+        else:
+            weight = _WEIGHT_FALL * self[level]
+            if weight < self._smallest:
+                weight = 0.0 if level == 0 else self._smallest
+        self._now[level] = min(weight, _LARGEST_WEIGHT * self._smallest)
 
 
 class TimeBudget:
@@ -217,11 +220,13 @@ class LexicographicSqp:
     ) -> tuple[SqpPoint, nlp.NlpStatus | None]:
         """Make one step from a guess; return the point reached, and why there is none."""
         guess = replace(guess, reached=())
-        failure = self._model.step(0, guess, bounds, self._options.damping)
+        failure = self._model.step(0, guess, bounds, self._options.damping + self._weights[0])
         budget.count()
         if failure is not None:
             return guess, failure
-        point = self._first_searched(guess, levels).after_level()
+        share, reached = self._first_searched(guess, levels)
+        self._weights.adapt(0, share)
+        point = reached.after_level()
         for i in range(1, len(levels)):
             if budget.over:
                 break
@@ -233,17 +238,20 @@ class LexicographicSqp:
             point = point.after_level()
         return point, None
 
-    def _first_searched(self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...]) -> SqpPoint:
-        """Return the first point that the rule allows, or, because a guess must be left, the one of
-        least violation.
+    def _first_searched(
+        self, guess: SqpPoint, levels: tuple[nlp.LevelRows, ...]
+    ) -> tuple[float, SqpPoint]:
+        """Return the largest share of the first level's step that the rule allows, and the point it
+        leads to; where there is none, 0 and the point of least violation, because a guess must be
+        left.
         """
         rule = self._rule(guess, levels)
         tried = []
         for share in SHARES:
             tried.append(self._model.moved(share))
             if rule.allows(tried[-1].merit):
-                return tried[-1]
-        return min(tried, key=lambda point: point.merit.violation)
+                return share, tried[-1]
+        return 0.0, min(tried, key=lambda point: point.merit.violation)
 
     def _turn(
         self, point: SqpPoint, levels: tuple[nlp.LevelRows, ...], bounds: nlp.RowBounds
