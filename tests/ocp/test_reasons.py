@@ -158,9 +158,10 @@ def contradictory_constraints(robot: Robot) -> Case:
 
 def floor_above_the_goal(robot: Robot) -> Case:
     keep = TaskTerm(task=MinimumAltitude(threshold=1.0), at=At.PATH)
+    # what comes as near as it can is thrown about between nodes
     return (
         posed(robot, (0.5, 0.0, -2.5), floor=-6.5, constraints=(AtRest(), keep)),
-        MISSES,
+        (*MISSES, OcpStatus.BROKEN),
         "constraint 'MAC'",
     )
 

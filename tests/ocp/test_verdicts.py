@@ -175,10 +175,11 @@ def test_the_time_limit_holds_for_the_whole_plan_without_a_nan(
 
 @pytest.mark.slow
 def test_a_limit_of_iterations_is_no_proof_of_infeasibility(robot: Robot, plugin: str) -> None:
+    """Rounds over what is missing between nodes may bring it to the goal, but not to the optimum."""
     plan = Planner(
         reach(robot), NlpOptions(time_limit=PATIENCE, max_iterations=3, plugin=plugin)
     ).plan()
-    assert plan.status is OcpStatus.UNFINISHED
+    assert plan.status in (OcpStatus.UNFINISHED, OcpStatus.IMPROVABLE)
     assert "iteration limit" in plan.reason
 
 

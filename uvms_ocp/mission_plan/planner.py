@@ -465,7 +465,7 @@ _ROUNDS = (
 )
 _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
 _HASTE = 150  # iterations from the greedy way, before the easier problem is tried
-OPTIONS = NlpOptions(max_iterations=400, convergence=1e-5, barrier=1e-5)
+OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
 """Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
 the machine is.
 """

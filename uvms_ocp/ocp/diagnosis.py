@@ -18,7 +18,14 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.transcription.layout import FIXED
 from uvms_ocp.ocp.transcription.transcription import Transcription
-from uvms_ocp.ocp.verdict import TOLERANCES, Verdict, describe_broken, describe_gain
+from uvms_ocp.ocp.verdict import (
+    Verdict,
+    describe_broken,
+    describe_gain,
+    describe_missed,
+    is_missed,
+)
+from uvms_ocp.robot.thrusters import AXES
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.program import nlp_functions
 from uvms_ocp.types import DAY
@@ -29,7 +36,6 @@ from uvms_ocp.types import DAY
 # of the strongest axis from which others are named, and how many
 _AXIS_SHARE = 0.2
 _MOST_AXES = 3
-_VEHICLE = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 
 
 class RelaxationUnit(Enum):
@@ -107,7 +113,7 @@ def _labels(transcription: Transcription) -> tuple[list[BoundGroup | None], list
     layout = model.layout
     limits = model.robot.limits
     axes = [
-        *_VEHICLE[: robot.n_vehicle],
+        *AXES[: robot.n_vehicle],
         *(joint.name for joint in robot.joints for _ in range(joint.n_v)),
     ]
     labels: list[BoundGroup | None] = [None] * layout.n_z
@@ -569,6 +575,12 @@ class Diagnosis:
             return self._broken(result, verdict, again)
         elif status is OcpStatus.MISSED:
             status, reason = self._missed(result, verdict)
+        elif status is OcpStatus.BROKEN and verdict.missed is not None:
+            _, missed = self._missed(result, verdict)
+            reason = f"{reason}; {missed}"
+        elif status is OcpStatus.IMPROVABLE:
+            assert verdict.improvable is not None
+            reason += _ended(result, verdict.improvable)
         return SolveVerdict(status=status, reason=reason, result=result, verdict=verdict)
 
     def _interrupted(self, result: LexicographicResult) -> str:
@@ -651,18 +663,9 @@ class Diagnosis:
         improvable = verdict.improvable
         if improvable is None or improvable > missed:
             return self._why_missed(missed, result)
-        status = result.level_status[improvable]
-        if status.optimal:
-            ended = ""
-        else:
-            ended = f": {status.value}"
+        text = describe_missed(verdict.report.levels[missed])
         gain = describe_gain(verdict.report.levels[improvable])
-        return OcpStatus.UNFINISHED, f"{verdict.reason}{ended}; {gain}"
-
-    def _is_missed(self, level: int, residual: float) -> bool:
-        """A small weight says what a goal is worth beside others, not that it is met."""
-        weights = [term.weight for term in self.problem.levels[level].terms if term.is_goal]
-        return bool(weights) and residual > TOLERANCES.goal * min(1.0, *weights) ** 0.5
+        return OcpStatus.UNFINISHED, f"{text}; {gain}{_ended(result, improvable)}"
 
     def _why_missed(self, missed: int, result: LexicographicResult) -> tuple[OcpStatus, str]:
         """No more than what longer horizons show until the deadline; without a deadline none is
@@ -684,7 +687,7 @@ class Diagnosis:
             t = self.transcription.unpack(trial.x, longer).t
             rest = float(level_residuals(self.transcription, longer, trial.values, t)[missed])
             rates = "" if held == _UNHELD else held
-            if not self._is_missed(missed, rest):
+            if not is_missed(self.problem.levels[missed], rest):
                 return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{rates}"
             if rest < _HELPS * residual:
                 return (
@@ -768,6 +771,16 @@ def _listed(texts: list[str]) -> str:
 
 def _seconds(problem: OcpProblem) -> str:
     return f"{problem.nominal_times()[-1]:.3g} s"
+
+
+def _ended(result: LexicographicResult, level: int) -> str:
+    """Say how the search for a level ended, or that for one above it, for the end of a sentence;
+    empty at an optimum.
+    """
+    failed = _first_failure(result)
+    if failed is None or failed > level:
+        return ""
+    return f"; the search ended: {result.level_status[failed].value}"
 
 
 def _first_failure(result: LexicographicResult) -> int | None:

@@ -239,65 +239,18 @@ class Planner:
         progress: Progress,
     ) -> Plan:
         begin = perf_counter()
-        obstruction = self.transcription.obstruction(given)
-        if obstruction is not None:
-            name, depth = obstruction
-            text = (
-                f"{name} is broken by {depth:.4g} at the start{describe_crowded_start(given, name)}"
-            )
-            return _made(
-                given,
-                0.0,
-                begin,
-                hold_guess(given),
-                status=OcpStatus.OBSTRUCTED,
-                reason=text,
-                levels=(),
-            )
-        impossible = impossible_start(given)
-        if impossible is not None:
-            return _made(
-                given,
-                0.0,
-                begin,
-                hold_guess(given),
-                status=OcpStatus.INFEASIBLE,
-                reason=impossible,
-                levels=(),
-            )
+        refusal = self._refusal(given)
+        if refusal is not None:
+            status, reason = refusal
+            held = hold_guess(given)
+            return _made(given, 0.0, begin, held, status=status, reason=reason, levels=())
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
         start: MotionGuess
         if guess is None:
             start = self._first_guess(given, t0, ends)
         else:
             start = guess
-        found = refinement.solved(start)
-        finder = self
-        note = ""
-        status = found.result.status
-        if self._tries_ipopt and not (
-            status.optimal or self._nlp.watch.should_stop or perf_counter() > ends
-        ):
-            second = None
-            with suppress(Stopped):  # while it is built
-                second = replace(refinement, planner=self._by_ipopt).solved(start)
-            if second is not None and second.result.violation <= max(
-                found.result.violation, USABLE
-            ):
-                found = second
-                finder = self._by_ipopt
-                note = f"; by ipopt: {STAGEWISE} ended {status.value!r}"
-            elif (
-                second is None or NlpStatus.INTERRUPTED in second.result.level_status
-            ):  # nothing else is begun
-                ended = tuple(
-                    one if one.optimal else NlpStatus.INTERRUPTED
-                    for one in found.result.level_status
-                )
-                found = replace(
-                    found,
-                    result=replace(found.result, level_status=ended, status=NlpStatus.INTERRUPTED),
-                )
+        finder, found, note = self._second_try(refinement, start, refinement.solved(start))
         plan = finder._plan(
             given,
             finder._court(given, found, t0, ends if diagnose else None).verdict(found.result),
@@ -305,6 +258,38 @@ class Planner:
             begin,
         )
         return replace_unchecked(plan, reason=plan.reason + note)
+
+    def _refusal(self, given: OcpProblem) -> tuple[OcpStatus, str] | None:
+        """Status and reason where the start alone shows that there is no motion."""
+        obstruction = self.transcription.obstruction(given)
+        if obstruction is not None:
+            name, depth = obstruction
+            crowd = describe_crowded_start(given, name)
+            return OcpStatus.OBSTRUCTED, f"{name} is broken by {depth:.4g} at the start{crowd}"
+        impossible = impossible_start(given)
+        if impossible is not None:
+            return OcpStatus.INFEASIBLE, impossible
+        return None
+
+    def _second_try(
+        self, refinement: Refinement, start: MotionGuess, first: RefinedResult
+    ) -> tuple[Planner, RefinedResult, str]:
+        """Whose result is taken, the result, and what the reason says of that: IPOPT's, where this
+        planner may try it, has no optimum and time is left, unless it breaks more.
+        """
+        status = first.result.status
+        ended = self._nlp.watch.should_stop or perf_counter() > refinement.deadline
+        if not self._tries_ipopt or status.optimal or ended:
+            return self, first, ""
+        second = None
+        with suppress(Stopped):  # while it is built
+            second = replace(refinement, planner=self._by_ipopt).solved(start)
+        allowed = max(first.result.violation, USABLE)
+        if second is not None and second.result.violation <= allowed:
+            return self._by_ipopt, second, f"; by ipopt: {STAGEWISE} ended {status.value!r}"
+        if second is None or NlpStatus.INTERRUPTED in second.result.level_status:
+            return self, first.interrupted, ""  # nothing else is begun
+        return self, first, ""
 
     def solve(
         self,

@@ -77,7 +77,11 @@ class Refinement:
                 self.planner.transcription.unpack(best.result.x, self.given), self.given.robot
             )
             off = self._mismatch(best, path)
-            settled = best.result.status.optimal and (off <= AGREES or gained <= _GAIN)
+            same = gained <= _GAIN
+            if best.result.status.optimal:
+                settled = off <= AGREES or same
+            else:  # another round from the same point ends as this one did
+                settled = off <= AGREES and same
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
             missing: list[RangeCheck] = []
             if best.result.violation <= USABLE and (settled or off <= _NEAR):
@@ -142,6 +146,15 @@ class RefinedResult:
         spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
         return replace(self, result=replace(self.result, iterations=spent))
 
+    @property
+    def interrupted(self) -> RefinedResult:
+        """The same, stopped by hand where it has no optimum."""
+        ended = tuple(
+            one if one.optimal else NlpStatus.INTERRUPTED for one in self.result.level_status
+        )
+        result = replace(self.result, level_status=ended, status=NlpStatus.INTERRUPTED)
+        return replace(self, result=result)
+
     def after_all(self, last: RefinedResult) -> RefinedResult:
         """With the iterations of the last result."""
         return replace(self, result=replace(self.result, iterations=last.result.iterations))
@@ -156,16 +169,14 @@ def _in_vain(looked_at: list[tuple[float, RefinedResult]]) -> bool:
 def _least_lacking(
     looked_at: list[tuple[float, RefinedResult]], last: RefinedResult
 ) -> RefinedResult:
-    """The last result where it was looked at and lacks nothing, or that which lacks least of those
-    looked at: rounds may end at one whose rows are still far from its distances.
+    """The latest result of those that lack least, of all that were looked at: rounds may end at one
+    whose rows are still far from its distances.
     """
     if not looked_at:
         return last
-    amounts = [amount for amount, _ in looked_at]
-    if looked_at[-1][1] is last and amounts[-1] == 0.0:
-        return last
-    least = looked_at[int(np.argmin(amounts))][1]
-    return least.after_all(last)
+    least = min(amount for amount, _ in looked_at)
+    latest = [result for amount, result in looked_at if amount == least][-1]
+    return latest.after_all(last)
 
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:

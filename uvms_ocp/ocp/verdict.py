@@ -9,6 +9,7 @@ multipliers, planes or scalings. See the guide on optimal control for what each 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,6 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.ocp.first_order_gain import LevelGain, LinearizedMotion
 from uvms_ocp.ocp.motion_check import motion_check
-from uvms_ocp.ocp.motion_scan import Motion
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan_file import LevelVerdict, VerdictReport, VerdictTolerances
 from uvms_ocp.ocp.plan_status import OcpStatus
@@ -52,18 +52,16 @@ class Verdict:
     @property
     def missed(self) -> int | None:
         """Number of the first level whose goal is missed."""
-        missed = [i for i, level in enumerate(self.report.levels) if level.missed]
-        if missed:
-            return missed[0]
-        return None
+        return _first(level.missed for level in self.report.levels)
 
     @property
     def improvable(self) -> int | None:
         """Number of the first level that a step would improve by more than the tolerance."""
-        levels = [i for i, level in enumerate(self.report.levels) if not level.optimal]
-        if levels:
-            return levels[0]
-        return None
+        return _first(not level.optimal for level in self.report.levels)
+
+
+def _first(holds: Iterable[bool]) -> int | None:
+    return next((i for i, one in enumerate(holds) if one), None)
 
 
 @checked
@@ -93,12 +91,11 @@ def judge_motion(
         _level_verdict(level, gain, has_levels_below=level is not problem.levels[-1])
         for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True)
     )
-    looks = Motion(problem=problem, trajectory=trajectory, t0=t0).looks
     unseen = max((_unseen(item, problem) for item in check.ranges), default=0.0)
     report = VerdictReport(
         tolerances=TOLERANCES,
         levels=levels,
-        time_resolution=float(np.diff(trajectory.t).max() / looks),
+        time_resolution=check.time_resolution,
         unseen=unseen if np.isfinite(unseen) else None,
     )
     status, reason = _status(broken, levels)
@@ -110,13 +107,12 @@ def _status(
 ) -> tuple[OcpStatus, str]:
     if broken:
         return OcpStatus.BROKEN, "; ".join(describe_broken(item) for item in broken)
-    missed = [level for level in levels if level.missed]
-    if missed:
-        text = f"level {missed[0].name!r} is missed by {missed[0].residual:.4g}"
-        return OcpStatus.MISSED, text
-    improvable = [level for level in levels if not level.optimal]
-    if improvable:
-        return OcpStatus.IMPROVABLE, describe_gain(improvable[0])
+    missed = _first(level.missed for level in levels)
+    if missed is not None:
+        return OcpStatus.MISSED, describe_missed(levels[missed])
+    improvable = _first(not level.optimal for level in levels)
+    if improvable is not None:
+        return OcpStatus.IMPROVABLE, describe_gain(levels[improvable])
     return OcpStatus.SOLVED, "all goals are met"
 
 
@@ -130,6 +126,11 @@ def describe_broken(item: RangeCheck) -> str:
     else:
         name = item.name
     return f"{name} is broken by {peak.amount:.3g} {item.unit} {place} {peak.time:.3g} s"
+
+
+def describe_missed(level: LevelVerdict) -> str:
+    """Say how far a level is from its goal."""
+    return f"level {level.name!r} is missed by {level.residual:.4g}"
 
 
 def describe_gain(level: LevelVerdict) -> str:
@@ -146,11 +147,9 @@ def _level_verdict(level: OcpLevel, step: LevelGain, *, has_levels_below: bool) 
     gain = step
     if level.relax is not None and has_levels_below:
         gain = replace(step, gain=_gain_beyond(step, level.relax))
-    weights = [term.weight for term in level.terms if term.is_goal]
-    allowed = TOLERANCES.goal * min(1.0, *weights, 1.0) ** 0.5
-    missed = bool(weights) and not gain.residual <= allowed
+    missed = is_missed(level, gain.residual)
     known = bool(np.isfinite(gain.gain))
-    is_met = bool(weights) and len(weights) == len(level.terms) and not missed
+    is_met = all(term.is_goal for term in level.terms) and not missed
     enough = max(TOLERANCES.gain * gain.residual, TOLERANCES.gain_floor)
     return LevelVerdict(
         name=level.name,
@@ -159,6 +158,14 @@ def _level_verdict(level: OcpLevel, step: LevelGain, *, has_levels_below: bool) 
         missed=missed,
         optimal=is_met or bool(gain.gain <= enough),
     )
+
+
+def is_missed(level: OcpLevel, residual: float) -> bool:
+    """Check whether goals of a level are left: a small weight says what a goal is worth beside
+    others, not that it is met. A residual that is no number is missed.
+    """
+    weights = [term.weight for term in level.terms if term.is_goal]
+    return bool(weights) and not residual <= TOLERANCES.goal * min(1.0, *weights) ** 0.5
 
 
 def _gain_beyond(step: LevelGain, relax: float) -> float:

@@ -235,7 +235,10 @@ class _Run:
         self._spent = 0  # iterations of an anticipation that failed
 
     def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:
-        """The solution in which every level above the last is met in full, if there is one."""
+        """The solution in which every level above the last is met in full, if there is one: no order
+        of levels gives more than that, so it is taken whether the last level came to its optimum or
+        not.
+        """
         failed_before = isinstance(start, LexicographicResult) and not start.anticipated
         above = self._levels[:-1]
         unmeetable = any(level.relax is not None for level in above)
@@ -245,7 +248,7 @@ class _Run:
         for level in above:
             bounds = bounds.with_rows(level.frozen, (level.lower, level.upper))
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
-        if not (outcome.status.optimal and outcome.usable):
+        if not outcome.usable:
             self._spent = outcome.iterations
             if self._nlp.watch.should_stop:
                 return self._stopped(outcome)
