@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
 _QP = "piqp"  # proximal interior point of CasADi's wheel, by which nothing here is planned
-_QP_TOLERANCE = 1e-9
+# largest errors of its optimum; the next where rounding keeps it from one
+_QP_TOLERANCES = (1e-9, 1e-7)
 _LONGEST_STEP = 1.0  # [unit of the variable] as far as the linearization is followed
 # rounds in which planes at the end of a step are kept too, where shapes are near, and how far it goes
 _ROUNDS = 6
@@ -280,22 +281,23 @@ class LinearizedMotion:
         rows = vstack([part for part, _, _ in held]).tocsc()
         H = _casadi(hessian.tocsc())
         A = _casadi(rows)
-        options = {
-            "error_on_fail": False,
-            "piqp": {"eps_abs": _QP_TOLERANCE, "eps_rel": 0.0},
+        bounds = {
+            "lba": np.minimum(np.concatenate([part for _, part, _ in held]), 0.0) - _HELD,
+            "uba": np.maximum(np.concatenate([part for _, _, part in held]), 0.0) + _HELD,
+            "lbx": np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -longest),
+            "ubx": np.minimum(np.maximum(up - self.x, 0.0) + _HELD, longest),
         }
-        solver = ca.conic("gain", _QP, {"h": H.sparsity(), "a": A.sparsity()}, options)
-        solution = solver(
-            h=H,
-            g=gradient / cost,
-            a=A,
-            lba=np.minimum(np.concatenate([part for _, part, _ in held]), 0.0) - _HELD,
-            uba=np.maximum(np.concatenate([part for _, _, part in held]), 0.0) + _HELD,
-            lbx=np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -longest),
-            ubx=np.minimum(np.maximum(up - self.x, 0.0) + _HELD, longest),
-        )
-        step = np.array(solution["x"]).ravel()
-        if not solver.stats()["success"] or not np.isfinite(step).all():
+        for tolerance in _QP_TOLERANCES:
+            options = {
+                "error_on_fail": False,
+                "piqp": {"eps_abs": tolerance, "eps_rel": 0.0},
+            }
+            solver = ca.conic("gain", _QP, {"h": H.sparsity(), "a": A.sparsity()}, options)
+            solution = solver(h=H, g=gradient / cost, a=A, **bounds)
+            step = np.array(solution["x"]).ravel()
+            if solver.stats()["success"] and np.isfinite(step).all():
+                break
+        else:
             return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf), step
         bent = jacobian @ step
         left = max(cost + float(gradient @ step) + 0.5 * float(bent @ bent), 0.0)
