@@ -14,18 +14,11 @@ import pytest
 from reaches import CHEAP, PATIENCE, reach, tool_goal
 
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.diagnosis import (
-    BoundGroup,
-    GroupIndex,
-    RelaxationUnit,
-    _constraint_rows,
-    _Elastic,
-    bindings,
-    phase_one,
-)
+from uvms_ocp.ocp.bound_groups import BoundGroup, GroupIndex, RelaxationUnit
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
+from uvms_ocp.ocp.relaxation import _constraint_rows, _Elastic, bindings, phase_one
 from uvms_ocp.ocp.terms import At, AtRest, Effort, StageSymbols, TaskTerm, Term, residual_term
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.kinematics import Kinematics

@@ -5,7 +5,6 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
-from itertools import takewhile
 from time import perf_counter
 from typing import Annotated, Any
 
@@ -15,8 +14,10 @@ from uvms_ocp.checks import checked, replace_unchecked, unchecked_constructor, u
 from uvms_ocp.codegen.compile import compiling_beside
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt, raised_outside_casadi
 from uvms_ocp.ocp.clearance_certificate import certificate
-from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict, level_prices
+from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict
+from uvms_ocp.ocp.first_guess import first_guess
 from uvms_ocp.ocp.first_order_gain import level_residuals
+from uvms_ocp.ocp.level_prices import level_prices
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
@@ -32,13 +33,10 @@ from uvms_ocp.ocp.stagewise.program import program_for, stagewise_or
 from uvms_ocp.ocp.start_checks import describe_crowded_start, impossible_start
 from uvms_ocp.ocp.surroundings import surroundings
 from uvms_ocp.ocp.trajectory import (
-    COARSE_STEPS,
     Trajectory,
     admissible,
-    coarse_guesses,
     coarse_problem,
     hold_guess,
-    shift_guess,
 )
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Verdict, judge_motion
@@ -48,15 +46,6 @@ from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
-_SHARE = 0.2  # of a time limit, for the guess
-# iterations, after which motions of so many times the least residual are given up
-_EARLY = 3
-_COSTLY = 1.08
-_TRIED = 2  # motions that all fail, as where shapes are in the way, after which no other is tried
-# share within which residuals are one; up to which, and how many, meet over all steps
-_SAME = 5e-4
-_CLOSE = 1.05
-_COMPARED = 3
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 
@@ -146,82 +135,13 @@ class Planner:
         return plan
 
     @cached_property
-    def _coarse(self) -> Planner:
+    def coarse(self) -> Planner:
+        """The planner of the same problem over a few steps, of few digits."""
         return Planner(
             coarse_problem(self.problem),
             replace(self.options, **_COARSE),
             wait_for_compiler=self._wait,
         )
-
-    def _first_guess(self, given: OcpProblem, t0: float, ends: float) -> Trajectory:
-        """Guess the best motion over a few steps that meets all levels above the last: stage by
-        stage it takes little.
-
-        Those that cost least there are compared over all steps, as far as one iteration brings
-        them.
-        """
-        seen = list[IterationReport]()
-        presses = list[object]()
-        most = np.inf
-        few = coarse_problem(given)
-        hold = hold_guess(given)
-        begin = perf_counter()
-        if self.options.plugin != STAGEWISE or given.free_time or given.n_steps < 2 * COARSE_STEPS:
-            return hold
-        kept = dict[float, Trajectory]()
-        compared = dict[float, Trajectory]()
-        best = list[Trajectory]()
-
-        def look(now: IterationReport) -> None:
-            seen.extend([now] if now.level == given.levels[-1].name else [])
-            costly = now.iteration >= _EARLY and now.residual > _COSTLY * min(kept, default=np.inf)
-            if now.level != given.levels[-1].name or costly or now.iteration >= most:
-                raise KeyboardInterrupt
-
-        with (
-            on_interrupt(presses.append),
-            suppress(Stopped),
-        ):  # which ends the search that begins here
-            short = Refinement(
-                planner=self._coarse,
-                given=few,
-                t0=t0,
-                deadline=begin + _SHARE * (ends - begin),
-                progress=look,
-            )
-            for k, guess in enumerate(
-                takewhile(lambda _: short._left > 0.0 and not presses, coarse_guesses(few))
-            ):
-                if k == _TRIED and not kept:
-                    break
-                end = short.solved_once(guess, guess.q).result
-                if (
-                    end.status.optimal
-                    and not np.isclose(list(kept), seen[-1].residual, rtol=_SAME).any()
-                ):
-                    kept[seen[-1].residual] = shift_guess(
-                        given, self._coarse.transcription.unpack(end.x, few), 0.0, given.start
-                    )
-            long = replace(short, planner=self, given=given)
-            most = 1
-            best = [
-                kept[residual]
-                for residual in sorted(kept)[:_COMPARED]
-                if residual <= _CLOSE * min(kept)
-            ]
-            for guess in takewhile(
-                lambda _: len(best) > 1 and short._left > 0.0 and not presses, best
-            ):
-                compared[seen[-1].residual] = self.transcription.unpack(
-                    long.solved_once(guess, guess.q).result.x, given
-                )
-        if compared and len(compared) == len(best):
-            motions = compared
-        else:
-            motions = kept
-        if motions:
-            return motions[min(motions)]
-        return hold
 
     @cached_property
     def _by_ipopt(self) -> Planner:
@@ -247,7 +167,7 @@ class Planner:
         refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
         start: MotionGuess
         if guess is None:
-            start = self._first_guess(given, t0, ends)
+            start = first_guess(self, given, t0=t0, deadline=ends)
         else:
             start = guess
         finder, found, note = self._second_try(refinement, start, refinement.solved(start))
