@@ -28,6 +28,9 @@ _OF_TYPE: dict[type | None, tuple[str, str]] = {
 }
 """Contents of arrays, in words and as NumPy's letters."""
 
+_PATH = "a path without control characters"
+_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
+
 
 class _Violation(NamedTuple):
     """A value that does not fit: where it is, what is wrong with it and what is allowed there."""
@@ -352,8 +355,6 @@ def _is_path(*classes: type) -> Callable[[Any], bool]:
     )
 
 
-_PATH = "a path without control characters"
-_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
 _PLAIN_KINDS: dict[Any, Kind] = {
     bool: Kind("True or False", _is_a(bool, np.bool_)),
     Path: Kind(_PATH, _is_path(Path)),

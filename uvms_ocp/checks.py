@@ -18,6 +18,58 @@ from uvms_ocp.argument_kinds import Kind, kinds_of
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError, short
 from uvms_ocp.types import Range, Shape
 
+_T = TypeVar("_T", bound=Callable[..., Any])
+_LATE = "_arguments_late"
+_NAMING = (("name", ""), ("to", "to "))
+"""Arguments of constructors that name the value, and the word before each."""
+
+_CHECKED_BY_CLASS: dict[str, tuple[str, tuple[type, ...]]] = {
+    "bool": ("_bool", (bool, np.bool_)),
+    "int": ("_int", (int, np.int64, np.int32)),
+    "float": ("_float", (float, int, np.float64, np.int64)),
+    "str": ("_str", (str,)),
+    "np.ndarray": ("_array", (np.ndarray,)),
+}
+"""Annotations that are checked by class: what sources call the usual class, and with an s all that
+will do.
+"""
+_CLASSES: dict[str, Any] = {"_inf": np.inf}
+
+_AFTER = """
+def _call({declared}):
+    if {doubt}:
+        _explain({passed})
+    try:
+        return _function({passed})
+    except _passed_on:
+        raise
+    except Exception:
+        _explain({passed})
+        raise
+"""
+
+_MARKS: dict[Any, str] = {
+    inspect.Parameter.VAR_POSITIONAL: "*",
+    inspect.Parameter.VAR_KEYWORD: "**",
+}
+
+_P = ParamSpec("_P")
+_V = TypeVar("_V")
+_CHANGED = """
+def _changed(_value, _changes):
+    if not _changes.keys() <= _names:
+        raise TypeError(f"{{type(_value).__name__}} has no field {{', '.join(_changes.keys() - _names)}}")
+    return _made({kept})
+"""
+_FILLED = """
+def _made({declared}):
+    _self = _new(_Open)
+{lines}
+    _self.__class__ = _cls
+    return _self
+"""
+
+
 # Numbers that are given, as arrays.
 
 
@@ -44,11 +96,6 @@ def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.nda
 
 
 # Decorators that name a wrong argument at the call that took it.
-
-_T = TypeVar("_T", bound=Callable[..., Any])
-_LATE = "_arguments_late"
-_NAMING = (("name", ""), ("to", "to "))
-"""Arguments of constructors that name the value, and the word before each."""
 
 
 def checked(thing: _T) -> _T:
@@ -328,37 +375,8 @@ def _plain(word: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
     return "np.ndarray" if base is np.ndarray else getattr(base, "__name__", ""), tuple(extras)
 
 
-_CHECKED_BY_CLASS: dict[str, tuple[str, tuple[type, ...]]] = {
-    "bool": ("_bool", (bool, np.bool_)),
-    "int": ("_int", (int, np.int64, np.int32)),
-    "float": ("_float", (float, int, np.float64, np.int64)),
-    "str": ("_str", (str,)),
-    "np.ndarray": ("_array", (np.ndarray,)),
-}
-"""Annotations that are checked by class: what sources call the usual class, and with an s all that
-will do.
-"""
-_CLASSES: dict[str, Any] = {"_inf": np.inf}
 for _usual, _known in _CHECKED_BY_CLASS.values():
     _CLASSES |= {_usual: _known[0], f"{_usual}s": _known}
-_AFTER = """
-def _call({declared}):
-    if {doubt}:
-        _explain({passed})
-    try:
-        return _function({passed})
-    except _passed_on:
-        raise
-    except Exception:
-        _explain({passed})
-        raise
-"""
-
-
-_MARKS: dict[Any, str] = {
-    inspect.Parameter.VAR_POSITIONAL: "*",
-    inspect.Parameter.VAR_KEYWORD: "**",
-}
 
 
 def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, Any]]:
@@ -387,22 +405,6 @@ def _parameters_of(function: Callable[..., Any]) -> tuple[str, str, dict[str, An
 
 
 # Frozen values made without a look at their arguments, for what runs at every tick.
-
-_P = ParamSpec("_P")
-_V = TypeVar("_V")
-_CHANGED = """
-def _changed(_value, _changes):
-    if not _changes.keys() <= _names:
-        raise TypeError(f"{{type(_value).__name__}} has no field {{', '.join(_changes.keys() - _names)}}")
-    return _made({kept})
-"""
-_FILLED = """
-def _made({declared}):
-    _self = _new(_Open)
-{lines}
-    _self.__class__ = _cls
-    return _self
-"""
 
 
 def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:

@@ -26,6 +26,8 @@ _LONGEST = 900  # characters of the problems of a file that one line holds
 _NEAREST = 6  # of more
 _SHOWN = 60  # characters of a wrong value
 
+_Status = TypeVar("_Status", bound="AdvisedStatus")
+
 
 class UvmsError(Exception):
     """Base of every exception that uvms_ocp raises on purpose. It can be pickled, whatever its
@@ -182,8 +184,6 @@ def short(value: object) -> str:
 
 
 # Outcomes that say what to do about them.
-
-_Status = TypeVar("_Status", bound="AdvisedStatus")
 
 
 class AdvisedStatus(Enum):

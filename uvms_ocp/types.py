@@ -22,6 +22,9 @@ Indices = NDArray[np.intp]
 
 _OF = "length of "  # before the name of a length, so that no argument is meant
 
+DAY = 86_400.0
+"""[s] Beyond it no run, plan or solution is waited for."""
+
 
 @dataclass(frozen=True)
 class Range:
@@ -145,8 +148,6 @@ Magnitude = Annotated[float, Range(0.0, 1e6)]
 """[m], [rad], [s] Never negative, and finite."""
 Lead = Annotated[float, Range(1.0, 1e6)]
 """How many times faster than its lag a thruster is driven."""
-DAY = 86_400.0
-"""[s] Beyond it no run, plan or solution is waited for."""
 Bound = Annotated[float, Range()]
 """Infinite where there is no bound, never NaN."""
 Period = Annotated[float, Range(0.0, DAY, open=True)]

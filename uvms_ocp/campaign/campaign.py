@@ -30,6 +30,13 @@ from uvms_ocp.version import __version__
 KEPT = ("none", "failures", "all")
 """Choices of runs that keep their whole record."""
 
+_NUMBERS = (
+    "runs",
+    "seed",
+    "sampler",
+    "records",
+)  # fields of a campaign that its folder keeps as they are
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionJob(jobs.CampaignJob):
@@ -123,13 +130,6 @@ def _packed(record: Record) -> bytes:
 
 
 # A campaign as a value: a mission, what is uncertain about it, and how many runs of it.
-
-_NUMBERS = (
-    "runs",
-    "seed",
-    "sampler",
-    "records",
-)  # fields of a campaign that its folder keeps as they are
 
 
 @checked_dataclass(eq=False, repr=False)

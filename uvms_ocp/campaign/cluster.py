@@ -30,6 +30,26 @@ from uvms_ocp.progress import progress_bar, show_progress
 from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
+DEATHS = 3
+"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own
+number.
+"""
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": DEATHS - 1,
+    # no run waits on a worker, where it would be blamed for another's end
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.worker.daemon": True,
+    "distributed.comm.retry.count": 3,
+    "distributed.admin.log-format": "%(message)s",
+}
+_PATIENCE = 30.0  # [s] for a scheduler to answer
+
+Progress = Callable[[int, int, int], None]
+"""Told how many runs are done, how many of them failed, and of how many."""
+Workers = Annotated[int, Range(1, 4096)]
+"""Processes of this machine."""
+
+
 # Loaded by workers of this machine as they start: Ctrl-C is for the command, which then ends them
 # itself.
 
@@ -44,20 +64,6 @@ def dask_setup(worker: Any) -> None:
 
 
 # A Dask cluster: processes of this machine, or the one at an address.
-
-DEATHS = 3
-"""Deaths of workers after which a run is taken for the cause. A cluster of others has its own
-number.
-"""
-_SETTINGS = {
-    "distributed.scheduler.allowed-failures": DEATHS - 1,
-    # no run waits on a worker, where it would be blamed for another's end
-    "distributed.scheduler.worker-saturation": 1.0,
-    "distributed.worker.daemon": True,
-    "distributed.comm.retry.count": 3,
-    "distributed.admin.log-format": "%(message)s",
-}
-_PATIENCE = 30.0  # [s] for a scheduler to answer
 
 
 def dask() -> Any:
@@ -125,11 +131,6 @@ def _client(address: str) -> Any:
 
 
 # Execute a campaign: from its folder to its cluster and back.
-
-Progress = Callable[[int, int, int], None]
-"""Told how many runs are done, how many of them failed, and of how many."""
-Workers = Annotated[int, Range(1, 4096)]
-"""Processes of this machine."""
 
 
 def run_jobs(

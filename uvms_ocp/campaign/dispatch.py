@@ -38,6 +38,13 @@ from uvms_ocp.errors import OutputError
 
 _LOG_DELAY = 1.0  # [s] in which word of it arrives
 
+_log = logging.getLogger(__name__)
+_AHEAD = 3  # tasks for every thread of the cluster
+_TASK = 0.3  # [s] that a task of several short runs takes
+_MOST = 50  # runs of a task
+_LOOK = 0.5  # [s] between two looks at the clock
+_ALONE = 60.0  # [s] without any worker, after which it is said
+
 
 class JobPlugin(WorkerPlugin):
     """Every worker gets it as it joins, one that replaces another too."""
@@ -68,13 +75,6 @@ def _end(worker: Any, name: str, run: int) -> None:
 
 
 # Runs go out, rows come in: a bounded number at a time, whatever becomes of the workers.
-
-_log = logging.getLogger(__name__)
-_AHEAD = 3  # tasks for every thread of the cluster
-_TASK = 0.3  # [s] that a task of several short runs takes
-_MOST = 50  # runs of a task
-_LOOK = 0.5  # [s] between two looks at the clock
-_ALONE = 60.0  # [s] without any worker, after which it is said
 
 
 class Dispatch:

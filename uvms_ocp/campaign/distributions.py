@@ -22,6 +22,19 @@ from uvms_ocp.record.tables import CAMPAIGN_EXTRA
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Finite, Positive, Range
 
+Share = Annotated[float, Range(0.0, 1.0)]
+
+SAMPLERS = ("random", "latin", "sobol", "indices")
+"""Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices
+need.
+"""
+GROWING = ("random", "sobol")
+"""Those of which more runs begin with the same."""
+# streams of a run
+_DRAWN = 0
+_SEED = 1
+
+
 # One number of a scenario that can be set.
 
 
@@ -49,8 +62,6 @@ def real_numbers(value: Any) -> list[str]:
 #
 # A sampler draws such numbers, so that a distribution serves random, Latin hypercube and Sobol'
 # samples alike. Any frozen distribution of scipy.stats can stand in their place.
-
-Share = Annotated[float, Range(0.0, 1.0)]
 
 
 class Distribution(Protocol):
@@ -198,16 +209,6 @@ def _standard_normal(u: float) -> float:
 
 
 # Numbers from 0 to 1 for every run: a table of which run k has row k, whatever runs before it.
-
-SAMPLERS = ("random", "latin", "sobol", "indices")
-"""Independent draws; a Latin hypercube; a scrambled Sobol' sequence; the design that Sobol' indices
-need.
-"""
-GROWING = ("random", "sobol")
-"""Those of which more runs begin with the same."""
-# streams of a run
-_DRAWN = 0
-_SEED = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -32,6 +32,9 @@ _FROM_REPORT = (
 )
 _LOOKS = 200  # configurations at which the clearance is measured
 
+QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
+
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
     """The tool of each metric that is of one of several; none where there is one tool."""
@@ -110,10 +113,6 @@ def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | 
     return closest_approach(
         scenario.robot, scenario.environment, q, floor=False, links=links
     ).distance
-
-
-QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def metric_values(table: Any, name: str) -> np.ndarray:

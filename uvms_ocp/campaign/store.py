@@ -37,6 +37,13 @@ _GROUP = 10_000  # rows of a group in a file
 
 arrow = partial(required_arrow, "a campaign")
 
+_LOOKS = 20_000  # rows whose seeds are drawn again
+_NEEDED = ("run", "outcome", "success", "version")
+
+_BATCH_AGE = 2.0  # [s] after which rows go to the disk; a kill loses no older ones
+_BATCH = 2000  # rows, which go there at once
+RECORDS = "records"
+
 
 def part_paths(folder: Path) -> list[Path]:
     """Files of the data set of a campaign, the oldest first."""
@@ -78,10 +85,6 @@ def _read(path: Path, schema: Any) -> Any:
             f"{text}; put back what was, or move it away, and its runs are made again"
         )
     return found.select(schema.names)
-
-
-_LOOKS = 20_000  # rows whose seeds are drawn again
-_NEEDED = ("run", "outcome", "success", "version")
 
 
 def _not_of(table: Any, identity: CampaignManifest) -> str:
@@ -132,10 +135,6 @@ def schema_of(columns: Mapping[str, type]) -> Any:
 
 
 # A campaign's folder while it grows: batches of rows, records, what is done already.
-
-_BATCH_AGE = 2.0  # [s] after which rows go to the disk; a kill loses no older ones
-_BATCH = 2000  # rows, which go there at once
-RECORDS = "records"
 
 
 class CampaignFolder:

@@ -27,6 +27,16 @@ from uvms_ocp.version import __version__
 Place = str | typer.Typer
 """Where a command is defined, MODULE.FUNCTION of this package, or a group of commands."""
 
+_EXAMPLES = (
+    (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
+)
+_EXPORT = {"controller": "robots.controller"}
+_PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
+
+_TRACEBACK = "--traceback"
+
+_SIZE = 3
+
 
 class Commands(Mapping[str, Any]):
     """Commands by name, made when they are looked up."""
@@ -95,11 +105,6 @@ def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
 
 # The commands.
 
-_EXAMPLES = (
-    (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")
-)
-_EXPORT = {"controller": "robots.controller"}
-_PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 _ALL: dict[str, Place] = {
     "run": "run.run",
     "check": "show.check",
@@ -142,9 +147,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-_TRACEBACK = "--traceback"
-
-
 @app.callback()
 def common(
     version: Annotated[
@@ -162,8 +164,6 @@ def common(
 
 
 # Options of three numbers, written with commas as others write them: ``--position -3,1,2``.
-
-_SIZE = 3
 
 
 def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:

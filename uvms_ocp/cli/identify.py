@@ -75,6 +75,22 @@ _COLUMNS = (
     "delay [s]",
 )
 
+VARIANT = "calibrated.yaml"
+WHOLE = "hydrodynamics.yaml"
+IDENTIFY_REPORT = "report.md"
+IDENTIFY_DATA = "report.json"
+FIGURES = "figures"
+
+COMMANDS = "excitation.csv"
+EXCITE_REPORT = "report.md"
+_POOL = (6.0, 4.0, 2.0)
+_DURATION = 60.0
+_SHARE = 0.5
+_SLEW = 100.0
+_SEED = DesignSettings().seed
+
+_NEWTONS = UNITS["N"]
+
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
     """Check recordings: channels, rates, delays, frames, and what is doubtful."""
@@ -140,12 +156,6 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
 
 
 # ``identify``: a robot's own numbers, from its own recordings.
-
-VARIANT = "calibrated.yaml"
-WHOLE = "hydrodynamics.yaml"
-IDENTIFY_REPORT = "report.md"
-IDENTIFY_DATA = "report.json"
-FIGURES = "figures"
 
 
 def identify(
@@ -243,14 +253,6 @@ def _write(result: Calibration, names: list[str], staging: Path) -> None:
 
 # ``excite``: commands for a robot that is to be identified.
 
-COMMANDS = "excitation.csv"
-EXCITE_REPORT = "report.md"
-_POOL = (6.0, 4.0, 2.0)
-_DURATION = 60.0
-_SHARE = 0.5
-_SLEW = 100.0
-_SEED = DesignSettings().seed
-
 
 def excite(
     settings: Annotated[
@@ -325,8 +327,6 @@ def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: f
 
 
 # ``thruster-curve``: from a bench's table to the curve of a robot file.
-
-_NEWTONS = UNITS["N"]
 
 
 def thruster_curve(

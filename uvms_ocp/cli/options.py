@@ -23,6 +23,44 @@ if TYPE_CHECKING:  # plans need none of it, and would wait a tenth of a second
     from uvms_ocp.control.velocity.kinematic import HierarchySolver
     from uvms_ocp.scenario.scenario import Scenario
 
+HELP: dict[str, str] = tomllib.loads(
+    (files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8")
+)
+SOLVERS: dict[str, type[HierarchySolver]] = {
+    "active_set": LexicographicActiveSet,
+    "lexqp": LexicographicQp,
+    "icat": Icat,
+}
+_OLD_SOLVER_NAMES = {"lexls": "active_set"}
+
+SCENARIO_HELP = (
+    "Scenario, see `uvms-ocp list`, or your own: FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME. "
+    "Loading Python code runs it: give only what you trust."
+)
+
+_Words = list[str] | None
+_TOOL = "Frame of the tool; several times for several arms."
+
+CurrentVelocity = Annotated[
+    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])
+]
+Seabed = Annotated[
+    float | None,
+    typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's."),
+]
+
+Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
+Noise = Annotated[
+    bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
+]
+Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
+Faults = Annotated[_Words, typer.Option(metavar="TEXT", help=HELP["fault"])]
+
+Json = Annotated[
+    bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")
+]
+
+
 # Options that several commands share, written once as fields of a dataclass.
 
 
@@ -71,16 +109,6 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 # Options that commands share, and the scenario that they describe.
 
-HELP: dict[str, str] = tomllib.loads(
-    (files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8")
-)
-SOLVERS: dict[str, type[HierarchySolver]] = {
-    "active_set": LexicographicActiveSet,
-    "lexqp": LexicographicQp,
-    "icat": Icat,
-}
-_OLD_SOLVER_NAMES = {"lexls": "active_set"}
-
 
 def folder(words: str | Path) -> Path:
     """The folder of that name.
@@ -95,12 +123,6 @@ def folder(words: str | Path) -> Path:
     if any(letter < " " for letter in str(words)):
         raise OutputError(f"{words!r} has control characters; give a folder without")
     return Path(words)
-
-
-SCENARIO_HELP = (
-    "Scenario, see `uvms-ocp list`, or your own: FILE.py, FILE.py:NAME or PACKAGE.MODULE:NAME. "
-    "Loading Python code runs it: give only what you trust."
-)
 
 
 def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
@@ -120,10 +142,6 @@ Name = Annotated[
 RobotName = Annotated[
     str | None, typer.Option(help=HELP["robot"], autocompletion=among(list_robots))
 ]
-
-
-_Words = list[str] | None
-_TOOL = "Frame of the tool; several times for several arms."
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -222,13 +240,6 @@ SolverName = Annotated[
         autocompletion=among(lambda: SOLVERS),
     ),
 ]
-CurrentVelocity = Annotated[
-    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])
-]
-Seabed = Annotated[
-    float | None,
-    typer.Option(metavar="Z", help="Height of the floor in W [m]; default: the scenario's."),
-]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -254,17 +265,8 @@ class ScenarioOptions(RobotFiles):
 
 AS_IT_IS = ScenarioOptions()
 """No option given: all is as the scenario has it."""
-Seed = Annotated[int | None, typer.Option(help="Seed of everything random.")]
-Noise = Annotated[
-    bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
-]
-Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
-Faults = Annotated[_Words, typer.Option(metavar="TEXT", help=HELP["fault"])]
 Out = Annotated[
     Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
-]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")
 ]
 
 

@@ -44,6 +44,26 @@ _Clearance = Annotated[
     float, typer.Option(metavar="M", help="Distance wanted from obstacles, and between links [m].")
 ]
 
+_FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", RECORD, "scene.html")
+"""Files that a plan may write beside its figures; which of them depends on the method and the
+outcome.
+"""
+
+Progress = Callable[[str], None]
+"""Told how far the search is, to show while it goes on."""
+
+_COLUMNS = ("name", "begin_s", "end_s")
+_NLP = opt.defaults_of(NlpOptions)
+
+_PERIOD = 0.02  # [s] between rows of plan.csv
+_CURVE = opt.defaults_of(PlanRequest)
+_OCP = opt.defaults_of(OcpRequest)
+
+_AS_WRITTEN = opt.PlannedRobotFiles()
+_Axes = Annotated[
+    str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")
+]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MotionOptions:
@@ -148,11 +168,6 @@ def _joint_goal(words: str) -> tuple[str, float]:
 
 # What a plan of any method writes and prints.
 
-_FILES = ("report.json", "plan.npz", "plan.csv", "plan.json", RECORD, "scene.html")
-"""Files that a plan may write beside its figures; which of them depends on the method and the
-outcome.
-"""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlanOutput:
@@ -181,10 +196,6 @@ class PlanOutput:
         if self.record is not None:
             self.record.save(folder / RECORD)
         return [path.name for path in folder.iterdir()]
-
-
-Progress = Callable[[str], None]
-"""Told how far the search is, to show while it goes on."""
 
 
 def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_json: bool) -> None:
@@ -275,9 +286,6 @@ def _print_motion(console: Console, made: PlanOutput) -> None:
 
 # ``plan mission``: all phases of a scenario as one problem, for ``run --follow``.
 
-_COLUMNS = ("name", "begin_s", "end_s")
-_NLP = opt.defaults_of(NlpOptions)
-
 
 def mission(
     name: opt.Name,
@@ -340,14 +348,7 @@ def _print_mission(console: Console, made: PlanOutput) -> None:
 # ``plan curve`` and ``plan ocp``: a motion among obstacles, by a smooth curve or by optimal
 # control.
 
-_PERIOD = 0.02  # [s] between rows of plan.csv
-_CURVE = opt.defaults_of(PlanRequest)
-_OCP = opt.defaults_of(OcpRequest)
 _MOTION = opt.defaults_of(MotionOptions)
-_AS_WRITTEN = opt.PlannedRobotFiles()
-_Axes = Annotated[
-    str, typer.Option(help=f"Planned axes, of {', '.join(AXES)}; level: no roll, no pitch.")
-]
 
 
 def curve(

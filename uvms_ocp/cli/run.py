@@ -51,6 +51,13 @@ Job = Callable[[], object]
 _COPIES = 2
 _DIE_WITH_PARENT = 1
 
+_DRAWINGS = dict[str, Job]()
+"""Those of a copy, and of its own copies, to which they need not be sent."""
+
+Follow = Annotated[Path | None, typer.Option(metavar="PLAN", help=opt.HELP["follow"])]
+
+SCENE = "scene"
+
 
 @contextmanager
 def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
@@ -112,10 +119,6 @@ def _end_with(parent: int) -> None:
         os._exit(1)
 
 
-_DRAWINGS = dict[str, Job]()
-"""Those of a copy, and of its own copies, to which they need not be sent."""
-
-
 def _draw_in_copies(drawings: Mapping[str, Job]) -> list[str]:
     _DRAWINGS.update(drawings)
     with ProcessPoolExecutor(_COPIES, get_context("fork"), _end_with, (os.getpid(),)) as pool:
@@ -131,9 +134,6 @@ def _attempt(name: str, draw: Job | None = None) -> str:
     except Exception as error:
         return plain_line(f"{name}: not drawn, {type(error).__name__}: {error}")
     return ""
-
-
-Follow = Annotated[Path | None, typer.Option(metavar="PLAN", help=opt.HELP["follow"])]
 
 
 def run(
@@ -305,9 +305,6 @@ def _simulate(
         return scenario.run(None, controller, observer, folder)
     except Interrupted as stop:
         return cast(Record, stop.result)
-
-
-SCENE = "scene"
 
 
 def _drawn(names: str) -> list[str]:

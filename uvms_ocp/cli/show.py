@@ -43,6 +43,25 @@ if TYPE_CHECKING:
     from uvms_ocp.identification.recording import Recording
     from uvms_ocp.viz.scene.page import ScenePage
 
+_WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
+
+_AGREEMENT = (
+    "channel",
+    "readings",
+    "delay_s",
+    "compared",
+    "refused",
+    "ratio",
+    "sigma",
+    "proposed_sigma",
+)
+_DOUBTS = ("channel", "suspect_s", "lost_s", "first_s", "why")
+RobotOfRecord = Annotated[
+    str | None,
+    typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says."),
+]
+
+
 # ``check`` and ``mission``: look at a mission without running it.
 
 
@@ -72,8 +91,6 @@ def mission(
 
 
 # ``compare``: two runs, or two plans, side by side.
-
-_WHAT = "Folder of a run or of a plan, its record.npz, or what is run first:"
 
 
 def compare_runs(
@@ -125,22 +142,6 @@ def _percent(change: float | None) -> str | None:
 
 
 # ``estimate``: what filter and health monitor make of a recording.
-
-_AGREEMENT = (
-    "channel",
-    "readings",
-    "delay_s",
-    "compared",
-    "refused",
-    "ratio",
-    "sigma",
-    "proposed_sigma",
-)
-_DOUBTS = ("channel", "suspect_s", "lost_s", "first_s", "why")
-RobotOfRecord = Annotated[
-    str | None,
-    typer.Option(help="Robot of the record, by name, folder or URDF; default: as it says."),
-]
 
 
 def estimate(

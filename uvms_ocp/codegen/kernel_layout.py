@@ -19,6 +19,22 @@ from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import compiled_symbol
 from uvms_ocp.errors import InvalidInput
 
+_FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
+
+_buffered = lru_cache(maxsize=96)(BufferedFunction)
+
+_CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
+_NOTHING = ca.Function("ask", [], [])
+
+Vector: TypeAlias = MutableSequence[float]
+"""A parameter of a kernel: numbers that it reads or changes in place."""
+
+Kernel = TypeVar("Kernel", bound=Callable[..., Any])
+WIDE: set[Callable[..., Any]] = set()
+"""Kernels that are marked by `wide`."""
+NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
+"""Types of numbers, in Python and in C."""
+
 
 class FunctionField:
     """A field of a layout: a function that kernels call as ``m.levels(q, v, J, lower)``, what it
@@ -106,9 +122,6 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
             yield from functions_in(part)
 
 
-_FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
-
-
 def _with_functions(kind: Any) -> tuple[str, ...]:
     """Names of the fields of a structure that hold functions; of an array those of its entries. The
     same for every memory.
@@ -124,9 +137,6 @@ def _with_functions(kind: Any) -> tuple[str, ...]:
                 name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of)
             )
     return _FUNCTIONS[kind]
-
-
-_buffered = lru_cache(maxsize=96)(BufferedFunction)
 
 
 def column_view(layout: Any) -> np.ndarray:
@@ -150,10 +160,6 @@ def _given(vector: Any, size: tuple[int, int]) -> Any:
     if vector is None:
         return np.zeros(size)
     return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
-
-
-_CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
-_NOTHING = ca.Function("ask", [], [])
 
 
 class CallbackField:
@@ -202,10 +208,6 @@ class CallbackBinding:
         return 0
 
 
-Vector: TypeAlias = MutableSequence[float]
-"""A parameter of a kernel: numbers that it reads or changes in place."""
-
-
 @dataclass(frozen=True, slots=True, init=False)
 class Sized:
     """Sizes of an array in a layout, ``Annotated[Vector, Sized(3, "n")]``: numbers, or names that
@@ -228,11 +230,6 @@ class Layout:
 
 
 Memory = TypeVar("Memory", bound=Layout)
-Kernel = TypeVar("Kernel", bound=Callable[..., Any])
-WIDE: set[Callable[..., Any]] = set()
-"""Kernels that are marked by `wide`."""
-NUMBERS: dict[Any, Any] = {float: ctypes.c_double, int: ctypes.c_int, bool: ctypes.c_int}
-"""Types of numbers, in Python and in C."""
 
 
 def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:

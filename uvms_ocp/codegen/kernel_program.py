@@ -43,6 +43,14 @@ TRANSLATOR = __file__, c_code.__file__, kernel_layout.__file__, buffered.__file_
 _HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _MOST_DOTS = 2  # dots in module.Enumeration.MEMBER
 
+_PLAIN = {
+    float: c_code.DOUBLE,
+    int: c_code.INT,
+    bool: c_code.INT,
+    Vector: c_code.VECTOR,
+    type(None): c_code.NOTHING,
+}
+
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
     """Lines of C, indented by two blanks. Raises `InvalidInput` for what kernels cannot do."""
@@ -348,15 +356,6 @@ _TRANSLATED |= {
 }
 _TRANSLATED |= {ast.If: _if, ast.For: _for, ast.While: _while}
 _TRANSLATED |= {ast.Break: _word("break;"), ast.Continue: _word("continue;"), ast.Pass: _word(";")}
-
-
-_PLAIN = {
-    float: c_code.DOUBLE,
-    int: c_code.INT,
-    bool: c_code.INT,
-    Vector: c_code.VECTOR,
-    type(None): c_code.NOTHING,
-}
 
 
 def c_program(

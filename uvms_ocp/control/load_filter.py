@@ -16,33 +16,6 @@ from uvms_ocp.types import Positive, Range
 LOAD_FRAME = "tool"
 """Where the load hangs of a robot with one tool."""
 
-
-@checked_dataclass()
-class LoadLearning:
-    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a
-    share outside 0 to 1.
-    """
-
-    feed_forward: bool = True
-    """The learnt weight follows the arm's posture at once, and not as fast as the observer."""
-    period: Positive = 0.1
-    """[s] between two looks at the disturbance."""
-    settling: Positive = 1.5
-    """[s] after a start, or after a velocity that was not to be trusted, that are not looked at."""
-    weight: Positive = 200.0
-    """[N] standard deviation of the net weight before anything is known of it."""
-    mass: Positive = 20.0
-    """[kg] the same of the mass."""
-    current: Positive = 0.5
-    """[m/s] the same of the current in each direction."""
-    drag: Annotated[float, Range(0.0, 1.0)] = 0.1
-    """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
-    scale: Annotated[float, Range(0.0, 1.0)] = 0.03
-    """to which the forces of thrusters and motors are known: standard errors of weight and mass are
-    no smaller share.
-    """
-
-
 WEIGHT = 0
 MASS = 1
 """Where the state has those of the first tool; the next two are of the second, and so on."""
@@ -71,6 +44,32 @@ _PATIENCE = 3  # looks at a surprise, one after the other, that are one
 _NO_FORCE = 1e-6  # [N, N m] what rounding leaves of an axis that no thruster acts on
 # noise of an observer is alike for so many times 1 / bandwidth, by the integral of its correlation
 _COLOUR = 4.0
+
+
+@checked_dataclass()
+class LoadLearning:
+    """Tuning of `LoadLearner`. Raises `InvalidInput` for a number that is not finite and > 0, and a
+    share outside 0 to 1.
+    """
+
+    feed_forward: bool = True
+    """The learnt weight follows the arm's posture at once, and not as fast as the observer."""
+    period: Positive = 0.1
+    """[s] between two looks at the disturbance."""
+    settling: Positive = 1.5
+    """[s] after a start, or after a velocity that was not to be trusted, that are not looked at."""
+    weight: Positive = 200.0
+    """[N] standard deviation of the net weight before anything is known of it."""
+    mass: Positive = 20.0
+    """[kg] the same of the mass."""
+    current: Positive = 0.5
+    """[m/s] the same of the current in each direction."""
+    drag: Annotated[float, Range(0.0, 1.0)] = 0.1
+    """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
+    scale: Annotated[float, Range(0.0, 1.0)] = 0.03
+    """to which the forces of thrusters and motors are known: standard errors of weight and mass are
+    no smaller share.
+    """
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

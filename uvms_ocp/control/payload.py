@@ -24,6 +24,17 @@ from uvms_ocp.robot import symbolic_bodies, thrusters
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
+COLUMNS = 5
+"""Columns of `response_function` beside the two of each tool."""
+# [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the
+# right one
+_LEAST_FLOW = 0.1
+
+_MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
+_MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share
+_CERTAIN = 3.0  # standard errors that a weight must have to be carried along
+
+
 # Whether a load can be learnt at all: the controller refuses by it, and pre-flight says so before.
 
 
@@ -42,12 +53,6 @@ def require_learnable(robot: Robot, *, observed: bool) -> None:
 
 # What a load at the tool, and a current, add to the generalized force that an observer takes for a
 # disturbance.
-
-COLUMNS = 5
-"""Columns of `response_function` beside the two of each tool."""
-# [m/s] of drag's slope: that of quadratic drag vanishes in still water, where no step would be the
-# right one
-_LEAST_FLOW = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -141,10 +146,6 @@ def response_function(
 
 
 # Loads of the tools: learnt tick by tick, recorded, and fed forward as the arm moves.
-
-_MASS_SHARE = 0.25  # standard error of the mass, share of it, at which this is determined
-_MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no share
-_CERTAIN = 3.0  # standard errors that a weight must have to be carried along
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

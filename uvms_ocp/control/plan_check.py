@@ -37,6 +37,13 @@ from uvms_ocp.robot.signals import State, unchecked_state
 _LONGEST_STEP = 0.1
 """[s] of the simulation, in which drag is implicit."""
 
+_POSITION = 1e-3
+"""[rad or m] by which joints may pass the limits of their positions."""
+_RATE = 0.02
+"""share by which rates may pass their limits."""
+_FIRST = np.array([0])
+"""Number of the first node."""
+
 
 class PlannedMotion:
     """Simulates how the robot of a problem follows a plan of it, on the model of the plan.
@@ -130,13 +137,6 @@ class PlannedMotion:
 
 
 # Whether a motion may be flown.
-
-_POSITION = 1e-3
-"""[rad or m] by which joints may pass the limits of their positions."""
-_RATE = 0.02
-"""share by which rates may pass their limits."""
-_FIRST = np.array([0])
-"""Number of the first node."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

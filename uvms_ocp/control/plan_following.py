@@ -20,6 +20,12 @@ from uvms_ocp.robot.dynamics import Dynamics
 from uvms_ocp.robot.hydrodynamics import STILL_WATER, Water
 from uvms_ocp.types import Magnitude, Positive
 
+_CATCH_UP = (
+    1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
+)
+_LEFT = GuideOutput(v=None)
+
+
 # Carrying out a plan: blind, to see how well the model fits, or with feedback.
 
 
@@ -59,11 +65,6 @@ class PlanTracker:
 
 # A plan of a whole mission as a guide: followed while the mission goes as planned, left where it
 # does not.
-
-_CATCH_UP = (
-    1.2  # speed of the plan's clock where a goal that moves has begun before its phase in the plan
-)
-_LEFT = GuideOutput(v=None)
 
 
 @checked_dataclass()

@@ -41,6 +41,28 @@ _RECENT = 5
 _SENT = 1e-3
 """[s] for question and answer on their way."""
 
+HOLD = -1
+"""Number of the plan to stay where the robot was at first, which is in use until there is
+another.
+"""
+_FIRST_SOLVES = 10
+"""For the first plan, whose guess is to stay where the robot is."""
+_REMEMBERED = 30
+"""guesses that were rejected."""
+_SAME = 1e-6
+"""[unit of the variable] by which guesses differ that are the same."""
+_PLANNED_RATE = 0.97
+"""share of the limit of a rate that plans use: tracking needs the rest."""
+_PLANNED_UNDRIVEN_RATE = 0.8
+"""The same of an axis that nothing drives, such as pitch: no tracking brings it back."""
+_UNDRIVEN = 0.5
+"""share of an axis that lies along the undriven ones, from which on it counts as one of them."""
+
+_PATIENCE = 3
+"""periods after which a solve beside begins no further step: a plan that comes late is of more use
+than none.
+"""
+
 
 class SolveDelay:
     """The longest solve of late. A plan that is late all the same keeps its time stamps; one that
@@ -86,23 +108,6 @@ class LateSolves:
 
 # The solves of receding-horizon control, one after the other: the same in line and in a process
 # beside.
-
-HOLD = -1
-"""Number of the plan to stay where the robot was at first, which is in use until there is
-another.
-"""
-_FIRST_SOLVES = 10
-"""For the first plan, whose guess is to stay where the robot is."""
-_REMEMBERED = 30
-"""guesses that were rejected."""
-_SAME = 1e-6
-"""[unit of the variable] by which guesses differ that are the same."""
-_PLANNED_RATE = 0.97
-"""share of the limit of a rate that plans use: tracking needs the rest."""
-_PLANNED_UNDRIVEN_RATE = 0.8
-"""The same of an axis that nothing drives, such as pitch: no tracking brings it back."""
-_UNDRIVEN = 0.5
-"""share of an axis that lies along the undriven ones, from which on it counts as one of them."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -356,11 +361,6 @@ class Replanner:
 
 
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.
-
-_PATIENCE = 3
-"""periods after which a solve beside begins no further step: a plan that comes late is of more use
-than none.
-"""
 
 
 class WorkerStatus(AdvisedStatus):

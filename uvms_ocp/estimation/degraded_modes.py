@@ -18,6 +18,17 @@ from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 ALTIMETER = "altimeter_range"
 ENCODERS = "joint_positions"
 
+_TABLE = tomllib.loads(
+    (files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8")
+)
+
+CHANNELS = tuple(Readings.__dataclass_fields__)
+"""Channels in the order of a `RestrictionMemory`."""
+
+_N_CHANNELS = len(CHANNELS)
+_SHARES = ("speed", "feedback", "joint_feedback")
+_FLAGS = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ModeLimits:
@@ -85,20 +96,12 @@ FREE = Restriction()
 """Restriction of a robot whose channels are all good, or not monitored."""
 
 
-_TABLE = tomllib.loads(
-    (files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8")
-)
 DEGRADED_MODES = tuple(
     DegradedMode(**one | {"without": frozenset(one["without"]), "trust": Trust[one["trust"]]})
     for one in _TABLE["modes"]
 )
 """Depth and joint velocities are not in it alone: other channels replace them."""
-CHANNELS = tuple(Readings.__dataclass_fields__)
-"""Channels in the order of a `RestrictionMemory`."""
 _N_MODES = len(DEGRADED_MODES)
-_N_CHANNELS = len(CHANNELS)
-_SHARES = ("speed", "feedback", "joint_feedback")
-_FLAGS = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
 
 
 def degraded_channels(health: Sequence[ChannelHealth]) -> list[ChannelHealth]:

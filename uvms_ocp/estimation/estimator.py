@@ -43,6 +43,22 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.types import Array, read_only
 
+JOINT_CHANNELS = ("joint_positions",)
+_VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
+_OPTIONAL_CHANNELS = (
+    "depth",
+    "joint_velocities",
+    "specific_force",
+)  # improve an estimate that does not need them
+
+_readings_by_channel = attrgetter(*CHANNELS)
+
+_LATEST = 1e10  # [s] of any clock; Unix time reaches it in 2286
+
+_RATE = 100.0  # [Hz] at which the estimator is run
+_SETTLED = 20.0  # [s] after which its covariance no longer changes
+
+
 # One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
 
 
@@ -86,14 +102,6 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
 
 
 # Which channels an estimate needs, and how old they are.
-
-JOINT_CHANNELS = ("joint_positions",)
-_VEHICLE_CHANNELS = ("position", "attitude", "linear_velocity", "angular_velocity")
-_OPTIONAL_CHANNELS = (
-    "depth",
-    "joint_velocities",
-    "specific_force",
-)  # improve an estimate that does not need them
 
 
 def age_of(readings: Readings, channels: tuple[str, ...], t: float) -> float:
@@ -231,9 +239,6 @@ class JointChart:
 
 
 _outcome = unchecked_constructor(GateOutcome)
-_readings_by_channel = attrgetter(*CHANNELS)
-
-_LATEST = 1e10  # [s] of any clock; Unix time reaches it in 2286
 
 
 @checked
@@ -463,10 +468,6 @@ def _number(channel: str) -> int:
     if channel not in NUMBER:
         raise NameNotFound("channel", channel, CHANNELS)
     return NUMBER[channel]
-
-
-_RATE = 100.0  # [Hz] at which the estimator is run
-_SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
 @lru_cache(maxsize=16)

@@ -27,6 +27,15 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import Robot, StateEstimate, SymbolicModel
 from uvms_ocp.robot.kinematics import STEEP
 
+UNSEEN_SLOPE = 0.3
+"""Slope of a floor that nobody sees: it rises or falls by so much of the way."""
+_FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
+_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
+_LEVEL = (
+    1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
+)
+
+
 # What to do about measurements that stop coming.
 
 
@@ -115,14 +124,6 @@ _TEXTS = {
 
 
 # What stands in for a measurement that is missing: the last one, older by the time since.
-
-UNSEEN_SLOPE = 0.3
-"""Slope of a floor that nobody sees: it rises or falls by so much of the way."""
-_FORGETTING = 0.05  # [m/s] with which the highest floor sinks to the present one
-_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
-_LEVEL = (
-    1e-6  # cosine of a tilt; a beam nearer to the horizon has no range that stands for a height
-)
 
 
 class LastValidMemory(Layout):

@@ -21,6 +21,70 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import CHANNELS, SensorSpecs
 from uvms_ocp.types import Positive
 
+N_VEHICLE = 7
+
+MAIN = 28
+SLOTS = 48
+"""Clones of the vehicle's channels at most."""
+JOINT_SLOTS = 24
+"""Clones of the joints at most."""
+STATES = MAIN + 3 * SLOTS
+JOINT_STATES = 2 + JOINT_SLOTS
+
+EARLY = 1e-9
+"""[s] by which clocks may differ through rounding."""
+LONGEST_STEP = 1.0
+"""[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
+LONGEST_LAG = 3.0
+"""[s] of readings that are older no state is remembered."""
+GATE_RELAXATION = 4.0
+"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings
+contradict.
+"""
+EXPOSED = 1.0
+EXPOSED_FOR = 3.0
+"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than
+vehicles make.
+"""
+LARGEST = 1e9
+"""[unit of the channel] no sensor reads more: a larger number is none."""
+UNKNOWN = 0.25
+"""Share of the largest variance from which on a part counts as unknown."""
+
+JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
+"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as
+fast unplanned.
+
+Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell
+their velocities as soon.
+"""
+JOLT_TIME = 0.015
+"""[s] for which gates grant that at most: what lasts longer shows in other readings."""
+BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
+"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
+ALTITUDE_DRIFT = 0.005
+"""[m/sqrt(s)] at rest."""
+RESPONSE_TIME = 0.1
+"""[s] with which velocities are taken to follow commands."""
+_ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
+# standard deviation of a velocity after a step of the commanded one, as a share of that step
+_RESPONSE_UNCERTAINTY = 0.5
+# [s] for which readings that contradict the estimate must agree with each other to be believed
+_RECOVERY = 1.0
+_LEAST_JERK_SHARE = 0.02
+_SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
+_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
+_FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
+_FLOOR = 1e2  # [m]
+_JOINT_LIMIT = (10.0, 10.0)
+_JOINT_FIRST = (10.0, 1.0)
+_GATES = {
+    1: 25.0,
+    3: 31.8125,
+}  # chi-squared that 6e-7 exceed: five standard deviations of one number
+_MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
+_EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
+
 
 class ChannelIndex(IntEnum):
     """Numbers of the channels, those of the vehicle first, in the order in which readings of one
@@ -40,7 +104,6 @@ class ChannelIndex(IntEnum):
 
 NUMBER = {name: ChannelIndex[name.upper()] for name in CHANNELS}
 """Index of each channel, by its name in `Readings`."""
-N_VEHICLE = 7
 N_CHANNELS = len(ChannelIndex)
 
 
@@ -76,15 +139,6 @@ class Part(IntEnum):
     FLOOR = 27
 
 
-MAIN = 28
-SLOTS = 48
-"""Clones of the vehicle's channels at most."""
-JOINT_SLOTS = 24
-"""Clones of the joints at most."""
-STATES = MAIN + 3 * SLOTS
-JOINT_STATES = 2 + JOINT_SLOTS
-
-
 class ProcessNoise(IntEnum):
     """Process noise densities: indices into `FilterMemory.drive`."""
 
@@ -97,27 +151,6 @@ class ProcessNoise(IntEnum):
     SETTLING = 6
     JOINT = 7
     REPLY = 8
-
-
-EARLY = 1e-9
-"""[s] by which clocks may differ through rounding."""
-LONGEST_STEP = 1.0
-"""[s] of a tick over which the motion is carried on; after it the robot is taken to stay."""
-LONGEST_LAG = 3.0
-"""[s] of readings that are older no state is remembered."""
-GATE_RELAXATION = 4.0
-"""Gate relaxation: variance, in squared innovations, added to the states that rejected readings
-contradict.
-"""
-EXPOSED = 1.0
-EXPOSED_FOR = 3.0
-"""[m/s, m/s2], [s] by which the motion may be wrong where its source proves wrong: more than
-vehicles make.
-"""
-LARGEST = 1e9
-"""[unit of the channel] no sensor reads more: a larger number is none."""
-UNKNOWN = 0.25
-"""Share of the largest variance from which on a part counts as unknown."""
 
 
 class PredictedMeasurement(Layout):
@@ -329,40 +362,6 @@ class EstimatorTuning:
 
 # What the filter is told once: the noise of the sensors, how the robot is expected to move, and
 # what it knows at first.
-
-JOLTS = (30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 200.0, 0.0)
-"""(9,) [m/s2, rad/s2] of each channel: light vehicles turn, and light joints under a load fall, as
-fast unplanned.
-
-Gates that grant more find nothing. Linear motion is slow and seen rarely; positions of joints tell
-their velocities as soon.
-"""
-JOLT_TIME = 0.015
-"""[s] for which gates grant that at most: what lasts longer shows in other readings."""
-BIAS_DRIFTS = (1e-5, 1e-5, 1e-4)
-"""[rad/s/sqrt(s), m/s/sqrt(s), m/s2/sqrt(s)] of gyro, DVL and accelerometer."""
-ALTITUDE_DRIFT = 0.005
-"""[m/sqrt(s)] at rest."""
-RESPONSE_TIME = 0.1
-"""[s] with which velocities are taken to follow commands."""
-_ECHO_MEMORY = 1.0  # [s] for which the altitude is known without an echo
-# standard deviation of a velocity after a step of the commanded one, as a share of that step
-_RESPONSE_UNCERTAINTY = 0.5
-# [s] for which readings that contradict the estimate must agree with each other to be believed
-_RECOVERY = 1.0
-_LEAST_JERK_SHARE = 0.02
-_SMALLEST_SIGMA = 1e-5  # stands in for the noise of an exact sensor, and keeps covariances regular
-_LIMITS = (3.0, 1e2, 30.0, 10.0, 3.0, 3.0, 1.0, 10.0, 10.0)  # of each `Part` but the floor
-_FIRST = (3.0, 1e2, 1.0, 0.1, 1.0, 0.1)  # of those that are not biases
-_FLOOR = 1e2  # [m]
-_JOINT_LIMIT = (10.0, 10.0)
-_JOINT_FIRST = (10.0, 1.0)
-_GATES = {
-    1: 25.0,
-    3: 31.8125,
-}  # chi-squared that 6e-7 exceed: five standard deviations of one number
-_MOST_AGILE = 10.0  # [m/s2, rad/s2] where limits are infinite
-_EARLY_STEP = 0.25  # [s] for which echoes must agree that the floor has gone down
 
 
 def initialise(

@@ -47,6 +47,26 @@ _BETTER = 0.5  # of one axis, by which another way must explain more
 _WELL = 0.4
 _MOST = 4  # changes that are looked for, one after the other
 
+_FLOWS = 0.01  # [m/s] of a current that is told
+_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
+_SOON = 0.005  # [s] of a delay that is not
+_BEYOND = 1e-3  # of a limit
+_LEVEL = (0.0, 0.0, 0.0, 1.0)
+
+_ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
+"""Constants that each recording has one of, and the constant of all recordings that a fit adds to
+it.
+"""
+_FILED = ("mass", "centre_of_mass", "second_moment")
+_SEEN = ("bias", "current")
+"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
+them where they are not 0.
+"""
+_NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
+"""Deviations of noise that weigh samples, and units: what they would change if they were twice as
+large.
+"""
+
 
 def mixed_thrusters(
     recording: Recording, thrust: Channel, B: np.ndarray, names: Sequence[str]
@@ -117,12 +137,6 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
 
 # What a recording says, and a fit with these settings takes for something else: doubts about both
 # together.
-
-_FLOWS = 0.01  # [m/s] of a current that is told
-_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
-_SOON = 0.005  # [s] of a delay that is not
-_BEYOND = 1e-3  # of a limit
-_LEVEL = (0.0, 0.0, 0.0, 1.0)
 
 
 def check_settings(
@@ -333,19 +347,6 @@ _SPREADS |= {"bias": 0.003, "current": 0.01, "rate_bias": 0.002}
 """Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points
 [m], turns [rad], rates [rad/s], currents [m/s], biases by shares of the weight, and that at an arm
 of 1 m.
-"""
-_ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
-"""Constants that each recording has one of, and the constant of all recordings that a fit adds to
-it.
-"""
-_FILED = ("mass", "centre_of_mass", "second_moment")
-_SEEN = ("bias", "current")
-"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
-them where they are not 0.
-"""
-_NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
-"""Deviations of noise that weigh samples, and units: what they would change if they were twice as
-large.
 """
 
 

@@ -19,6 +19,9 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import skew
 
+_SMOOTH = 1e-3  # of the unit of a coupling: below it the size of a coupling is rounded up
+
+
 # Coordinates of quantities: any real vector stands for values that are physically possible.
 #
 # A quantity is decoded from its coordinates as a CasADi expression, so that models are
@@ -172,8 +175,6 @@ def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
 # Linear drag is a positive definite matrix plus a skew one, whose power is zero. Quadratic drag
 # obeys the condition of `uvms_ocp.robot.hydrodynamics` by construction: the diagonal is what the
 # couplings ask for, and a positive number more.
-
-_SMOOTH = 1e-3  # of the unit of a coupling: below it the size of a coupling is rounded up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -43,6 +43,26 @@ _PARTNER = {
 _READINGS = recordings.CHANNEL_TABLE["readings"]
 """Other ways to read an attitude: places and signs of its numbers."""
 
+_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
+_OTHER = 0.5  # correlation below which a joint may be another
+_BETTER = 0.3  # by which that must fit better
+_NAMES = ("joint_positions", "joint_velocities")
+
+SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
+"""[s] by which motion comes after a command."""
+MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
+"""Plausible ones of these: thrusters lag, and messages take their time."""
+_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
+_LEAST = 200  # samples
+_STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
+
+_COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
+# of what drag leaves: by how much more another time must explain, and how much
+_CLEARER = 0.1
+_CLEAR = 0.3
+_MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
+_PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reference:
@@ -288,11 +308,6 @@ def _in_world(
 # Whether velocities of joints are the rates of their positions: order, sign, units, clocks, and
 # what is dead in one alone.
 
-_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
-_OTHER = 0.5  # correlation below which a joint may be another
-_BETTER = 0.3  # by which that must fit better
-_NAMES = ("joint_positions", "joint_velocities")
-
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
@@ -347,14 +362,6 @@ def _columns(rate: np.ndarray, measured_rate: np.ndarray) -> Iterator[tuple[str,
 
 # What accelerates a vehicle beside drag, weight and the turning of its frame, and what of a command
 # stands beside these.
-
-SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
-"""[s] by which motion comes after a command."""
-MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
-"""Plausible ones of these: thrusters lag, and messages take their time."""
-_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
-_LEAST = 200  # samples
-_STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -434,13 +441,6 @@ def commanded(
 # An acceleration is explained by a command at an earlier time, beside drag, weight and the turning
 # of the frame. Where one at a time that cannot be explains much more than all that can be, the
 # clocks differ.
-
-_COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
-# of what drag leaves: by how much more another time must explain, and how much
-_CLEARER = 0.1
-_CLEAR = 0.3
-_MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
-_PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
 
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:

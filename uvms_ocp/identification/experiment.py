@@ -24,6 +24,16 @@ from uvms_ocp.identification.rollout import Rollout, chained
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import Array, Shape
 
+_AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
+
+_NOTHING = 1e-6  # of information: what is known of an unknown without a prior
+# power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
+# alone
+_SHARP = 20.0
+
+_WITHIN = 1e-9  # of a step
+
+
 # What an excitation must keep to: thrust, and the pool around where the vehicle begins.
 
 
@@ -177,8 +187,6 @@ def _are_sizes(values: np.ndarray) -> bool:
 # The information is that of sensors which see every step; its derivative needs the second
 # derivatives of the stage, but only in the one direction that adjoints ask for: a course costs a
 # few simulations with slopes, whatever the number of commands.
-
-_AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -343,11 +351,6 @@ def _weighted_gradient(
 
 # What a course tells of the numbers that matter, as one figure with its slope.
 
-_NOTHING = 1e-6  # of information: what is known of an unknown without a prior
-# power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
-# alone
-_SHARP = 20.0
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class InformationCriterion:
@@ -417,8 +420,6 @@ def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 # Commands as a few numbers: what each actuator is told at knots, and straight lines between them.
-
-_WITHIN = 1e-9  # of a step
 
 
 class KnotCommands:

@@ -38,6 +38,27 @@ from uvms_ocp.types import Positive, Range
 _SHORTEST = 1.0
 _LONGEST = 1800.0
 
+FINER = 5
+"""Steps of the simulation that says where commands lead, in one of the search."""
+
+_AHEAD = 1.0  # [s] that the spring looks ahead
+
+STEP = 0.05
+"""[s] for which a command is held."""
+_AMPLITUDES = np.linspace(1.0, 0.05, 20)  # of the largest thrust, tried one after the other
+_HOLD = 2.0  # [s] of a step
+# [Hz] of chirps
+_SLOWEST = 0.1
+_FASTEST = 1.0
+
+HALF = 0.5
+"""Target, as a share of the smallest standard error by hand."""
+
+_PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
+_DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
+_START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
+_START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the search begins
+
 
 @checked_dataclass(eq=False)
 class ExperimentTask:
@@ -109,9 +130,6 @@ def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int
 # What commands are expected to tell where the vehicle is as it is believed to be, and where they
 # lead it.
 
-FINER = 5
-"""Steps of the simulation that says where commands lead, in one of the search."""
-
 
 class DesignStatus(AdvisedStatus):
     """Outcome of a design."""
@@ -182,8 +200,6 @@ def simulate_commands(
 # Any commands, made to stay in the pool: where they lead out of it, a spring at the actuators pulls
 # back.
 
-_AHEAD = 1.0  # [s] that the spring looks ahead
-
 
 def keep_inside_pool(
     given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float
@@ -221,14 +237,6 @@ def keep_inside_pool(
 
 # Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool,
 # as large as it allows.
-
-STEP = 0.05
-"""[s] for which a command is held."""
-_AMPLITUDES = np.linspace(1.0, 0.05, 20)  # of the largest thrust, tried one after the other
-_HOLD = 2.0  # [s] of a step
-# [Hz] of chirps
-_SLOWEST = 0.1
-_FASTEST = 1.0
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -274,9 +282,6 @@ def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -
 
 # How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well
 # enough to count.
-
-HALF = 0.5
-"""Target, as a share of the smallest standard error by hand."""
 
 
 def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
@@ -386,11 +391,6 @@ class Objective:
 # are penalties with a margin, dearer from round to round. What comes out is limited in thrust and
 # slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of
 # the next round.
-
-_PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
-_DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
-_START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
-_START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the search begins
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

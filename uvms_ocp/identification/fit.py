@@ -30,6 +30,21 @@ from uvms_ocp.identification.rollout import PreparedRecording, Rollout, Segment,
 
 _ITERATIONS = 10
 
+_COARSER = 10.0  # noise of the first search, which is to find the way and not the place
+# times the steps with which most of the way is gone: few of the fine ones, which take long, are
+# left
+_COARSE = 4.0
+_COARSER_STEP = 1.5  # times the step, at least, with which another search tells what the step does
+# [s]
+_ROUGH_STEP = 0.05
+_ROUGH_STRETCH = 1.0
+_ROUGH_ITERATIONS = 20
+_ROUGH_TOLERANCE = 1e-3
+_NOTHING = 1e-9  # of information
+# [s] of recordings, on which the way is found that the last search goes on along all of them
+_ENOUGH = 600.0
+_ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Predicted:
@@ -126,21 +141,6 @@ def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
 # In stretches of a second everything is nearly linear in the unknowns, as in an equation error, if
 # what their beginnings showed is trusted and the end of one need not be the beginning of the next.
 # What is found there is near enough for long ones.
-
-_COARSER = 10.0  # noise of the first search, which is to find the way and not the place
-# times the steps with which most of the way is gone: few of the fine ones, which take long, are
-# left
-_COARSE = 4.0
-_COARSER_STEP = 1.5  # times the step, at least, with which another search tells what the step does
-# [s]
-_ROUGH_STEP = 0.05
-_ROUGH_STRETCH = 1.0
-_ROUGH_ITERATIONS = 20
-_ROUGH_TOLERANCE = 1e-3
-_NOTHING = 1e-9  # of information
-# [s] of recordings, on which the way is found that the last search goes on along all of them
-_ENOUGH = 600.0
-_ROUNDS = 10  # of iterations, the first among them, while each of them still lowers the cost
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -32,6 +32,18 @@ from uvms_ocp.record import mcap, untrusted
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
 
+_PARTED = "=" * 80 + "\n"
+"""Between the definitions of a schema in IDL."""
+
+_loads = partial(json.loads, parse_int=float)  # any number of digits
+
+_STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
+_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[^\[\]]+\])*$")
+_NAMED = ("name", "child_frame_id")
+_STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+"""Fields of a time in ROS 2, in Foxglove's JSON, in ROS 1 and in protobuf."""
+
+
 # All kinds: the files that hold messages, and the topics of each.
 
 
@@ -118,9 +130,6 @@ def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[b
 
 # ROS, by the library of the extra ``uvms-ocp[rosbags]``: what messages mean, bags of ROS 1, and
 # those of ROS 2 in SQLite.
-
-_PARTED = "=" * 80 + "\n"
-"""Between the definitions of a schema in IDL."""
 
 
 def ros_decoder(
@@ -267,8 +276,6 @@ def _sqlite_topics(path: Path) -> Collection[str]:
 
 # Lines of JSON, such as a DVL sends: the topic is what stands as `type`.
 
-_loads = partial(json.loads, parse_int=float)  # any number of digits
-
 
 def _json_messages(
     path: Path, topics: Collection[str] | None, _: Path | None, remarks: list[str]
@@ -378,12 +385,6 @@ _READERS = {
 
 
 # Numbers in a message by paths such as ``pose.pose.position.x``, whatever library has decoded it.
-
-_STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
-_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[^\[\]]+\])*$")
-_NAMED = ("name", "child_frame_id")
-_STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
-"""Fields of a time in ROS 2, in Foxglove's JSON, in ROS 1 and in protobuf."""
 
 
 def steps_of(path: str) -> tuple[str, ...]:

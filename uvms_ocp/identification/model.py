@@ -21,6 +21,16 @@ from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
 from uvms_ocp.robot.spatial import cross, exp3, quaternion_to_matrix
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics, WaterCoefficients
 
+N_Q = 7
+N_V = 6
+PAST = 12
+PAST_STEP = 0.05
+""", [s] of commands before a start: what actuators give there has a past."""
+# of the dead zone, in which its edge is rounded where it is learnt, and where it is known
+_EDGE = 0.2
+_SHARP = 0.01
+
+
 # The equations of motion of a vehicle whose quantities are expressions: those of the symbolic
 # dynamics, nothing new.
 
@@ -52,15 +62,6 @@ def vehicle_dynamics(
 # whole impulse. The vehicle drifts for half a step, its velocity changes by the forces there, and
 # it drifts on: swings keep their period and their size better than by other rules of two
 # evaluations.
-
-N_Q = 7
-N_V = 6
-PAST = 12
-PAST_STEP = 0.05
-""", [s] of commands before a start: what actuators give there has a past."""
-# of the dead zone, in which its edge is rounded where it is learnt, and where it is known
-_EDGE = 0.2
-_SHARP = 0.01
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

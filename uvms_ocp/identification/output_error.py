@@ -26,6 +26,21 @@ from uvms_ocp.identification.rollout import (
 )
 from uvms_ocp.robot.spatial import quaternion_conjugate, quaternion_log, quaternion_multiply
 
+Elimination = Callable[[np.ndarray], np.ndarray]
+"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as
+`Unknowns.start`].
+"""
+
+_NEARLY_NONE = 1e-9  # of damping
+_PROMISED = 30.0
+"""Factor of the tolerance: a search that an undamped step promises to lower by more has not
+converged, however little its last step gained.
+"""
+_MOST_STEPS = (
+    4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
+)
+
+
 # What a residual costs: half its square near zero, and linearly more far away, where outliers are
 # (pseudo-Huber's loss).
 
@@ -44,11 +59,6 @@ def weights(r: np.ndarray, outliers: float) -> np.ndarray:
 
 # Normal equations of one recording, its local unknowns apart: those of its own, and the starts of
 # its stretches.
-
-Elimination = Callable[[np.ndarray], np.ndarray]
-"""Maps a change (n,) of the shared unknowns to those (m + 9 l,) of the others [as
-`Unknowns.start`].
-"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,15 +178,6 @@ class ProfilePenalty:
 # Every stretch begins where it likes; where it ends may differ from where the next one begins, at
 # the price of process noise. Unknowns of single recordings, and starts, are eliminated recording by
 # recording, so that a step costs little more than the simulation.
-
-_NEARLY_NONE = 1e-9  # of damping
-_PROMISED = 30.0
-"""Factor of the tolerance: a search that an undamped step promises to lower by more has not
-converged, however little its last step gained.
-"""
-_MOST_STEPS = (
-    4_000  # of segments that are simulated at once: what they take stays in tens of megabytes
-)
 
 
 class FitStatus(AdvisedStatus):

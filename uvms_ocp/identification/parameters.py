@@ -30,6 +30,18 @@ from uvms_ocp.types import Positive
 
 All = None
 
+_HELD = 1e-4  # [as start] deviation of what is held
+
+Pairs = tuple[tuple[int, int], ...]
+_XYZ = ("x", "y", "z")
+_SPEED = 0.3  # [m/s, rad/s] size that velocities have
+DELAYS = ("delay", "velocity_delay")
+"""Quantities of time, from 0 to the longest."""
+LONGEST_DELAY = 1.0
+"""[s] of commands and of measurements."""
+AT_ONCE = 1e-6
+"""[s] of a delay that there is not."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fixed:
@@ -211,8 +223,6 @@ class Declaration:
 
 # The unknowns of a declaration in a row, and the way from them to values.
 
-_HELD = 1e-4  # [as start] deviation of what is held
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unknowns:
@@ -303,16 +313,6 @@ class Unknowns:
 
 
 # The quantities of a vehicle, all of them known to be what its model says.
-
-Pairs = tuple[tuple[int, int], ...]
-_XYZ = ("x", "y", "z")
-_SPEED = 0.3  # [m/s, rad/s] size that velocities have
-DELAYS = ("delay", "velocity_delay")
-"""Quantities of time, from 0 to the longest."""
-LONGEST_DELAY = 1.0
-"""[s] of commands and of measurements."""
-AT_ONCE = 1e-6
-"""[s] of a delay that there is not."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

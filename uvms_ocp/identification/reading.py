@@ -47,6 +47,54 @@ from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.row_files import META
 from uvms_ocp.robot.spatial import continuous_quaternions
 
+# [s]; the latter on each side
+_DAY = 86_400.0
+_AROUND_MIDNIGHT = 600.0
+_DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
+UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
+"""By the unit of a channel: units that its values may be given in, and factors."""
+_OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
+_FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
+_LARGEST_ANGLE = (
+    2.5 * np.pi
+)  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
+# of the usual interval, within which a message that says the same again is the same message
+_AT_ONCE = 0.05
+_Numbers = float | tuple[float, ...]
+
+_UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""Least number of a time since 1970 in each unit: read as seconds it would be some thousand
+years.
+"""
+
+_TRUTH = {"joint_torques": "torque", "current": "current"}
+"""Channels that are whole series."""
+_MEASURED = tuple(
+    f"measured_{name}" for name in ("position", "attitude", "linear_velocity", "angular_velocity")
+)
+_POSE = 7
+_TWIST = 6
+
+_OWN_MEMBER = b"__meta__.npy"
+_READ = (
+    "q_estimated",
+    "v_estimated",
+    "asked_thrust",
+    "thrust",
+    "wrench",
+    "unreachable",
+    "contact",
+    *_MEASURED,
+    *_TRUTH.values(),
+)
+"""Series that a recording is made of, a quarter of a record."""
+_RECORDS: Mapping[str, Callable[[Path], Record]] = {
+    ".npz": partial(Record.load, only=_READ),
+    ".mcap": Record.from_mcap,
+    ".parquet": Record.from_parquet,
+}
+
+
 # When messages were sent that arrived late, in bursts or with gaps.
 
 
@@ -66,21 +114,6 @@ def even_send_times(arrived: np.ndarray, period: float) -> np.ndarray:
 
 
 # How the columns of foreign files become channels: a YAML file, or the same as a value.
-
-# [s]; the latter on each side
-_DAY = 86_400.0
-_AROUND_MIDNIGHT = 600.0
-_DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
-UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
-"""By the unit of a channel: units that its values may be given in, and factors."""
-_OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
-_FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
-_LARGEST_ANGLE = (
-    2.5 * np.pi
-)  # [rad] of roll, pitch and yaw as files have them, unless yaw is unwound
-# of the usual interval, within which a message that says the same again is the same message
-_AT_ONCE = 0.05
-_Numbers = float | tuple[float, ...]
 
 
 class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
@@ -309,12 +342,6 @@ def _mapped_rows(
                 rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows),
             )
     return found
-
-
-_UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
-"""Least number of a time since 1970 in each unit: read as seconds it would be some thousand
-years.
-"""
 
 
 def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
@@ -638,14 +665,6 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
 # Records of the toolkit's own runs as recordings: what the robot measured, what was asked of its
 # thrusters, and the truth of what no sensor tells: torque as joints gave it, and the current.
 
-_TRUTH = {"joint_torques": "torque", "current": "current"}
-"""Channels that are whole series."""
-_MEASURED = tuple(
-    f"measured_{name}" for name in ("position", "attitude", "linear_velocity", "angular_velocity")
-)
-_POSE = 7
-_TWIST = 6
-
 
 def run_recording(record: Record, name: str) -> recordings.Recording:
     """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer
@@ -766,25 +785,6 @@ def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
-
-_OWN_MEMBER = b"__meta__.npy"
-_READ = (
-    "q_estimated",
-    "v_estimated",
-    "asked_thrust",
-    "thrust",
-    "wrench",
-    "unreachable",
-    "contact",
-    *_MEASURED,
-    *_TRUTH.values(),
-)
-"""Series that a recording is made of, a quarter of a record."""
-_RECORDS: Mapping[str, Callable[[Path], Record]] = {
-    ".npz": partial(Record.load, only=_READ),
-    ".mcap": Record.from_mcap,
-    ".parquet": Record.from_parquet,
-}
 
 
 def read_recording(

@@ -18,6 +18,30 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import frozen_mapping, read_only
 
+CHANNEL_TABLE = tomllib.loads(
+    (files("uvms_ocp.identification") / "channels.toml").read_text(encoding="utf-8")
+)
+"""Channels, and units that their values may be given in."""
+
+SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
+"""[s] of the units that times are given in."""
+_BY_SPELLING = {
+    name.lower().replace(" ", ""): name
+    for units in CHANNEL_TABLE["units"].values()
+    for name in units
+}
+_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
+
+GRID = 0.05
+"""[s] of uniform samples before they are smoothed."""
+_MOST = 20_000_000  # of these: 11 days
+
+LONGEST_GAP = 2.0
+"""[s] without a sample of any channel, from which on a recording is cut."""
+SHORTEST = 5.0
+"""[s] of a part that is kept: less tells next to nothing."""
+
+
 # What was measured while a vehicle moved, as a value.
 
 
@@ -34,23 +58,11 @@ class ChannelKind:
     """Asked for, not measured: held from one sample to the next."""
 
 
-CHANNEL_TABLE = tomllib.loads(
-    (files("uvms_ocp.identification") / "channels.toml").read_text(encoding="utf-8")
-)
-"""Channels, and units that their values may be given in."""
 CHANNEL_KINDS: Mapping[str, ChannelKind] = {
     name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))})
     for name, one in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
-SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
-"""[s] of the units that times are given in."""
-_BY_SPELLING = {
-    name.lower().replace(" ", ""): name
-    for units in CHANNEL_TABLE["units"].values()
-    for name in units
-}
-_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
 
 
 def unit_named(said: str) -> str:
@@ -203,10 +215,6 @@ class Recording:
 
 # Channels at any times: commands as they are held, measurements smoothed.
 
-GRID = 0.05
-"""[s] of uniform samples before they are smoothed."""
-_MOST = 20_000_000  # of these: 11 days
-
 
 class ZeroOrderHold:
     """A command that stays from one sample to the next; before the first it is as the first."""
@@ -321,11 +329,6 @@ def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
 # nobody.
 #
 # A clock that is set while it records leaves one too, as long as it was moved.
-
-LONGEST_GAP = 2.0
-"""[s] without a sample of any channel, from which on a recording is cut."""
-SHORTEST = 5.0
-"""[s] of a part that is kept: less tells next to nothing."""
 
 
 def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:

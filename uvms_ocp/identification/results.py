@@ -53,6 +53,15 @@ _DRAGS = frozenset({"linear_drag", "quadratic_drag"})
 _BODY = frozenset({"mass", "second_moment"})
 _DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
 
+_OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
+IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
+"""Quantities that a robot file holds."""
+
+_STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
+
+_MOST_COMBINATIONS = 6  # combinations, the worst first
+_DECADES = 1e3  # between the ends of an interval that is told of what is positive
+
 
 def advice(one: uncertainty.UnidentifiableDirection) -> str:
     """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
@@ -100,10 +109,6 @@ def _motion(text: str, entry: str) -> str:
 #
 # A file holds coefficients of water. Mass and inertia are the URDF's, gains and delays the
 # driver's: the report tells them.
-
-_OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
-IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
-"""Quantities that a robot file holds."""
 
 
 def variant_text(one: Calibration, recordings: Sequence[str]) -> str:
@@ -207,8 +212,6 @@ def _row(values: np.ndarray) -> str:
 
 # How well recordings are predicted, as tables: nothing is told without what predictors that know
 # less make of it.
-
-_STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
 
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
@@ -314,9 +317,6 @@ def _cell(value: float, worse: bool) -> str:
 
 # A calibration in words: numbers, how sure they are, what is not determined, and how well
 # recordings are predicted.
-
-_MOST_COMBINATIONS = 6  # combinations, the worst first
-_DECADES = 1e3  # between the ends of an interval that is told of what is positive
 
 
 def report_text(one: Calibration) -> str:

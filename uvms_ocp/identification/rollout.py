@@ -33,6 +33,16 @@ POSE_INTERVAL = 0.2
 """[s] between the poses from which a linear velocity is taken that is not recorded."""
 COMMANDS = ("thrust", "wrench", "propeller_commands")
 
+_MOST_STEPS = 4_000  # one after the other in a function, and states whose outputs are taken at once
+
+N_START = 9
+"""unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
+
+Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
+"""Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor,
+both (m, 3).
+"""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Segment:
@@ -251,12 +261,6 @@ def _joints(
 # Simulation of many stretches at once, with the sensitivities of what is seen.
 
 
-_MOST_STEPS = 4_000  # one after the other in a function, and states whose outputs are taken at once
-
-N_START = 9
-"""unknowns of a start: velocity (6), then the turn of the attitude in B (3)."""
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SegmentStart:
     """State in which a segment begins."""
@@ -296,12 +300,6 @@ class PredictedOutputs:
     """Cost of the residuals of its rows, for passes that do not keep the rows."""
     end_slope: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_x, n_p + 9) [as the state, per unknown]"""
-
-
-Weights = Callable[[int, tuple[np.ndarray, ...]], Sequence[tuple[np.ndarray, np.ndarray]]]
-"""Maps the index of a segment and its rows to weights w and weighted residuals w r of each sensor,
-both (m, 3).
-"""
 
 
 class Rollout:

@@ -20,22 +20,6 @@ from uvms_ocp.identification.recording import (
     smoothed,
 )
 
-# One doubt about a recording.
-
-
-@checked_dataclass()
-class QualityIssue:
-    """Of which channel, and what speaks against it."""
-
-    channel: str
-    problem: str
-
-    def __str__(self) -> str:
-        return f"{self.channel}: {self.problem}"
-
-
-# How well two series agree: in time, in size and in their axes.
-
 EXPLAINED = 0.15
 """Of the motion, by which other axes must explain more."""
 WAYS = tuple(
@@ -62,6 +46,71 @@ _UNITS = {
 }
 """Factors of units of a rate, and of a pose."""
 _CLOSE = 1.25  # to the factor of a unit
+
+WINDOW = 0.6
+"""[s] over which rates are taken."""
+DEAD = 1e-5
+"""[unit] below which nothing that a sensor measures stays."""
+MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
+"""[m/s, rad/s, m/s2] Less says nothing; of an acceleration, what tilt makes of gravity."""
+# of the usual interval; of the mean one
+_GAP = 8.0
+_BURST = 0.5
+_OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
+# [s] between samples, of any sensor
+_SHORTEST = 1e-5
+_LIKELY = 0.05
+_LONGEST = 5.0
+_AT_ONCE = 0.05  # of the usual interval
+_FAR = 3.0  # widths of all others by which values are far off
+_FARTHEST = {
+    "position": 20.0,
+    "linear_velocity": 5.0,
+    "angular_velocity": 10.0,
+    "specific_force": 100.0,
+    "current": 5.0,
+}
+"""[unit] by which they are at least."""
+_SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
+_SPIKE = 10.0  # usual steps that a jump is
+_CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
+_PULSES = (900.0, 2200.0)  # [us]
+_NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
+_SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
+"""What may be told when it changes alone."""
+# [s] of a recording; of it over what its samples take up
+_SHORTEST_RECORDING = 5.0
+_SPARSEST = 100.0
+
+_FOR_LONG = 90.0  # [%] of samples below a peak
+
+G = 9.81  # [m/s2]
+_LIKE_G = (0.8, 1.2)  # of it
+_FREE = 0.3  # of it, below which gravity is not there
+_PRESSURE = 700.0  # [mbar] of air, where people are, and no height of a vehicle in water
+_UPRIGHT = 0.7  # of it, which stays along an axis that is z up
+
+_LONG = 2.0  # [s] for which no sensor of what moves repeats itself
+_DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
+_DRIVEN = 0.05  # [m/s] standard deviation of a velocity that does not come to rest
+_PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
+
+
+# One doubt about a recording.
+
+
+@checked_dataclass()
+class QualityIssue:
+    """Of which channel, and what speaks against it."""
+
+    channel: str
+    problem: str
+
+    def __str__(self) -> str:
+        return f"{self.channel}: {self.problem}"
+
+
+# How well two series agree: in time, in size and in their axes.
 
 
 def explained(seen: np.ndarray, wanted: np.ndarray) -> float:
@@ -172,45 +221,10 @@ def correlation(x: np.ndarray, y: np.ndarray) -> float:
 
 # What speaks against a channel by itself: its times, and values that no sensor and no vehicle has.
 
-WINDOW = 0.6
-"""[s] over which rates are taken."""
-DEAD = 1e-5
-"""[unit] below which nothing that a sensor measures stays."""
-MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
-"""[m/s, rad/s, m/s2] Less says nothing; of an acceleration, what tilt makes of gravity."""
-# of the usual interval; of the mean one
-_GAP = 8.0
-_BURST = 0.5
-_OFTEN = 0.02  # of all intervals, from which on gaps are what bursts leave
-# [s] between samples, of any sensor
-_SHORTEST = 1e-5
-_LIKELY = 0.05
-_LONGEST = 5.0
-_AT_ONCE = 0.05  # of the usual interval
-_FAR = 3.0  # widths of all others by which values are far off
-_FARTHEST = {
-    "position": 20.0,
-    "linear_velocity": 5.0,
-    "angular_velocity": 10.0,
-    "specific_force": 100.0,
-    "current": 5.0,
-}
-"""[unit] by which they are at least."""
-_SATURATES = ("linear_velocity", "angular_velocity", "specific_force")
-_SPIKE = 10.0  # usual steps that a jump is
-_CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
-_PULSES = (900.0, 2200.0)  # [us]
-_NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
-_SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
-"""What may be told when it changes alone."""
-# [s] of a recording; of it over what its samples take up
-_SHORTEST_RECORDING = 5.0
-_SPARSEST = 100.0
 _FASTEST = dict.fromkeys(("linear_velocity", "current"), (10.0, "mm/s, or cm/s"))
 _FASTEST |= dict.fromkeys(("angular_velocity", "joint_velocities"), (4 * np.pi, "deg/s"))
 _FASTEST["joint_positions"] = (4 * np.pi, "deg")
 """[unit] that no channel has for long, and the unit which it would be in."""
-_FOR_LONG = 90.0  # [%] of samples below a peak
 
 
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
@@ -492,12 +506,6 @@ def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterato
 # Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of
 # the surface it is.
 
-G = 9.81  # [m/s2]
-_LIKE_G = (0.8, 1.2)  # of it
-_FREE = 0.3  # of it, below which gravity is not there
-_PRESSURE = 700.0  # [mbar] of air, where people are, and no height of a vehicle in water
-_UPRIGHT = 0.7  # of it, which stays along an axis that is z up
-
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
     """Channels and what speaks against them."""
@@ -574,11 +582,6 @@ def _above(z: np.ndarray) -> Iterator[str]:
 
 # What stays as it is while the vehicle moves: a sensor that has stopped, and commands that were not
 # recorded.
-
-_LONG = 2.0  # [s] for which no sensor of what moves repeats itself
-_DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
-_DRIVEN = 0.05  # [m/s] standard deviation of a velocity that does not come to rest
-_PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
 
 
 def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -56,6 +56,15 @@ _NOISE = output_error.Noise()
 _SEARCH = fit.Search()
 _ACTUATORS = ActuatorModel()
 
+_VEHICLE = 1  # joint of Pinocchio's, after the universe
+_DELAY = 0.05  # [s] of commands, where a search of it begins
+_DELAY_SPREAD = 2.0  # of the logarithm of a delay
+_LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
+SHAPE_SPREADS = {"added_mass": 0.7, "quadratic_drag": 0.7, "volume": 0.7, "linear_drag": 2.0}
+"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules
+are right to a factor of two.
+"""
+
 
 class _SettingsSection(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
     """Base of the sections of a settings file."""
@@ -136,15 +145,6 @@ def read_settings(path: Path | str) -> CalibrationSettings:
 
 # The robot that is calibrated, as settings have it: with its file's numbers, and as a vehicle with
 # unknowns.
-
-_VEHICLE = 1  # joint of Pinocchio's, after the universe
-_DELAY = 0.05  # [s] of commands, where a search of it begins
-_DELAY_SPREAD = 2.0  # of the logarithm of a delay
-_LEAST = 1e-3  # [s], [N] of what is given as 0: logarithms are searched
-SHAPE_SPREADS = {"added_mass": 0.7, "quadratic_drag": 0.7, "volume": 0.7, "linear_drag": 2.0}
-"""Relative deviations of coefficients that a shape gives, priors where settings give none: rules
-are right to a factor of two.
-"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -36,6 +36,12 @@ from uvms_ocp.identification.text_tables import (
 from uvms_ocp.record.tables import arrow, require_numbers
 from uvms_ocp.record.untrusted import as_input_errors, read_arrays
 
+_MOST_NUMBERS = 20 * MOST_ROWS
+_LARGEST_JSON = 1 << 25
+
+_TIME = "t [s]"
+_COLUMN = re.compile(r"(\w+)\.(\w+)$")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TableColumns:
@@ -110,9 +116,6 @@ def require_there(path: Path) -> None:
 
 
 # Named arrays.
-
-_MOST_NUMBERS = 20 * MOST_ROWS
-_LARGEST_JSON = 1 << 25
 
 
 def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
@@ -305,9 +308,6 @@ def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 
 # A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for
 # channels that have a sample.
-
-_TIME = "t [s]"
-_COLUMN = re.compile(r"(\w+)\.(\w+)$")
 
 
 def write_recording(recording: Recording, path: Path | str) -> None:

@@ -31,6 +31,32 @@ NARROWED = 0.7
 _NOTHING = 1e-12  # of information: all that is known where there is none
 _LEAST_SHARE = 0.3  # of the largest entry of a combination
 
+_MOVED = 0.1  # [noise] less is left of what does not move, as along an axis that is held
+
+DETERMINED_BELOW = 0.1
+"""Largest standard error, relative to the size of a number, with which it counts as determined."""
+INTERVAL = 1.96
+"""Standard errors to either side, in which 95 % lie."""
+TOTAL = "mass and added mass"
+SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
+"""[unit] of numbers that may be zero; others are compared with themselves."""
+_XYZ = ("x", "y", "z")
+
+_Entry = tuple[str, str, str, bool]
+"""Quantity, entry, unit and whether it can only be positive, as `IdentifiedNumber` has them."""
+
+CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")
+"""Channels of the three sensors, three of each."""
+LEVEL = 0.05
+"""Level of the test: share of white residuals that it takes for coloured."""
+MISSES = 5.0
+"""Size of coloured residuals of a channel, in standard deviations of the noise, beyond which no
+number counts as determined.
+"""
+LEAST_P = 1e-6
+"""Chance that is not told more exactly."""
+_LAGS = 20
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class UnidentifiableDirection:
@@ -89,9 +115,6 @@ def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
     return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / inflation
 
 
-_MOVED = 0.1  # [noise] less is left of what does not move, as along an axis that is held
-
-
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     """Variance inflation: samples of a prediction that miss alike, times their squared miss
     relative to `noise`; at least 1.
@@ -130,15 +153,6 @@ def autocorrelation(residual: np.ndarray) -> np.ndarray:
 
 # What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what
 # each axis has to move.
-
-DETERMINED_BELOW = 0.1
-"""Largest standard error, relative to the size of a number, with which it counts as determined."""
-INTERVAL = 1.96
-"""Standard errors to either side, in which 95 % lie."""
-TOTAL = "mass and added mass"
-SIZES = {"m": 0.05, "s": 0.05, "rad": 0.05, "m/s": 0.05, "N, N m": 1.0}
-"""[unit] of numbers that may be zero; others are compared with themselves."""
-_XYZ = ("x", "y", "z")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -195,10 +209,6 @@ class IdentifiedNumber:
             factor = float(np.exp(min(INTERVAL * self.sigma / max(self.value, 1e-300), 500.0)))
             return self.value / factor, self.value * factor
         return self.value - INTERVAL * self.sigma, self.value + INTERVAL * self.sigma
-
-
-_Entry = tuple[str, str, str, bool]
-"""Quantity, entry, unit and whether it can only be positive, as `IdentifiedNumber` has them."""
 
 
 def numbers(
@@ -335,18 +345,6 @@ def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
 
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples
 # count one by one.
-
-CHANNELS = (*parameters.AXES, "vertical x", "vertical y", "vertical z")
-"""Channels of the three sensors, three of each."""
-LEVEL = 0.05
-"""Level of the test: share of white residuals that it takes for coloured."""
-MISSES = 5.0
-"""Size of coloured residuals of a channel, in standard deviations of the noise, beyond which no
-number counts as determined.
-"""
-LEAST_P = 1e-6
-"""Chance that is not told more exactly."""
-_LAGS = 20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -57,6 +57,21 @@ _EXACT = 1e-3  # of a deviance
 _KEPT = 0.1  # of a deviance, by which it may miss what a step has promised
 _OTHER = 0.2  # of the half width, by which ends may be apart that are called equal
 
+# Quaternions (xyzw) of the attitudes whose vertical in B is each of B's axes.
+_UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
+
+SCORED = (*parameters.AXES, "tilt")
+"""[m/s, rad/s, deg] what errors are told of."""
+
+HORIZONS = (5.0, 20.0, 60.0)
+"""[s] over which recordings are predicted, the last one as long as they are."""
+OTHERS = "identified on the others"
+BEFORE = "before"
+STATIC = NOTHING_MOVES
+BALANCE = "static balance"
+"""Names of predictors; the last two predict zero velocities."""
+_DRAWS = 12  # of the unknowns, from what is known of them
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Profile:
@@ -220,9 +235,6 @@ def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
 
 # Vehicles that do not move, as predictors: others are worth as much as they are better.
 
-# Quaternions (xyzw) of the attitudes whose vertical in B is each of B's axes.
-_UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
-
 
 def static_baseline(stretch: Segment, known: float) -> Predicted:
     """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and
@@ -279,9 +291,6 @@ def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
 
 # How far predictions are off.
 
-SCORED = (*parameters.AXES, "tilt")
-"""[m/s, rad/s, deg] what errors are told of."""
-
 
 def errors(predicted: Predicted) -> np.ndarray:
     """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between
@@ -305,15 +314,6 @@ def root_mean_square(values: np.ndarray) -> np.ndarray:
 
 # Every recording, predicted by a vehicle that has not seen it, beside predictions by what knows
 # less.
-
-HORIZONS = (5.0, 20.0, 60.0)
-"""[s] over which recordings are predicted, the last one as long as they are."""
-OTHERS = "identified on the others"
-BEFORE = "before"
-STATIC = NOTHING_MOVES
-BALANCE = "static balance"
-"""Names of predictors; the last two predict zero velocities."""
-_DRAWS = 12  # of the unknowns, from what is known of them
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -31,6 +31,23 @@ from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Hierarchy, Task
 from uvms_ocp.types import Finite, Magnitude, Shape
 
+_NUMBERED = "phase_"
+_WORDS = (
+    "as",
+    "class",
+    "classdef",
+    "default",
+    "direction",
+    "end",
+    "fork",
+    "join",
+    "note",
+    "root",
+    "state",
+    "style",
+)
+
+
 # A mission as a graph, as a table and as a diagram.
 
 
@@ -92,23 +109,6 @@ def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
         fresh = set().union(*(edges.get(name, set()) for name in fresh)) - reached
         reached |= fresh
     return reached
-
-
-_NUMBERED = "phase_"
-_WORDS = (
-    "as",
-    "class",
-    "classdef",
-    "default",
-    "direction",
-    "end",
-    "fork",
-    "join",
-    "note",
-    "root",
-    "state",
-    "style",
-)
 
 
 def _state(name: str, index: int) -> str:

@@ -22,6 +22,12 @@ from uvms_ocp.record.meta_values import (
 )
 from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
+GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
+"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and
+whether that time is the time since the start of the phase.
+"""
+
+
 # What ends a phase: conditions on measured quantities, and transitions that wait for them.
 
 
@@ -166,11 +172,6 @@ def measured(quantity: str, quantities: Mapping[str, float]) -> float:
 
 
 # One action of a mission, where a mission is, and why it went on.
-
-GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
-"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and
-whether that time is the time since the start of the phase.
-"""
 
 
 @checked_dataclass(eq=False, repr=False)

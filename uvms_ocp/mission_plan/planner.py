@@ -50,6 +50,30 @@ _MOMENTS = (0.0, 1.0, 7.0)  # [s] at which goals are looked at
 _DIGITS = 9
 _PLAIN = (bool, int, float, str, tuple)
 
+_KEY = "mission_plan"
+_NO_PLAN = "no plan of a mission"
+_ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
+"""Arrays, with the number of rows by which each is shorter than there are times."""
+
+# [s] how far and how often the water is looked at
+_AHEAD = 600.0
+_LOOK = 0.5
+_SAME_WATER = 0.05  # [m/s] by which it may differ
+
+_EASY = MissionWeights(energy=1e-3, effort=1.0)
+"""Convex in forces: what costs the least energy is near."""
+_HURRY = MissionWeights(price=1.0)
+_SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
+_ROUNDS = (
+    3  # in which links that come near are looked for, and in which the water is where the plan is
+)
+_SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
+_HASTE = 150  # iterations from the greedy way, before the easier problem is tried
+OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
+"""Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
+the machine is.
+"""
+
 
 @checked
 def mission_digests(scenario: Scenario) -> dict[str, str]:
@@ -95,11 +119,6 @@ def _rounded(values: np.ndarray) -> str:
 
 
 # Plans of missions as files.
-
-_KEY = "mission_plan"
-_NO_PLAN = "no plan of a mission"
-_ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
-"""Arrays, with the number of rows by which each is shorter than there are times."""
 
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
@@ -335,11 +354,6 @@ def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPla
 
 # A mission as an optimal control problem over its whole length, and where the search begins.
 
-# [s] how far and how often the water is looked at
-_AHEAD = 600.0
-_LOOK = 0.5
-_SAME_WATER = 0.05  # [m/s] by which it may differ
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionProblem:
@@ -455,20 +469,6 @@ def _problem(
 
 
 # From a scenario to a plan of its whole mission.
-
-_EASY = MissionWeights(energy=1e-3, effort=1.0)
-"""Convex in forces: what costs the least energy is near."""
-_HURRY = MissionWeights(price=1.0)
-_SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
-_ROUNDS = (
-    3  # in which links that come near are looked for, and in which the water is where the plan is
-)
-_SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
-_HASTE = 150  # iterations from the greedy way, before the easier problem is tried
-OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
-"""Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
-the machine is.
-"""
 
 
 @checked

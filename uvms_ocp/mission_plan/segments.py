@@ -37,6 +37,22 @@ from uvms_ocp.types import Magnitude
 
 _LEAST = 0.25  # share of a threshold that a plan may use, however large the margin
 
+ANGLES = ("tilt", "misalignment", "angle")
+"""Quantities of tasks that bound an angle."""
+
+_DT = 0.05  # [s] control period: a guess needs no better
+_EVERY = 4  # ticks between two configurations that are kept
+# [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+_UNKNOWN = 10.0
+_FORETOLD = 0.5  # [s] between two configurations that are foretold
+
+# shares of the greedy duration of a phase
+_SHORTEST = 0.25
+_LONGEST = 1.5
+_FEWEST = 4  # steps of a segment
+_FOLLOWED = 0.5  # [s] steps where a goal moves
+_LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
+
 
 @checked_dataclass()
 class Margins:
@@ -62,9 +78,6 @@ def tightened_limit(limit: float, margin: float) -> float:
 
 
 # What the tasks of a phase keep all along it, as strictly as a plan keeps it.
-
-ANGLES = ("tilt", "misalignment", "angle")
-"""Quantities of tasks that bound an angle."""
 
 
 def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
@@ -145,12 +158,6 @@ def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
 
 # The greedy mission on the kinematic plant: where a search for something better begins; and what is
 # foretold of it.
-
-_DT = 0.05  # [s] control period: a guess needs no better
-_EVERY = 4  # ticks between two configurations that are kept
-# [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
-_UNKNOWN = 10.0
-_FORETOLD = 0.5  # [s] between two configurations that are foretold
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -243,13 +250,6 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
 
 # The horizon of a mission: each phase as a segment of free length, and what has to be held at its
 # end as one more.
-
-# shares of the greedy duration of a phase
-_SHORTEST = 0.25
-_LONGEST = 1.5
-_FEWEST = 4  # steps of a segment
-_FOLLOWED = 0.5  # [s] steps where a goal moves
-_LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -42,6 +42,26 @@ from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
 from uvms_ocp.types import Bound, Mask
 
+_ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
+    (PoseTask, "position_error"): (0, 1, 2),
+    (PoseTask, "orientation_error"): (3, 4, 5),
+    (PoseTask, "horizontal_error"): (0, 1),
+    (ToolPosition, "position_error"): (0, 1, 2),
+}
+"""Rows of residuals whose norm is the quantity."""
+
+_SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
+
+_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
+
+_VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
+
+_LEVEL = 0.05  # [m] by which a floor may differ along the way
+_MISSED = 2e-3  # [m] of a margin
+_NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
+_PAIR_ROWS = 4  # per node and pair of links
+
+
 # Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and
 # rest.
 
@@ -86,14 +106,6 @@ class ZeroVelocities(Term):
 
 # Conditions of transitions as terms: what has to be reached to leave a phase, and what must not
 # happen meanwhile.
-
-_ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
-    (PoseTask, "position_error"): (0, 1, 2),
-    (PoseTask, "orientation_error"): (3, 4, 5),
-    (PoseTask, "horizontal_error"): (0, 1),
-    (ToolPosition, "position_error"): (0, 1, 2),
-}
-"""Rows of residuals whose norm is the quantity."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -191,10 +203,6 @@ def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
 
 # From a mission to an optimal control problem: what its tasks keep, what its transitions ask for,
 # and then the energy.
-
-_SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
-
-_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -374,8 +382,6 @@ def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
 # Hull and arm stay above a level floor: the height of what is lowest of every shape, which needs no
 # distance.
 
-_VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rim:
@@ -450,11 +456,6 @@ def _rims(shape: pin.GeometryObject) -> list[Rim]:
 
 # What surrounds a mission, as an optimal control problem takes it: one current, a level floor,
 # obstacles.
-
-_LEVEL = 0.05  # [m] by which a floor may differ along the way
-_MISSED = 2e-3  # [m] of a margin
-_NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
-_PAIR_ROWS = 4  # per node and pair of links
 
 
 def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> float:

@@ -35,6 +35,8 @@ _CLOSER = (
     64,
 )  # looks at each step for margins; more of them where a distance changes by as much as is left of it
 
+_PARTS = (slice(0, 3), slice(3, 6))
+
 
 @checked
 def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
@@ -142,9 +144,6 @@ class SteppedMotion:
         path = self.trajectory
         k = intervals_of(path.t, t)
         return k, (t - path.t[k])[:, None]
-
-
-_PARTS = (slice(0, 3), slice(3, 6))
 
 
 def _norm(x: Array) -> Array:

@@ -26,6 +26,8 @@ _LOOKS = 4  # at each step, at least, to begin with
 _ALL_LOOKS = 128  # at all steps together, at least, to begin with
 _CLOSER = (1, 4, 16)  # times as many looks, where the range is near
 
+NO_PEAK = Peak(amount=0.0, time=0.0, quantity="")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Samples:
@@ -196,9 +198,6 @@ class QuantityRange:
         none = np.zeros((motion.N, len(self.quantities)))
         nodes = self.peak(self.excess(values), times)
         return self.checked(nodes=nodes, below=none, above=none, times=none)
-
-
-NO_PEAK = Peak(amount=0.0, time=0.0, quantity="")
 
 
 def scanned(

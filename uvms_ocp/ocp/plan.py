@@ -29,6 +29,19 @@ from uvms_ocp.robot.thrusters import joint_power, power_law
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
 
+TOOL = "tool"
+_PERIOD = 0.02  # [s] between samples, longer where there would be more of them than this:
+_MOST_SAMPLES = 5000
+
+Powers = tuple[Array, Array]
+"""[W] of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps of a
+trajectory.
+"""
+
+_STORED = ("reason", "levels", "solve_time", "surroundings", "current", "plugin", "verdict")
+"""Fields of a plan that its file holds as they are."""
+
+
 # How far a plant departed from a plan.
 
 
@@ -76,15 +89,6 @@ def frame_poses(robot: Robot, frame: str, q: np.ndarray) -> list[pin.SE3]:
 
 # A trajectory sampled as the series of a record: states, the tool, forces, and the energy taken so
 # far.
-
-TOOL = "tool"
-_PERIOD = 0.02  # [s] between samples, longer where there would be more of them than this:
-_MOST_SAMPLES = 5000
-
-Powers = tuple[Array, Array]
-"""[W] of every thruster (N, n_thrusters) and of every joint (N, n_joints) at the steps of a
-trajectory.
-"""
 
 
 def sample_times(duration: float) -> Array:
@@ -360,10 +364,6 @@ def _robot_of(values: plan_file.PlanValues) -> Robot:
             " Plan.load(path, robot)"
         )
     return load_robot(values.robot)
-
-
-_STORED = ("reason", "levels", "solve_time", "surroundings", "current", "plugin", "verdict")
-"""Fields of a plan that its file holds as they are."""
 
 
 def _plan_of(values: plan_file.PlanValues, arrays: dict[str, np.ndarray], robot: Robot) -> Plan:

@@ -35,6 +35,13 @@ _TEXT = "summary"
 _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
 _LARGEST = 256 << 20  # [B] of a text
 
+Arrays = Mapping[str, np.ndarray]
+"""Arrays by name."""
+
+_SHORTEST = (
+    1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
+)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelReport:
@@ -166,10 +173,6 @@ class PlanValues(MetaValue):
     clearance: ClearanceValues | None = None
 
 
-Arrays = Mapping[str, np.ndarray]
-"""Arrays by name."""
-
-
 def write_plan(target: Path, values: PlanValues, arrays: Arrays) -> Path:
     """Write ``.json`` where the name ends so, else ``.npz``; returns the path. Raises
     `OutputError`.
@@ -249,10 +252,6 @@ def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
 
 
 # Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back.
-
-_SHORTEST = (
-    1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
-)
 
 
 def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:

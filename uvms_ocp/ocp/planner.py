@@ -48,6 +48,8 @@ from uvms_ocp.types import DAY, Bound, Finite, Shape
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
+_unchecked = unchecked_constructor(Plan)
+
 
 @checked
 class Planner:
@@ -332,9 +334,6 @@ class Planner:
             )
             for i, level in enumerate(self.problem.levels)
         ]
-
-
-_unchecked = unchecked_constructor(Plan)
 
 
 def _made(given: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **found: Any) -> Plan:

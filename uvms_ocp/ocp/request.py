@@ -44,6 +44,12 @@ _BARRIER = (
     1e-4  # of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
 )
 
+_OF_LINKS = 0.75
+_OF_OBSTACLES = 0.99
+"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed
+close by design.
+"""
+
 
 @checked
 def along_curve(
@@ -74,12 +80,6 @@ def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
 
 # One plan by optimal control from what an engineer asks for: with water, thrusters and torques,
 # among obstacles.
-
-_OF_LINKS = 0.75
-_OF_OBSTACLES = 0.99
-"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed
-close by design.
-"""
 
 
 @checked_dataclass(eq=False)

@@ -29,6 +29,11 @@ from uvms_ocp.types import Array, Indices
 
 _N_VERTICES = 6  # of a mesh, nearest to the plane first
 
+_NO_LENGTH = 1e-9
+
+_Found = tuple[Indices, Array, Array]
+"""Row of the contact, point and offset."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Support:
@@ -77,9 +82,6 @@ def _rim(radius: float, normals: Array) -> Array:
     rim = np.zeros((len(normals), 4, 3))
     rim[:, :, :2] = radius * np.stack([touch, aside, -aside, -touch], axis=1)
     return rim
-
-
-_NO_LENGTH = 1e-9
 
 
 def _of_box(shape: coal.Box, normals: Array) -> Support:
@@ -216,10 +218,6 @@ def planes(scene: CollisionScene, contacts: Contacts, poses: Poses) -> Planes:
             )
         )
     return _planes(contacts, carried, normal, found)
-
-
-_Found = tuple[Indices, Array, Array]
-"""Row of the contact, point and offset."""
 
 
 def _planes(contacts: Contacts, carried: Indices, normal: Array, found: list[_Found]) -> Planes:

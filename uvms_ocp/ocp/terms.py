@@ -28,6 +28,12 @@ from uvms_ocp.types import Array, Bound, Magnitude, Range
 # share of the limit below which powers flatten out, so that they can be differentiated at 0
 _ROUNDING = 0.02
 
+Bounds: TypeAlias = Bound | Annotated[np.ndarray, Range()]
+OwnRows = Callable[..., ca.SX]
+"""``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as
+CasADi SX.
+"""
+
 
 class At(Enum):
     """Nodes at which a term counts: along its phase, or at the phase's end."""
@@ -281,12 +287,6 @@ def _root_of_power(x: ca.SX, exponent: float) -> ca.SX:
 
 
 # A residual or a constraint of one's own, as a term: a function of the symbols of a step.
-
-Bounds: TypeAlias = Bound | Annotated[np.ndarray, Range()]
-OwnRows = Callable[..., ca.SX]
-"""``stage -> rows``, or ``stage, parameters -> rows`` for a term that has parameters; rows (m,) as
-CasADi SX.
-"""
 
 
 @checked_dataclass(eq=False)

@@ -17,6 +17,14 @@ from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.types import Indices, Shape, read_only
 
+COARSE_STEPS = 8
+_POSTURES = 16  # beside that of the start
+
+TOLERANCE = 1e-4
+"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its
+own.
+"""
+
 
 @checked_dataclass(eq=False)
 class Trajectory:
@@ -215,9 +223,6 @@ def has_thrusters(problem: OcpProblem) -> bool:
 # descent leads from one to another. Over a few steps motions take little time, and which of them
 # costs least there mostly does so over many.
 
-COARSE_STEPS = 8
-_POSTURES = 16  # beside that of the start
-
 
 def coarse_problem(problem: OcpProblem) -> OcpProblem:
     """Return the same problem over a few steps, in the mean of its currents."""
@@ -250,12 +255,6 @@ def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
         yield replace(
             hold, q=np.array([pin.interpolate(robot.model, hold.q[0], q, share) for share in along])
         )
-
-
-TOLERANCE = 1e-4
-"""[m, rad] by which a solver that kept limits of positions may have passed them, ten times its
-own.
-"""
 
 
 def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:

@@ -30,6 +30,8 @@ ONE_THREAD = RLock()
 it restores what it found.
 """
 
+Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]
+
 
 @checked_dataclass()
 class SamplingOptions:
@@ -45,9 +47,6 @@ class SamplingOptions:
     room: Positive = 1.0
     """[m or rad] How far beyond start and goal unlimited axes are sampled."""
     seed: Count = 0
-
-
-Place = Annotated[ArrayLike, Shape("distances.scene.coordinates.n_axes"), Range(open=True)]
 
 
 @checked

@@ -21,6 +21,9 @@ WIDTH = 80
 _MOST_ROWS = 40
 _GAP = "  "
 
+_FEW = 8  # entries of what is told in full
+_LONGEST = 120  # letters of a row
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SmallTable:
@@ -139,9 +142,6 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
 
 
 # Values that show themselves by their fields: a row for each, in a shell and in a notebook.
-
-_FEW = 8  # entries of what is told in full
-_LONGEST = 120  # letters of a row
 
 
 class FieldTable(TableDisplay):

@@ -12,6 +12,9 @@ from typing import BinaryIO
 
 from uvms_ocp.errors import InvalidInput, OutputError
 
+_BEGIN_ANEW = 1000
+
+
 # Writing so that a loss of power finds it on the disk, and removing what may be gone.
 
 
@@ -89,8 +92,6 @@ def remove_empty(folders: Iterable[Path]) -> None:
 
 
 # One command at a time in a folder; the system frees the lock of a process that is killed.
-
-_BEGIN_ANEW = 1000
 
 
 @contextmanager

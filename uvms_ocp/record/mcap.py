@@ -28,6 +28,56 @@ LARGEST_CHUNK = 64 << 20
 """[B] when unpacked; writers close one after 1 to 4 MB."""
 _WINDOW = 1 << 27  # [B] that zstd may look back
 
+_TABLE = (files("uvms_ocp.record") / "ros_messages.csv").read_text(encoding="utf-8").splitlines()
+ROS_MESSAGES: Mapping[str, str] = {
+    row["type"]: row["fields"].replace("; ", "\n") for row in csv.DictReader(_TABLE)
+}
+"""Fields of the types of ROS 2 that are written."""
+_HEAD = np.array([0, 1, 0, 0], dtype="u1")  # little endian, plain CDR
+_NEXT = "=" * 80 + "\nMSG: "
+
+Part = str | np.ndarray
+"""A text, an array (m,) that all messages have, or one (n, m) of which each has its row."""
+
+_KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
+"""Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each
+kind.
+"""
+
+WORLD = "world"
+VEHICLE = "base_link"
+_POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
+"""Series that begin with a pose in W, and the frame that has it."""
+_ODOMETRY = {
+    "odometry": ("q", "v", ""),
+    "odometry_estimated": ("q_estimated", "v_estimated", "q_std"),
+}
+"""Topics with their pose, velocity, and standard deviations of the pose."""
+_WRENCHES = ("wrench", "unreachable", "disturbance")
+_POSE = 7
+_SIX = 6
+_INFO = 20
+_WARN = 30
+_ERROR = 40
+
+_ENDLESS = "{sec: 9223372036, nsec: 854775807}"
+_KEPT = (
+    f"history: 1, depth: 1, reliability: 1, durability: 1, deadline: {_ENDLESS}, lifespan:"
+    f" {_ENDLESS}"
+)
+_LIVE = (
+    f"liveliness: 1, liveliness_lease_duration: {_ENDLESS}, avoid_ros_namespace_conventions: false"
+)
+_LATCHED = {"offered_qos_profiles": f"- {{{_KEPT}, {_LIVE}}}"}
+"""Quality of service of what is published once, for those who listen later too."""
+
+VERSION = "2"
+_WITH_PROTOBUF = "1"
+"""Of the files: that which is written, and the older one, which is read too."""
+_KEY = "uvms_ocp"
+_SERIES = "/series/"
+_BLOCK = 4096
+
 
 def mcap_messages(
     path: Path, topics: Collection[str] | None = None
@@ -132,17 +182,6 @@ def require_mcap() -> None:
 # Messages of ROS 2: their definitions as text, and many of a kind at once in CDR, the form in which
 # they are sent.
 
-_TABLE = (files("uvms_ocp.record") / "ros_messages.csv").read_text(encoding="utf-8").splitlines()
-ROS_MESSAGES: Mapping[str, str] = {
-    row["type"]: row["fields"].replace("; ", "\n") for row in csv.DictReader(_TABLE)
-}
-"""Fields of the types of ROS 2 that are written."""
-_HEAD = np.array([0, 1, 0, 0], dtype="u1")  # little endian, plain CDR
-_NEXT = "=" * 80 + "\nMSG: "
-
-Part = str | np.ndarray
-"""A text, an array (m,) that all messages have, or one (n, m) of which each has its row."""
-
 
 def ros_definition(kind: str) -> str:
     """Text by which a reader knows a message of that type: its fields, then those of all types in
@@ -193,11 +232,6 @@ def _count(n: int) -> np.ndarray:
 # A message for every tick of a series, with a field for every column: what is written is read again
 # to the last digit.
 
-_KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
-"""Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each
-kind.
-"""
-
 
 def field_names(columns: Sequence[str]) -> list[str]:
     """Names that a message may have, each once."""
@@ -237,34 +271,6 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
 
 # What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints,
 # wrenches, and what was said.
-
-WORLD = "world"
-VEHICLE = "base_link"
-_POSES = {"q": VEHICLE, "q_estimated": f"{VEHICLE}_estimated", "tool": "tool"}
-"""Series that begin with a pose in W, and the frame that has it."""
-_ODOMETRY = {
-    "odometry": ("q", "v", ""),
-    "odometry_estimated": ("q_estimated", "v_estimated", "q_std"),
-}
-"""Topics with their pose, velocity, and standard deviations of the pose."""
-_WRENCHES = ("wrench", "unreachable", "disturbance")
-_POSE = 7
-_SIX = 6
-_INFO = 20
-_WARN = 30
-_ERROR = 40
-
-
-_ENDLESS = "{sec: 9223372036, nsec: 854775807}"
-_KEPT = (
-    f"history: 1, depth: 1, reliability: 1, durability: 1, deadline: {_ENDLESS}, lifespan:"
-    f" {_ENDLESS}"
-)
-_LIVE = (
-    f"liveliness: 1, liveliness_lease_duration: {_ENDLESS}, avoid_ros_namespace_conventions: false"
-)
-_LATCHED = {"offered_qos_profiles": f"- {{{_KEPT}, {_LIVE}}}"}
-"""Quality of service of what is published once, for those who listen later too."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -385,13 +391,6 @@ def _log_message(t: float, level: int, text: str) -> bytes:
 
 # An MCAP file of a record: every series tick by tick, and what ROS 2 and Foxglove know by
 # themselves; it comes back.
-
-VERSION = "2"
-_WITH_PROTOBUF = "1"
-"""Of the files: that which is written, and the older one, which is read too."""
-_KEY = "uvms_ocp"
-_SERIES = "/series/"
-_BLOCK = 4096
 
 
 def to_mcap(

@@ -29,6 +29,34 @@ _Metres = Annotated[FiniteFloat, Field(ge=-FARTHEST, le=FARTHEST)]
 Triple = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Point = tuple[_Metres, _Metres, _Metres]
 
+PLANTS = ("dynamic", "kinematic")
+"""Plants of the toolkit, by name."""
+DONE = "done"
+ABORT = "abort"
+"""Where a mission ends: as wanted, or given up."""
+OWN_QUANTITIES = (
+    "mission.time",
+    "phase.time",
+    "phase.visits",
+    "vehicle.load",
+    "mission.energy",
+    "phase.energy",
+)
+"""Quantities that no task measures, for conditions: time since the start of the mission [s], time
+since the start of the phase [s], how often the phase has begun, this time included, the net weight
+[N] that thrusters bear beyond the robot's own, negative where something lifts, and the electrical
+energy [J] of thrusters and joints since the start of the mission and of the phase. Load and energy
+are as the controller of forces finds them, 0 without one.
+"""
+ENERGIES = OWN_QUANTITIES[4:]
+LARGEST = 1e30
+"""What reports and figures reckon with: its square is finite, and single precision, which scenes
+are kept in, holds it.
+"""
+Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
+UNIT_NORM_TOLERANCE = 1e-3
+"""By how much the norm of a stored unit quaternion may differ from 1."""
+
 
 @one_line_errors
 class ObstacleMeta(FileModel):
@@ -67,34 +95,6 @@ class ObstacleMeta(FileModel):
 
 
 # The small values that metadata of records are made of.
-
-PLANTS = ("dynamic", "kinematic")
-"""Plants of the toolkit, by name."""
-DONE = "done"
-ABORT = "abort"
-"""Where a mission ends: as wanted, or given up."""
-OWN_QUANTITIES = (
-    "mission.time",
-    "phase.time",
-    "phase.visits",
-    "vehicle.load",
-    "mission.energy",
-    "phase.energy",
-)
-"""Quantities that no task measures, for conditions: time since the start of the mission [s], time
-since the start of the phase [s], how often the phase has begun, this time included, the net weight
-[N] that thrusters bear beyond the robot's own, negative where something lifts, and the electrical
-energy [J] of thrusters and joints since the start of the mission and of the phase. Load and energy
-are as the controller of forces finds them, 0 without one.
-"""
-ENERGIES = OWN_QUANTITIES[4:]
-LARGEST = 1e30
-"""What reports and figures reckon with: its square is finite, and single precision, which scenes
-are kept in, holds it.
-"""
-Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
-UNIT_NORM_TOLERANCE = 1e-3
-"""By how much the norm of a stored unit quaternion may differ from 1."""
 
 
 class MetaValue(FileModel, ser_json_inf_nan="constants"):

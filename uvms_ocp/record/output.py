@@ -34,6 +34,10 @@ STORE = ".uvms_ocp"  # in every folder that we write to
 RUNNING = f"{STORE}/running"  # rows of a run that goes on, or that was cut off
 RECORD = "record.npz"  # of a run or of a plan
 
+Model = TypeVar("Model", bound=BaseModel)
+
+_ADVICE = "move it away or choose another folder"
+
 
 def _inner(name: str) -> str:
     """A name that stays inside its folder, on every system."""
@@ -48,7 +52,6 @@ def _inner(name: str) -> str:
 
 
 Name = Annotated[str, AfterValidator(_inner)]
-Model = TypeVar("Model", bound=BaseModel)
 
 
 class Fingerprint(FileModel, strict=True):
@@ -119,8 +122,6 @@ def is_same(path: Path, known: Fingerprint | None) -> bool:
 
 # What stands in the way of writing: files of others, changed files, links that lead out of the
 # folder.
-
-_ADVICE = "move it away or choose another folder"
 
 
 def require_own_files(target: Path, names: Iterable[str], manifest: Manifest) -> None:

@@ -75,6 +75,8 @@ _ROUNDING = 1e-6  # of a period
 _WORST_HEALTH = 2
 """Codes of health: 0 good, 1 suspect, 2 lost."""
 
+_META_KEY = "__meta__"
+
 
 def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
     """Raise `InvalidInput` where the series of a file are not what `Record` promises, or do not fit
@@ -284,8 +286,6 @@ def _check_start_and_events(t: np.ndarray, meta: RunMeta) -> None:
 
 
 # The time series of one run: filled row by row, then frozen, saved and loaded without pickle.
-
-_META_KEY = "__meta__"
 
 
 @checked_dataclass(eq=False, repr=False)

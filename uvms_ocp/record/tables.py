@@ -25,6 +25,19 @@ _FIRST = ("position", "linear", "force")
 _SECOND = ("attitude", "angular", "moment")
 """Names of the parts that a vehicle has."""
 
+_OF_Q = ("q", "q_estimated", "measured_joint_positions")
+_LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
+_TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
+
+_NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
+
+VERSION = "1"
+"""Of the files."""
+_KEY = b"uvms_ocp"
+CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
+"""Which brings pandas and pyarrow."""
+Series = Mapping[str, np.ndarray]
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SeriesKind:
@@ -216,11 +229,6 @@ def _circle(name: str) -> tuple[str, str]:
     return f"{name}.cos", f"{name}.sin"
 
 
-_OF_Q = ("q", "q_estimated", "measured_joint_positions")
-_LINEAR = {"x", "y", "z", "surge", "sway", "heave"}
-_TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_rate", "yaw_rate"}
-
-
 def series_markdown() -> str:
     """The table, for documentation."""
     rows = (
@@ -237,8 +245,6 @@ __doc__ = f"{__doc__}\n\n{series_markdown()}\n"
 
 # What a Parquet file says of itself, looked at before any of it is unpacked: a few bytes may stand
 # for gigabytes of rows.
-
-_NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
 
 
 def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
@@ -263,13 +269,6 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
 
 # A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and
 # comes back.
-
-VERSION = "1"
-"""Of the files."""
-_KEY = b"uvms_ocp"
-CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
-"""Which brings pandas and pyarrow."""
-Series = Mapping[str, np.ndarray]
 
 
 def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:

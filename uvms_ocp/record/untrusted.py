@@ -34,6 +34,71 @@ from yaml.nodes import Node, ScalarNode
 from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.model_errors import one_line
 
+_READ: ContextVar[list[Path] | None] = ContextVar("record_files_read", default=None)
+
+DENSEST = 400
+"""[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
+
+A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is.
+Motion packs 2 to 4 times. A robot that stands still packs 144 times and not much more: every tick
+has its time and two readings of a clock, 8 B after packing, beside 2 kB that hardly take any. Zeros
+alone pack 1,032 times, by other methods of the archive 10,000.
+"""
+SMALL = 64 << 20
+"""[B] of arrays that fit into any memory, however few bytes they come from."""
+_MOST = 256  # arrays
+_LARGE = (
+    1 << 20
+)  # [B] of an array that is mapped where it was not packed, and of what is read at a time
+_LENGTHS = 26  # [B] of the header of a member before those of its name and of what else there is
+_SUFFIX = ".npy"
+_KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
+_DAMAGE = (
+    *(OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error),  # of the archive
+    *(
+        ValueError,
+        TypeError,
+        SyntaxError,
+        TokenError,
+        OverflowError,
+        MemoryError,
+        Warning,
+    ),  # of a header
+    *(
+        KeyError,
+        AttributeError,
+        IndexError,
+        NotImplementedError,
+        RuntimeError,
+    ),  # what zipfile says to invented bytes
+)
+
+LARGEST_XML = 16 << 20
+"""[B] of a file; robots of 50 links have 0.2 MB."""
+MOST_ELEMENTS = 50_000
+"""Robots of 50 links have 3,000."""
+DEEPEST_XML = 32
+"""A URDF has 5 levels, what simulators add to it 8."""
+
+_ENCODING = re.compile(
+    rb"""\s*<\?xml[^>]*\sencoding\s*=\s*["'](us-ascii|latin-?1|(?:iso-?8859|windows|cp)-?\d+|euc-\w+|shift_jis|big5|gb\w+)["']""",
+    re.IGNORECASE,
+)
+
+_M = TypeVar("_M", bound=BaseModel)
+LARGEST_YAML = 16 << 20
+"""[B] of a file."""
+MOST_VALUES = 500_000
+"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000
+triangles.
+"""
+DEEPEST_YAML = 32
+_LONGEST_NUMBER = 100  # characters
+_INTEGER = "tag:yaml.org,2002:int"
+
+_parsed = lru_cache(maxsize=4)(yaml.load)
+
+
 # What speaks against a file, in one line with its name.
 
 
@@ -61,8 +126,6 @@ def as_input_errors(
 
 
 # The bytes of a file that is one: no device without end, and no pipe that waits for its writer.
-
-_READ: ContextVar[list[Path] | None] = ContextVar("record_files_read", default=None)
 
 
 @contextmanager
@@ -125,43 +188,6 @@ def _decoded(content: bytes, encoding: str) -> str:
 
 # Arrays of an ``.npz`` file whose sizes are known before anything of them is read, and of which
 # nothing is executed.
-
-DENSEST = 400
-"""[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
-
-A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is.
-Motion packs 2 to 4 times. A robot that stands still packs 144 times and not much more: every tick
-has its time and two readings of a clock, 8 B after packing, beside 2 kB that hardly take any. Zeros
-alone pack 1,032 times, by other methods of the archive 10,000.
-"""
-SMALL = 64 << 20
-"""[B] of arrays that fit into any memory, however few bytes they come from."""
-_MOST = 256  # arrays
-_LARGE = (
-    1 << 20
-)  # [B] of an array that is mapped where it was not packed, and of what is read at a time
-_LENGTHS = 26  # [B] of the header of a member before those of its name and of what else there is
-_SUFFIX = ".npy"
-_KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
-_DAMAGE = (
-    *(OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error),  # of the archive
-    *(
-        ValueError,
-        TypeError,
-        SyntaxError,
-        TokenError,
-        OverflowError,
-        MemoryError,
-        Warning,
-    ),  # of a header
-    *(
-        KeyError,
-        AttributeError,
-        IndexError,
-        NotImplementedError,
-        RuntimeError,
-    ),  # what zipfile says to invented bytes
-)
 
 
 def read_arrays(
@@ -280,13 +306,6 @@ def json_object(text: str, what: str = "a text", allowed: str = "an object") -> 
 
 # XML as a tree of elements: bounded in size, depth and number, without entities that multiply.
 
-LARGEST_XML = 16 << 20
-"""[B] of a file; robots of 50 links have 0.2 MB."""
-MOST_ELEMENTS = 50_000
-"""Robots of 50 links have 3,000."""
-DEEPEST_XML = 32
-"""A URDF has 5 levels, what simulators add to it 8."""
-
 
 class _Bounded(ElementTree.TreeBuilder):
     """Raises `InvalidInput` beyond the bounds, while the text is read."""
@@ -311,12 +330,6 @@ class _Bounded(ElementTree.TreeBuilder):
     def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
         """Entities are defined here, and a few lines of them stand for gigabytes."""
         raise InvalidInput("a <!DOCTYPE> is not read; remove it")
-
-
-_ENCODING = re.compile(
-    rb"""\s*<\?xml[^>]*\sencoding\s*=\s*["'](us-ascii|latin-?1|(?:iso-?8859|windows|cp)-?\d+|euc-\w+|shift_jis|big5|gb\w+)["']""",
-    re.IGNORECASE,
-)
 
 
 def read_xml_text(path: Path) -> str:
@@ -352,17 +365,6 @@ def read_xml(path: Path | str) -> ElementTree.Element:
 
 # YAML as plain values: bounded in size, depth and number, so that no file takes long or much
 # memory.
-
-_M = TypeVar("_M", bound=BaseModel)
-LARGEST_YAML = 16 << 20
-"""[B] of a file."""
-MOST_VALUES = 500_000
-"""In a file, keys included, each counted as often as anchors repeat it; a mesh of 60,000
-triangles.
-"""
-DEEPEST_YAML = 32
-_LONGEST_NUMBER = 100  # characters
-_INTEGER = "tag:yaml.org,2002:int"
 
 
 class BoundedLoader(yaml.SafeLoader):
@@ -422,9 +424,6 @@ def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
     ) as error:
         # The constructors of PyYAML raise the latter for a date such as 2001-99-99.
         raise ValueError(" ".join(f"not valid YAML: {error}".split())[:400]) from None
-
-
-_parsed = lru_cache(maxsize=4)(yaml.load)
 
 
 def read_yaml_as(path: Path, model: type[_M]) -> _M:

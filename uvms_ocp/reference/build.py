@@ -32,6 +32,31 @@ from uvms_ocp.identification import parameters, reading, recording, settings
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
 
+_APART = ("robots", "templates", "reference", "cli")
+CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
+"""A name in full, as docstrings and pages write it."""
+
+_DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
+_INLINE = re.compile(r"(?<![\\$\w])\$([^$\n]+?)\$(?!\w)")
+_ASSETS = files("uvms_ocp.reference") / "assets"
+Contents = dict[str, list[tuple[str, str]]]
+"""By heading, addresses and titles of pages."""
+
+ORDER = (
+    *("notation", "motion", "thrusters", "tasks", "hierarchy", "tick", "missions", "force"),
+    *("estimation", "trajectories", "collision", "optimal_control"),
+)
+"""Of the pages of theory, which build on those before."""
+GUIDE = (
+    *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
+    *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control", "faults"),
+    *("recordings", "limitations"),
+)
+"""Pages on how to use it, in their order."""
+_PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)
+_MOST_FAULTS = 20  # that are told
+
+
 # Pages generated from the code: robot files, settings, series of a record, commands.
 
 
@@ -207,9 +232,6 @@ def _name_of(parameter: Any) -> str:
 # refer to.
 
 ROOT = Path(__file__).resolve().parents[1]
-_APART = ("robots", "templates", "reference", "cli")
-CITED = re.compile(r"`(uvms_ocp(?:\.\w+)+)`")
-"""A name in full, as docstrings and pages write it."""
 
 
 def exported_names(init: Path) -> tuple[str, ...]:
@@ -306,12 +328,6 @@ def address_of(name: str, modules: Collection[str]) -> str:
 
 # From Markdown to pages: formulas become MathML, names in full become links to their documentation.
 
-_DISPLAY = re.compile(r"\$\$(.+?)\$\$", re.DOTALL)
-_INLINE = re.compile(r"(?<![\\$\w])\$([^$\n]+?)\$(?!\w)")
-_ASSETS = files("uvms_ocp.reference") / "assets"
-Contents = dict[str, list[tuple[str, str]]]
-"""By heading, addresses and titles of pages."""
-
 
 def body_of(text: str, modules: Collection[str]) -> str:
     """The HTML of a page in Markdown. Raises `NameNotFound` for a name that is cited and is not
@@ -356,20 +372,6 @@ def title_of(text: str) -> str:
 
 # The whole reference: pages of all rooms by pdoc, pages of theory and tables, and one that leads to
 # all of them.
-
-ORDER = (
-    *("notation", "motion", "thrusters", "tasks", "hierarchy", "tick", "missions", "force"),
-    *("estimation", "trajectories", "collision", "optimal_control"),
-)
-"""Of the pages of theory, which build on those before."""
-GUIDE = (
-    *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
-    *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control", "faults"),
-    *("recordings", "limitations"),
-)
-"""Pages on how to use it, in their order."""
-_PRIVATE = re.compile(r'<a href="[^"]*#_[^"]*">(.*?)</a>', re.DOTALL)
-_MOST_FAULTS = 20  # that are told
 
 
 def theory_pages() -> dict[str, str]:

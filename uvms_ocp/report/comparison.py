@@ -14,6 +14,11 @@ from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.run_meta import level_rows
 from uvms_ocp.report import metrics
 
+WINDOW = 1.0  # [s] after a phase change that belongs to it
+
+_NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
+
+
 # Two runs, or two plans, side by side.
 
 
@@ -85,10 +90,6 @@ def _change(a: Any, b: Any) -> float | None:
 
 
 # How smoothly a run changes from phase to phase, and what the higher levels pay for it.
-
-WINDOW = 1.0  # [s] after a phase change that belongs to it
-
-_NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
 
 
 @checked

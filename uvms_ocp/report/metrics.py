@@ -20,6 +20,19 @@ from uvms_ocp.record.swings import WINDOW, Swing, swings_among, tilts_of
 from uvms_ocp.record.tables import column_units
 from uvms_ocp.solvers.hierarchy.solution import Status
 
+_EXACT_STATUSES = frozenset(status.value for status in Status if status.exact)
+
+CHANCE = 0.95
+"""Probability that a true error is within its bound."""
+
+_QUICK = 1.0  # [s] within which thrust that changes moves nothing
+
+# shares of a joint's limit of velocity that are kept, and while a fault is new
+_PASSED = 1.02
+_STRUCK = 1.2
+_NEW = 0.5  # [s] that a fault is
+
+
 # Series and scalars that several reports need.
 
 
@@ -96,9 +109,6 @@ def failed_ticks(record: Record) -> dict[str, int] | None:
     return failed
 
 
-_EXACT_STATUSES = frozenset(status.value for status in Status if status.exact)
-
-
 def largest_tilt(record: Record) -> float | None:
     """Return the largest tilt [rad] while a task on it is on, `None` where it never is; without
     such a task the vehicle's.
@@ -150,9 +160,6 @@ def swings(record: Record) -> list[Swing]:
 
 
 # What the estimator got wrong, beside what it said of itself.
-
-CHANCE = 0.95
-"""Probability that a true error is within its bound."""
 
 
 def error_bound(record: Record, quantity: str) -> float | None:
@@ -326,9 +333,6 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     }
 
 
-_QUICK = 1.0  # [s] within which thrust that changes moves nothing
-
-
 @checked
 def energy_of_quick_thrust(record: Record) -> float | None:
     """Energy [J] that thrusters took above what their thrust, averaged over a second, would have
@@ -357,12 +361,6 @@ def energy_of_quick_thrust(record: Record) -> float | None:
     if np.isfinite(excess):
         return excess
     return None
-
-
-# shares of a joint's limit of velocity that are kept, and while a fault is new
-_PASSED = 1.02
-_STRUCK = 1.2
-_NEW = 0.5  # [s] that a fault is
 
 
 def passed_rates(record: Record) -> list[dict[str, Any]]:

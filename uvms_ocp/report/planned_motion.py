@@ -40,6 +40,20 @@ from uvms_ocp.types import Array
 
 _TOOL = "tool"
 
+_PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
+_MAX_ROWS = 5000
+_UNREACHED = "no posture reaches the goal"
+_UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free, or plan more axes."
+_RATES = ("velocity", "acceleration")
+
+_TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
+_ADVICE = {  # where a request has other means than a problem
+    OcpStatus.UNFINISHED: (
+        "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise"
+        " time_limit"
+    )
+}
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PlannedMotion:
@@ -185,12 +199,6 @@ def plan_meta(
 
 # What came out of a plan request: the content of ``report.json``, and the motion as a ``Record``.
 
-_PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
-_MAX_ROWS = 5000
-_UNREACHED = "no posture reaches the goal"
-_UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free, or plan more axes."
-_RATES = ("velocity", "acceleration")
-
 
 @checked
 def plan_report(result: PlanResult) -> dict[str, Any]:
@@ -282,14 +290,6 @@ def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
 
 
 # What came out of optimal control: the content of ``report.json``, and the motion as a ``Record``.
-
-_TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
-_ADVICE = {  # where a request has other means than a problem
-    OcpStatus.UNFINISHED: (
-        "the solver stopped early: give a longer duration, a nearer goal or fewer steps, or raise"
-        " time_limit"
-    )
-}
 
 
 @checked

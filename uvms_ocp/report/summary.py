@@ -23,6 +23,35 @@ from uvms_ocp.record.run_meta import RunMeta, level_rows, versions
 from uvms_ocp.report import metrics
 from uvms_ocp.solvers.hierarchy.solution import Status
 
+_WINDOW = 5.0  # [s] at the end of the run over which progress is judged
+_PROGRESS = 0.02  # share of what is missing that must have been gained in the window
+
+_CUT_OFF = "the program ended before the run, of which later rows are missing"
+_STOPPED = {
+    "stopped": "by hand",
+    "diverged": "the plant's motion grew beyond what a record holds",
+    "cut off": _CUT_OFF,
+}
+ENDS = (
+    "completed",
+    "ended too early",
+    "truth unknown",
+    "aborted",
+    "given up",
+    "swinging",
+    "slow",
+    "stalled",
+    *_STOPPED,
+)
+"""Kinds of ends of a mission."""
+
+_SUSPECT = 1
+_LOST = 2
+
+_OF_A_TOOL = ("position", "orientation")
+_SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
+
+
 # What phases ended on: the estimate that they went by, the truth, and what the sensors allow to
 # know.
 
@@ -91,29 +120,6 @@ def ended_prematurely(record: Record) -> list[dict[str, Any]]:
 
 
 # Why a run ended as it did: complete, given up, still on its way, or stuck, and then on what.
-
-_WINDOW = 5.0  # [s] at the end of the run over which progress is judged
-_PROGRESS = 0.02  # share of what is missing that must have been gained in the window
-
-
-_CUT_OFF = "the program ended before the run, of which later rows are missing"
-_STOPPED = {
-    "stopped": "by hand",
-    "diverged": "the plant's motion grew beyond what a record holds",
-    "cut off": _CUT_OFF,
-}
-ENDS = (
-    "completed",
-    "ended too early",
-    "truth unknown",
-    "aborted",
-    "given up",
-    "swinging",
-    "slow",
-    "stalled",
-    *_STOPPED,
-)
-"""Kinds of ends of a mission."""
 
 
 @checked
@@ -344,9 +350,6 @@ def format_load(load: dict[str, float | None], tool: str) -> str:
 
 # How each sensor fared in a run.
 
-_SUSPECT = 1
-_LOST = 2
-
 
 @checked
 def sensor_health(record: Record) -> list[dict[str, Any]]:
@@ -379,9 +382,6 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
 
 
 # The report of one run.
-
-_OF_A_TOOL = ("position", "orientation")
-_SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
 
 
 class RunSummary(TableDisplay, dict[str, Any]):

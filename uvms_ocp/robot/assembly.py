@@ -42,6 +42,15 @@ _ALONG: tuple[Vector3, Vector3, Vector3] = (
     (0.0, 0.0, 0.0),
 )
 
+_FOAM = 200.0  # [kg/m3] syntactic foam
+_LEAD = 11340.0  # [kg/m3]
+_HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
+
+_Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
+
+_SWEEPS = 200  # about one axis after the other; a tilt of 60 deg about two is exact by then
+_FAINT = 0.1  # [N m] of righting moment, below which weight and buoyancy leave every attitude
+
 
 def cylinders_around_links(robot: Robot) -> dict[str, LinkDescription]:
     """Return one cylinder per frame that carries collision shapes (visual ones where there are
@@ -278,10 +287,6 @@ def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.
 
 # Trim: the static balance of weight and buoyancy, and the floats and ballast that make it zero.
 
-_FOAM = 200.0  # [kg/m3] syntactic foam
-_LEAD = 11340.0  # [kg/m3]
-_HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
-
 
 def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at
@@ -341,9 +346,6 @@ def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
     )
 
 
-_Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
-
-
 @checked
 def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
     """Return a copy that floats level and neutral with its arm stowed, by one body at ``bow`` and
@@ -401,9 +403,6 @@ def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Ro
 
 
 # The attitude that a vehicle comes to by itself about the axes that no thruster drives.
-
-_SWEEPS = 200  # about one axis after the other; a tilt of 60 deg about two is exact by then
-_FAINT = 0.1  # [N m] of righting moment, below which weight and buoyancy leave every attitude
 
 
 @checked

@@ -56,6 +56,24 @@ Channel = Literal[
 ]
 Matrix6 = tuple[Vector6, Vector6, Vector6, Vector6, Vector6, Vector6]
 
+DragBy = Annotated[
+    Literal["axes", "flow"],
+    Field(
+        description=(
+            "quadratic drag of translation counts the speed along each axis, or of the whole flow:"
+            " the same on axes"
+        )
+    ),
+]
+
+_ROUNDED = 0.01  # relative: what is further apart is no rounding, however few digits there are
+
+# A half turn about x: a rotation, so twists and wrenches turn like any other vectors.
+_TURN6 = np.kron(np.eye(2), np.diag([1.0, -1.0, -1.0]))
+
+_VECTORS = ("position", "rpy", "direction", "centre_of_buoyancy")
+_MATRICES = ("added_mass", "linear_drag", "quadratic_drag")
+
 
 class _Section(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
     """A part of the file: unknown keys, NaN and infinity are refused, values cannot be changed."""
@@ -68,17 +86,6 @@ class Pose(_Section):
     """origin [m]"""
     rpy: Vector3 = (0.0, 0.0, 0.0)
     """roll, pitch, yaw [rad], R = Rz Ry Rx"""
-
-
-DragBy = Annotated[
-    Literal["axes", "flow"],
-    Field(
-        description=(
-            "quadratic drag of translation counts the speed along each axis, or of the whole flow:"
-            " the same on axes"
-        )
-    ),
-]
 
 
 class LinkCoefficients(_Section):
@@ -383,9 +390,6 @@ def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
     return tuple(tuple(row) for row in symmetric.tolist())  # type: ignore[return-value]
 
 
-_ROUNDED = 0.01  # relative: what is further apart is no rounding, however few digits there are
-
-
 def _last_digit(number: float) -> float:
     """The unit of the last digit of a number as it is written, 0.01 of 55.12."""
     return 10.0 ** min(int(Decimal(repr(number)).normalize().as_tuple().exponent), 0)
@@ -486,9 +490,6 @@ _RobotFile.add_constructor(
 # North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the
 # other axes.
 
-# A half turn about x: a rotation, so twists and wrenches turn like any other vectors.
-_TURN6 = np.kron(np.eye(2), np.diag([1.0, -1.0, -1.0]))
-
 
 def forward_left_up(description: RobotDescription) -> RobotDescription:
     """Return the same robot with ``convention: FLU``."""
@@ -498,10 +499,6 @@ def forward_left_up(description: RobotDescription) -> RobotDescription:
     return description.model_copy(
         update={"convention": "FLU"} | {name: _turned(getattr(description, name)) for name in parts}
     )
-
-
-_VECTORS = ("position", "rpy", "direction", "centre_of_buoyancy")
-_MATRICES = ("added_mass", "linear_drag", "quadratic_drag")
 
 
 def _turned(value: Any, name: str = "") -> Any:

@@ -17,6 +17,11 @@ from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.types import Positive
 
+_function = lru_cache(maxsize=16)(SymbolicDynamics.function)
+"""One for all `Dynamics` of the same equations, each of which calls it through memory of its
+own.
+"""
+
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, repr=False)
 class Dynamics(FieldTable):
@@ -114,12 +119,6 @@ class Dynamics(FieldTable):
         outputs = self._functions[term](q, *others)  # says of which shape q has to be
         require_normalized(self.symbolic.model, q)
         return outputs
-
-
-_function = lru_cache(maxsize=16)(SymbolicDynamics.function)
-"""One for all `Dynamics` of the same equations, each of which calls it through memory of its
-own.
-"""
 
 
 @checked

@@ -96,6 +96,9 @@ _PAIRS = np.array(
     ]
 )
 
+_TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
+_STILL = 1e-6  # [m/s] below which the speed of a flow has no corner
+
 
 def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
     """A velocity nu (6,) [m/s, rad/s] and the power [W] that linear drag takes there, negative if
@@ -217,9 +220,6 @@ def _units(quadratic_drag: np.ndarray, least: float) -> np.ndarray:
 # - what an anisotropic M_A adds in a gradient, ``E M_A w - M_A E w`` with the strain rate E and the relative velocity w of
 #   the water, and moments;
 # - the water's own rotation: ``nu_r`` turns with the link, so that water which turns drags no link along.
-
-_TOLERANCE = 1e-9  # of symmetry and of signs, relative to the largest entry
-_STILL = 1e-6  # [m/s] below which the speed of a flow has no corner
 
 
 def _zero6() -> np.ndarray:

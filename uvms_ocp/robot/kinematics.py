@@ -13,6 +13,10 @@ from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot.robot import Robot
 
+STEEP = 0.1
+"""Cosine of a beam's tilt below which its range says nothing about the height."""
+
+
 # How far an axis of a robot can move the points of its shapes.
 
 
@@ -99,9 +103,6 @@ def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
 
 # Where the frames of a robot are, and how they move, at one configuration; and where its altimeter
 # looks.
-
-STEEP = 0.1
-"""Cosine of a beam's tilt below which its range says nothing about the height."""
 
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, repr=False)

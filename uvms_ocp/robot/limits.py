@@ -18,6 +18,13 @@ from uvms_ocp.types import read_only
 
 _UNLIMITED = 1e12  # Pinocchio writes the largest float where a URDF has no limit
 
+_SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
+
+ASSUMED_VELOCITY = 0.8
+ASSUMED_ACCELERATION = 2.0
+"""[rad/s] and [rad/s2] of the arm in [Gao2022]."""
+_SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Joint:
@@ -131,9 +138,6 @@ class PositionLimit:
     """
 
 
-_SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
-
-
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
     indices = range(2 if free_flyer else 1, model.njoints)
@@ -171,11 +175,6 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
 
 # Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any
 # limit they whirl, and the vehicle with them, as every motion of the arm is then free.
-
-ASSUMED_VELOCITY = 0.8
-ASSUMED_ACCELERATION = 2.0
-"""[rad/s] and [rad/s2] of the arm in [Gao2022]."""
-_SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
 
 
 def held_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:

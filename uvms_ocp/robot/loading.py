@@ -44,6 +44,26 @@ from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
+_ROUNDING = 1e-9  # relative, of masses that are added and taken away again
+_SINGULAR = 1e-13  # relative to the largest eigenvalue
+
+_ASSUMED = (
+    f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of"
+    " the arm in [Gao2022], with motors that bear it"
+)
+
+_log = logging.getLogger(__name__)
+
+_loaded = WeakSet[Robot]()
+_read = WeakValueDictionary[str, Robot]()
+_open = WeakKeyDictionary[
+    Robot, tuple[list[Any], list[str]]
+]()  # its meshes and models as read, and what files leave open
+
+_models = attrgetter(
+    "model", "visual_model", "collision_model"
+)  # which whoever has the robot can change
+
 
 def robots_folder() -> Path:
     """Return the folder that holds one folder per robot."""
@@ -95,9 +115,6 @@ def example_robot_data() -> Path:
 # What the files of a robot leave open, and what comes of it: valid files whose gaps a user has to
 # know of.
 
-_ROUNDING = 1e-9  # relative, of masses that are added and taken away again
-_SINGULAR = 1e-13  # relative to the largest eigenvalue
-
 
 def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[str, str]]:
     """Subject and one sentence for everything that stays unknown or is left out. model: without
@@ -139,12 +156,6 @@ def unknowns(model: pin.Model, description: RobotDescription) -> Iterator[tuple[
                 " is not known"
             ),
         )
-
-
-_ASSUMED = (
-    f"what is missing is {ASSUMED_VELOCITY:g} rad/s and {ASSUMED_ACCELERATION:g} rad/s2, those of"
-    " the arm in [Gao2022], with motors that bear it"
-)
 
 
 def links_without_water(model: pin.Model, description: RobotDescription) -> tuple[str, ...]:
@@ -203,8 +214,6 @@ def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
 
 # From robot files to a `Robot`: URDF and description are read, checked against each other and
 # joined.
-
-_log = logging.getLogger(__name__)
 
 
 @checked
@@ -366,13 +375,6 @@ def load_robot(
     return _warned(robot)
 
 
-_loaded = WeakSet[Robot]()
-_read = WeakValueDictionary[str, Robot]()
-_open = WeakKeyDictionary[
-    Robot, tuple[list[Any], list[str]]
-]()  # its meshes and models as read, and what files leave open
-
-
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
     stats = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
@@ -380,11 +382,6 @@ def _stamps(files: Iterable[Path | str]) -> list[Any]:
         (file, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
         for file, stat in stats.items()
     ]
-
-
-_models = attrgetter(
-    "model", "visual_model", "collision_model"
-)  # which whoever has the robot can change
 
 
 def _mesh_files(robot: Robot) -> set[str]:

@@ -47,6 +47,10 @@ _EMPTY = (
 )
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
+_HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
+# Everything here is proposed, from the URDF alone: look at each line, and replace what you know.
+# `uvms-ocp schema` prints all that may stand here."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotProposal:
@@ -547,11 +551,6 @@ def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
     else:
         rotor = {}
     return {"acceleration": float(f"{2.0 * speed:.3g}"), **rotor}
-
-
-_HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vectors in the frame of their link, forward-left-up.
-# Everything here is proposed, from the URDF alone: look at each line, and replace what you know.
-# `uvms-ocp schema` prints all that may stand here."""
 
 
 def _lines(

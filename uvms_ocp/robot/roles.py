@@ -27,6 +27,16 @@ CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
 # of the distance of a body's mass from its axis to what turns about it: propellers are balanced
 _OFF_AXIS = 0.1
 
+_STEERS = "rudder fin flap wheel"
+_SENSORS = (
+    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
+    " mbes fls beacon antenna optical light lamp led hydrophone magnetometer acoustic modem ping"
+    " inclinometer compass ctd gyro transducer pinger"
+)
+
+_KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
+"""Fields of `Roles` that say of what kind joints are."""
+
 
 def _words(text: str) -> re.Pattern[str]:
     """Words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in any part of it where
@@ -38,12 +48,6 @@ def _words(text: str) -> re.Pattern[str]:
     return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
 
 
-_STEERS = "rudder fin flap wheel"
-_SENSORS = (
-    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
-    " mbes fls beacon antenna optical light lamp led hydrophone magnetometer acoustic modem ping"
-    " inclinometer compass ctd gyro transducer pinger"
-)
 _NAMES: Mapping[str, re.Pattern[str]] = {
     "propeller": _words(
         f"prop propeller thruster rotor blade screw fan {_STEERS}"
@@ -116,10 +120,6 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         base = next(iter(links), "")
     tools = [_tips(tree, j) for j in ends]
     return Roles(base=base, tools=tuple(tips for tips in tools if tips), **named)
-
-
-_KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
-"""Fields of `Roles` that say of what kind joints are."""
 
 
 class _LinkTree:

@@ -20,6 +20,28 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import RobotDescription, SensorDescription
 from uvms_ocp.types import Finite, Magnitude, Range, Shape, Vector3
 
+Value = TypeVar("Value", float, np.ndarray)
+_Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
+_Velocity: TypeAlias = Annotated[np.ndarray, Shape("n_v")]
+_Quaternion: TypeAlias = Annotated[np.ndarray, Shape(4)]
+_JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
+_JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
+
+UNITS: Mapping[str, str] = {
+    "position": "m",
+    "depth": "m",
+    "attitude": "rad",
+    "angular_velocity": "rad/s",
+    "linear_velocity": "m/s",
+} | {
+    "joint_positions": "rad or m",
+    "joint_velocities": "rad/s or m/s",
+    "altimeter_range": "m",
+    "specific_force": "m/s2",
+}
+"""Units of the values of each channel."""
+
+
 # How far each sensor can be trusted, and why.
 
 
@@ -52,13 +74,6 @@ class ChannelHealth:
 #
 # Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see
 # `uvms_ocp.robot.spatial`.
-
-Value = TypeVar("Value", float, np.ndarray)
-_Configuration: TypeAlias = Annotated[np.ndarray, Shape("n_q")]
-_Velocity: TypeAlias = Annotated[np.ndarray, Shape("n_v")]
-_Quaternion: TypeAlias = Annotated[np.ndarray, Shape(4)]
-_JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
-_JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
 
 
 @checked_dataclass(eq=False)
@@ -233,19 +248,6 @@ class SensorSpecs:
 CHANNELS = tuple(field.name for field in fields(SensorSpecs))
 """Names of the channels, the fields of `SensorSpecs` and of `Readings`."""
 
-UNITS: Mapping[str, str] = {
-    "position": "m",
-    "depth": "m",
-    "attitude": "rad",
-    "angular_velocity": "rad/s",
-    "linear_velocity": "m/s",
-} | {
-    "joint_positions": "rad or m",
-    "joint_velocities": "rad/s or m/s",
-    "altimeter_range": "m",
-    "specific_force": "m/s2",
-}
-"""Units of the values of each channel."""
 
 ACCELEROMETER = SensorSpec(rate=100.0, sigma=0.02)
 """A usual one for `SensorSpecs.specific_force`, assumed: 2 mm/s2/sqrt(Hz)."""

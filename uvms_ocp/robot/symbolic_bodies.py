@@ -19,6 +19,8 @@ from uvms_ocp.robot import spatial
 
 _EQUAL = 1e-15  # relative, of the diagonal of an isotropic matrix
 
+_ROUNDING = 1e-14  # entries of constant matrices below this are structural zeros
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SymbolicPose:
@@ -154,8 +156,6 @@ def _times(inertia: ca.DM, twist: Twist) -> Wrench:
 
 # Joints of a Pinocchio model as CasADi expressions: poses across them, and steps on their
 # manifolds.
-
-_ROUNDING = 1e-14  # entries of constant matrices below this are structural zeros
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -39,6 +39,18 @@ Element = ElementTree.Element
 _ROUNDING = 1e-11  # relative: poses are multiplied in another order
 _INERTIA = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")  # row by row
 
+_log = logging.getLogger(__name__)
+
+_DRAWN = ("visual", "collision")
+"""Elements of a link that have a shape."""
+
+_NOT_DRAWN = "not drawn"
+_FIND = "--packages DIR, or `packages` in loading of hydrodynamics.yaml, says where packages are"
+_DO_WITHOUT = "`meshes: no` there, or --no-meshes, does without"
+_MOST_NOTES = 4  # of one kind that are told one by one
+
+_LFS = b"version https://git-lfs"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Mount:
@@ -292,8 +304,6 @@ def _refuse(path: Path, where: str, stated: object, built: object) -> NoReturn:
 
 # URDF text to Pinocchio models.
 
-_log = logging.getLogger(__name__)
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class UrdfModels:
@@ -376,10 +386,6 @@ def _drop(findings: urdf_checks.Findings, root: Element, links: Iterable[str]) -
             if name in (_end(joint, "parent"), _end(joint, "child")):
                 root.remove(joint)
                 waiting.append(_end(joint, "child"))
-
-
-_DRAWN = ("visual", "collision")
-"""Elements of a link that have a shape."""
 
 
 def _shapes_of(root: Element) -> Iterator[tuple[Element, Element]]:
@@ -565,12 +571,6 @@ def _give_up(findings: urdf_checks.Findings, link: Element, shape: Element, prob
         )
 
 
-_NOT_DRAWN = "not drawn"
-_FIND = "--packages DIR, or `packages` in loading of hydrodynamics.yaml, says where packages are"
-_DO_WITHOUT = "`meshes: no` there, or --no-meshes, does without"
-_MOST_NOTES = 4  # of one kind that are told one by one
-
-
 def _shown(notes: Sequence[str]) -> list[str]:
     """Notes as they are told: of many that are not drawn the first, and how many more."""
     undrawn = [note for note in notes if note.endswith(_NOT_DRAWN)]
@@ -699,6 +699,3 @@ def _unreadable(file: Path, loader: coal.MeshLoader) -> str:
     except (ValueError, RuntimeError):
         return f"mesh {file.name!r} cannot be read; allowed: STL, DAE or OBJ with triangles"
     return ""
-
-
-_LFS = b"version https://git-lfs"

@@ -45,6 +45,35 @@ SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "m
 
 _LONGEST_NUMBER = 60  # characters of a mistake that a message repeats
 
+_LIMITS = ("lower", "upper", "velocity", "effort")  # where a huge number says that there is none
+
+_JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
+_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_SHOWN_NAMES = 10  # names in a message
+# a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
+_MOST_LINKS = 1000
+_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
+_LOCK = "--lock JOINT, or `lock: {JOINT: 0}` in loading of hydrodynamics.yaml"
+_SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+
+_NOT_KEPT = (
+    ("continuous", "limit", ("lower", "upper"), "make it revolute to keep them"),
+    (
+        "",
+        "safety_controller",
+        ("soft_lower_limit", "soft_upper_limit"),
+        "write those that hold into <limit>",
+    ),
+)
+"""Type of the joints, tag and words of limits that nothing here keeps, and what to do; no type:
+all.
+"""
+
+_LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
+_SHOWN_WORDS = 8  # words in a warning
+_LONGEST_WORD = 40  # characters of a word
+_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
+
 
 def to_float(text: str | None) -> float:
     """Return the number of one text, NaN for what urdfdom would not read or a float cannot hold."""
@@ -61,9 +90,6 @@ def to_floats(text: str) -> tuple[float, ...]:
     separates nothing.
     """
     return tuple(to_float(word) for word in text.split(" ") if word)
-
-
-_LIMITS = ("lower", "upper", "velocity", "effort")  # where a huge number says that there is none
 
 
 def read_number(
@@ -125,15 +151,6 @@ def quoted(text: str) -> str:
 
 
 # Checks of a URDF's XML, each mistake one line that names the element.
-
-_JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
-_INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_SHOWN_NAMES = 10  # names in a message
-# a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
-_MOST_LINKS = 1000
-_SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
-_LOCK = "--lock JOINT, or `lock: {JOINT: 0}` in loading of hydrodynamics.yaml"
-_SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
 
 
 class Findings:
@@ -388,20 +405,6 @@ def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
             limit.set(key, "0")
 
 
-_NOT_KEPT = (
-    ("continuous", "limit", ("lower", "upper"), "make it revolute to keep them"),
-    (
-        "",
-        "safety_controller",
-        ("soft_lower_limit", "soft_upper_limit"),
-        "write those that hold into <limit>",
-    ),
-)
-"""Type of the joints, tag and words of limits that nothing here keeps, and what to do; no type:
-all.
-"""
-
-
 def _name_limits_not_kept(findings: Findings, root: Element) -> None:
     for kind, tag, words, advice in _NOT_KEPT:
         stated = [
@@ -539,11 +542,6 @@ def _check_origin(path: Path, element: Element, where: str) -> None:
 
 # Elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip a word that they
 # do not know.
-
-_LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
-_SHOWN_WORDS = 8  # words in a warning
-_LONGEST_WORD = 40  # characters of a word
-_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -51,6 +51,23 @@ Markers = Mapping[str, tuple[float, float, float]]
 _OF_SCENARIO = ("robot", "solver", "plant", "seed", "dt", "duration", "record_rate", "faults")
 """Options that a `Scenario` has under the same names."""
 
+CHANGEABLE = (
+    "plant",
+    "solver",
+    "current",
+    "seabed",
+    "seed",
+    "noise",
+    "duration",
+    "dt",
+    "record_rate",
+    "faults",
+)
+"""Names of the options that `apply_options` takes."""
+
+SAFETY: tuple[Task, ...] = (JointLimits(), MinimumAltitude(), HorizontalAttitude())
+"""Tasks that keep a robot safe, JL, MAC and HA, which missions begin with."""
+
 
 @checked_dataclass(eq=False)
 class RunOptions:
@@ -178,21 +195,6 @@ def current_from(given: Current | Sequence[float] | None) -> Current:
     return given
 
 
-CHANGEABLE = (
-    "plant",
-    "solver",
-    "current",
-    "seabed",
-    "seed",
-    "noise",
-    "duration",
-    "dt",
-    "record_rate",
-    "faults",
-)
-"""Names of the options that `apply_options` takes."""
-
-
 def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
     """Return the scenario with the options given, some of `CHANGEABLE`, in the words of
     `run_options`.
@@ -223,9 +225,6 @@ def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
 
 
 # Parts that scenarios share.
-
-SAFETY: tuple[Task, ...] = (JointLimits(), MinimumAltitude(), HorizontalAttitude())
-"""Tasks that keep a robot safe, JL, MAC and HA, which missions begin with."""
 
 
 def mission_of(

@@ -35,6 +35,10 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 
+# [s] between places of a goal that moves, and how many there are at most
+_WAY_STEP = 0.1
+_MOST_PLACES = 3000
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RunOutcome:
@@ -58,11 +62,6 @@ class RunOutcome:
     """
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
     """As that of `RunMeta`."""
-
-
-# [s] between places of a goal that moves, and how many there are at most
-_WAY_STEP = 0.1
-_MOST_PLACES = 3000
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:

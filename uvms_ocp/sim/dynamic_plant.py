@@ -38,6 +38,11 @@ from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.plant import Plant
 from uvms_ocp.types import Period, Positive
 
+_TELEMETRY = ("thrust", "torque", "contact", "thruster_energy", "joint_energy")
+_PLANT_FAULTS = ("thruster", "joint", "payload")
+# [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
+BRAKE_FRICTION = 1e6
+
 
 @lru_cache(maxsize=8)
 def _step(
@@ -56,12 +61,6 @@ def _step(
         thrusters=thrusters.Thrusters.of(robot),
     )
     return model, dynamic_step.step_function(model)
-
-
-_TELEMETRY = ("thrust", "torque", "contact", "thruster_energy", "joint_energy")
-_PLANT_FAULTS = ("thruster", "joint", "payload")
-# [N m s/rad] of a locked joint, which creeps by less than a milliradian in a minute (assumed)
-BRAKE_FRICTION = 1e6
 
 
 @checked_constructor

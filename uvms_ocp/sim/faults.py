@@ -25,6 +25,23 @@ _LARGEST = 1e6
 _SHORT_NAMES = {"altimeter": "altimeter_range"}
 _COUNTER = re.compile(r"[1-9]\d{0,3}")
 
+_ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}
+
+_EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
+
+_FORM = (
+    "TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8, position:bias=5,0,0@10-20 or"
+    " thruster3:dead@20"
+)
+_DECIMAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TEXT = re.compile(
+    r"(?P<target>\w+):(?P<kind>\w+)"
+    rf"(?:=(?P<values>{_DECIMAL}(?:,{_DECIMAL})*))?"
+    rf"(?:@(?P<onset>{_DECIMAL})(?:-(?P<end>{_DECIMAL}))?)?",
+    re.ASCII,
+)
+_LONGEST = 200
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ValueRange:
@@ -111,8 +128,6 @@ FAMILIES: Mapping[str, Mapping[str, FaultModel]] = _families()
 the water, the tool.
 """
 
-_ENCODERS = {"position": "joint_positions", "velocity": "joint_velocities"}
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FaultTarget:
@@ -176,8 +191,6 @@ def kind_of(target: FaultTarget, name: str) -> FaultModel:
 
 
 # A fault: what goes wrong, how much, from when and until when.
-
-_EARLY = 1e-9  # [s] a tick that rounding puts just before a time counts
 
 
 @checked_dataclass(check=checked_constructor)
@@ -268,19 +281,6 @@ def _require_values(fault: Fault) -> None:
 
 
 # Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
-
-_FORM = (
-    "TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8, position:bias=5,0,0@10-20 or"
-    " thruster3:dead@20"
-)
-_DECIMAL = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-_TEXT = re.compile(
-    r"(?P<target>\w+):(?P<kind>\w+)"
-    rf"(?:=(?P<values>{_DECIMAL}(?:,{_DECIMAL})*))?"
-    rf"(?:@(?P<onset>{_DECIMAL})(?:-(?P<end>{_DECIMAL}))?)?",
-    re.ASCII,
-)
-_LONGEST = 200
 
 
 @checked

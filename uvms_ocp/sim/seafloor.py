@@ -30,6 +30,8 @@ Corner = Annotated[np.ndarray, Shape(2), Range(open=True)]
 Points = Annotated[np.ndarray, Shape("n", 2)]
 """(n, 2) [m] x, y in W."""
 
+_FINEST = 3000  # cells a side of a mesh, more than can be drawn
+
 
 class Seafloor(Protocol):
     """A floor that can be seen by an altimeter and stood upon."""
@@ -111,9 +113,6 @@ def floor_relief(seafloor: Seafloor, low: Corner, high: Corner) -> FloorRelief |
     x, y = (np.linspace(a, b, _RELIEF_POINTS) for a, b in zip(low, high, strict=True))
     z = tuple(tuple(round(seafloor.height(float(u), float(v)), 3) for u in x) for v in y)
     return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=z)
-
-
-_FINEST = 3000  # cells a side of a mesh, more than can be drawn
 
 
 @checked

@@ -13,6 +13,12 @@ from uvms_ocp.codegen.elementwise import is_symbolic
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import Array
 
+ENDLESS = 1e6
+"""[m, rad; 1/s^2 of each] Stands in for what has no limit, such as an acceleration or a reach: its
+product with 0 is 0.
+"""
+
+
 # SmoothActivation functions: smooth steps between 0 and 1 ([Gao2022] eq. 22).
 
 
@@ -51,11 +57,6 @@ class SmoothActivation:
 
 # Bounds on velocity that keep a position inside its limit, and references that keep their
 # direction.
-
-ENDLESS = 1e6
-"""[m, rad; 1/s^2 of each] Stands in for what has no limit, such as an acceleration or a reach: its
-product with 0 is 0.
-"""
 
 
 def approach_speed(

@@ -26,6 +26,12 @@ from uvms_ocp.trajectories import curve_judge, free_derivatives
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape, read_only
 
+_QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
+
+_STATIONARY = 1e-4  # largest slope of the cost, relative, by the logarithm of a duration
+_LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
+
+
 # What a minimum-snap curve must obey besides its way points and times, checked and laid out node by
 # node.
 
@@ -428,9 +434,6 @@ def min_snap_qp(
     return found
 
 
-_QUIET = dict.fromkeys(("print_header", "print_iter", "print_info", "error_on_fail"), False)
-
-
 class _Qp:
     """Matrices of one axis: unknowns are the unit-interval coefficients of all pieces, time in
     units of ``unit``.
@@ -521,9 +524,6 @@ class _Qp:
 
 # Choose the times of way points: trapezoidal guess, scaling to limits, and the optimum of time plus
 # snap.
-
-_STATIONARY = 1e-4  # largest slope of the cost, relative, by the logarithm of a duration
-_LARGEST_WEIGHT = 1e12  # beyond it the optimal durations are lost in rounding
 
 
 @checked_dataclass(eq=False)

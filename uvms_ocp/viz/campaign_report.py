@@ -29,6 +29,19 @@ _LARGEST = 1e300  # drawn: a spread of twice this is still finite
 # doubles have.
 _CONSTANT = 1e-9
 
+_FIGURE = '<figure><img alt="{}" src="data:image/png;base64,{}"></figure>'
+_TEXTS = (
+    "campaign",
+    "success_text",
+    "finished",
+    "runs",
+    "sampler",
+    "seed",
+    "package",
+    "worst_first",
+)
+"""Keys of the report that the template shows unchanged."""
+
 
 @style.styled
 def figure_rate(
@@ -150,19 +163,6 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 
 
 # The report of a campaign as one page of HTML, which needs no network.
-
-_FIGURE = '<figure><img alt="{}" src="data:image/png;base64,{}"></figure>'
-_TEXTS = (
-    "campaign",
-    "success_text",
-    "finished",
-    "runs",
-    "sampler",
-    "seed",
-    "package",
-    "worst_first",
-)
-"""Keys of the report that the template shows unchanged."""
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:

@@ -27,6 +27,10 @@ _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
 _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
 
+_PARTS = ("linear", "angular")
+"""Of the velocity, as the sensors measure them."""
+_WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
+
 
 @style.styled
 def figure_residuals(one: Comparison) -> Figure:
@@ -143,10 +147,6 @@ def _bars(axis: Axes, found: Sequence[HeldOutRecording], asked: Sequence[float],
 
 # A calibration to look at: measured against predicted, what is left, how sure its numbers are, and
 # what others predict.
-
-_PARTS = ("linear", "angular")
-"""Of the velocity, as the sensors measure them."""
-_WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
 def write_identification_figures(one: Calibration, folder: Path | str) -> list[Path]:

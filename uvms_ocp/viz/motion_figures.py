@@ -29,6 +29,22 @@ _LEGEND = 20  # letters of a name beside lines
 _PARTS = ("force", "moment")
 _TRACKED = {"velocity": "linear", "rate": "angular"}
 
+_ZOOM = 1.0  # [s] on each side of a transition
+_ZOOM_WIDTH = 1.7  # [in]
+_SHORT = 10  # letters of a phase above a zoom
+_LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
+
+_VELOCITY_PANELS = (
+    (slice(0, 3), axis_label("linear", "v", "linear"), ("surge", "sway", "heave")),
+    (slice(3, 6), axis_label("angular", "v", "angular"), ("roll", "pitch", "yaw")),
+)
+
+_SAND = "#8C6D46"
+_OBSTACLE = "#D9B48F"
+_OBSTACLE_EDGE = "#8A5A2B"
+_ENTRY = 1.4  # [in] of the legend
+_DIRECTIONS = 48  # that an outline is found in
+
 
 @style.styled
 def figure_efforts(
@@ -140,11 +156,6 @@ def figure_tracking(
 
 # Figures of how the vehicle and the joints move, with their limits.
 
-_ZOOM = 1.0  # [s] on each side of a transition
-_ZOOM_WIDTH = 1.7  # [in]
-_SHORT = 10  # letters of a phase above a zoom
-_LEAST_SPAN = 0.02  # [m/s, rad/s] of a velocity panel
-
 
 @style.styled
 def figure_velocities(
@@ -167,12 +178,6 @@ def figure_velocities(
     if changes:
         _zooms(parts[1], record, changes, spans)
     return figure
-
-
-_VELOCITY_PANELS = (
-    (slice(0, 3), axis_label("linear", "v", "linear"), ("surge", "sway", "heave")),
-    (slice(3, 6), axis_label("angular", "v", "angular"), ("roll", "pitch", "yaw")),
-)
 
 
 def _whole_run(parent: Figure, record: Record) -> None:
@@ -275,12 +280,6 @@ def _joint_column(
 
 
 # Figure of the vehicle's path over the floor.
-
-_SAND = "#8C6D46"
-_OBSTACLE = "#D9B48F"
-_OBSTACLE_EDGE = "#8A5A2B"
-_ENTRY = 1.4  # [in] of the legend
-_DIRECTIONS = 48  # that an outline is found in
 
 
 @style.styled

@@ -42,6 +42,25 @@ from uvms_ocp.viz.series import (
 
 _SHOWN = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
 
+_VEHICLE = (("position", "q"), ("attitude", "q_std"))
+_Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
+
+_COLORS = {"good": style.GREEN, "suspect": style.ORANGE, "lost": style.VERMILLION}
+_MOST_WORDS = 8  # alarms written below the bars
+_HEIGHT = 0.62  # of a bar, of the space of a channel
+_LINE = 0.17  # [in] of text
+
+_OF_ERRORS = (
+    tasks.figure_errors,
+    tasks.figure_misalignment,
+    tasks.figure_altitude,
+    tasks.figure_tool_error,
+)
+
+Format = Literal["png", "pdf", "svg"]
+
+_Names = str | Sequence[str]
+
 
 @style.styled
 def figure_estimate(
@@ -64,10 +83,6 @@ def figure_estimate(
         axis.set_ylabel(label)
     style.shade_phases(axes, phase_spans(record))
     return figure
-
-
-_VEHICLE = (("position", "q"), ("attitude", "q_std"))
-_Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 
 
 def _panels(record: Record) -> list[_Panel]:
@@ -135,11 +150,6 @@ def _draw(
 
 
 # Figure of how far each sensor could be trusted.
-
-_COLORS = {"good": style.GREEN, "suspect": style.ORANGE, "lost": style.VERMILLION}
-_MOST_WORDS = 8  # alarms written below the bars
-_HEIGHT = 0.62  # of a bar, of the space of a channel
-_LINE = 0.17  # [in] of text
 
 
 @style.styled
@@ -234,12 +244,6 @@ def figure_tick_time(
 #
 # Each ``figure_*`` returns a Matplotlib figure, or `None` where the record lacks what it shows.
 
-_OF_ERRORS = (
-    tasks.figure_errors,
-    tasks.figure_misalignment,
-    tasks.figure_altitude,
-    tasks.figure_tool_error,
-)
 _OF_MOTION = (
     figure_velocities,
     figure_joints,
@@ -257,9 +261,6 @@ _ALL = (
     figure_tick_time,
 )
 FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
-
-
-Format = Literal["png", "pdf", "svg"]
 
 
 @checked
@@ -292,9 +293,6 @@ def write_figure(
     if figure is None:
         return None
     return style.save_figure(figure, Path(folder) / f"{name}.{format}")
-
-
-_Names = str | Sequence[str]
 
 
 @overload

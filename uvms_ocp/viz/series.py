@@ -33,6 +33,22 @@ RUN_NAMES = (
 PLAN_NAMES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
 """Names of all figures of a run and of a plan, known before what draws them is loaded."""
 
+# rows from which on not all are drawn; a page is 1,300 dots wide
+_LONG = 50_000
+_STRETCHES = 4096
+_AS_THEY_ARE = (
+    "t",
+    "phase",
+    "q",
+    "q_estimated",
+    "q_std",
+    "v",
+    "v_estimated",
+    "command",
+    "tick_time",
+    "tool",
+)
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PhaseSpan:
@@ -102,23 +118,6 @@ def require_rows(record: Record) -> None:
     """Raises `InvalidInput` where there is nothing to draw."""
     if len(record) < 2:
         raise InvalidInput(f"record has {len(record)} rows; at least 2 are needed to draw it")
-
-
-# rows from which on not all are drawn; a page is 1,300 dots wide
-_LONG = 50_000
-_STRETCHES = 4096
-_AS_THEY_ARE = (
-    "t",
-    "phase",
-    "q",
-    "q_estimated",
-    "q_std",
-    "v",
-    "v_estimated",
-    "command",
-    "tick_time",
-    "tool",
-)
 
 
 def thinned(record: Record) -> Record:

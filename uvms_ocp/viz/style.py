@@ -96,6 +96,22 @@ _STYLE: list[Any] = [
     },
 ]
 
+_MIDDLE = 0.18  # luminance that is as far from black as from white
+_GREY = 0.06  # most that the parts of a grey differ by
+_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
+"""Axes of W to the right and upwards in `abreast`."""
+
+_QUICKLY: dict[str, Any] = {
+    ".png": {"pil_kwargs": {"compress_level": 1}}
+}  # in a third of the time, a sixth larger
+
+# [points]
+_ABOVE_PHASES = 13
+_LINE = 8
+_LONGEST = 40  # letters of what one moment is marked with
+
 
 class _PlainPowers(LogFormatterSciNotation):
     """Labels of a logarithmic axis in letters, 10⁻³ or 4·10⁻³, as formulas are off."""
@@ -222,11 +238,6 @@ def _on(color: tuple[float, float, float, float], paper: np.ndarray) -> np.ndarr
     return color[3] * np.array(color[:3]) + (1.0 - color[3]) * paper
 
 
-_MIDDLE = 0.18  # luminance that is as far from black as from white
-_GREY = 0.06  # most that the parts of a grey differ by
-_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-
-
 def _luminance(rgb: np.ndarray) -> float:
     """Relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
     return float(
@@ -287,10 +298,6 @@ def titled(height: float, title: str, fig: Given = None, width: Width = "page") 
     if title and inches(figure) > NARROW:
         figure.suptitle(title, fontsize=points(10), fontweight="bold", x=0.01, ha="left")
     return figure
-
-
-VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
-"""Axes of W to the right and upwards in `abreast`."""
 
 
 def abreast(figure: Figure) -> list[Axes]:
@@ -359,11 +366,6 @@ def label_text(name: str, longest: int = 32) -> str:
     if label.startswith("_"):
         return f" {label}"
     return label
-
-
-_QUICKLY: dict[str, Any] = {
-    ".png": {"pil_kwargs": {"compress_level": 1}}
-}  # in a third of the time, a sixth larger
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
@@ -481,11 +483,6 @@ def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
 
 # What lies behind the curves of every figure over time: the phases of the mission, and what went
 # wrong on purpose.
-
-# [points]
-_ABOVE_PHASES = 13
-_LINE = 8
-_LONGEST = 40  # letters of what one moment is marked with
 
 
 def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, beside: int = 0) -> None:

@@ -44,6 +44,16 @@ from uvms_ocp.types import Array as Numbers, Range, Shape
 LARGEST_WRENCH = 1e12
 """[N, N m] that any part of a wrench may be."""
 
+_ARRAYS = (
+    "matrix",
+    "lower",
+    "upper",
+    "power_factor",
+    "power_exponent",
+    "dead_zone",
+    "wrench_weight",
+)
+
 
 class AllocationMemory(Layout):
     """Memory of an `Allocation`, whose fields are described there. Room for n thrusters, of which
@@ -249,17 +259,6 @@ class Allocation:
 def allocation_sizes(n: int) -> dict[str, int]:
     """Return the sizes of an `AllocationMemory` with room for n thrusters."""
     return {"m": 6, "n": room_for(n)}
-
-
-_ARRAYS = (
-    "matrix",
-    "lower",
-    "upper",
-    "power_factor",
-    "power_exponent",
-    "dead_zone",
-    "wrench_weight",
-)
 
 
 def allocation_of(

@@ -18,6 +18,20 @@ from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.thrusters import thruster_matrix
 from uvms_ocp.types import Lead, Magnitude
 
+_RANK = 1e-9
+"""of a singular value of the thruster matrix, as a share of the largest."""
+
+_VEHICLE_BRAKING = 0.2
+_JOINTS_BRAKING = 0.06
+"""[s] over which what is left to the limit of a rate may be used up: thrusters come up to speed
+within the first, and a joint's motor follows at once.
+"""
+_BRAKING_TICKS = 3.0
+"""periods of control that it takes at least."""
+_ASKED_RATE = 0.98
+"""share of the limit that is asked for: forces are held over a tick, in which rates go on."""
+
+
 # From a generalized force to what is asked of thrusters and joint motors.
 
 
@@ -128,9 +142,6 @@ OPEN_LOOP = TrackingGains(
 
 # Axes that no thruster pushes.
 
-_RANK = 1e-9
-"""of a singular value of the thruster matrix, as a share of the largest."""
-
 
 def undriven_axes(robot: Robot) -> np.ndarray:
     """Orthonormal directions (n_v, k) of a generalized force that neither thrusters nor motors
@@ -159,16 +170,6 @@ def attained_acceleration(
 
 
 # Rates that pass no limit: no acceleration is asked for that would lead beyond one.
-
-_VEHICLE_BRAKING = 0.2
-_JOINTS_BRAKING = 0.06
-"""[s] over which what is left to the limit of a rate may be used up: thrusters come up to speed
-within the first, and a joint's motor follows at once.
-"""
-_BRAKING_TICKS = 3.0
-"""periods of control that it takes at least."""
-_ASKED_RATE = 0.98
-"""share of the limit that is asked for: forces are held over a tick, in which rates go on."""
 
 
 class RateLimiter:

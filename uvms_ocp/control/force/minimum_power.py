@@ -22,6 +22,10 @@ _USUAL = 1.5  # exponent of power over thrust; two roots cost less than a power
 SMALL = 1e-3
 """Share of the largest thrust below which |T|^p is rounded off, so that its curvature stays finite."""
 
+_REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
+_SETTLED = 1e-4  # share of the largest thrust
+_EXACT = 1e-9  # relative loss of wrench that counts as none
+
 
 class PowerMemory(Layout):
     """Power of thrusters. Room for n of them, of which `count` are used."""
@@ -168,10 +172,6 @@ def _weighted(x: Vector, weight: Vector, y: Vector, n: int) -> float:
 
 
 # Thrust for a wrench that limits or dead zones are in the way of, as a kernel.
-
-_REWEIGHTINGS = 3  # of the power at the limits; each divides what is left to save by four
-_SETTLED = 1e-4  # share of the largest thrust
-_EXACT = 1e-9  # relative loss of wrench that counts as none
 
 
 class LimitedThrustMemory(Layout):

@@ -36,6 +36,9 @@ _ENCODER_SILENCE = (
     0.1  # [s] after which joints are no longer fed back; a joint falls faster than a vehicle drifts
 )
 
+_POSITIONS = CHANNELS.index(ENCODERS)
+_RATES = CHANNELS.index("joint_velocities")
+
 
 class ForceMemory(Layout):
     """Memory of a tick: functions, inputs, state and outputs."""
@@ -208,9 +211,6 @@ def _is_possible(m: ForceMemory) -> bool:
 
 
 # Between the layers of velocities and of forces.
-
-_POSITIONS = CHANNELS.index(ENCODERS)
-_RATES = CHANNELS.index("joint_velocities")
 
 
 def ask_forces(c: TickMemory, m: ForceMemory) -> None:

@@ -32,6 +32,11 @@ from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 
 Parts = TypeVar("Parts", bound=Layout)
 
+_EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
+# share, of the bandwidth that the sensors allow, that the observer needs for its findings to be
+# judged
+_FULL = 0.95
+
 
 class MonitorStep(IntEnum):
     """State of the actuator monitor in a tick."""
@@ -186,12 +191,6 @@ def column_of(parts: Any) -> ca.SX:
     return ca.densify(
         ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns))
     )
-
-
-_EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes
-# share, of the bandwidth that the sensors allow, that the observer needs for its findings to be
-# judged
-_FULL = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

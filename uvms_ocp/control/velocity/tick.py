@@ -36,6 +36,13 @@ _FASTER = 0.2  # share of its velocity limit that a joint leaves at most
 _NOTICED = 0.04
 _FORGOTTEN = 5.0
 
+Solved = tuple[int, np.ndarray, np.ndarray, float]
+"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
+solver or of both.
+"""
+_STATUS_CODE = {status: code for code, status in enumerate(Status)}
+
+
 # One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes
 # of it, `after`.
 #
@@ -401,12 +408,6 @@ def velocity_controller(
 
 # The second half of a tick as a thing to call: the solver and what follows, in one call of machine
 # code or one by one.
-
-Solved = tuple[int, np.ndarray, np.ndarray, float]
-"""Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
-solver or of both.
-"""
-_STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
 def solve_in_c(controller: VelocityController) -> Callable[[VelocityController], int]:

@@ -39,6 +39,45 @@ TOO_LATE = 2.0
 speed.
 """
 
+LEAST_TO_SUSPECT = 0.05
+"""[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
+_LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
+_PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
+_PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
+
+_SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 readings
+# How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
+# [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the
+# attitude's
+_POSITION_DRIFT = 0.05
+_ATTITUDE = 0.05  # [rad]
+_ATTITUDE_DRIFT = (
+    0.002  # [rad/s] of an attitude that a gyro carries: its bias, once it is estimated
+)
+_VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL
+_VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
+_RATE = 0.2  # [rad/s] of the vehicle: a blow
+_RATE_DRIFT = 0.1  # [rad/s2] of a rate that attitudes carry
+_JOINTS = 0.05  # [rad or m] of joint positions
+_JOINT_RATE = 0.5  # [rad/s or m/s] of joint velocities: a joint that meets its stop
+_ENCODER_TRAVEL = (
+    0.02  # [rad or m] that is asked of a joint while its encoder does not change by a bit
+)
+_BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
+_ANY = 1e12  # [unit of the channel] growth of what has no limits
+_FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
+_WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
+_RATES = ("angular_velocity", "linear_velocity", "joint_velocities")
+"""Exact ones may belong to a plant whose velocities jump, as the paper's does."""
+_RIVALS = {
+    "attitude": ("angular_velocity",),
+    "angular_velocity": ("attitude",),
+    "position": ("linear_velocity", "depth"),
+    "depth": ("position", "linear_velocity"),
+    "linear_velocity": ("position",),
+}
+"""Channels that may be why the estimate does not agree with one."""
+
 
 class ChannelMemory(Layout):
     """The newest reading of one channel, the last that was used, and a verdict with its reason."""
@@ -188,12 +227,6 @@ class HealthMemory(Layout):
 
 
 # What is thought of one channel, from complaints, silence and the time without either.
-
-LEAST_TO_SUSPECT = 0.05
-"""[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
-_LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
-_PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
-_PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
 
 
 def accept(c: ChannelMemory, t: float) -> None:
@@ -349,39 +382,6 @@ def _is_suspect(m: HealthMemory, channel: int) -> bool:
 
 
 # Set up the state of the health monitor: the sensors of the robot, and what its limits allow.
-
-_SIGMAS = 8.0  # of the channel's noise, which noise passes once in 1e15 readings
-# How wrong an estimate can be beyond noise, of a robot that manoeuvres in gusts.
-# [m/s] of a position that a DVL carries, or of a depth that anything does: its bias, and the
-# attitude's
-_POSITION_DRIFT = 0.05
-_ATTITUDE = 0.05  # [rad]
-_ATTITUDE_DRIFT = (
-    0.002  # [rad/s] of an attitude that a gyro carries: its bias, once it is estimated
-)
-_VELOCITY = 0.25  # [m/s]: a vehicle that accelerates with 1 m/s2 between two readings of a DVL
-_VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
-_RATE = 0.2  # [rad/s] of the vehicle: a blow
-_RATE_DRIFT = 0.1  # [rad/s2] of a rate that attitudes carry
-_JOINTS = 0.05  # [rad or m] of joint positions
-_JOINT_RATE = 0.5  # [rad/s or m/s] of joint velocities: a joint that meets its stop
-_ENCODER_TRAVEL = (
-    0.02  # [rad or m] that is asked of a joint while its encoder does not change by a bit
-)
-_BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
-_ANY = 1e12  # [unit of the channel] growth of what has no limits
-_FASTEST = 10.0  # [rad/s or m/s] of a joint without limits
-_WHOLE = ("attitude",)  # whose components cannot be judged one by one: some hardly change
-_RATES = ("angular_velocity", "linear_velocity", "joint_velocities")
-"""Exact ones may belong to a plant whose velocities jump, as the paper's does."""
-_RIVALS = {
-    "attitude": ("angular_velocity",),
-    "angular_velocity": ("attitude",),
-    "position": ("linear_velocity", "depth"),
-    "depth": ("position", "linear_velocity"),
-    "linear_velocity": ("position",),
-}
-"""Channels that may be why the estimate does not agree with one."""
 
 
 def health_memory(

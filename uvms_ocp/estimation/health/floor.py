@@ -20,6 +20,22 @@ from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, s
 MAX_FLOOR_POINTS = 128
 _STEEPEST = 0.6  # of a slope along which a beam runs down
 
+POSITION = 0.1
+"""[m] by which position, depth and floor may be wrong of a robot that manoeuvres in gusts, beside
+noise.
+"""
+_SIGMAS = 8.0
+_MEMORY = 60.0  # [s] for which an echo tells of the floor where it was taken
+_SPACING = max(0.5, _MEMORY / (MAX_FLOOR_POINTS - 2))  # [s] between the echoes that are kept
+# [s] for which echoes from a floor that is farther away agree before they are believed: twenty at
+# 10 Hz
+_STEP_TIME = 2.0
+# [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the
+# noise
+_STEP_TRAVEL = 0.2
+_STEP_WAY = 0.3  # [m] of horizontal motion after which there may be another floor
+_RETURN = 3  # echoes in a row from a floor known before that bring it back
+
 
 class FloorPoint(Layout):
     """Where an echo came from, in W."""
@@ -163,22 +179,6 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
 # with each other for a while in which the vehicle moved vertically, as an altimeter that is stuck
 # shows a floor that follows the vehicle, and horizontally, as floors do not sink. The floor that
 # was known before is kept beside a new one, and believed again after a few echoes.
-
-POSITION = 0.1
-"""[m] by which position, depth and floor may be wrong of a robot that manoeuvres in gusts, beside
-noise.
-"""
-_SIGMAS = 8.0
-_MEMORY = 60.0  # [s] for which an echo tells of the floor where it was taken
-_SPACING = max(0.5, _MEMORY / (MAX_FLOOR_POINTS - 2))  # [s] between the echoes that are kept
-# [s] for which echoes from a floor that is farther away agree before they are believed: twenty at
-# 10 Hz
-_STEP_TIME = 2.0
-# [m] of vertical motion in that time, which a value that is stuck does not follow; ten times the
-# noise
-_STEP_TRAVEL = 0.2
-_STEP_WAY = 0.3  # [m] of horizontal motion after which there may be another floor
-_RETURN = 3  # echoes in a row from a floor known before that bring it back
 
 
 class FloorMemory(Layout):

@@ -38,6 +38,14 @@ from uvms_ocp.types import Array
 
 _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
 
+_N_OUTCOME = 4  # numbers of an outcome
+_LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itself
+
+_health = unchecked_constructor(ChannelHealth)
+_all = attrgetter(*CHANNELS)
+
+_JOINTS = ("joint_positions", "joint_velocities")
+
 
 class FallbackSensor(NamedTuple):
     """Channel that replaces another one in the estimate."""
@@ -255,10 +263,6 @@ class ChannelBuffer:
             self.memory.misshapen = self._texts.shape(value.shape, self._shape)
 
 
-_N_OUTCOME = 4  # numbers of an outcome
-_LONGEST_UNOBSERVED = 1.0  # [s] for which a velocity may be carried on by itself
-
-
 def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     """Screen the fresh readings at time t [s]; moving: there was a command, and no brakes."""
     if m.started:
@@ -394,12 +398,6 @@ def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> Non
             channel_state.update_gate_outcome(
                 m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t
             )
-
-
-_health = unchecked_constructor(ChannelHealth)
-_all = attrgetter(*CHANNELS)
-
-_JOINTS = ("joint_positions", "joint_velocities")
 
 
 @checked_constructor

@@ -12,6 +12,20 @@ from uvms_ocp.estimation.filter_memory import JOLT_TIME, ChannelIndex, orders_of
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
+_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
+
+_SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
+_FINE = 1e-3  # of the noise: a resolution that is finer makes no difference
+_ENOUGH = 5e-3  # of the noise: what is known to be finer is not looked at any more
+_LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
+_NEVER = 1e-300
+
+CHANCE = 1e-9
+"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred
+hours of gyro.
+"""
+
+
 # Quaternions xyzw for kernels.
 
 
@@ -131,8 +145,6 @@ def _copy_estimate(to: PastEstimate, source: PastEstimate) -> None:
 
 
 # What no reading of a working sensor can be: not a number, of another size, from the future.
-
-_UNIT = 1e-3  # by which the norm of a quaternion may differ from 1, as in records
 
 
 def is_nonsense(channel: int, value: Vector, size: int, why: Complaint) -> bool:
@@ -270,18 +282,6 @@ def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
 # against the sensor where p^n is below a chance that one does not expect to meet. A sensor at rest
 # whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
 # without noise.
-
-_SHARE = 0.5  # of the noise that a sensor is said to have, which it is taken to have at least
-_FINE = 1e-3  # of the noise: a resolution that is finer makes no difference
-_ENOUGH = 5e-3  # of the noise: what is known to be finer is not looked at any more
-_LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
-_NEVER = 1e-300
-
-
-CHANCE = 1e-9
-"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred
-hours of gyro.
-"""
 
 
 class RepetitionMemory(Layout):

@@ -15,6 +15,35 @@ from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
 LONGEST = 64
 
+_GAP = 2.0  # [s] of silence after which a comparison begins anew
+_SIGMAS = 8.0
+_SPACING = 0.1  # [s] between readings that are compared: more tell no more
+# [s], [m/s]: a bias that a vehicle may have
+_DRIFT_SPAN = 3.0
+_DRIFT = 0.04
+# [s] in which slow drifts are looked for
+_LONG_SPAN = 20.0
+_LONG_LEAST = 6.0
+_LONG_SPACING = 0.4
+_MEDIAN = 1.25  # times the standard deviation of a mean: that of a median
+# [m/s] a bias that a DVL may have, and share of the way by which its axes and scale err
+_SLOW_DRIFT = 0.01
+_OBLIQUE = 0.03
+_SLOW_TURN = 0.005  # [rad/s]: a bias that a gyro may have
+_BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
+# [s], [rad/s]
+_TURN_SPAN = 1.0
+_TURN = 0.03
+# fixes, fixes, [m]
+_FIRST = 10
+_LAST = 5
+_DEPTH = 0.05
+# [s] between marks, [rad/s] a bias, [s] that a rate may be late
+_ENCODER_SPAN = 10.0
+_SLOW_JOINT = 0.001
+_RATE_DELAY = 0.05
+_RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
+
 
 class SampleRing(Layout):
     """In the order of time."""
@@ -100,35 +129,6 @@ def value_at(s: SampleRing, i: int, t: float) -> float:
 
 
 # Channels that tell the same in two ways, compared over a few seconds.
-
-_GAP = 2.0  # [s] of silence after which a comparison begins anew
-_SIGMAS = 8.0
-_SPACING = 0.1  # [s] between readings that are compared: more tell no more
-# [s], [m/s]: a bias that a vehicle may have
-_DRIFT_SPAN = 3.0
-_DRIFT = 0.04
-# [s] in which slow drifts are looked for
-_LONG_SPAN = 20.0
-_LONG_LEAST = 6.0
-_LONG_SPACING = 0.4
-_MEDIAN = 1.25  # times the standard deviation of a mean: that of a median
-# [m/s] a bias that a DVL may have, and share of the way by which its axes and scale err
-_SLOW_DRIFT = 0.01
-_OBLIQUE = 0.03
-_SLOW_TURN = 0.005  # [rad/s]: a bias that a gyro may have
-_BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywhere
-# [s], [rad/s]
-_TURN_SPAN = 1.0
-_TURN = 0.03
-# fixes, fixes, [m]
-_FIRST = 10
-_LAST = 5
-_DEPTH = 0.05
-# [s] between marks, [rad/s] a bias, [s] that a rate may be late
-_ENCODER_SPAN = 10.0
-_SLOW_JOINT = 0.001
-_RATE_DELAY = 0.05
-_RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
 
 
 class DriftWindow(Layout):

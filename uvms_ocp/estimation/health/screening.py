@@ -33,6 +33,8 @@ _STUBBORN = 3
 _NEXT = 1.5
 """Periods of a channel in which its next reading arrives."""
 
+_RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
+
 
 def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
     """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1
@@ -183,8 +185,6 @@ def _place(
 
 
 # Pairs of channels that tell of the same motion, and which of a pair is to blame.
-
-_RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
 
 
 def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate) -> None:

@@ -14,6 +14,11 @@ from uvms_ocp.codegen.kernel_layout import Layout
 from uvms_ocp.robot.signals import UNITS
 from uvms_ocp.types import Positive
 
+_TEXTS: dict[str, str] = tomllib.loads(
+    (files("uvms_ocp.estimation.health") / "reasons.toml").read_text(encoding="utf-8")
+)
+
+
 # What the health monitor takes for possible, with reasons.
 
 
@@ -101,11 +106,6 @@ def set_complaint(why: Complaint, code: int, first: float, second: float) -> boo
 def copy_complaint(to: Complaint, source: Complaint) -> None:
     """Make one the same as the other."""
     set_complaint(to, source.code, source.first, source.second)
-
-
-_TEXTS: dict[str, str] = tomllib.loads(
-    (files("uvms_ocp.estimation.health") / "reasons.toml").read_text(encoding="utf-8")
-)
 
 
 class ReasonTexts:

@@ -31,6 +31,16 @@ from uvms_ocp.solvers.stage_qp.compiled import qp_library
 from uvms_ocp.solvers.stage_qp.problem import FlatSolution, StageQpOptions, WarmStart
 from uvms_ocp.types import Array
 
+_SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
+
+# Rough: steps are searched along, and made again at the next tick.
+_REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
+# iterations, after which a QP is given up that may be: those that it takes more have up to 25
+_BRIEF = 6
+_WEIGHTS = (1e2, 1e4, 1e8)
+"""[1/unit of the row^2] Least, first and largest weight of rows of levels above."""
+
+
 # Levels of a horizon as the lexicographic solver calls them.
 
 
@@ -41,9 +51,6 @@ class StagewisePoint(NlpPoint):
     """
 
     solution: FlatSolution | None = None
-
-
-_SQP_QP_OPTIONS = StageQpOptions(tolerance=1e-7)
 
 
 class StagewiseLevels:
@@ -171,13 +178,6 @@ class StageLevelSolver:
 
 
 # The levels of a horizon for steps in real time, stage by stage.
-
-# Rough: steps are searched along, and made again at the next tick.
-_REAL_TIME_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
-# iterations, after which a QP is given up that may be: those that it takes more have up to 25
-_BRIEF = 6
-_WEIGHTS = (1e2, 1e4, 1e8)
-"""[1/unit of the row^2] Least, first and largest weight of rows of levels above."""
 
 
 class StagewiseLevelModel:

@@ -38,6 +38,17 @@ from uvms_ocp.ocp.transcription.term_rows import (
 )
 from uvms_ocp.robot import State, SymbolicModel
 
+START = "start"
+PERIODIC = "periodic"
+"""Names of the rows, in reports."""
+
+FIXED = ("motion", "forces", START, "equal steps")
+"""Names of rows that are laws, not wishes."""
+TOTAL = "total duration"
+_DROPPED = -2  # level of rows that say nothing
+_START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
+
+
 # The variables of the NLP: those of step after step, then the state of the last node; units are
 # those of z.
 
@@ -329,10 +340,6 @@ def parameter_layout(problem: OcpProblem, blocks: tuple[TermBlock, ...]) -> Para
 # Rows that tie the ends of the horizon: the first state is given, or near the given one, and may be
 # the last one too.
 
-START = "start"
-PERIODIC = "periodic"
-"""Names of the rows, in reports."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BoundaryRows:
@@ -407,12 +414,6 @@ def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
 
 # The raw rows of a horizon, all numbered here: where each group of them is, and what every single
 # row is.
-
-FIXED = ("motion", "forces", START, "equal steps")
-"""Names of rows that are laws, not wishes."""
-TOTAL = "total duration"
-_DROPPED = -2  # level of rows that say nothing
-_START = 0.75  # stage of the first state: after the dynamics and the terms of the first node
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

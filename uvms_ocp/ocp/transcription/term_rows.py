@@ -29,6 +29,13 @@ CONSTRAINT = -1
 """Stands for the level of a constraint."""
 _N_COMMON = 2  # active, rate
 
+_VARYING = {
+    OcpProblem: ("start", "current", "phases", "levels", "constraints", "longest"),
+    OcpPhase: ("duration",),
+    OcpLevel: ("terms", "relax"),
+}
+"""Fields that may differ, or whose parts are looked at one by one."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class TermEntry:
@@ -330,13 +337,6 @@ def _costs(
 
 
 # Decide whether a program that was built for one problem solves another one with other parameters.
-
-_VARYING = {
-    OcpProblem: ("start", "current", "phases", "levels", "constraints", "longest"),
-    OcpPhase: ("duration",),
-    OcpLevel: ("terms", "relax"),
-}
-"""Fields that may differ, or whose parts are looked at one by one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

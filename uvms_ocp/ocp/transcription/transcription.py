@@ -32,6 +32,9 @@ from uvms_ocp.solvers.nlp.program import (
     nlp_functions,
 )
 
+_ROUNDING = 1e-9  # violation of a constraint at the start that is none
+
+
 # Placing nonzeros into large sparse matrices, as CasADi MX.
 
 
@@ -331,8 +334,6 @@ def _placed(
 
 
 # Multiple shooting on the manifold: an optimal control problem becomes a sparse lexicographic NLP.
-
-_ROUNDING = 1e-9  # violation of a constraint at the start that is none
 
 
 class Transcription:

@@ -23,6 +23,15 @@ from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
 
+# coal's default of 1e-6 shows as noise in finite differences. 1e-12 made 4 of 264,000 distances
+# fail or be wrong by centimetres; 1e-9 none of 2.6 million. The penetration solver keeps its
+# default: with less it fails often, with it once in 10,000 overlaps, and then reports -1e308.
+_DISTANCE_TOLERANCE = 1e-9
+_MAX_ITERATIONS = 512
+FAILED = -1e3
+"""[m] What coal reports below it is no distance but a search that failed."""
+
+
 # Links of which no clearance tells.
 
 
@@ -42,14 +51,6 @@ def links_without_shape(robot: Robot) -> tuple[str, ...]:
 
 
 # Distances of pairs of shapes by coal: of any shapes, and the oracle of those in machine code.
-
-# coal's default of 1e-6 shows as noise in finite differences. 1e-12 made 4 of 264,000 distances
-# fail or be wrong by centimetres; 1e-9 none of 2.6 million. The penetration solver keeps its
-# default: with less it fails often, with it once in 10,000 overlaps, and then reports -1e308.
-_DISTANCE_TOLERANCE = 1e-9
-_MAX_ITERATIONS = 512
-FAILED = -1e3
-"""[m] What coal reports below it is no distance but a search that failed."""
 
 
 def distance_data(geometry: pin.GeometryModel) -> pin.GeometryData:

@@ -36,6 +36,13 @@ from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, t
 _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their nearest points
 _POLISH = 3  # of the direction that a polytope gives to 1e-7 m
 
+_NOTHING = 1e-5
+"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a
+hierarchy would heed it.
+"""
+
+_STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
+
 
 def measure_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
     """Distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
@@ -86,11 +93,6 @@ def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> Non
 
 
 # Distances of all pairs of a collision model in machine code, for programs that embed them.
-
-_NOTHING = 1e-5
-"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a
-hierarchy would heed it.
-"""
 
 
 class SolidPair(Layout):
@@ -234,8 +236,6 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
 
 
 # Which shapes have a form in C, and a memory of their pairs that kernels work on.
-
-_STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
 
 
 def has_kernel(shape: coal.CollisionGeometry) -> bool:

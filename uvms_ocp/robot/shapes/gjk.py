@@ -13,6 +13,19 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 
+FAR = 1e300
+"""[m2] what `squared` is of points that are no numbers."""
+
+ROUNDS = 128
+"""Bound of a search; what it found is then what is told."""
+_TURNS = 3  # of nearest points, after which most pairs are almost done
+# of the distance, by which none can be smaller: its square root is what the normal is wrong by
+_EXACT = 1e-12
+_STALLS = 4  # rounds without a gain, after which rounding is all that is left
+TOUCHING = 1e-9
+"""[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
+
+
 # Solids that have a form in C: a box, a disk across the z axis and a ball, added up (Minkowski).
 
 
@@ -116,9 +129,6 @@ def cross(x: Vector, y: Vector, z: Vector) -> None:
 
 # Up to four points of the difference of two solids, and the point of their hull nearest to the
 # origin.
-
-FAR = 1e300
-"""[m2] what `squared` is of points that are no numbers."""
 
 
 class Simplex(Layout):
@@ -284,15 +294,6 @@ def keep_last(s: Simplex, others: bool) -> None:
 #
 # The search is that of [Gilbert1988] (GJK), on boxes and disks; balls are added to what it finds.
 # It remembers nothing, so that the same configuration always gives the same distances.
-
-ROUNDS = 128
-"""Bound of a search; what it found is then what is told."""
-_TURNS = 3  # of nearest points, after which most pairs are almost done
-# of the distance, by which none can be smaller: its square root is what the normal is wrong by
-_EXACT = 1e-12
-_STALLS = 4  # rounds without a gain, after which rounding is all that is left
-TOUCHING = 1e-9
-"""[m] nearer solids count as overlapping, as rounding is all that is left of a direction."""
 
 
 class RelativePlacement(Layout):

@@ -29,6 +29,17 @@ from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
 from uvms_ocp.record.untrusted import read_yaml
 from uvms_ocp.types import Finite, Range, Shape
 
+Numbers = Annotated[ArrayLike, Range(open=True)]
+"""Finite numbers."""
+
+_MESH = "mesh"
+_EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
+_KINDS = (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Box, coal.Ellipsoid)
+_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
+    kind.__name__.lower(): kind for kind in _KINDS
+}
+
+
 # Obstacles: solid shapes that stand in the water.
 
 
@@ -46,10 +57,6 @@ class Obstacle:
     def __post_init__(self) -> None:
         if not self.name:
             raise InvalidInput("an obstacle needs a name; give one that is not empty")
-
-
-Numbers = Annotated[ArrayLike, Range(open=True)]
-"""Finite numbers."""
 
 
 @checked
@@ -105,13 +112,6 @@ def mesh_shape(
 
 
 # Obstacles from a YAML file or from words of a command line, and as the metadata of a record.
-
-_MESH = "mesh"
-_EXAMPLE = "obstacles: [{name: ball, shape: sphere, size: [0.3], position: [1.0, 0.0, 0.0]}]"
-_KINDS = (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Cone, coal.Box, coal.Ellipsoid)
-_SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
-    kind.__name__.lower(): kind for kind in _KINDS
-}
 
 
 class ObstacleFile(FileModel):

@@ -35,6 +35,14 @@ from uvms_ocp.robot.shapes.gjk import (
 
 _PARALLEL = 1e-20  # squared sine of edges that span no face
 
+GROWTH = 96
+"""Points that a polytope grows by at most."""
+POINTS = GROWTH + 6
+FACES = 2 * POINTS
+_OPEN = 1e-7  # [m] between a face and what lies beyond it
+_FLAT = 1e-30  # [m4] squared area of a face that has no direction
+_SEEN = 1e-13  # [m] by which a point lies beyond a face that goes
+
 
 def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
     """The shallowest of these directions, and the distance along it. A kernel."""
@@ -104,14 +112,6 @@ def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float
 # Expanding polytope: what its nearest face and the difference there leave open is certain not to be
 # missed. Faces are turned away from the middle of the difference, which is always inside, as both
 # solids look the same from either side.
-
-GROWTH = 96
-"""Points that a polytope grows by at most."""
-POINTS = GROWTH + 6
-FACES = 2 * POINTS
-_OPEN = 1e-7  # [m] between a face and what lies beyond it
-_FLAT = 1e-30  # [m4] squared area of a face that has no direction
-_SEEN = 1e-13  # [m] by which a point lies beyond a face that goes
 
 
 class Hull(Layout):

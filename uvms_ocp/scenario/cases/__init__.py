@@ -25,6 +25,9 @@ _ALL = (
     *(bluerov_inspection, obstacle_field, reach, transit),
 )
 
+SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for scenario in _ALL}
+"""Scenarios by the name that the command line knows."""
+
 
 def _signature_of(scenario: Callable[..., Any]) -> Signature:
     """With the options of all scenarios in the place of ``**options``, for help and completion."""
@@ -39,5 +42,3 @@ def _signature_of(scenario: Callable[..., Any]) -> Signature:
 
 for _scenario in _ALL:
     vars(_scenario)["__signature__"] = _signature_of(_scenario)
-SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for scenario in _ALL}
-"""Scenarios by the name that the command line knows."""

@@ -44,6 +44,10 @@ _REACHING = 0.55  # of its length, by which the arm bridges it
 # joint
 _ASIDE = 0.15
 
+ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
+
+_APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
+
 
 @checked_dataclass()
 class Thresholds:
@@ -270,8 +274,6 @@ def case1_phases(thresholds: Thresholds, *, pose: bool = True) -> tuple[Phase, .
 
 # A current that sets in while the arm works, and a mission that steps back because of it.
 
-ADRIFT = Above(quantity="PC.horizontal_error", limit=0.5, release=0.4)  # [m] off the way point
-
 
 @checked
 def current_drift(*, back_steps: bool = True, retries: int = 3, **options: Any) -> Scenario:
@@ -335,8 +337,6 @@ def priority_swap(*, swapped: bool = True, **options: Any) -> Scenario:
 
 
 # Two tool poses in one mission, with a move of the vehicle between them.
-
-_APPROACH = np.array([-1.4025, 0.0752, 1.886])  # [m] from a target to its way point
 
 
 @checked

@@ -32,6 +32,10 @@ from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 MINIMUM_ALTITUDE = "minimum altitude"
 ECHO = "echo"
 
+_SUNK = 0.02  # [m] that what stands on the floor may be in it
+
+OBSTACLES = "obstacles"
+
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """Findings on the start, and on phases in which the minimum altitude is on."""
@@ -208,8 +212,6 @@ def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -
 
 # Check: the hull does not start in the floor, which would throw it out.
 
-_SUNK = 0.02  # [m] that what stands on the floor may be in it
-
 
 def check_hull(setup: Setup) -> Iterator[Finding]:
     """An error where the underside of the hull, as the plant has it, starts in the floor; names the
@@ -228,8 +230,6 @@ def check_hull(setup: Setup) -> Iterator[Finding]:
 
 
 # Check: the robot is free of the obstacles where it starts and where its phases end.
-
-OBSTACLES = "obstacles"
 
 
 def check_obstacles(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:

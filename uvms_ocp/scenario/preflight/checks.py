@@ -42,6 +42,30 @@ from uvms_ocp.tasks.task import TaskClass
 CHECK = "activations"
 _ACTING = (TaskClass.PREREQUISITE, TaskClass.ACTION)
 
+_PARTS = {
+    "position_error": np.s_[:3],
+    "horizontal_error": np.s_[:2],
+    "orientation_error": np.s_[3:],
+}
+
+_RANK = 1e-6  # singular values below it count as zero
+_ASSUMPTIONS = {
+    "plant": (
+        "forces, floor and obstacles are judged by the robot's files, which it may not follow; no"
+        " part of an export"
+    ),
+    "sensors": "accuracy is judged by their specs; no part of an export",
+    "estimator": (
+        "accuracy is judged by the toolkit's filter; no part of an export, which begins at its"
+        " measurements"
+    ),
+    "controller": (
+        "the mission is judged as the hierarchy would fly it; it has no form in C, so that it"
+        " cannot be exported"
+    ),
+}
+"""Checks that a user's own part is left out of, by the kind of part."""
+
 
 def check_structure(mission: Mission) -> Iterator[Finding]:
     """Findings on phases that nothing leads to, that nothing ends, or in which nothing acts."""
@@ -81,12 +105,6 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
 
 
 # Check: the sensors can tell whether the thresholds of a mission are met.
-
-_PARTS = {
-    "position_error": np.s_[:3],
-    "horizontal_error": np.s_[:2],
-    "orientation_error": np.s_[3:],
-}
 
 
 def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) -> dict[str, float]:
@@ -140,24 +158,6 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
 
 
 # All checks of a mission before it begins.
-
-_RANK = 1e-6  # singular values below it count as zero
-_ASSUMPTIONS = {
-    "plant": (
-        "forces, floor and obstacles are judged by the robot's files, which it may not follow; no"
-        " part of an export"
-    ),
-    "sensors": "accuracy is judged by their specs; no part of an export",
-    "estimator": (
-        "accuracy is judged by the toolkit's filter; no part of an export, which begins at its"
-        " measurements"
-    ),
-    "controller": (
-        "the mission is judged as the hierarchy would fly it; it has no form in C, so that it"
-        " cannot be exported"
-    ),
-}
-"""Checks that a user's own part is left out of, by the kind of part."""
 
 
 @checked

@@ -51,6 +51,12 @@ _ASKEW = 0.4  # [rad] of another rotation that a free one takes along
 _WHERE = ("ahead of or behind", "beside", "above or below")
 _ADRIFT = 0.5  # [N] out of trim: against a drag of 100 N/(m/s) 0.3 m in a minute
 
+DELAYS = "delays"
+_SPARE = 1.25  # by how much longer dead times the loops have to bear than those that are known
+_STEP = 1e-5  # [m, rad] of the difference quotients
+
+_CHECK = "load"
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DriveLoad:
@@ -367,10 +373,6 @@ def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 
 # Check: the loops bear what the sensors are late by, with the weight and buoyancy that they carry.
 
-DELAYS = "delays"
-_SPARE = 1.25  # by how much longer dead times the loops have to bear than those that are known
-_STEP = 1e-5  # [m, rad] of the difference quotients
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class DelayedAxes:
@@ -477,8 +479,6 @@ def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:
 
 
 # Check: what the tool carries can be learnt by this robot, on this plant.
-
-_CHECK = "load"
 
 
 def check_load(setup: Setup) -> Iterator[Finding]:

@@ -31,6 +31,16 @@ _ITERATIONS = 60
 _DAMPING = 1e-3
 _CONVERGED = 1e-9
 
+CHECK = "reachability"
+_N_TIMES = 5  # samples of a goal that moves
+_STEP = 0.05  # [m] between suggested way points
+_FARTHEST = 2.0  # [m] from the way point given
+# starts from solved neighbours, and random ones beside them
+_N_NEAR = 3
+_N_FEW = 4
+
+_cost = attrgetter("cost")
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReachResult:
@@ -213,14 +223,6 @@ class ArmReach:
 
 # Check: the tool reaches its goal from wherever the vehicle may stand by then.
 
-CHECK = "reachability"
-_N_TIMES = 5  # samples of a goal that moves
-_STEP = 0.05  # [m] between suggested way points
-_FARTHEST = 2.0  # [m] from the way point given
-# starts from solved neighbours, and random ones beside them
-_N_NEAR = 3
-_N_FEW = 4
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ReachShortfall:
@@ -275,9 +277,6 @@ def distances_missing(
         worst=max(found, key=_cost),
         likely=max(likely or found, key=_cost),
     )
-
-
-_cost = attrgetter("cost")
 
 
 def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Finding:

@@ -25,6 +25,13 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose, goals
 from uvms_ocp.types import Finite, Period, Shape
 
+_N_RIM = 8  # positions on the rim of the ball in which a phase may end
+_BEND = 0.3  # [rad] by which a way point may be entered beside the straight way
+_OVERHEAD = 1e-3  # [m] nearer to the target its direction is not defined
+
+AnyTask = TypeVar("AnyTask", bound=Task)
+
+
 # What the checks found.
 
 
@@ -189,12 +196,6 @@ def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
 
 
 # Where the vehicle will be in each phase, foretold from the goals and thresholds of the mission.
-
-_N_RIM = 8  # positions on the rim of the ball in which a phase may end
-_BEND = 0.3  # [rad] by which a way point may be entered beside the straight way
-_OVERHEAD = 1e-3  # [m] nearer to the target its direction is not defined
-
-AnyTask = TypeVar("AnyTask", bound=Task)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -26,6 +26,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.nlp import level_solver, program as nlp, solve_monitor
 from uvms_ocp.types import Bound, read_only
 
+_ORDER = tuple(nlp.NlpStatus)
+
 
 @checked_dataclass(eq=False)
 class LexicographicResult:
@@ -341,9 +343,6 @@ class _Run:
 
 
 _made = unchecked_constructor(LexicographicResult)
-
-
-_ORDER = tuple(nlp.NlpStatus)
 
 
 def _severity(status: nlp.NlpStatus) -> int:

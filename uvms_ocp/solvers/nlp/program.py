@@ -33,6 +33,10 @@ Variables = Annotated[np.ndarray, Shape("self.program.n_x")]
 Parameters = Annotated[np.ndarray, Shape("self.program.n_p")]
 _GRADIENTS = ["f", "g", "grad_gamma_x", "grad_gamma_p"]
 
+_TABLE = (
+    (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
+)
+
 
 class NlpStatus(AdvisedStatus):
     """Outcome of one level.
@@ -81,9 +85,6 @@ class NlpStatus(AdvisedStatus):
         return self in (NlpStatus.SOLVED, NlpStatus.INEXACT)
 
 
-_TABLE = (
-    (files("uvms_ocp.solvers.nlp") / "return_statuses.csv").read_text(encoding="utf-8").splitlines()
-)
 _STATUSES = {row["return_status"]: NlpStatus[row["status"]] for row in csv.DictReader(_TABLE)}
 """Return statuses of IPOPT, and those that CasADi has for all solvers, with ours."""
 

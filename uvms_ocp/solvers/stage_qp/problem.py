@@ -20,6 +20,9 @@ from uvms_ocp.types import Array, Bound, Indices, Mask, Positive, Range
 
 _BEYOND = 4  # numbers that compiled code may read after the end
 
+SIGNS = np.array([[1.0], [-1.0]])
+"""Signs of the distances to the lower and the upper side."""
+
 
 @checked_dataclass()
 class StageShape:
@@ -359,10 +362,6 @@ class StartMode(IntEnum):
     """Z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
     """The run starts from z."""
-
-
-SIGNS = np.array([[1.0], [-1.0]])
-"""Signs of the distances to the lower and the upper side."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -28,6 +28,10 @@ _MAX_POSES = 25_000  # joints times frames; keeps the page below 5 MB however lo
 _MISSED = 5e-4  # [m, -]
 _BEAM = (0.5, 1.0, 0.9)
 
+_COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
+OPACITY = 0.32
+NO_GHOSTS: Mapping[str, Record] = MappingProxyType({})
+
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Frames:
@@ -181,10 +185,6 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
 
 # Other motions of the same robot beside the record's: translucent, each in a colour of its own, at
 # the same time.
-
-_COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
-OPACITY = 0.32
-NO_GHOSTS: Mapping[str, Record] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -28,6 +28,8 @@ _MOST_POINTS = 400  # about, that the camera is to see
 _SHORT_WAY = 0.2  # [m] a shorter horizontal way has no direction
 _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)
 
+_SCENE = ("meshcat", "scene")
+
 
 def page_details(
     record: Record, robot: Robot, frames: Frames, centre: np.ndarray
@@ -114,8 +116,6 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
 
 
 # What the page can show and hide, by name and colour.
-
-_SCENE = ("meshcat", "scene")
 
 
 def legend(

@@ -37,6 +37,14 @@ from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page, se
 
 _FPS = 1.0  # [Hz] of the frames of the beginning, of which the first is shown
 
+# [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
+_FRAME_RATE = 25.0
+_NOTEBOOK_RATE = 10.0
+_DIGITS = 7  # more than the 32-bit floats of the page hold
+
+_Moment = tuple[float, State, Command]
+"""Time [s], true state and command of a tick."""
+
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises
@@ -79,14 +87,6 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
 
 # A run to look at while it goes on: the loop hands over the newest state, and whoever looks fetches
 # it, frame by frame.
-
-# [Hz] of frames, by the clock on the wall, and of those that a notebook takes of a run
-_FRAME_RATE = 25.0
-_NOTEBOOK_RATE = 10.0
-_DIGITS = 7  # more than the 32-bit floats of the page hold
-
-_Moment = tuple[float, State, Command]
-"""Time [s], true state and command of a tick."""
 
 
 class LiveView(AbstractContextManager["LiveView"]):

@@ -49,6 +49,39 @@ with warnings.catch_warnings():
     from meshcat.path import Path as ScenePath
     from meshcat.visualizer import Visualizer as Visualizer
 
+_VIEWER_MARK = "<!--viewer-->"
+"""Comment before and after the viewer's script, which all pages share."""
+_WITHOUT_SCRIPTS = (
+    "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
+)
+"""Text inside the frame, which a notebook shows that takes frames out of outputs it does not
+trust.
+"""
+_shown = dict[str, str]()
+"""Cells of this kernel's notebook that showed a scene, and by which message they were run then."""
+
+_FROM_THE_SIDE = (0.5, -1.0, 0.45)
+
+_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
+"""One after the other: the page's script."""
+_MARK = re.compile("__([A-Z]+)__")
+
+_HOST = "127.0.0.1"
+_MOST_CONNECTIONS = 32
+_PATIENCE = 10.0  # [s] with a browser that neither asks nor takes what it asked for
+FRAMES = "/frames"
+"""The path at which a live page hears of frames, as server-sent events."""
+
+CHROMIUM = "UVMS_OCP_CHROMIUM"
+"""The variable that says where Chromium is, unless it is found by its name."""
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_DRAWN_BY_THE_PROCESSOR = (
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+_MOST_FRAMES = 100_000
+
 
 # A meshcat scene without meshcat's server: commands are collected here and packed into one HTML
 # page.
@@ -115,18 +148,6 @@ class ScenePage:
         return f"{script}{opening}{self.still}{_WITHOUT_SCRIPTS}</iframe>"
 
 
-_VIEWER_MARK = "<!--viewer-->"
-"""Comment before and after the viewer's script, which all pages share."""
-_WITHOUT_SCRIPTS = (
-    "A scene is drawn here by scripts, which this notebook may not run: trust it, or run this cell."
-)
-"""Text inside the frame, which a notebook shows that takes frames out of outputs it does not
-trust.
-"""
-_shown = dict[str, str]()
-"""Cells of this kernel's notebook that showed a scene, and by which message they were run then."""
-
-
 def _viewer_in_notebook() -> bool:
     """Check whether another cell's output holds the viewer: one that is run again has lost its own,
     and perhaps the viewer.
@@ -183,9 +204,6 @@ def build_page(
     )
 
 
-_FROM_THE_SIDE = (0.5, -1.0, 0.45)
-
-
 def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     """Draw lines (n, 3) [m], as they are seen from a direction."""
     x, y, z = direction
@@ -208,11 +226,6 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
         '<img alt="the robot from its side"'
         f' src="data:image/svg+xml;base64,{base64.b64encode(image.encode()).decode()}"/>'
     )
-
-
-_SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
-"""One after the other: the page's script."""
-_MARK = re.compile("__([A-Z]+)__")
 
 
 def _policy(scripts: Iterable[str]) -> str:
@@ -250,12 +263,6 @@ def _data_block(value: object) -> str:
 
 # One page for the browsers of this machine, and what a live one is told: served on the loopback
 # address alone.
-
-_HOST = "127.0.0.1"
-_MOST_CONNECTIONS = 32
-_PATIENCE = 10.0  # [s] with a browser that neither asks nor takes what it asked for
-FRAMES = "/frames"
-"""The path at which a live page hears of frames, as server-sent events."""
 
 
 @contextmanager
@@ -356,16 +363,6 @@ def _handler_of(
 
 # Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which
 # playwright drives.
-
-CHROMIUM = "UVMS_OCP_CHROMIUM"
-"""The variable that says where Chromium is, unless it is found by its name."""
-_NAMES = ("chromium", "chromium-browser", "google-chrome")
-_DRAWN_BY_THE_PROCESSOR = (
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-_MOST_FRAMES = 100_000
 
 
 def missing() -> str:

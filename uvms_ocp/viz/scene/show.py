@@ -42,6 +42,8 @@ _N_FREE = 6
 _STILLS = 8  # about, moments at which the robot is drawn where scripts do not run
 _UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a joint has no limit
 
+_MOST_FPS = 1000  # [Hz]
+
 
 def posed_page(
     robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None
@@ -150,8 +152,6 @@ def _range(robot: Robot, own: Any, kind: str) -> tuple[float, float]:
 
 
 # The scene of a record, a plan or a robot: a file, or a value that a notebook displays.
-
-_MOST_FPS = 1000  # [Hz]
 
 
 @checked

@@ -35,6 +35,19 @@ _OWN_TRAILS: tuple[Colour, ...] = (
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
 _OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 
+_LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
+# [%] of the time the largest is shorter than its share; how much longer than that any is drawn
+_USUAL = 80
+_MOST = 1.6
+Arrow = tuple[np.ndarray, np.ndarray]
+"""Where it begins (3,) [m] in B, and its vectors (n, 3) [its unit] in B."""
+Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
+"""Takes the series at the frames, and the size of the robot."""
+
+NEAR = 1.0
+"""[m] below which a line is drawn."""
+_MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at less often
+
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
     """Points (n, 3) [m] that the camera must see."""
@@ -142,15 +155,6 @@ def draw_obstacles(node: Visualizer, record: Record) -> None:
 # Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current,
 # the disturbance.
 
-_LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
-# [%] of the time the largest is shorter than its share; how much longer than that any is drawn
-_USUAL = 80
-_MOST = 1.6
-Arrow = tuple[np.ndarray, np.ndarray]
-"""Where it begins (3,) [m] in B, and its vectors (n, 3) [its unit] in B."""
-Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
-"""Takes the series at the frames, and the size of the robot."""
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ArrowKind:
@@ -257,10 +261,6 @@ _KINDS = (
 
 # How near the robot is to each obstacle: the distance, and the line between the two points where
 # they are nearest.
-
-NEAR = 1.0
-"""[m] below which a line is drawn."""
-_MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at less often
 
 
 def witness_lines(
