@@ -189,7 +189,7 @@ class FrozenDict(dict[Any, Any]):
 
 
 def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
-    """The same entries, for good."""
+    """Return a mapping of these entries that cannot be changed."""
     if type(items) is FrozenDict:
         return items
     return FrozenDict(items)
@@ -210,7 +210,7 @@ def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
 
 
 def memory_of(array: np.ndarray) -> Any:
-    """Whose memory the values of an array (...) [any] are: another array, itself, bytes, or a
+    """Return the owner of the memory of an array (...) [any]: another array, itself, bytes, or a
     mapped file.
     """
     base: Any = array

@@ -29,7 +29,7 @@ SAMPLERS = ("random", "latin", "sobol", "indices")
 need.
 """
 GROWING = ("random", "sobol")
-"""Those of which more runs begin with the same."""
+"""Samplers whose design of more runs begins with that of fewer."""
 # streams of a run
 _DRAWN = 0
 _SEED = 1

@@ -207,7 +207,7 @@ class RobotFiles:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PlannedRobotFiles(RobotFiles):
-    """The same for plans, of which ``--tool`` is the goal."""
+    """Files of a robot whose motion is planned; there ``--tool`` is the goal, not the tool's link."""
 
     tool_link: Annotated[_Words, typer.Option(metavar="LINK", help=_TOOL)] = None
 

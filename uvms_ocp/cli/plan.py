@@ -67,7 +67,7 @@ _Axes = Annotated[
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class MotionOptions:
-    """As they stand on the command line."""
+    """Options of the command line that say what is planned."""
 
     tool: Annotated[
         Triple | None, typer.Option(metavar="X Y Z", help="Goal of the tool in W [m].")

@@ -79,7 +79,7 @@ class FoldingTable:
     """Column by column."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
-        """As Rich asks for it."""
+        """Give Rich the tables that fit its width."""
         needs = [self._need(k) for k in range(len(self.head))]
         title: str | None = self.title
         for part in _parts(needs, options.max_width):

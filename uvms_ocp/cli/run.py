@@ -52,7 +52,7 @@ _COPIES = 2
 _DIE_WITH_PARENT = 1
 
 _DRAWINGS = dict[str, Job]()
-"""Those of a copy, and of its own copies, to which they need not be sent."""
+"""Jobs of a copy of the process, which its own copies find here: they need not be sent."""
 
 Follow = Annotated[Path | None, typer.Option(metavar="PLAN", help=opt.HELP["follow"])]
 

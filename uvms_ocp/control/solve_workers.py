@@ -54,7 +54,9 @@ _SAME = 1e-6
 _PLANNED_RATE = 0.97
 """share of the limit of a rate that plans use: tracking needs the rest."""
 _PLANNED_UNDRIVEN_RATE = 0.8
-"""The same of an axis that nothing drives, such as pitch: no tracking brings it back."""
+"""share of the limit of the rate of an axis that nothing drives, such as pitch: no tracking brings it
+back.
+"""
 _UNDRIVEN = 0.5
 """share of an axis that lies along the undriven ones, from which on it counts as one of them."""
 

@@ -172,7 +172,8 @@ def planned_allowance(m: FilterMemory, c: int) -> float:
 
 
 def jolt_allowance(m: FilterMemory, c: int) -> float:
-    """The same for what nobody planned, in one period, and a motion that surprised grow to.
+    """Variance that the gate grants channel c for a jolt that nobody planned: what it can move within
+    one period, or what is left of a motion that surprised.
 
     A jump that is larger is refused for as long as it lasts.
     """

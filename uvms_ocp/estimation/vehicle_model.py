@@ -272,7 +272,7 @@ def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Ve
 
 
 def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
-    """The same on the columns of the vehicle's own block."""
+    """Move the columns of the vehicle's own block of the covariance by the model."""
     half = h * h / 2.0
     t = zeros(3)
     for j in range(MAIN):

@@ -29,7 +29,7 @@ SOURCES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c
 FILES = (*SOURCES, "replay.c", "recorded.bin")
 """Files of an export whose names begin with its own."""
 COMMON_FILES = ("CMakeLists.txt", "README.md")
-"""Those whose names are the same for every export, as other programs look for them."""
+"""Files that have one name in every export, as other programs look for them."""
 _PLACEHOLDER = "NAME_"  # for the name of the export, in templates
 
 

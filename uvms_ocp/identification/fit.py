@@ -197,8 +197,8 @@ def search_fit(
 
 
 def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
-    """Those of one minute of so many, drawn by lot, as recordings of their own; for one all, as
-    they are.
+    """Draw one minute of every so many by lot, and return the segments that lie in them, as recordings
+    of their own; with `every` 1 return all segments as they are.
     """
     minutes = [
         list(group)

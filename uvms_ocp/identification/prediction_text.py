@@ -66,7 +66,7 @@ def verdict_words(name: str, recordings: Sequence[HeldOutRecording]) -> str:
 def prediction_data(
     recordings: Sequence[HeldOutRecording], bounds: PredictionBounds | None
 ) -> dict[str, Any]:
-    """The same as numbers, for JSON; no number is `None`."""
+    """Return the judgement of predictions as numbers for JSON; `None` where there is no number."""
     judgement = judge_predictions(recordings)
     data: dict[str, Any] = {
         "verdict": judgement.verdict.value,

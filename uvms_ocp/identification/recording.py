@@ -123,7 +123,7 @@ class Channel:
             )
 
     def of(self, names: tuple[str, ...], where: str) -> Channel:
-        """The same with its columns in the order of names, as far as it names them itself.
+        """Put the columns in the order of names, as far as the channel names them itself.
 
         Raises InvalidInput for a channel of others; `where` says which.
         """
@@ -332,7 +332,7 @@ def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
 
 
 def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The same, those with silences in parts. Raises InvalidInput for one that has no part of
+    """Cut recordings into parts at their silences. Raises InvalidInput for one that has no part of
     `SHORTEST`.
     """
     return tuple(part for one in recordings for part in _parts(one))

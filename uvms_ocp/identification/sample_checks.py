@@ -101,7 +101,7 @@ _PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
 
 @checked_dataclass()
 class QualityIssue:
-    """Of which channel, and what speaks against it."""
+    """One doubt about a recording: its channel, and the evidence against it."""
 
     channel: str
     problem: str

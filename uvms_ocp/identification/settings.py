@@ -265,7 +265,7 @@ def _along(
 def with_delays(
     subject: CalibratedRobot, settings: CalibrationSettings, *, at_once: bool
 ) -> CalibratedRobot:
-    """The same with delays that settings say nothing of: none where commands act at once, else
+    """Add the delays that settings say nothing of to a robot: none where commands act at once, else
     unknown and learnt.
     """
     open_ones = [

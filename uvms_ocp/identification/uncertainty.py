@@ -227,8 +227,8 @@ def numbers(
 
 
 def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[IdentifiedNumber, ...]:
-    """The same at unknowns shared (n,) [as `Unknowns.start`] with a covariance C (n, n)
-    [unknowns^2].
+    """Return the identified numbers at unknowns shared (n,) [as `Unknowns.start`] with a covariance
+    C (n, n) [unknowns^2].
     """
     entries, values, slopes = _entries(vehicle, shared)
     alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings

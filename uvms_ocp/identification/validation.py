@@ -325,7 +325,7 @@ class HorizonPrediction:
     length: float
     """[s] what the recording has of it."""
     by: Mapping[str, Predicted]
-    """The same samples, by what predicts."""
+    """Predictions of these samples, by the name of what predicts."""
     bounds: Mapping[str, Predicted]
     """The same samples, by vehicles that have seen them: `TOGETHER` and `ALONE`; empty without
     bounds.
@@ -346,16 +346,14 @@ class HorizonPrediction:
 
     @property
     def extrapolated(self) -> tuple[str, ...]:
-        """Those of `SCORED` that rest on what the other recordings do not determine, more than on
-        what they do.
+        """Names of `SCORED` that rest on what the other recordings do not determine, more than on what
+        they do.
         """
         return tuple(np.array(SCORED)[self.open_error > self.seen_error].tolist())
 
     @property
     def uninformative(self) -> tuple[str, ...]:
-        """Those of `SCORED` whose predicted motion is less than the error that is expected of
-        it.
-        """
+        """Names of `SCORED` whose predicted motion is less than the error that is expected of it."""
         moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
         return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
 

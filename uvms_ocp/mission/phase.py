@@ -262,8 +262,8 @@ class Event:
     reason: str
     """The conditions, as measured, or why the mission is given up."""
     conditions: tuple[tuple[Condition, float], ...]
-    """The same, each with the value that was measured [unit of the quantity]; none where nothing
-    was waited for.
+    """Each condition with the value that was measured [unit of the quantity]; none where nothing was
+    waited for.
     """
 
 

@@ -146,7 +146,9 @@ class LinearizedMotion:
         return self._rows_near(self.trajectory.q)
 
     def _rows_near(self, q: Array) -> tuple[Array, csc_matrix]:
-        """The same at the motion, with terms that follow it written at q (n_nodes, n_q) [m, rad]."""
+        """Values and slopes at the motion, with terms that follow it written at q (n_nodes, n_q) [m,
+        rad].
+        """
         p = self.transcription.parameters(
             self.problem, t0=self.t0, near=q, tightened=self.tightened
         )
@@ -233,7 +235,7 @@ class LinearizedMotion:
     def _constraints_of(
         self, linearized: tuple[Array, csc_matrix], chosen: Array
     ) -> tuple[csc_matrix, Array, Array]:
-        """Those of all constraints (n_constraints,) that are chosen and have a range."""
+        """Rows of the constraints (n_constraints,) that are chosen and have a range."""
         values, slopes = linearized
         rows = self.transcription.row_layout.constraints
         ranges = self.transcription.ranges(self.problem, self.tightened)
@@ -313,7 +315,7 @@ class LinearizedMotion:
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:
-    """The same matrix for CasADi."""
+    """Convert a matrix for CasADi."""
     matrix.sum_duplicates()
     matrix.sort_indices()
     n_rows, n_columns = matrix.shape

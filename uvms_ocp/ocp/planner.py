@@ -196,8 +196,9 @@ class Planner:
     def _second_try(
         self, refinement: Refinement, start: MotionGuess, first: RefinedResult
     ) -> tuple[Planner, RefinedResult, str]:
-        """Whose result is taken, the result, and what the reason says of that: IPOPT's, where this
-        planner may try it, has no optimum and time is left, unless it breaks more.
+        """Return the planner whose result is taken, the result, and what the reason says of that: it is
+        IPOPT's where this planner may try it, has no optimum and time is left, unless it breaks
+        more.
         """
         status = first.result.status
         ended = self._nlp.watch.should_stop or perf_counter() > refinement.deadline

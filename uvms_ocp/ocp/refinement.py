@@ -148,7 +148,7 @@ class RefinedResult:
 
     @property
     def interrupted(self) -> RefinedResult:
-        """The same, stopped by hand where it has no optimum."""
+        """Say of the levels without an optimum that they were stopped by hand."""
         ended = tuple(
             one if one.optimal else NlpStatus.INTERRUPTED for one in self.result.level_status
         )

@@ -258,8 +258,8 @@ def coarse_guesses(problem: OcpProblem) -> Iterator[Trajectory]:
 
 
 def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
-    """The same with unit quaternions and joints inside their limits, where an optimiser has kept
-    these to its tolerance.
+    """Normalise quaternions and put joints inside their limits, where an optimiser has kept these to
+    its tolerance.
 
     Numbers that are not finite stay so, and joints that are farther outside.
     """

@@ -117,7 +117,7 @@ class CoalDistances:
         return self.distances_at(self.scene.coordinates.configurations(x))
 
     def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
-        """The same at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
+        """Signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
         (n, n_pairs), by default all are. Raises `InvalidInput` for what
         chooses by other than truth values.
         """

@@ -57,7 +57,7 @@ class SmallTable:
         )
 
     def html(self) -> str:
-        """The same as a table; names are text, whatever they hold."""
+        """Return a table in HTML; names are text, whatever they hold."""
         if self.head:
             head = f"<thead>{_row('th', self.head)}</thead>"
         else:

@@ -182,7 +182,7 @@ class FaultMeta(MetaValue):
     """Fault that was injected."""
 
     text: str
-    """As it was asked for, ``TARGET:KIND=VALUES@ONSET-END``."""
+    """The fault in the words of the command line, ``TARGET:KIND=VALUES@ONSET-END``."""
     target: str
     kind: str
     t: Annotated[Number, Field(ge=0.0)]

@@ -61,8 +61,8 @@ def read_row_files(folder: Path) -> dict[str, np.ndarray]:
 
 
 def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]]:
-    """The same rows of arrays (n, ...), so many at a time, by default 16 MB; of mapped ones, no
-    others stay in memory.
+    """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped arrays
+    no other rows stay in memory.
     """
     rows = rows or max(1, _PART // max(1, *(array[:1].nbytes for array in arrays)))
     for first in range(0, len(arrays[0]), rows):

@@ -64,7 +64,7 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     tool_task: str | None = None
     """The task that brings the tool to its goal."""
     levels: tuple[meta_values.LevelMeta, ...] = ()
-    """Whose rows the columns of the series ``activity`` and ``residual`` are."""
+    """Levels whose rows are the columns of the series ``activity`` and ``residual``."""
     quantities: tuple[str, ...] = ()
     """``task.quantity``, one per column of the series ``quantities``."""
     thresholds: tuple[meta_values.ThresholdMeta, ...] = ()
@@ -110,9 +110,9 @@ class RunMeta(RecordMeta):
     controller: str = ""
     """Name of what ran, a user's own or the toolkit's; empty in older records."""
     estimator: str = ""
-    """The same of the estimator."""
+    """Name of the estimator that ran; empty in older records."""
     sensors: str = ""
-    """The same of the sensors."""
+    """Name of the sensors that ran; empty in older records."""
     floating: bool
     """True where q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=MIN_TICK, le=meta_values.LARGEST)]
@@ -330,7 +330,9 @@ def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
 
 
 def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
-    """The same in this format; what is damaged stays as it is and is refused later."""
+    """Bring metadata of format 0.1 to this format; what is damaged stays as it is and is refused
+    later.
+    """
     if "completed" in values:
         kind = "run"
     else:

@@ -33,7 +33,7 @@ class Dynamics(FieldTable):
     """
 
     symbolic: SymbolicDynamics
-    """The same equations as expressions and ``ca.Function``s."""
+    """Equations of motion as expressions and ``ca.Function``s."""
     _functions: dict[str, BufferedFunction] = field(default_factory=dict, init=False, repr=False)
     """Functions by the name of their term, made when first asked for: few callers need them all."""
 
@@ -138,4 +138,4 @@ def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
 
 
 cached_dynamics = lru_cache(maxsize=8)(robot_dynamics)
-"""The same, made once where many runs have one robot."""
+"""`robot_dynamics`, made once where many runs have one robot."""

@@ -113,7 +113,7 @@ class Kinematics(FieldTable):
     """
 
     robot: Robot
-    """Whose frames they are."""
+    """The robot whose frames have poses here."""
     q: np.ndarray
     """(n_q,) [m, rad]"""
     _data: pin.Data = field(init=False, repr=False)

@@ -405,8 +405,8 @@ def _warned(robot: Robot) -> Robot:
 
 
 def _known(robot: Robot) -> Robot:
-    """The same robot as before where files say the same: what was derived and compiled of it once
-    is found again.
+    """Return the robot that was loaded before from files that say the same: what was derived and
+    compiled of it is found again.
     """
     for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
         shape.geometry.computeLocalAABB()  # else the first use does, and they differ

@@ -495,8 +495,8 @@ class _Draft:
 
 
 def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:
-    """As a file has them. No link floats by itself: what its shape holds of air or water is not
-    known.
+    """Return coefficients in the words of a file. No link floats by itself: what its shape holds of
+    air or water is not known.
     """
     return {
         "pose": {

@@ -216,8 +216,8 @@ def quaternion_conjugate(quaternion: Array) -> Array:
 
 
 def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
-    """The same attitudes (n, 4) by those quaternions (n, 4) of the two for each that do not
-    jump; NumPy alone.
+    """Choose for each attitude the one of its two quaternions (n, 4) that does not jump from the
+    attitude before; NumPy alone.
     """
     signs = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
     return np.asarray(quaternions * np.concatenate([[1.0], signs])[:, None])

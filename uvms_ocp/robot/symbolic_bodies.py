@@ -111,7 +111,7 @@ class TwistToWrench:
         )
 
     def onto_parent(self, local: SymbolicPose) -> TwistToWrench:
-        """The same map in the frame of the parent body, in which this body's pose is ``local``."""
+        """Express the map in the frame of the parent body, in which this body has the pose ``local``."""
         R = local.R
         shift = spatial.skew(local.p)
         if _is_isotropic(self.A):

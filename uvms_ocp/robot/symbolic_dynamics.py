@@ -41,7 +41,7 @@ class WaterCoefficients:
     quadratic_drag: Coefficient
     """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
     by_flow: bool = False
-    """As that of `LinkHydrodynamics`."""
+    """Drag acts along the flow, not axis by axis; see `LinkHydrodynamics`."""
     displaced_mass: Coefficient
     """[kg]"""
     p_LB: Coefficient
@@ -141,7 +141,7 @@ class SymbolicDynamics(FieldTable):
         rigid: Mapping[int, ca.SX] | None = None,
         links: Mapping[int, WaterCoefficients] | None = None,
     ) -> SymbolicDynamics:
-        """The same equations with expressions in place of numbers.
+        """Replace numbers of the equations by expressions.
 
         rigid: spatial inertias (6, 6) of joint bodies at their joints, by joint. links: what water
         does to links, by their place in ``links``. What is left out stays.

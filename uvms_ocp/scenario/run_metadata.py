@@ -61,7 +61,7 @@ class RunOutcome:
     tells.
     """
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
-    """As that of `RunMeta`."""
+    """How the run was ended from outside; see `RunMeta.stopped`."""
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:

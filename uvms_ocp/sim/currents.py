@@ -123,7 +123,7 @@ class StillWater(UniformField):
 
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False)
 class UniformCurrent(UniformField):
-    """The same velocity (3,) [m/s] everywhere and always.
+    """A velocity (3,) [m/s] that holds everywhere and always.
 
     Raises `InvalidInput` for a velocity that is not finite or faster than any sea.
     """

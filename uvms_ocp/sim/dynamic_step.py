@@ -62,7 +62,7 @@ INPUTS = (
 )
 """Inputs of `step_function`."""
 TABLES = ("decay", "u", "Du_Dt", "floor_normal")
-"""Those that keep both axes, also with one column."""
+"""Inputs that keep both axes, also with one column."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -86,9 +86,9 @@ class StepModel:
     points: np.ndarray
     """(n_points, 3) [m] contact points in B."""
     contact: ContactModel
-    """The same for every point."""
+    """Law of contact with the floor, one for all points."""
     stops: JointStops
-    """The same for every joint."""
+    """Law of the stops at the limits, one for all joints."""
     thrusters: Thrusters
     """The thrusters of the robot."""
     locked: tuple[int, ...] = ()

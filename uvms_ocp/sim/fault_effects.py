@@ -44,7 +44,7 @@ class FaultyChannel:
     origin: Any = None
     """Value from which a stuck fault counts; None: zeros."""
     joints: tuple[limits.Joint, ...] = ()
-    """Whose readings its parts are, one by one, if any."""
+    """Joints whose readings the components of the error act on, one by one, if any."""
 
 
 class ChannelFaults:

@@ -57,7 +57,7 @@ class Altimeter:
         return self._range(q)
 
     def _range(self, q: np.ndarray) -> float:
-        """The same at a configuration of the simulation, which is known to fit."""
+        """Measure the range at a configuration of the simulation, which is known to fit."""
         beam = self._beam.at(q)
         return self._seafloor.range_along(beam.origin, beam.direction)
 

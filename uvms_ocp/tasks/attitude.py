@@ -50,7 +50,7 @@ class AngleTask(Task):
 
     equality: ClassVar[bool] = False
     frame: str = "base_link"
-    """Whose angle it is."""
+    """Frame whose angle is kept small."""
     gain: Positive
     """[1/s]"""
     saturation: Positive

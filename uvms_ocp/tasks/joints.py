@@ -186,7 +186,7 @@ class Manipulability(Task):
     name: str = "MU"
     task_class: TaskClass = TaskClass.PREREQUISITE
     frame: str = "tool"
-    """Whose Jacobian counts."""
+    """Frame whose Jacobian has the manipulability."""
     gain: Positive = 0.1
     """[1/s]"""
     target: Positive = 0.12

@@ -107,7 +107,7 @@ class NearestPairs:
         )
 
     def symbols(self, parameters: ca.SX) -> PairSymbols:
-        """The same from the parameters of a task, which end with what is measured."""
+        """Return the symbols of what is measured: the last parameters of a task."""
         n = self.n_rows
         measured = parameters[-self.n_parameters :]
         return PairSymbols(
@@ -148,7 +148,7 @@ class TickSymbols:
     """The symbols that one tick knows, given to every task."""
 
     robot: Robot
-    """Whose tick it is."""
+    """Robot that the tick controls."""
     kinematics: SymbolicKinematics
     """Forward kinematics at q."""
     q: ca.SX

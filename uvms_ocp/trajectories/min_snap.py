@@ -597,7 +597,7 @@ def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
 
 @checked
 def scale_to_limits(trajectory: PiecewisePolynomial, limits: MotionLimits) -> PiecewisePolynomial:
-    """The same path as fast as a uniform change of time allows: the largest ratio to a limit
+    """Return the path as fast as a uniform change of time allows: the largest ratio to a limit
     becomes 1.
 
     A trajectory that starts or ends in motion changes its end velocities with it. Raises

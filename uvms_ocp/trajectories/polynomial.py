@@ -143,13 +143,13 @@ class PiecewisePolynomial(FieldTable):
         )
 
     def scaled(self, factor: Positive) -> PiecewisePolynomial:
-        """The same path, ``factor`` times slower, with the same start time."""
+        """Return the path ``factor`` times slower, with the start time that it has."""
         return PiecewisePolynomial(
             breaks=self.start + factor * (self.breaks - self.start), coefficients=self.coefficients
         )
 
     def shifted(self, delay: Finite) -> PiecewisePolynomial:
-        """The same curve, ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its
+        """Return the curve ``delay`` [s] later. Raises `InvalidInput` where no clock could tell its
         breaks apart.
         """
         breaks = self.breaks + delay

@@ -192,9 +192,9 @@ class ActuatorMonitor:
         self._memory = memory
         self.alarms = alarms
         self.thrusters: list[verdicts.ThrusterVerdict] = []
-        """Verdicts on each."""
+        """Verdict on each thruster."""
         self.joints: list[verdicts.JointVerdict] = []
-        """Likewise."""
+        """Verdict on each joint."""
         self.authority: authority.Authority | None = None
         """Remaining control authority; `None` while all are sound, and until it is computed."""
         self._telemetry: dict[str, Any] = {}

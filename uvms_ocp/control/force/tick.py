@@ -57,7 +57,7 @@ class ForceMemory(Layout):
     sensors are late.
     """
     joint_bandwidth_share: float
-    """The same for the joints."""
+    """Largest share of their bandwidth that the loops of the joints may use."""
     joints_late: float
     """[s] by which encoders are known to be late."""
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds

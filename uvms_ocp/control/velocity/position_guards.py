@@ -56,7 +56,7 @@ class PositionGuard:
 
     @property
     def model(self) -> CollisionModel | None:
-        """Whose distances the positions are, where they are."""
+        """Collision model whose distances are the positions; `None` for positions of joints."""
         values = self.limit.values
         if isinstance(values, MethodType) and not self.limit.relative:
             owner = values.__self__

@@ -189,7 +189,7 @@ class RateAgainstAttitude(Layout):
     offsets: SampleRing
     """Difference of attitudes from the integrated rate: constant in B where both turn alike."""
     slow_offsets: SampleRing
-    """The same over a longer time."""
+    """Difference of attitudes from the integrated rate, over a longer time."""
     quick_rate: float
     """[rad/s] at which they turned apart, by the last attitude, over a short time; 0 where they
     agree.

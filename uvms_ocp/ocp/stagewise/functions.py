@@ -247,7 +247,7 @@ class BlockFunctions:
         self.linear = self._function(
             "linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])]
         )
-        """The same without the last, then their Jacobians (n_z, m): columns are rows, so that in
+        """Values of all groups but the last, then their Jacobians (n_z, m): columns are rows, so that in
         memory row follows row.
         """
 

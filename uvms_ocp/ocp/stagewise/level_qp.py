@@ -52,7 +52,7 @@ class StageLevelQp:
         self.relinearize = self._linearization(
             slopes=any(one.errors_forced[level] for one in memory.functions)
         )
-        """The same with slopes of forces that are near, where they matter to limits alone."""
+        """Linearization with slopes of forces that are near, where they matter to limits alone."""
         self.qp.fix_initial_state(np.zeros(self.shape.n_x[0]))
 
     def _linearization(self, *, slopes: bool) -> BoundCalls:

@@ -33,9 +33,9 @@ class Stage:
     """One stage."""
 
     node: int
-    """Whose state it has."""
+    """Number of the node whose state the stage has."""
     block: int | None
-    """`TermBlock` whose rows count; None for a turn before the first phase."""
+    """Number of the `TermBlock` whose rows count; None for a turn before the first phase."""
     place: int = 0
     """Index of the node in that block."""
     step: bool = False
@@ -127,7 +127,7 @@ class StageMemory:
         return self._residuals[level][0]
 
     def residual_parts(self, level: int) -> list[Array]:
-        """The same, stage by stage."""
+        """Return the residuals of a level, stage by stage."""
         return self._residuals[level][1]
 
     def function(self, stage: Stage) -> functions.BlockFunctions | None:

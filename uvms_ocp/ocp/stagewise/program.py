@@ -243,7 +243,7 @@ class StagewiseLevelModel:
         return None
 
     def _ranges_of(self, bounds: RowBounds, level: int) -> StageRanges:
-        """The same again for the second step of a level."""
+        """Return the ranges of a level; those of its first step again for the second."""
         if self._ranges is None or self._ranges[0] is not bounds or self._ranges[1] != level:
             self._ranges = bounds, level, self._levels.ranges(bounds, level)
         return self._ranges[2]

@@ -71,7 +71,7 @@ class TermNumbers:
     """Numbers that may differ between problems of one shape."""
 
     terms: tuple[Term, ...]
-    """Whose references are the goals."""
+    """Terms whose references are the goals."""
     roots: np.ndarray
     """(n_terms,) of the weights."""
     lower: np.ndarray
@@ -215,7 +215,7 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
-    """The same in the symbols of a model with forces `eliminated`: terms are asked for their rows
+    """Write blocks in the symbols of a model with forces `eliminated`: terms are asked for their rows
     once.
     """
     if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead

@@ -50,8 +50,8 @@ class Entries:
     """(n,) """
 
     def selected(self, position: np.ndarray, none: int) -> Entries:
-        """The same with row i moved to entry i of position (n_rows,); those moved to `none` count
-        for nothing.
+        """Move row i to entry i of position (n_rows,); rows that are moved to `none` count for
+        nothing.
         """
         rows = position[self.rows]
         return Entries(

@@ -46,7 +46,7 @@ class Solid(Layout):
     size: float
     """[m] radius of the ball around the middle that holds all of it."""
     joint: int
-    """Whose body carries it, counted from 0; -1 where it stands still in W."""
+    """Number of the joint whose body carries the shape, from 0; -1 where it stands still in W."""
     R_JS: Annotated[Vector, Sized(9)]
     """(9,) on that body, row after row."""
     p_JS: Annotated[Vector, Sized(3)]

@@ -65,7 +65,7 @@ class DriveLoad:
     thrust: float
     """Largest share of a limit; above 1 the force is not there."""
     torque: float
-    """Likewise."""
+    """Largest share of a limit; above 1 the torque is not there."""
     missing: float
     """[N, N m] of the wrench."""
     axes: str

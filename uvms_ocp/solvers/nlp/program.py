@@ -452,9 +452,7 @@ class RowBounds:
     """(n_rows,) [unit of the row]"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
-        """The same with other bounds, lower and upper (m,) [unit of the row], for the given
-        rows.
-        """
+        """Replace the bounds of the given rows by others, lower and upper (m,) [unit of the row]."""
         lower = self.lower.copy()
         upper = self.upper.copy()
         lower[rows], upper[rows] = bounds

@@ -168,7 +168,7 @@ class SqpPoint:
     """(n,) norm of the residual of each level that had its turn, at its end."""
 
     def after_level(self) -> SqpPoint:
-        """The same once the next level has had its turn here."""
+        """Return the point with the norm that the next level has reached here."""
         return replace(
             self, reached=(*self.reached, float(self.merit.residuals[len(self.reached)]))
         )

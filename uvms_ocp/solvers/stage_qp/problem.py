@@ -88,7 +88,7 @@ def leading(sizes: Iterable[int], counts: Iterable[int]) -> Indices:
 
 @lru_cache(maxsize=256)
 def slices(sizes: tuple[int, ...]) -> tuple[slice, ...]:
-    """The same as slices; sizes."""
+    """Return the slice of each part of a vector, for the sizes of its parts."""
     return tuple(slice(a, b) for a, b in pairwise(offsets(sizes)))
 
 
@@ -348,9 +348,9 @@ class ResidualProducts:
 
 
 kkt_residual = unchecked_constructor(KktResidual)
-"""Without a look at its arguments."""
+"""Constructor without argument checks."""
 stage_qp_solution = unchecked_constructor(StageQpSolution)
-"""The same."""
+"""Constructor without argument checks."""
 
 
 class StartMode(IntEnum):

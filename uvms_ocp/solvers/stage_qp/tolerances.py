@@ -43,9 +43,9 @@ MOST_CORRECTIONS = 10
 EXACT = 1e-5
 """Relative to the tolerance: those corrections go on down to this while they help."""
 ROUGHLY = 1e-2
-"""The same where the tolerance is above the next one."""
+"""Share of the tolerance down to which corrections go on where the tolerance is above the next."""
 ROUND = 0.5
-"""The same while bounds are still changed."""
+"""Share of the tolerance down to which corrections go on while bounds are still changed."""
 HOPELESSLY = 0.9
 """Share of what is left above the tolerance, of which less than the rest is taken by a correction
 that leads nowhere.
