@@ -75,7 +75,7 @@ def _by_key(error: ValidationError) -> dict[str, Any]:
 
 
 def _keys_of(problem: Any) -> list[str]:
-    """Where it is in the file."""
+    """Return the keys that lead to the problem in the file."""
     location = [str(part) for part in problem["loc"]]
     # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last,
     # may have some of its own.

@@ -25,7 +25,7 @@ from uvms_ocp.version import __version__
 # many of them do.
 
 Place = str | typer.Typer
-"""Where a command is defined, MODULE.FUNCTION of this package, or a group of commands."""
+"""Definition of a command, MODULE.FUNCTION of this package, or a group of commands."""
 
 _EXAMPLES = (
     (files("uvms_ocp.cli") / "examples.txt").read_text(encoding="utf-8").replace(r"\b", "\b")

@@ -166,8 +166,8 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Where all axes lead; straight ahead where some are missing and it cannot turn there
-        first.
+        """Way point to which all axes lead; straight ahead where some are missing and the robot
+        cannot turn there first.
         """
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:

@@ -207,7 +207,9 @@ class RobotFiles:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PlannedRobotFiles(RobotFiles):
-    """Files of a robot whose motion is planned; there ``--tool`` is the goal, not the tool's link."""
+    """Files of a robot whose motion is planned; there ``--tool`` is the goal, not the tool's
+    link.
+    """
 
     tool_link: Annotated[_Words, typer.Option(metavar="LINK", help=_TOOL)] = None
 
@@ -308,7 +310,7 @@ def solver_name(solver: HierarchySolver) -> str:
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
-    """Where the results go unless told otherwise: what was asked for is part of the name, so that
+    """Folder of the results unless one is given: what was asked for is part of its name, so that
     nothing else is there.
     """
     return Path(

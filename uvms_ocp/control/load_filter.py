@@ -1,4 +1,6 @@
-"""Net weight and mass of the load of each tool, learnt from disturbances by an extended Kalman filter."""
+"""Net weight and mass of the load of each tool, learnt from disturbances by an extended Kalman
+filter.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,13 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Positive, Range
 
 LOAD_FRAME = "tool"
-"""Where the load hangs of a robot with one tool."""
+"""Frame that carries the load of a robot with one tool."""
 
 WEIGHT = 0
 MASS = 1
-"""Where the state has those of the first tool; the next two are of the second, and so on."""
+"""Indices of the weight and the mass at the first tool in the state; the next two are of the second
+tool, and so on.
+"""
 _CURRENT_WALK = 0.01  # [m/s] by which the current may change within a second
 LASTING_FORCE = 0.005
 """Force that the model lacks for long on every axis, share of the most that thrusters or motors
@@ -110,7 +114,7 @@ class LoadFilter:
         lasting = (LASTING_FORCE * limit) ** 2
         self.loads = slice(2 * n_tools)
         self.current = slice(2 * n_tools, 2 * n_tools + 3)
-        """Where the state has weight and mass by turns, and the current."""
+        """Slices of the state: weight and mass by turns, and the current."""
         prior = [*n_tools * [settings.weight**2, settings.mass**2], *3 * [settings.current**2]]
         self._prior = np.concatenate([prior, lasting])
         self._least = (_UNSTEADY * limit) ** 2

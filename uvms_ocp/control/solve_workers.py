@@ -54,8 +54,8 @@ _SAME = 1e-6
 _PLANNED_RATE = 0.97
 """share of the limit of a rate that plans use: tracking needs the rest."""
 _PLANNED_UNDRIVEN_RATE = 0.8
-"""share of the limit of the rate of an axis that nothing drives, such as pitch: no tracking brings it
-back.
+"""share of the limit of the rate of an axis that nothing drives, such as pitch: no tracking brings
+it back.
 """
 _UNDRIVEN = 0.5
 """share of an axis that lies along the undriven ones, from which on it counts as one of them."""
@@ -192,10 +192,10 @@ class Replanner:
     """Solves of one problem. Holds the plans that may be in use, and the newest point as a guess:
     build one per run.
 
-    Whether a plan may be flown is judged by `PlanCheck`. From a guess whose plan may not be flown no
-    solve begins again: the next one begins from what the last solve has made of its guess, then from
-    the plan in use, then from standing still, and so on in turn, as many of them in one call as there
-    is time for.
+    Whether a plan may be flown is judged by `PlanCheck`. From a guess whose plan may not be flown
+    no solve begins again: the next one begins from what the last solve has made of its guess, then
+    from the plan in use, then from standing still, and so on in turn, as many of them in one call
+    as there is time for.
     """
 
     def __init__(
@@ -226,9 +226,9 @@ class Replanner:
         self._newest: TimedPlan | None = None
         """Fit for use or not."""
         self._guess = GuessKind.NEWEST
-        """With which the next solve begins."""
+        """Guess with which the next solve begins."""
         self._rejected: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
-        """What solves began with that led to no plan, since there was one."""
+        """Inputs of solves that led to no plan, since the last one that did."""
         self._solves = 0
 
     def __call__(self, request: ReplanningRequest) -> ReplanningResult:
@@ -355,8 +355,8 @@ class Replanner:
         return end, checked
 
     def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
-        """The state in which the plan will begin: what the robot makes of the plan in use until then,
-        from the measured state. No plan brings back an axis that nothing drives.
+        """The state in which the plan will begin: what the robot makes of the plan in use until
+        then, from the measured state. No plan brings back an axis that nothing drives.
         """
         age = request.t - now.begin
         return self._check.followed.state_after(now.trajectory, request.state, age, request.delay)
@@ -395,7 +395,7 @@ class ReplanningJob:
     """[s] of planning."""
     options: SqpOptions | None
     gains: TrackingGains | None
-    """Of the law that tracks plans."""
+    """Gains of the law that tracks plans."""
     clock: Callable[[], float]
     """[s] by which solves in line are timed; a process has a clock of its own."""
 

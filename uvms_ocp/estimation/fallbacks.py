@@ -277,7 +277,7 @@ class AltimeterMemory(Layout):
 
 
 def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
-    """Where the altimeter looks at q [m, rad]. A kernel."""
+    """Point the beam of the altimeter at q [m, rad]. A kernel."""
     if m.exists:
         m.look(q, m.beam, m.height_jacobian)
 

@@ -125,7 +125,7 @@ def orders_of(c: int) -> int:
 
 
 class Part(IntEnum):
-    """Where the parts of the vehicle's error state begin."""
+    """Indices at which the parts of the vehicle's error state begin."""
 
     TURN = 0
     PLACE = 3
@@ -304,9 +304,9 @@ class FilterMemory(Layout):
     """(n_joints,) 1 where the fresh reading was the first."""
     # Outputs of a tick.
     predicted: PredictedMeasurement
-    """Of the channel that was looked at last."""
+    """Predicted measurement of the channel that was looked at last."""
     change: Annotated[Vector, Sized(STATES)]
-    """(STATES,) [SI] of the errors, by the last correction."""
+    """(STATES,) [SI] change of the error state by the last correction."""
     outcome: Annotated[list[Vector], Sized(N_CHANNELS, 4)]
     """(9, 4) [s, -, -, -] time, squared innovation, degrees of freedom, 1 if accepted; nan before
     the first.

@@ -64,7 +64,7 @@ class ControllerOutputs(Layout):
     finished: bool
     """The mission is over."""
     phase: int
-    """Where it is: a place in CONTROLLER_PHASES."""
+    """Index of the phase in CONTROLLER_PHASES."""
     freshness: int
     """0 the measurement is fresh, 1 too old: the robot holds, 2 lost: it stops."""
     status: int

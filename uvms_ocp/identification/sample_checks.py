@@ -21,7 +21,7 @@ from uvms_ocp.identification.recording import (
 )
 
 EXPLAINED = 0.15
-"""Of the motion, by which other axes must explain more."""
+"""Share of the motion, by which other axes must explain more."""
 WAYS = tuple(
     np.diag(signs) @ np.eye(3)[[*axes]]
     for axes in permutations(range(3))
@@ -141,8 +141,8 @@ def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
 
 
 def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Of y upon x, and what that of x upon y says of it; anything where they have nothing in
-    common.
+    """Slope of y upon x, and the one that the slope of x upon y implies; anything where the two
+    have nothing in common.
     """
     common = float(x @ y)
     if correlation(x, y) < _AGREES:
@@ -191,8 +191,8 @@ def offset(
 
 
 def _best(agreement: np.ndarray) -> int:
-    """Where it is largest; of swings that agree again a period later the nearest, and no offset
-    where that does not matter.
+    """Index of the best agreement; of swings that agree again a period later the nearest, and no
+    offset where that does not matter.
     """
     middle = len(_SHIFTS) // 2
     if agreement.max() < max(_AGREES, agreement[middle] + _BETTER):
@@ -213,7 +213,9 @@ def _differ(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def correlation(x: np.ndarray, y: np.ndarray) -> float:
-    """Of two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where one does not change."""
+    """Correlation of two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where one does not
+    change.
+    """
     x = x - x.mean()
     y = y - y.mean()
     return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))

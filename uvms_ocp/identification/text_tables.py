@@ -92,10 +92,10 @@ class TextLayout:
     """Between cells, a key of `TextFormat`."""
     decimal: str
     names: tuple[str, ...]
-    """Of the columns; their places where there is no header."""
+    """Names of the columns; their numbers where there is no header."""
     units: tuple[str, ...]
-    """Of the columns, from a row of units or from brackets in the names; empty where nothing is
-    said.
+    """Units of the columns, from a row of units or from brackets in the names; empty where nothing
+    is said.
     """
     header: int
     """Its line, from 1; 0 for none."""

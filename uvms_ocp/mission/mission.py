@@ -239,7 +239,7 @@ class Mission(TableDisplay):
 
     @property
     def n_tasks(self) -> int:
-        """Of the hierarchy."""
+        """Number of tasks of the hierarchy."""
         return len(self.hierarchy.tasks)
 
     @checked_on_failure
@@ -296,8 +296,8 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def own_quantities(self, state: MissionState, t: float) -> dict[str, float]:
-        """Return the values of `OWN_QUANTITIES` that conditions read, at t [s]; load and energy are not
-        known here.
+        """Return the values of `OWN_QUANTITIES` that conditions read, at t [s]; load and energy are
+        not known here.
         """
         names = progress.quantities_read(self.all_phases)
         values = [math.nan] * len(names)

@@ -220,7 +220,7 @@ class Phase(FieldTable):
 
 @checked_dataclass(eq=False)
 class MissionState:
-    """Where a mission is."""
+    """State of a mission: its phase, and since when."""
 
     phase: int
     """Index among all phases of the mission."""
@@ -262,8 +262,8 @@ class Event:
     reason: str
     """The conditions, as measured, or why the mission is given up."""
     conditions: tuple[tuple[Condition, float], ...]
-    """Each condition with the value that was measured [unit of the quantity]; none where nothing was
-    waited for.
+    """Each condition with the value that was measured [unit of the quantity]; none where nothing
+    was waited for.
     """
 
 

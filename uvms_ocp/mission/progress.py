@@ -37,7 +37,7 @@ NONE = -1
 
 
 class Terminal(IntEnum):
-    """Where a transition leads to, if to no phase."""
+    """Ends of a mission, to which a transition may lead in place of a phase."""
 
     DONE = -1
     ABORT = -2
@@ -75,7 +75,7 @@ class MissionMemory(Layout):
     abort_phase: int
     """Index of the phase of `Abort`, or `NONE`."""
     phase: int
-    """Where it is."""
+    """Index of the present phase."""
     since: float
     """[s] start of the phase."""
     began: float
@@ -274,7 +274,7 @@ def _write_condition(
 
 
 def write_state(memory: MissionMemory, state: MissionState) -> None:
-    """Where a mission is."""
+    """Write the state of a mission to the memory."""
     memory.phase = state.phase
     memory.since = state.since
     memory.began = state.began

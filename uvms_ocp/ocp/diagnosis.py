@@ -1,5 +1,5 @@
-"""Diagnose plans: what a result of the solver means, and why a goal is missed or no motion keeps the
-constraints.
+"""Diagnose plans: what a result of the solver means, and why a goal is missed or no motion keeps
+the constraints.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class SolveVerdict:
     result: LexicographicResult
     """Result of the solve, or of one more that was better."""
     verdict: Verdict | None = None
-    """Of the judge, on the motion of the result; `None` where it has no numbers."""
+    """Word of the judge on the motion of the result; `None` where that has no numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -162,7 +162,9 @@ class Diagnosis:
     # --- a goal is missed -----------------------------------------------------------------------------
 
     def _missed(self, result: LexicographicResult, verdict: Verdict) -> tuple[OcpStatus, str]:
-        """Why the first goal that is missed is so, if its level and those above are at their best."""
+        """Why the first goal that is missed is so, if its level and those above are at their
+        best.
+        """
         missed = verdict.missed
         assert missed is not None
         improvable = verdict.improvable

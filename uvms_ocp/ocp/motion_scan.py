@@ -1,5 +1,5 @@
-"""Look at quantities along a motion, inside its steps too: densely, and more closely where they come near
-their range.
+"""Look at quantities along a motion, inside its steps too: densely, and more closely where they
+come near their range.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from uvms_ocp.robot import Robot
 from uvms_ocp.types import Array, Indices
 
 FINE = 2e-4
-"""[unit of the quantity] By how much more a range may be left unseen before a step is looked at more
-closely.
+"""[unit of the quantity] By how much more a range may be left unseen before a step is looked at
+more closely.
 """
 _LOOKS = 4  # at each step, at least, to begin with
 _ALL_LOOKS = 128  # at all steps together, at least, to begin with
@@ -194,7 +194,7 @@ class QuantityRange:
         return slack
 
     def of_nodes(self, motion: Motion, values: Array, times: Array) -> RangeCheck:
-        """Of values (n, m) at times (n,) [s], with nothing between them."""
+        """Check values (n, m) at times (n,) [s], with nothing between them."""
         none = np.zeros((motion.N, len(self.quantities)))
         nodes = self.peak(self.excess(values), times)
         return self.checked(nodes=nodes, below=none, above=none, times=none)

@@ -86,13 +86,13 @@ class Tightening:
     """What is asked of all nodes of a horizon."""
 
     positions: NodeMargins | None = None
-    """Of `Robot.limited_positions`."""
+    """Margins of `Robot.limited_positions`."""
     thrust: NodeMargins | None = None
     """[N] of the steps that begin at the nodes."""
     torque: NodeMargins | None = None
     """[N m, N] of the steps that begin at the nodes."""
     terms: Mapping[Term, NodeMargins] = field(default_factory=dict)
-    """Of the rows of constraints, of shapes their pairs."""
+    """Margins of the rows of constraints, of shapes of their pairs."""
 
     @property
     def nothing(self) -> bool:

@@ -47,9 +47,9 @@ class Relaxation:
 
     group: BoundGroup
     amount: float
-    """[-, or unit of the row] In its measure."""
+    """[-, or unit of the row] by which the group gives way, in its measure."""
     axes: tuple[str, ...]
-    """On which it matters most."""
+    """Axes on which it matters most."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -73,7 +73,7 @@ _LATCHED = {"offered_qos_profiles": f"- {{{_KEPT}, {_LIVE}}}"}
 
 VERSION = "2"
 _WITH_PROTOBUF = "1"
-"""Of the files: that which is written, and the older one, which is read too."""
+"""Versions of the format: the one that is written, and the older one, which is read too."""
 _KEY = "uvms_ocp"
 _SERIES = "/series/"
 _BLOCK = 4096

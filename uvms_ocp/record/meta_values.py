@@ -33,7 +33,7 @@ PLANTS = ("dynamic", "kinematic")
 """Plants of the toolkit, by name."""
 DONE = "done"
 ABORT = "abort"
-"""Where a mission ends: as wanted, or given up."""
+"""Ends of a mission: as wanted, or given up."""
 OWN_QUANTITIES = (
     "mission.time",
     "phase.time",
@@ -104,7 +104,7 @@ class MetaValue(FileModel, ser_json_inf_nan="constants"):
 
 
 class RobotFilesMeta(MetaValue):
-    """Where the files of a robot of one's own were, and all that they say beside the URDF."""
+    """Paths of the files of a user's robot, and all that they say beside the URDF."""
 
     urdf: Annotated[str, Field(max_length=4096)] | None
     """Relative to where the record was made, or folder and name alone; `None`: that of the

@@ -58,10 +58,10 @@ MEASURED = tuple(name for name in SERIES if name.startswith("measured_"))
 """Series of readings, each with when it was taken; NaN at ticks without a new one."""
 _REAL = (*_COLUMNS, *_LOAD, *_TABLES, *_PLANT_TABLES, *PLANNED, *MEASURED)
 _UNKNOWN = ("thruster_energy", "load_mass", *MEASURED)
-"""Where NaN means that it is not known."""
+"""Series in which NaN means that a value is not known."""
 _ENDLESS = ("altimeter_range", "altimeter_std", "activity", "residual", "quantities")
-"""Where infinity too may stand, such as for a range without an echo, and at ticks whose input the
-solver refused.
+"""Series in which infinity may stand too, such as for a range without an echo, and at ticks whose
+input the solver refused.
 """
 _RENAMED = {
     "q_measured": "q_estimated",
@@ -638,7 +638,7 @@ class Recorder:
 
     @property
     def place(self) -> int:
-        """Where the next row goes in the block."""
+        """Number of the next row in the block."""
         return self._n - self._kept
 
     @property

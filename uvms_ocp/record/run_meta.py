@@ -25,7 +25,7 @@ from uvms_ocp.version import __version__
 MIN_TICK = 1e-9
 """[s] between two rows: what times are told apart by."""
 VERSION: Final = "0.2"
-"""Of the format; 0.1 had neither a version nor a kind, and is still read."""
+"""Version of the format; 0.1 had neither a version nor a kind, and is still read."""
 
 VEHICLE_V = 6
 """Velocities of a vehicle."""

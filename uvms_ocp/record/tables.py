@@ -32,7 +32,7 @@ _TURNING = {"qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "roll_rate", "pitch_
 _NUMBERS = ("is_integer", "is_floating", "is_boolean", "is_timestamp")
 
 VERSION = "1"
-"""Of the files."""
+"""Version of the format of the files."""
 _KEY = b"uvms_ocp"
 CAMPAIGN_EXTRA = '"uvms-ocp[campaign]"'
 """Which brings pandas and pyarrow."""
@@ -128,8 +128,8 @@ def unit_of(name: str, part: str = "", meta: Any = None) -> str:
 
 
 def of_joints(unit: str, slides: Sequence[bool]) -> str:
-    """Of a unit such as ``rad or m`` what holds for joints that turn or slide; all of it for both,
-    or where nobody says.
+    """Choose from a unit such as ``rad or m`` the one of joints that turn or slide; all of it for
+    both kinds, or where nobody says.
     """
     turning, _, sliding = unit.partition(" or ")
     if not sliding or len(set(slides)) != 1:

@@ -46,7 +46,7 @@ ORDER = (
     *("notation", "motion", "thrusters", "tasks", "hierarchy", "tick", "missions", "force"),
     *("estimation", "trajectories", "collision", "optimal_control"),
 )
-"""Of the pages of theory, which build on those before."""
+"""Order of the pages of theory, which build on those before."""
 GUIDE = (
     *("commands_by_example", "your_robot", "your_parts", "python", "your_task"),
     *("campaigns", "your_variation", "mission_plans", "plans_by_optimal_control", "faults"),
@@ -135,7 +135,7 @@ def _quantities() -> str:
 
 
 def _learnable() -> Mapping[str, parameters.Quantity]:
-    """Of any vehicle: of actuators that have names of their own, coordinates are those."""
+    """Quantities of any vehicle that can be learnt; coordinates of actuators are their names."""
     body: dict[str, Any] = {"mass": 1.0, "centre_of_mass": np.zeros(3), "inertia": np.eye(3)}
     water: dict[str, Any] = dict.fromkeys(
         ("added_mass", "linear_drag", "quadratic_drag"), np.eye(6)
@@ -313,8 +313,8 @@ def _is_module(name: str) -> bool:
 
 
 def address_of(name: str, modules: Collection[str]) -> str:
-    """Where the reference has a name in full, from its top folder: on the page of its module.
-    Raises `NameNotFound`.
+    """Address of a name in the reference, from its top folder: on the page of its module. Raises
+    `NameNotFound`.
     """
     module, rest = place_of(name)
     if module.__name__ in modules:

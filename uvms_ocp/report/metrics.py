@@ -454,7 +454,9 @@ def _slides(meta: RunMeta) -> np.ndarray:
 
 
 def _joint_margins(record: Record, rows: slice) -> np.ndarray:
-    """Of each joint (n_joints,) [rad or m] the least, or none where nobody knows."""
+    """Least distance of each joint (n_joints,) [rad or m] from its limits; none where nobody
+    knows.
+    """
     meta = record.run_meta
     if meta.limits is None or joint_positions({"q": record["q"][:1]}, meta) is None:
         return np.empty(0)

@@ -157,7 +157,7 @@ class Kinematics(FieldTable):
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Beam:
-    """Where a range sensor S looks: along -z of its frame."""
+    """Ray of a range sensor S: along -z of its frame."""
 
     origin: np.ndarray
     """P_WS (3,) [m]."""

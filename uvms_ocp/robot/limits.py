@@ -28,7 +28,7 @@ _SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that sl
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Joint:
-    """Where one joint lives in q and v."""
+    """The name of a joint, and its slices of q and v."""
 
     name: str
     """The name in the URDF."""

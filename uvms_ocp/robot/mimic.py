@@ -64,7 +64,7 @@ def _number(
 
 
 def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -> float:
-    """Where a joint is: as given, or else 0, or mid-range."""
+    """Return the position of a joint: as given, or else 0, or mid-range."""
     name = joint.get("name", "")
     limit = joint.find("limit")
     if name in held:

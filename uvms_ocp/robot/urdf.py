@@ -54,7 +54,7 @@ _LFS = b"version https://git-lfs"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Mount:
-    """Where a link sits: on which joint of the model, and its pose there."""
+    """The joint of the model that carries a link, and the pose of the link there."""
 
     joint: int
     X: pin.SE3
@@ -610,7 +610,7 @@ def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str,
 
 
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
-    """Where a mesh of a URDF at `path` is, `None` for nowhere."""
+    """Find the file of a mesh of a URDF at `path`; `None` where there is none."""
     mesh_file = next(
         filter(os.path.isfile, _mesh_candidates(path, filename, folders)), None
     )  # False for a name that no disk takes

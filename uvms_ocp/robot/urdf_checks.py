@@ -395,7 +395,7 @@ def _check_joints(findings: Findings, root: Element, locked: Collection[str]) ->
 
 
 def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
-    """Of joints that turn without end, such as propellers, a limit below 0 is none."""
+    """Drop a limit below 0 of a joint that turns without end, such as a propeller's."""
     limit = joint.find("limit")
     if limit is None or joint.get("type") in ("revolute", "prismatic"):
         return

@@ -33,7 +33,7 @@ _FOLDERS: set[Path] = set()  # where code of one's own has been loaded from
 
 @checked_dataclass()
 class UserCode:
-    """Where it is: in a file, or in a module."""
+    """Place of code of the user: in a file, or in a module."""
 
     attribute: str
     """The name wanted of it."""
@@ -82,8 +82,8 @@ class UserCode:
 
 @checked
 def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
-    """Where these words point to; `None` for those that are a plain name. attribute: what is wanted
-    unless they say it.
+    """Find the code that these words point to; `None` for a plain name. attribute: what is wanted
+    unless the words say it.
     """
     place, colon, name = words.rpartition(":")
     if not colon or "/" in name or "\\" in name:

@@ -104,8 +104,8 @@ def _plant(plan: Plan, environment: Environment, dynamics: Dynamics) -> DynamicP
 
 
 def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
-    """Where a plan goes deepest below the floor, if it does: what was flown then says little of the
-    plan.
+    """Alarm with the place at which a plan goes deepest below the floor, if it does: what was flown
+    then says little of the plan.
     """
     path = plan.trajectory
     water = replace(environment, obstacles=())

@@ -236,7 +236,9 @@ def _surroundings(
 
 
 def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
-    """Where the vehicle is (2,) [m] in W at q (n_q,) [m, rad]; a fixed base is at the origin."""
+    """Horizontal place (2,) [m] of the vehicle in W at q (n_q,) [m, rad]; a fixed base is at the
+    origin.
+    """
     if setup.robot.n_vehicle:
         return q[:2]
     return np.zeros(2)

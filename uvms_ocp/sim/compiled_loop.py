@@ -27,7 +27,7 @@ from uvms_ocp.sim.sampling import N_DRAWN
 from uvms_ocp.sim.sensors import SensorSuite
 
 Sources = dict[str, np.ndarray | Elapsed]
-"""Where each series of a row is found in memory."""
+"""Arrays of the memory that hold each series of a row."""
 Watch = Callable[[float, State], None]
 """Told time [s] and true state after events, and every few ticks."""
 _FLAGS = ("brakes", "saturated")
@@ -100,7 +100,8 @@ class CompiledLoop:
             sources,
             recorder.block({name: _example(name, source) for name, source in sources.items()}),
         )
-        # written, and ticks that Python has looked at: one more where the last is still to be written
+        # written, and ticks that Python has looked at: one more where the last is still to be
+        # written
         rows = 0
         n_watched = 0
         while rows < n_ticks:

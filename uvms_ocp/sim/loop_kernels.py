@@ -86,9 +86,11 @@ class LoopMemory(Layout):
     verdict: int
     """The `Freshness` that was told last."""
     phase: int
-    """Of the mission, at the beginning of the tick."""
+    """Phase of the mission, at the beginning of the tick."""
     at_limits: Annotated[list[int], Sized("n_thrusters")]
-    """(n_thrusters,) which were at their limits when they last were, up to the tick before."""
+    """(n_thrusters,) thrusters that were at their limits the last time that any was, up to the tick
+    before.
+    """
     now_at_limits: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) up to this one."""
 

@@ -46,7 +46,7 @@ class ChannelSampler(Layout):
     of_velocity: bool
     """Its value is a part of v, and not of q."""
     first: int
-    """Where that part begins."""
+    """Index at which that part begins."""
     size: int
     """Numbers of its value."""
     disturbance: int
@@ -72,7 +72,7 @@ class ChannelSampler(Layout):
     losses: Annotated[Vector, Sized(N_DRAWN)]
     """(N_DRAWN,) in [0, 1): a reading is lost where it is below `dropout`."""
     n_used: int
-    """Of both."""
+    """Drawn numbers of both kinds that are used up."""
     due: float
     """[s] time of the next sample."""
     sample: Annotated[Vector, Sized("n_width")]
@@ -131,7 +131,7 @@ class SensorsMemory(Layout):
     down.
     """
     find_range: CallbackField
-    """Of any other floor."""
+    """Finds the range to any other floor."""
     range: float
     """[m] what it finds."""
     turn: FunctionField

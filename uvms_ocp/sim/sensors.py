@@ -206,7 +206,7 @@ class Source(NamedTuple):
 
     of_velocity: bool
     first: int
-    """Where the part begins in q or v."""
+    """Index at which the part begins in q or v."""
     size: int
     n_errors: int
     """Components of an error."""

@@ -318,8 +318,8 @@ def _require_proven(
 
 
 def _require_accurate(curve: MinSnap, problem: NodeProblem, slopes: Array) -> None:
-    """Where the slope by all that is free vanishes, the cost is half the sum of slope times value
-    over what is fixed.
+    """Check the cost by another way: where the slope by all that is free vanishes, it is half the
+    sum of slope times value over what is fixed.
     """
     cost_of_fixed = float((slopes * curve.node_derivatives)[problem.fixed].sum()) / 2.0
     scale = _scale_of_cost(curve, problem)

@@ -20,7 +20,7 @@ _SMOOTHNESS = {
     "jerk": ("jerk [m/s³, rad/s³]", 1e-2),
     "lost": ("lost above [m/s, rad/s]", 1e-18),
 }
-"""Of a phase change: labels, and the least that is drawn on a logarithmic axis."""
+"""Measures of a phase change: labels, and the least that is drawn on a logarithmic axis."""
 
 
 @style.styled

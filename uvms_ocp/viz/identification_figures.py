@@ -22,13 +22,13 @@ from uvms_ocp.viz import series, style
 # recordings that were left out.
 
 _UNITS = ("m/s", "rad/s", "-")
-"""Of what the three sensors show."""
+"""Units of what the three sensors show."""
 _COLUMNS = 4  # of profiles beside each other
 _PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
 _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
 
 _PARTS = ("linear", "angular")
-"""Of the velocity, as the sensors measure them."""
+"""Parts of the velocity, as the sensors measure them."""
 _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 

@@ -117,7 +117,7 @@ def detect_faults(m: FaultDetection, t: float) -> bool:
 
 
 def _go_on(m: FaultDetection) -> None:
-    """Where the joints went, and what they were asked."""
+    """Remember the positions of the joints, and what they were asked for."""
     if m.started:
         m.joint_way(m.before, m.q, m.step)
     m.started = True

@@ -250,7 +250,7 @@ class ForceTick:
         """compiled: in C where there is a compiler."""
         structure = structure_of(ForceMemory, **_sizes(laws))
         self.memory: ForceMemory
-        """Of the kernel."""
+        """Memory of the kernel."""
         self.memory, (begin, self.kernel, self._adapt) = make_memory(
             structure, (begin_force, force_step, apply_detected_effectiveness), compiled=compiled
         )

@@ -30,7 +30,7 @@ NONE = -1
 
 
 class StopMemory(Layout):
-    """Where a robot is on its way to rest, and how far it may go before limits are to be looked
+    """State of a robot on its way to rest, and how far it may go before limits are to be looked
     at.
     """
 

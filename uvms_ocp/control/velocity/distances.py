@@ -31,7 +31,7 @@ class PairsMemory(Layout):
     task: int
     """Index in the hierarchy."""
     first: int
-    """Where what is measured begins among the parameters of all tasks."""
+    """Index at which what is measured begins among the parameters of all tasks."""
     n: int
     """Rows."""
     n_pairs: int

@@ -49,7 +49,7 @@ class GoalsMemory(Layout):
     of_phase: Annotated[list[Vector], Sized("n_phases", "n_parameters")]
     """(n_phases, n_parameters) [their units]"""
     ascent_start: int
-    """Where the goal of the task that climbs begins among them."""
+    """Index at which the goal of the task that climbs begins among them."""
     tracks: TracksMemory
     """Tables of goals that move and rest in the end."""
     values: Annotated[Vector, Sized("n_parameters")]

@@ -94,7 +94,7 @@ class KinematicController(TableDisplay):
         mission.check_quantities(self.problem.quantity_names)
         self.events: list[Event] = []
         self.left: list[MissionState] = []
-        """Where the mission was at each event, just before."""
+        """State of the mission just before each event."""
         self.watchdog = watchdog or Watchdog()
         names = self.problem.quantity_names
         tasks = mission.hierarchy.tasks
@@ -166,7 +166,7 @@ class KinematicController(TableDisplay):
 
     @property
     def state(self) -> MissionState:
-        """Where the mission is."""
+        """State of the mission."""
         return self._state
 
     @property

@@ -51,7 +51,7 @@ class PositionGuard:
 
     @property
     def positions(self) -> slice:
-        """Where they are among those of all limits."""
+        """Slice of these positions among those of all limits."""
         return slice(self.first, self.first + self.limit.n)
 
     @property

@@ -132,7 +132,7 @@ def countered_rows(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Lean:
-    """Where the free axes come to rest."""
+    """Configuration in which the free axes come to rest."""
 
     slope: ca.SX
     """(n_swinging, n_joints) [rad/rad or rad/m] of that by each joint."""

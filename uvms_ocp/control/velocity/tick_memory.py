@@ -43,9 +43,9 @@ class TickMemory(Layout):
     """All that a tick reads and remembers."""
 
     mission: MissionMemory
-    """Where it is."""
+    """Phase of the mission, and since when."""
     distress: abort.AbortMemory
-    """It is to be given up."""
+    """Reasons to give the mission up."""
     rule: viability.ViabilityMemory
     """Limits on positions."""
     restriction: RestrictionMemory
@@ -55,7 +55,7 @@ class TickMemory(Layout):
     sound: LastValidMemory
     """Replacement of an estimate that is not sound."""
     beam: AltimeterMemory
-    """Where the altimeter looks."""
+    """Beam of the altimeter."""
     lowest: FunctionField
     """Q to `height`."""
     height: Annotated[Vector, Sized(1)]
@@ -63,7 +63,7 @@ class TickMemory(Layout):
     the altimeter on.
     """
     ascent: ascent.AscentMemory
-    """Where the abort phase leads to."""
+    """Goal of the climb in the abort phase."""
     goals: GoalsMemory
     """Parameters of the tasks, an input of the levels."""
     nearest: distances.NearestMemory

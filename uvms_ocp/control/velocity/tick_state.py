@@ -31,7 +31,7 @@ class TickInputs:
     altitude_valid: bool
     """An echo supports it, of now or of not too long ago."""
     mission: MissionState
-    """Where the mission is."""
+    """State of the mission."""
     gates: np.ndarray
     """(n_tasks,) external activations."""
     freshness: Freshness

@@ -40,8 +40,8 @@ class ViabilityMemory(Layout):
     smooth: FunctionField
     """Q to the positions that have an expression, those of the first limits."""
     ask: CallbackField
-    """Where they have none, and are no distances: the positions of the limit `asked` at `place`
-    that count.
+    """Asks for the positions, of the limit `asked` at `place`, that have no expression and are no
+    distances.
     """
     asked: int
     place: Annotated[Vector, Sized("n_q")]

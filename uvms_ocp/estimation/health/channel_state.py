@@ -515,7 +515,7 @@ class _Allowed(NamedTuple):
     """Return by how much an estimate may be off."""
 
     start: int
-    """Where the value begins in q or v."""
+    """Index at which the value begins in q or v."""
     base: float
     supported: float
     """Growth while it is carried."""

@@ -38,7 +38,7 @@ _RETURN = 3  # echoes in a row from a floor known before that bring it back
 
 
 class FloorPoint(Layout):
-    """Where an echo came from, in W."""
+    """Point of the floor in W from which an echo came."""
 
     t: float
     """[s] when."""

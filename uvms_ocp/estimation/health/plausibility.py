@@ -71,7 +71,7 @@ def angle_between(a: Vector, b: Vector) -> float:
 
 
 class PastEstimate(Layout):
-    """Where the robot was taken to be at one tick."""
+    """Estimate of one tick, kept for comparisons with later readings."""
 
     t: float
     """[s]"""
@@ -110,7 +110,7 @@ def remember(h: EstimateHistory, present: PastEstimate) -> None:
 
 
 def slot_at(h: EstimateHistory, t: float) -> int:
-    """Where the estimate is kept that was made nearest to time t [s]; -1 before the first."""
+    """Slot of the estimate that was made nearest to time t [s]; -1 before the first."""
     if h.count == 0:
         return -1
     low = 0
@@ -193,7 +193,7 @@ class PlausibilityGate(Layout):
     size: int
     """Numbers of its value."""
     start: int
-    """Where they begin in q or v."""
+    """Index at which they begin in q or v."""
     base: float
     """[unit of the channel]"""
     noise: float
@@ -205,7 +205,7 @@ class PlausibilityGate(Layout):
     jolt: float
     """[unit of the channel / s2, or of a rate's / s] as in the memory of the filter."""
     rates: int
-    """Where the rates of the joints whose positions it is for begin in v, -1 for another
+    """Index in v of the first rate of the joints whose positions the channel tells; -1 for another
     channel.
     """
     by: int

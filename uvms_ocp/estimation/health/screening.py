@@ -270,7 +270,7 @@ def _compare_fix(
 
 
 def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
-    """Where depths drift from what the DVL tells, and fixes do not, they are not used."""
+    """Stop using depths that drift from what the DVL tells, where fixes do not."""
     if redundancy.compare_place(m.velocity, c.value, c.stamp, 2):
         rate = redundancy.drift_rate(m.velocity.depth, 2)
     else:

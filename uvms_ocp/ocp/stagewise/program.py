@@ -199,9 +199,9 @@ class StagewiseLevelModel:
         self._memory = memory
         self._tolerance = tolerance
         self._kept = [_WEIGHTS[1]] * memory.n_levels
-        """And the weight [1/unit of the row^2] by which each level keeps those above."""
+        """Weight [1/unit of the row^2] by which each level keeps those above."""
         self._last: dict[int, WarmStart] = {}
-        """Where the next QP of each level starts."""
+        """Warm start of the next QP of each level."""
         self._ranges: tuple[RowBounds, int, StageRanges] | None = None
         """Bounds and level of the ranges that were asked for last, and these."""
         self._own_ranges: StageRanges | None = None
@@ -317,7 +317,7 @@ class StagewiseProgram:
 
     @property
     def ranges(self) -> RowRanges:
-        """With which it is solved unless others are given."""
+        """Ranges of the rows, for solves that are given none."""
         return self._whole.ranges()
 
     @property

@@ -314,7 +314,7 @@ class RelativePlacement(Layout):
 
 
 def place_relative(m: RelativePlacement, a: Solid, b: Solid) -> None:
-    """Where B is, as A sees it. A kernel."""
+    """Write the pose of solid B in the frame of solid A. A kernel."""
     way = zeros(3)
     subtract(b.p, a.p, way)
     turned_back(a.R, way, m.p)

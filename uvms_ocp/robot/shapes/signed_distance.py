@@ -1,12 +1,12 @@
 """Signed distances by coal that know the inside of closed triangle meshes.
 
 To coal a mesh is a surface: what is wholly inside it is as far as from outside, and what crosses it
-is pushed to whichever side is nearer. Here a mesh whose triangles close, each edge shared by two that
-run along it in opposite directions, is a solid: a point is inside where the surface winds around it
-(Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside segmentation using generalized winding
-numbers, 2013). Depth is the way out through the place of the surface that is nearest: of what is
-inside, or crosses, its deepest point along the normal there. An open mesh, such as a patch of
-seafloor, stays a surface.
+is pushed to whichever side is nearer. Here a mesh whose triangles close, each edge shared by two
+that run along it in opposite directions, is a solid: a point is inside where the surface winds
+around it (Jacobson, Kavan, Sorkine-Hornung: Robust inside-outside segmentation using generalized
+winding numbers, 2013). Depth is the way out through the place of the surface that is nearest: of
+what is inside, or crosses, its deepest point along the normal there. An open mesh, such as a patch
+of seafloor, stays a surface.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _UNIT = 1e-6  # by which the length of a normal that coal has set may differ fro
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PairContact:
-    """Where two shapes are nearest, or least apart."""
+    """Nearest points of two shapes, or the deepest ones of an overlap."""
 
     distance: float
     """[m] signed."""
@@ -58,7 +58,7 @@ class SignedDistances:
         return self._signed(data, pair, result).distance
 
     def contact(self, data: pin.GeometryData, pair: int) -> PairContact:
-        """Where a pair is nearest."""
+        """Find the nearest points of a pair."""
         result = pin.computeDistance(self._geometry, data, pair)
         if self._has_mesh[pair]:
             return self._signed(data, pair, result)
@@ -255,8 +255,8 @@ def closed_solid(vertices: np.ndarray, triangles: np.ndarray) -> Solid | None:
 
 
 def _nearest_on_triangles(corners: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """(n, 3) [m] The point of each triangle (n, 3, 3) nearest to a point (3,): its foot in the plane
-    where that is inside, else the nearest of its edges.
+    """(n, 3) [m] The point of each triangle (n, 3, 3) nearest to a point (3,): its foot in the
+    plane where that is inside, else the nearest of its edges.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     normal = np.cross(b - a, c - a)

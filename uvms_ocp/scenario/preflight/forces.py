@@ -418,7 +418,9 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
 
 
 def _late(setup: Setup) -> Iterator[DelayedAxes]:
-    """Where both are late, what is between them is known to neither."""
+    """Give the axes on which both sensors and actuators are late: what is under way between them is
+    known to neither.
+    """
     times = dead_times(setup.sensors)
     robot = setup.robot
     gains = setup.gains
@@ -482,8 +484,8 @@ def _stiffness(setup: Setup, q: np.ndarray) -> np.ndarray:
 
 
 def check_load(setup: Setup) -> Iterator[Finding]:
-    """Where it is to be learnt: an error where our controller would refuse, and what comes of it
-    elsewhere.
+    """Check a load that is to be learnt: an error where our controller would refuse, and what comes
+    of it elsewhere.
     """
     if setup.load_bandwidth is None:
         return

@@ -252,7 +252,7 @@ class LexicographicProgram:
     """Everything that is built once."""
 
     ranges: RowRanges
-    """With which it is solved unless others are given."""
+    """Ranges of the rows, for solves that are given none."""
     nlps: tuple[LevelNlp, ...]
     """One per level."""
     values: ca.Function
@@ -452,7 +452,9 @@ class RowBounds:
     """(n_rows,) [unit of the row]"""
 
     def with_rows(self, rows: slice, bounds: tuple[np.ndarray, np.ndarray]) -> RowBounds:
-        """Replace the bounds of the given rows by others, lower and upper (m,) [unit of the row]."""
+        """Replace the bounds of the given rows by others, lower and upper (m,) [unit of the
+        row].
+        """
         lower = self.lower.copy()
         upper = self.upper.copy()
         lower[rows], upper[rows] = bounds

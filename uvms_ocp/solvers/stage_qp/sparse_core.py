@@ -25,8 +25,8 @@ _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
 # it
 _SHARPER = 1e3
 _REGULARIZATIONS = (1e-7, 1e-10)
-"""Of the KKT matrix, one after the other: with less its factors are noise over long horizons, with
-more rows that depend on each other keep steps short.
+"""Regularizations of the KKT matrix, tried one after the other: with less its factors are noise
+over long horizons, with more rows that depend on each other keep steps short.
 """
 
 

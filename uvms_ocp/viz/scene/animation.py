@@ -193,7 +193,7 @@ class Ghost:
 
     name: str
     node: str
-    """Of the scene."""
+    """Node of the scene."""
     rgb: tuple[float, float, float]
     """(3,) from 0 to 1."""
     frames: Frames

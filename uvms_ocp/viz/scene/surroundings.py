@@ -40,7 +40,7 @@ _LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
 _USUAL = 80
 _MOST = 1.6
 Arrow = tuple[np.ndarray, np.ndarray]
-"""Where it begins (3,) [m] in B, and its vectors (n, 3) [its unit] in B."""
+"""Origin (3,) [m] of an arrow in B, and its vectors (n, 3) [its unit] in B."""
 Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
 """Takes the series at the frames, and the size of the robot."""
 
