@@ -35,7 +35,13 @@ _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
 
 def campaign(
     what: Annotated[str, typer.Argument(metavar="SCENARIO|DIR", help=_WHAT)],
-    vary: Annotated[str | None, typer.Option(metavar="FILE.py", help=opt.HELP["vary"])] = None,
+    vary: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py",
+            help="Defines `variations`, a list of Variation(NAME, DISTRIBUTION). It is run.",
+        ),
+    ] = None,
     runs: Annotated[
         int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")
     ] = None,
@@ -47,12 +53,20 @@ def campaign(
         str, typer.Option(help=f"{', '.join(SAMPLERS)}; indices: the design of Sobol' indices.")
     ] = "sobol",
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help=opt.HELP["scheduler"])
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Dask cluster, such as tcp://host:8786; default: this machine."
+        ),
     ] = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Processes of this machine; default: all.")
     ] = None,
-    time_limit: Annotated[float, typer.Option(metavar="S", help=opt.HELP["time_limit"])] = 3600.0,
+    time_limit: Annotated[
+        float,
+        typer.Option(
+            metavar="S", help="Of a run [s]: what takes longer is stopped, and a row that says so."
+        ),
+    ] = 3600.0,
     records: Annotated[
         str, typer.Option(help="Whole records to keep: none, failures or all.")
     ] = "none",
@@ -77,7 +91,11 @@ def campaign(
         Path | None, typer.Option(metavar="DIR2", help="Compare a folder with that of another.")
     ] = None,
     success: Annotated[
-        list[str] | None, typer.Option(metavar="BOUND", help=opt.HELP["success"])
+        list[str] | None,
+        typer.Option(
+            metavar="BOUND",
+            help="In reports, what finished runs must keep: tool_position_error_m<0.01; repeatable.",
+        ),
     ] = None,
     as_json: opt.Json = False,
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from uvms_ocp.cli import NOT_COMPLETED
-from uvms_ocp.cli.options import HELP, Json, folder
+from uvms_ocp.cli.options import Json, folder
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import (
@@ -57,9 +57,20 @@ from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
 
 # ``check-recording``: what is in recordings, and what is doubtful about them.
 
-Recordings = Annotated[list[Path], typer.Argument(metavar="RECORDINGS...", help=HELP["recordings"])]
+Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDINGS...",
+        help="CSV, Parquet, MCAP, rosbag2 folders or records of runs, one or more.",
+    ),
+]
 MappingFile = Annotated[
-    Path | None, typer.Option("--mapping", metavar="YAML", help=HELP["mapping"])
+    Path | None,
+    typer.Option(
+        "--mapping",
+        metavar="YAML",
+        help="Where the channels are in files of others; ours need none.",
+    ),
 ]
 _COLUMNS = (
     "channel",
@@ -167,15 +178,39 @@ def identify(
         Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
     ],
     mapping: MappingFile = None,
-    profiles: Annotated[bool, typer.Option("--profiles", help=HELP["profiles"])] = False,
+    profiles: Annotated[
+        bool,
+        typer.Option(
+            "--profiles", help="Intervals without linearity; each number takes up to a search."
+        ),
+    ] = False,
     leave_one_out: Annotated[
-        bool, typer.Option("--leave-one-out", help=HELP["leave_one_out"])
+        bool,
+        typer.Option(
+            "--leave-one-out", help="Predict every recording from the others; each takes a search."
+        ),
     ] = False,
     predict: Annotated[
-        list[Path] | None, typer.Option(metavar="RECORDING", help=HELP["predict"])
+        list[Path] | None,
+        typer.Option(
+            metavar="RECORDING",
+            help="Recording to predict, on which nothing is identified; several times.",
+        ),
     ] = None,
-    bounds: Annotated[bool, typer.Option("--bounds/--no-bounds", help=HELP["bounds"])] = True,
-    axes: Annotated[list[str] | None, typer.Option(metavar="AXIS", help=HELP["axes"])] = None,
+    bounds: Annotated[
+        bool,
+        typer.Option(
+            "--bounds/--no-bounds",
+            help="Fit vehicles to what is predicted, which bound predictions.",
+        ),
+    ] = True,
+    axes: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="AXIS",
+            help="Along which alone it moves, as in decay tests; repeat it for each.",
+        ),
+    ] = None,
 ) -> None:
     """Identify a robot from recordings: calibrated file, report and figures.
 
@@ -262,7 +297,8 @@ def excite(
         Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
     ],
     pool: Annotated[
-        tuple[float, float, float], typer.Option(metavar="X Y Z", help=HELP["pool"])
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="Size [m], the vehicle in its middle."),
     ] = _POOL,
     duration: Annotated[float, typer.Option(help="Of a recording [s].")] = _DURATION,
     share: Annotated[float, typer.Option(help="Of the thrusters' limits.")] = _SHARE,
@@ -353,7 +389,10 @@ def thruster_curve(
     at: Annotated[
         float | None, typer.Option(metavar="V", help="Voltage that the curve is wanted for.")
     ] = None,
-    sheet: Annotated[list[str] | None, typer.Option(metavar="NAME", help=HELP["sheet"])] = None,
+    sheet: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Of a workbook; several, such as one a voltage."),
+    ] = None,
 ) -> None:
     """Turn a table of thrust into the lines of a thruster in hydrodynamics.yaml.
 

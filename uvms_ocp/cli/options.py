@@ -6,12 +6,10 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import wraps
-from importlib.resources import files
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
-import tomllib
 import typer
 
 from uvms_ocp.errors import InvalidInput, OutputError, require_known
@@ -23,9 +21,6 @@ if TYPE_CHECKING:  # plans need none of it, and would wait a tenth of a second
     from uvms_ocp.control.velocity.kinematic import HierarchySolver
     from uvms_ocp.scenario.scenario import Scenario
 
-HELP: dict[str, str] = tomllib.loads(
-    (files("uvms_ocp.cli") / "help.toml").read_text(encoding="utf-8")
-)
 SOLVERS: dict[str, type[HierarchySolver]] = {
     "active_set": LexicographicActiveSet,
     "lexqp": LexicographicQp,
@@ -42,7 +37,8 @@ _Words = list[str] | None
 _TOOL = "Frame of the tool; several times for several arms."
 
 CurrentVelocity = Annotated[
-    tuple[float, float, float] | None, typer.Option(metavar="X Y Z", help=HELP["current"])
+    tuple[float, float, float] | None,
+    typer.Option(metavar="X Y Z", help="Uniform current in W [m/s]; default: the scenario's."),
 ]
 Seabed = Annotated[
     float | None,
@@ -54,7 +50,13 @@ Noise = Annotated[
     bool | None, typer.Option("--noise/--no-noise", help="Sensors with noise, rates and delays.")
 ]
 Duration = Annotated[float | None, typer.Option(metavar="S", help="Time limit of the mission [s].")]
-Faults = Annotated[_Words, typer.Option(metavar="TEXT", help=HELP["fault"])]
+Faults = Annotated[
+    _Words,
+    typer.Option(
+        metavar="TEXT",
+        help="What goes wrong, TARGET:KIND=VALUES@ONSET-END, such as altimeter:frozen@8; several times.",
+    ),
+]
 
 Json = Annotated[
     bool, typer.Option("--json", help="Print the report on stdout, the rest on stderr.")
@@ -140,7 +142,11 @@ Name = Annotated[
     str, typer.Argument(metavar="SCENARIO", help=SCENARIO_HELP, autocompletion=among(_scenarios))
 ]
 RobotName = Annotated[
-    str | None, typer.Option(help=HELP["robot"], autocompletion=among(list_robots))
+    str | None,
+    typer.Option(
+        help="Robot, see `uvms-ocp list`, a URDF or a folder with robot.urdf; default: the scenario's.",
+        autocompletion=among(list_robots),
+    ),
 ]
 
 
@@ -151,9 +157,18 @@ class RobotFiles:
     """
 
     hydrodynamics: Annotated[
-        str | None, typer.Option(metavar="YAML", help=HELP["hydrodynamics"])
+        str | None,
+        typer.Option(
+            metavar="YAML",
+            help="Hydrodynamics file of the robot; default: the one beside its URDF.",
+        ),
     ] = None
-    base: Annotated[str | None, typer.Option(metavar="free_flyer|fixed", help=HELP["base"])] = None
+    base: Annotated[
+        str | None,
+        typer.Option(
+            metavar="free_flyer|fixed", help="Whether it floats; default: what its file says."
+        ),
+    ] = None
     packages: Annotated[
         _Words, typer.Option(metavar="DIR", help="Where package:// meshes are; repeatable.")
     ] = None
@@ -161,9 +176,13 @@ class RobotFiles:
         bool | None,
         typer.Option("--meshes/--no-meshes", help="Whether shapes that are meshes are read."),
     ] = None
-    mimic: Annotated[str | None, typer.Option(metavar="coupled|free|fixed", help=HELP["mimic"])] = (
-        None
-    )
+    mimic: Annotated[
+        str | None,
+        typer.Option(
+            metavar="coupled|free|fixed",
+            help="Joints that mimic another: one with it, of their own, or fixed.",
+        ),
+    ] = None
     lock: Annotated[
         _Words,
         typer.Option(metavar="JOINT[=Q]", help="Fix a joint, at 0 unless given; repeatable."),
@@ -175,7 +194,10 @@ class RobotFiles:
     tool_link: Annotated[
         _Words, typer.Option("--tool", "--tool-link", metavar="LINK", help=_TOOL)
     ] = None
-    altimeter: Annotated[str | None, typer.Option(metavar="LINK", help=HELP["altimeter"])] = None
+    altimeter: Annotated[
+        str | None,
+        typer.Option(metavar="LINK", help="Frame of the range sensor, which looks along its -z."),
+    ] = None
     dvl: Annotated[
         str | None, typer.Option(metavar="LINK", help="Frame of the Doppler velocity log.")
     ] = None

@@ -291,7 +291,12 @@ def mission(
     name: opt.Name,
     changes: opt.ScenarioOptions = opt.AS_IT_IS,
     noise: opt.Noise = None,
-    within: Annotated[float | None, typer.Option(metavar="S", help=opt.HELP["within"])] = None,
+    within: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S", help="Longest duration [s]; default: that of the greedy mission."
+        ),
+    ] = None,
     step: Annotated[float, typer.Option(metavar="S", help="Step of the horizon [s].")] = 1.0,
     time_limit: Annotated[
         float, typer.Option(metavar="S", help="Time limit of each solve [s].")

@@ -31,7 +31,12 @@ _Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 def check_robot(
-    robot: Annotated[str, typer.Argument(help=opt.HELP["robot_checked"])],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."
+        ),
+    ],
     files: opt.RobotFiles = opt.AS_WRITTEN,
     as_json: _Json = False,
 ) -> None:
@@ -104,7 +109,10 @@ def new_robot(
         ),
     ],
     source: Annotated[
-        Path | None, typer.Option("--from", metavar="URDF|DIR", help=opt.HELP["source"])
+        Path | None,
+        typer.Option(
+            "--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker."
+        ),
     ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
@@ -162,7 +170,11 @@ def new_mission(
         Path, typer.Argument(metavar="FILE.py", help="The file; what varies goes beside it.")
     ],
     robot: Annotated[
-        str | None, typer.Option(metavar="DIR", help=opt.HELP["robot_of_mission"])
+        str | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder of your robot, or its URDF; default: bluerov2_alpha5 of the package.",
+        ),
     ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
@@ -219,7 +231,12 @@ def controller(
     out: Annotated[
         Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")
     ],
-    plant: Annotated[str | None, typer.Option(help=opt.HELP["plant"])] = None,
+    plant: Annotated[
+        str | None,
+        typer.Option(
+            help="dynamic: with thrust and torque; kinematic: velocities alone; default: the scenario's."
+        ),
+    ] = None,
     robot: opt.RobotName = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
     name: Annotated[

@@ -54,7 +54,12 @@ _DIE_WITH_PARENT = 1
 _DRAWINGS = dict[str, Job]()
 """Jobs of a copy of the process, which its own copies find here: they need not be sent."""
 
-Follow = Annotated[Path | None, typer.Option(metavar="PLAN", help=opt.HELP["follow"])]
+Follow = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over."
+    ),
+]
 
 SCENE = "scene"
 

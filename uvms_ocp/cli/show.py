@@ -221,9 +221,16 @@ def estimate(
 
 
 def show_scene(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help=opt.HELP["what"])],
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="WHAT",
+            help="Folder of a run, a plan or a robot, a file of a motion, or a robot's name.",
+        ),
+    ],
     ghost: Annotated[
-        list[Path] | None, typer.Option(metavar="PATH", help=opt.HELP["ghost"])
+        list[Path] | None,
+        typer.Option(metavar="PATH", help="Another run or plan, drawn translucent; several times."),
     ] = None,
     robot: RobotOfRecord = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
@@ -231,7 +238,10 @@ def show_scene(
     out: Annotated[
         Path | None, typer.Option(metavar="HTML", help="Write this file, and serve nothing.")
     ] = None,
-    frames: Annotated[Path | None, typer.Option(metavar="DIR", help=opt.HELP["frames"])] = None,
+    frames: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help='Write PNGs for a video there; needs "uvms-ocp[video]".'),
+    ] = None,
     port: Annotated[
         int, typer.Option(metavar="N", help="Of the loopback address; 0: any that is free.")
     ] = 0,
