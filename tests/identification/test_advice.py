@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from driven import SIZE, drive, known, vehicle_of
 
+from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Free
-from uvms_ocp.identification.results import advice
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.uncertainty import UnidentifiableDirection, unidentifiable_directions
 

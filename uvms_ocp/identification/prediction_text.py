@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.identification import report_prose
 from uvms_ocp.identification.prediction_bounds import ALONE, TOGETHER, PredictionBounds
 from uvms_ocp.identification.prediction_verdict import (
     DIFFERENT,
@@ -18,7 +19,6 @@ from uvms_ocp.identification.prediction_verdict import (
     fits_beside_bounds,
     judge_predictions,
 )
-from uvms_ocp.identification.report_prose import PROSE
 from uvms_ocp.identification.still_comparison import EQUAL_WITHIN, WorseThanStill
 from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
 
@@ -43,7 +43,7 @@ def prediction_lines(
 def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
     """A sentence for each channel that is predicted worse than it stands still, as a list."""
     if not worse:
-        yield PROSE["none_worse"].format(share=100.0 * EQUAL_WITHIN)
+        yield report_prose.NONE_WORSE.format(share=100.0 * EQUAL_WITHIN)
     for shortfall in worse:
         yield f"- {shortfall}"
 
@@ -132,7 +132,7 @@ def _bound_lines(
     bounds: PredictionBounds,
     judgement: PredictionJudgement,
 ) -> Iterator[str]:
-    yield PROSE["bounds"].format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
+    yield report_prose.BOUNDS.format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
     yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
     yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"
     for one in recordings:
@@ -145,7 +145,7 @@ def _bound_lines(
     for shares in judgement.shares:
         yield f"- {shares}"
     if judgement.differing:
-        yield PROSE["recordings_differ"].format(channels=", ".join(judgement.differing))
+        yield report_prose.RECORDINGS_DIFFER.format(channels=", ".join(judgement.differing))
     causes = {shares.cause for shares in judgement.shares}
     for cause in MissCause:
         if cause in causes:

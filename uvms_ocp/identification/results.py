@@ -20,9 +20,11 @@ from uvms_ocp.identification import (
     experiment_design,
     fit,
     parameters,
+    report_prose,
     settings,
     uncertainty,
 )
+from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.prediction_text import (
     prediction_data,
@@ -30,7 +32,6 @@ from uvms_ocp.identification.prediction_text import (
     shortfall_data,
     still_lines,
 )
-from uvms_ocp.identification.report_prose import PROSE
 from uvms_ocp.identification.uncertainty import DETERMINED_BELOW, LEAST_P, LEVEL, IdentifiedNumber
 from uvms_ocp.identification.validation import (
     OTHERS,
@@ -41,18 +42,6 @@ from uvms_ocp.identification.validation import (
 )
 from uvms_ocp.robot.description import read_description
 
-# What to do about a combination that recordings leave open, in words: which motion shows it, or
-# what has to be measured.
-#
-# A motion shows a number by the force that comes of it: added mass by accelerations, drag by
-# speeds, two of them apart by two speeds, what holds it upright by tilts. What enters every force
-# alike no motion shows: a scale does, or a gauge of thrust.
-
-_SHARES = 3  # of a combination, the largest first, that are told of
-_DRAGS = frozenset({"linear_drag", "quadratic_drag"})
-_BODY = frozenset({"mass", "second_moment"})
-_DRIVEN = frozenset({"added_mass", "volume"}) | _DRAGS | _BODY
-
 _OF_FILE = ("mass", "centre_of_mass", "second_moment", "dead_zone", "dead_zone_reverse")
 IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_buoyancy")
 """Quantities that a robot file holds."""
@@ -61,47 +50,6 @@ _STILL = 1e-3  # [m/s, rad/s] deviation below which a channel has no fit
 
 _MOST_COMBINATIONS = 6  # combinations, the worst first
 _DECADES = 1e3  # between the ends of an interval that is told of what is positive
-
-
-def advice(one: uncertainty.UnidentifiableDirection) -> str:
-    """Name the motion or knowledge that would determine a combination; as ``drive yaw fast``."""
-    shares = [name.partition(" ")[::2] for name, _ in one.shares[:_SHARES]]
-    return _of_all(shares) or "; ".join(
-        dict.fromkeys(_motion(PROSE["motions"][quantity], entry) for quantity, entry in shares)
-    )
-
-
-def _of_all(shares: Sequence[tuple[str, str]]) -> str | None:
-    """Advice for numbers of which only a combination is undetermined; `None` if there is no special
-    one.
-    """
-    quantities = frozenset(one for one, _ in shares)
-    entries = {entry for _, entry in shares}
-    if quantities == _DRAGS and len(entries) == 1:
-        return _motion(PROSE["advice"]["speeds"], entries.pop())
-    if "added_mass" in quantities and len(quantities) > 1 and quantities <= _BODY | {"added_mass"}:
-        return PROSE["advice"]["weighed"].format(body=" and ".join(sorted(quantities & _BODY)))
-    if (
-        "gain" in quantities
-        and quantities & _DRIVEN
-        and quantities <= _DRIVEN | {"gain", "reverse"}
-    ):
-        return PROSE["advice"]["scale"]
-    name = {frozenset({"mass", "volume"}): "net", frozenset({"lag", "delay"}): "edges"}.get(
-        quantities
-    )
-    if name:
-        return PROSE["advice"][name]
-    return None
-
-
-def _motion(text: str, entry: str) -> str:
-    axes = entry.replace(" from ", "-").split("-")
-    if len(axes) == 1:
-        driven = axes[0]
-    else:
-        driven = f"{' and '.join(axes)} together"
-    return text.format(entry=entry, axes=driven, tilt=PROSE["tilts"].get(entry, "every way"))
 
 
 # What has been learnt as a robot file: a variant, whose keys replace those of the robot's own, with
@@ -216,7 +164,7 @@ def _row(values: np.ndarray) -> str:
 
 def fits(comparisons: Sequence[Comparison]) -> Iterator[str]:
     """Table of fits of recordings that the search used."""
-    yield PROSE["fits"]
+    yield report_prose.FITS
     yield "| recording | " + " | ".join((*parameters.AXES, "tilt")) + " |"
     yield "|---" * (2 + len(parameters.AXES)) + "|"
     for each in comparisons:
@@ -242,19 +190,20 @@ def _by_axis(predicted: fit.Predicted) -> list[str]:
     return [f"{fit.fit_percent(*pair):.0f}" if np.std(pair[0]) > _STILL else "-" for pair in pairs]
 
 
-def left_out_tables(one: Sequence[HeldOutRecording], heading: str = "left_out") -> Iterator[str]:
+def left_out_tables(
+    recordings: Sequence[HeldOutRecording], heading: str = report_prose.LEFT_OUT
+) -> Iterator[str]:
     """Table of predictions of held-out recordings, by horizons; nothing where none was predicted.
 
-    heading: text before it, ``left_out`` or ``predicted``.
+    heading: text before it.
     """
-    if not one:
+    if not recordings:
         return
-    yield PROSE[heading]
-    for asked in sorted({each.asked for left in one for each in left.horizons}):
-        yield from _horizon(
-            asked, [each for left in one for each in left.horizons if each.asked == asked]
-        )
-    yield from _by_recording(one)
+    yield heading
+    horizons = [horizon for recording in recordings for horizon in recording.horizons]
+    for asked in sorted({horizon.asked for horizon in horizons}):
+        yield from _horizon(asked, [horizon for horizon in horizons if horizon.asked == asked])
+    yield from _by_recording(recordings)
 
 
 def _horizon(asked: float, found: Sequence[HorizonPrediction]) -> Iterator[str]:
@@ -336,7 +285,7 @@ def report_text(one: Calibration) -> str:
     parts += left_out_tables(one.left_out)
     parts += prediction_lines(one.left_out, one.left_out_bounds)
     parts += _disagreed(one)
-    parts += left_out_tables(one.predicted, "predicted")
+    parts += left_out_tables(one.predicted, report_prose.PREDICTED)
     parts += prediction_lines(one.predicted, one.predicted_bounds)
     parts += ["", "## Doubts about the recordings", ""]
     return "\n".join([*parts, *(f"- {doubt}" for doubt in one.issues or ("none",))]) + "\n"
@@ -371,7 +320,7 @@ def _disagreed(one: Calibration) -> Iterator[str]:
     """Numbers called determined that move by more than that where a recording is left out."""
     if not one.left_out:
         return
-    yield PROSE["disagreed"]
+    yield report_prose.DISAGREED
     disagreed = one.disagreed
     if not disagreed:
         yield "None."
@@ -393,16 +342,20 @@ def _number_data(number: IdentifiedNumber) -> dict[str, Any]:
 
 def _number_table(one: Calibration) -> Iterator[str]:
     known = {"status": one.estimate.status, "inflation": one.inflation}
-    yield PROSE["numbers"].format(**known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES)
+    yield report_prose.NUMBERS.format(
+        **known, below=100 * DETERMINED_BELOW, most=uncertainty.MISSES
+    )
     missed = [each.channel for each in one.whiteness if each.unexplained]
     if missed:
-        yield PROSE["unexplained"].format(missed=", ".join(missed))
+        yield report_prose.UNEXPLAINED.format(missed=", ".join(missed))
     if len(axes := one.subject.vehicle.axes) < len(parameters.AXES):
-        yield PROSE["axes"].format(axes=", ".join(parameters.AXES[k] for k in axes))
+        yield report_prose.AXES.format(axes=", ".join(parameters.AXES[k] for k in axes))
     shape = settings.shape_of(one.subject.robot, one.subject.frame)
     if shape:
-        yield PROSE["shape"].format(shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS)
-    yield PROSE["number_table"]
+        yield report_prose.SHAPE.format(
+            shape=shape, frame=one.subject.frame, **settings.SHAPE_SPREADS
+        )
+    yield report_prose.NUMBER_TABLE
     for each in one.numbers:
         columns = f"{each.value:.4g} | {each.unit} | {each.sigma:.2g} | {_ends(each.interval)}"
         yield (
@@ -418,7 +371,7 @@ def _own(one: Calibration) -> Iterator[str]:
     own = one.subject.vehicle.own
     if own.names:
         units = [own.declaration.quantities[name.partition(" ")[0]].unit for name in own.names]
-        yield PROSE["own"]
+        yield report_prose.OWN
         yield (
             "| recording | "
             + " | ".join(f"{name} [{unit}]" for name, unit in zip(own.names, units, strict=True))
@@ -440,7 +393,7 @@ def _in_file(one: Calibration, each: IdentifiedNumber) -> str:
 def _profiles(one: Calibration) -> Iterator[str]:
     if not one.profiles:
         return
-    yield PROSE["profiles"]
+    yield report_prose.PROFILES
     for each in one.profiles:
         number = each.number
         word = "differs" if each.differs else ""
@@ -470,7 +423,7 @@ def _open(one: Calibration) -> Iterator[str]:
 
 
 def _held(one: Calibration) -> Iterator[str]:
-    yield PROSE["held"]
+    yield report_prose.HELD
     effects = {each.quantity: each for each in one.constants}
     for name, each in one.subject.vehicle.shared.declaration.quantities.items():
         if name not in IN_FILE and not each.free.any():
@@ -503,7 +456,7 @@ def _held(one: Calibration) -> Iterator[str]:
 
 
 def _white(one: Calibration) -> Iterator[str]:
-    yield PROSE["white"].format(level=LEVEL)
+    yield report_prose.WHITE.format(level=LEVEL)
     for each in one.whiteness:
         word = "yes" if each.white else "no"
         if each.p > LEAST_P:
@@ -532,7 +485,7 @@ def _course(one: experiment_design.Excitation, actuators: Sequence[str]) -> Iter
         f"Commands last {step * len(one.commands.t):.4g} s, held for {step:.4g} s each, of"
         f" {', '.join(actuators)}.\n"
     )
-    yield PROSE["excitation"].format(spans=", ".join(spans), tilt=tilt)
+    yield report_prose.EXCITATION.format(spans=", ".join(spans), tilt=tilt)
     for each in one.numbers:
         yield (
             f"| {each.name} | {each.value:.4g} | {each.unit} | {each.sigma:.2g} |"
