@@ -33,7 +33,7 @@ class BufferedFunction:
         column-major order.
         """
         self._buffer, self.evaluate = buffer_on(function, self._arguments, self.results)
-        """And the function of no arguments that reads those which were written last, or are
+        """Function of no arguments that reads the arguments which were written last, or are
         adopted, and writes `results`.
         """
 

@@ -28,7 +28,7 @@ _KINDS = {
     ("int32", "bool"): 2,
     ("float64", "int64"): 3,
 }
-"""How numbers of one type become those of another."""
+"""Conversions of numbers from one type to another."""
 
 
 class _Step(ctypes.Structure):

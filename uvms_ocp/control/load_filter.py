@@ -211,8 +211,8 @@ class LoadFilter:
 
 
 def require_limits(limit: np.ndarray) -> int:
-    """How many axes a limit (n_v,) [N, N m] is of. Raises `InvalidInput` where one bears no force,
-    or any.
+    """Return the number of axes of a limit (n_v,) [N, N m]. Raises `InvalidInput` where one bears
+    no force, or any.
     """
     wrong = np.flatnonzero(~((limit > _NO_FORCE) & (limit < np.inf)))
     if len(wrong):

@@ -48,8 +48,8 @@ class NmpcStatistics:
 
 
 class PlanningTimes:
-    """When plans are asked for: at the first tick at or after each multiple of the period, so that
-    the mean period is what was asked for, whatever ticks there are.
+    """Times at which plans are asked for: at the first tick at or after each multiple of the
+    period, so that the mean period is what was asked for, whatever ticks there are.
     """
 
     def __init__(self, dt: float, period: float) -> None:

@@ -78,14 +78,14 @@ class PlannedPhase:
     end: Magnitude
     """[s]"""
     moves: bool
-    """It has goals of its own that move: it begins when the mission says so, and the plan waits for
-    that.
+    """The phase has goals of its own that move: it begins when the mission says so, and the plan
+    waits for that.
     """
 
 
 @checked_dataclass()
 class FollowingTuning:
-    """How a plan is followed, and when it is left."""
+    """Tuning of how a plan is followed, and when it is left."""
 
     vehicle: Positive = 0.5
     """[1/s] velocity per deviation."""

@@ -159,7 +159,7 @@ class ReplanningResult:
 
 
 class GuessKind(Enum):
-    """What a solve begins from."""
+    """Kind of the guess from which a solve begins."""
 
     NEWEST = 0
     """The end of the last solve, moved on in time."""
@@ -170,7 +170,7 @@ class GuessKind(Enum):
 
     @property
     def following(self) -> GuessKind:
-        """What is tried after it."""
+        """The kind that is tried next."""
         return GuessKind((self.value + 1) % len(GuessKind))
 
 

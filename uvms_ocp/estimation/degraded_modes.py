@@ -37,8 +37,8 @@ class ModeLimits:
     speed: float = 1.0
     """More than 0; share of what the tasks and limits make it otherwise."""
     no_descent: bool = False
-    """Nothing sinks, landing is off; tasks on altitude take the floor for higher, the farther the
-    robot has moved.
+    """The robot does not sink, landing is off; tasks on altitude take the floor for higher, the
+    farther the robot has moved.
     """
     joints_held: bool = False
     """The arm stops, its brakes lock."""

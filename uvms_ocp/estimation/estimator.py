@@ -196,7 +196,7 @@ class GateOutcome:
     degrees: int
     """Degrees of freedom."""
     accepted: bool
-    """It was used; of the joints, every one of them."""
+    """The reading was used; of the joints, that of every one."""
 
 
 class JointChart:
@@ -300,7 +300,7 @@ class Estimator(TableDisplay):
         )
         """Kernel of the filter alone, from the inputs in its memory to its outputs."""
         self.advance: Callable[[], None] = partial(self.tick, self.structure)
-        """And that on its memory."""
+        """The kernel of the filter, bound to its memory."""
         self._seen: dict[str, Reading | None] = dict.fromkeys(CHANNELS)
         self._refused: frozenset[str] = frozenset()
         self._response = np.zeros(robot.n_v)
@@ -431,7 +431,7 @@ class Estimator(TableDisplay):
 
     @property
     def is_plain(self) -> bool:
-        """Nothing but the kernel is needed: q is a vector space but for the vehicle, and the
+        """True where the kernel alone is enough: q is a vector space but for the vehicle, and the
         altimeter is fixed to that.
         """
         return (

@@ -40,7 +40,7 @@ _LEVEL = (
 
 
 class Freshness(enum.IntEnum):
-    """How far a measurement can be trusted."""
+    """Degree to which an estimate can be trusted."""
 
     FRESH = 0
     """Go on."""
@@ -329,8 +329,8 @@ def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
 
 
 class LastFloorRange:
-    """How high the altimeter is above the floor: by its echo, or by the last one, carried along
-    with the measured motion.
+    """Height of the altimeter above the floor: by its echo, or by the last one, carried along with
+    the measured motion.
 
     Carrying takes the floor for level, except in doubt: then it is the highest of late, as the
     echoes may have lied for some time, and rises with the way. An echo along a beam that does not

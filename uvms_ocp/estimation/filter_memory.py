@@ -115,7 +115,7 @@ def rows_of(c: int) -> int:
 
 
 def orders_of(c: int) -> int:
-    """How often the acceleration is integrated until it is what the channel reads."""
+    """Number of integrations from the acceleration to what the channel reads."""
     if c == ChannelIndex.SPECIFIC_FORCE:
         return 0
     velocity = c == ChannelIndex.ANGULAR_VELOCITY or c == ChannelIndex.LINEAR_VELOCITY
@@ -335,7 +335,7 @@ def filter_memory(n_joints: int) -> FilterMemory:
 
 @checked_dataclass()
 class EstimatorTuning:
-    """How fast the robot, the floor and the biases of sensors are expected to change.
+    """Rates at which the robot, the floor and the biases of sensors are expected to change.
 
     Larger: less lag, more noise. Raises `InvalidInput` for a number not > 0.
     """

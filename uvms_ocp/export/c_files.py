@@ -25,7 +25,7 @@ from uvms_ocp.tasks.task import Task
 NUMBERS = "controller_numbers"
 
 SOURCES = ("controller.h", "controller.c", "initial.c", "functions.c", "solver.c")
-"""What is compiled, each name behind that of the export."""
+"""Files that are compiled, each name behind that of the export."""
 FILES = (*SOURCES, "replay.c", "recorded.bin")
 """Files of an export whose names begin with its own."""
 COMMON_FILES = ("CMakeLists.txt", "README.md")
@@ -43,7 +43,7 @@ class ControllerNames:
     """Name of the export, and those of the controller's phases, statuses and quantities."""
 
     export: str
-    """What stands before every identifier, behind a ``_``."""
+    """Name before every identifier, followed by a ``_``."""
     phases: tuple[str, ...]
     """In the order of `ControllerOutputs.phase`."""
     statuses: tuple[str, ...]
@@ -55,7 +55,7 @@ class ControllerNames:
 
     @property
     def prefix(self) -> str:
-        """What stands before every identifier."""
+        """Text before every identifier."""
         return f"{self.export}_"
 
     def texts(self) -> dict[str, list[str]]:
@@ -89,7 +89,7 @@ class NamedSources:
     declarations: str
     """Declarations of these functions, and of the solver."""
     initial: str
-    """What initialises the memory."""
+    """Code that initialises the memory."""
     solver: str
     """The solver, a file of its own."""
 

@@ -41,7 +41,7 @@ class ControllerInputs(Layout):
     joint_age: float
     """[s] of the joint positions alone."""
     trust: Annotated[list[int], Sized(len(CHANNELS))]
-    """How far each channel can be trusted: 0 good, 1 suspect, 2 lost."""
+    """Trust in each channel: 0 good, 1 suspect, 2 lost."""
     since: Annotated[Vector, Sized(len(CHANNELS))]
     """[s] since when."""
 

@@ -175,8 +175,8 @@ class Diagnosis:
         return OcpStatus.UNFINISHED, f"{text}; {gain}{_ended(result, improvable)}"
 
     def _why_missed(self, missed: int, result: LexicographicResult) -> tuple[OcpStatus, str]:
-        """No more than what longer horizons show until the deadline; without a deadline none is
-        tried.
+        """Find out why a goal is missed by longer horizons, until the deadline; without a deadline
+        none is tried.
         """
         residual = float(self._residuals(result)[missed])
         text = f"level {self._name(missed)} is missed by {residual:.4g}"

@@ -1,10 +1,10 @@
 """Tell by how much a small step could still lower the cost of a level of a motion.
 
 The plain rows of the problem, linearized at the motion, and nothing of the solver that found it: no
-step that it took, no damping, no multipliers, no scaling of its own. Levels above are held where the
-motion has them. The step of Gauss and Newton within the linearized rows, by an interior point of
-another library, gains nothing exactly where the gradient of the Lagrangian, projected on what the
-active rows leave free, is zero with multipliers of the right signs; these are found with it.
+step that it took, no damping, no multipliers, no scaling of its own. Levels above are held where
+the motion has them. The step of Gauss and Newton within the linearized rows, by an interior point
+of another library, gains nothing exactly where the gradient of the Lagrangian, projected on what
+the active rows leave free, is zero with multipliers of the right signs; these are found with it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ _QP = "piqp"  # proximal interior point of CasADi's wheel, by which nothing here
 # largest errors of its optimum; the next where rounding keeps it from one
 _QP_TOLERANCES = (1e-9, 1e-7)
 _LONGEST_STEP = 1.0  # [unit of the variable] as far as the linearization is followed
-# rounds in which planes at the end of a step are kept too, where shapes are near, and how far it goes
+# rounds in which planes at the end of a step are kept too, where shapes are near, and how far it
+# goes
 _ROUNDS = 6
 _STEP_NEAR_SHAPES = 0.1  # [unit of the variable]
 _CURVATURE = 1e-9  # [share of the cost / unit^2] least one, which makes the step one
@@ -44,11 +45,11 @@ _NOTHING = 1e-12  # cost of a level that has none
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class LevelGain:
-    """What one more step promises for a level."""
+    """Gain that one more step promises for a level."""
 
     residual: float
-    """Root of twice the cost of the level: of the squares of its weighted rows at the ends of phases,
-    and of their mean over the nominal time along the path.
+    """Root of twice the cost of the level: of the squares of its weighted rows at the ends of
+    phases, and of their mean over the nominal time along the path.
     """
     gain: float
     """By how much the residual would fall, to first order; infinite where that was not found."""
@@ -66,8 +67,8 @@ class LevelGain:
 
 
 def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) -> list[Array]:
-    """Shares (n_nodes, n_rows) with which the squares of the rows of every block count in the cost of
-    their level, for nodes at times t (N + 1,) [s].
+    """Shares (n_nodes, n_rows) with which the squares of the rows of every block count in the cost
+    of their level, for nodes at times t (N + 1,) [s].
 
     Along the path that of the step in the nominal time, at the last node half of it; 1 for terms at
     the end of a phase; 0 for states that are given.
@@ -95,8 +96,8 @@ def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) ->
 def level_residuals(
     transcription: Transcription, problem: OcpProblem, values: tuple[Array, ...], t: Array
 ) -> Array:
-    """Residuals (n_levels,) of levels whose rows have these values, for nodes at times t (N + 1,) [s];
-    see `LevelGain.residual`.
+    """Residuals (n_levels,) of levels whose rows have these values, for nodes at times t (N + 1,)
+    [s]; see `LevelGain.residual`.
     """
     shares = _row_shares(transcription, problem, t)
     levels = zip(
@@ -127,12 +128,12 @@ class LinearizedMotion:
     trajectory: Trajectory
     t0: float
     tightened: Tightening = NO_TIGHTENING
-    """What nodes are asked for beyond their ranges, that these be kept between nodes."""
+    """Margins of nodes beyond their ranges, so that these are kept between nodes."""
 
     @cached_property
     def x(self) -> Array:
-        """(n_x,) variables; of the two quaternions of an attitude the nearer one to that of the node
-        before, so that rows that work on the four numbers see no turn by 360 deg.
+        """(n_x,) variables; of the two quaternions of an attitude the nearer one to that of the
+        node before, so that rows that work on the four numbers see no turn by 360 deg.
         """
         q = self.trajectory.q.copy()
         if self.problem.robot.n_vehicle:
@@ -146,8 +147,8 @@ class LinearizedMotion:
         return self._rows_near(self.trajectory.q)
 
     def _rows_near(self, q: Array) -> tuple[Array, csc_matrix]:
-        """Values and slopes at the motion, with terms that follow it written at q (n_nodes, n_q) [m,
-        rad].
+        """Values and slopes at the motion, with terms that follow it written at q (n_nodes, n_q)
+        [m, rad].
         """
         p = self.transcription.parameters(
             self.problem, t0=self.t0, near=q, tightened=self.tightened
@@ -163,8 +164,8 @@ class LinearizedMotion:
         return np.array([layout.names[row] in names for row in layout.constraints], dtype=bool)
 
     def _planes_after(self, step: Array) -> tuple[csc_matrix, Array, Array]:
-        """Rows of shapes as they are after a step (n_x,): edges and corners have other planes there,
-        of which the linearization at the motion knows nothing.
+        """Rows of shapes as they are after a step (n_x,): edges and corners have other planes
+        there, of which the linearization at the motion knows nothing.
         """
         after = self.transcription.unpack(self.x + step, self.problem)
         return self._constraints_of(
@@ -176,8 +177,8 @@ class LinearizedMotion:
         return _row_shares(self.transcription, self.problem, self.trajectory.t)
 
     def gains(self, enough: float) -> list[LevelGain]:
-        """What a step promises for each level, with those above it held; enough: share of the residual
-        that is not looked at more closely.
+        """Find the gain of a step for each level, with those above it held; enough: share of the
+        residual that is not looked at more closely.
         """
         result = []
         held: list[tuple[csc_matrix, Array, Array]] = [self._constraints()]
@@ -212,7 +213,9 @@ class LinearizedMotion:
         return 0.5 * float(residual @ residual), gradient, jacobian
 
     def _by_durations(self, rows: Array, distance: Array) -> Array:
-        """Gradient (n_x,) of the cost by the lengths of steps, as far as these are shares of time."""
+        """Gradient (n_x,) of the cost by the lengths of steps, as far as these are shares of
+        time.
+        """
         gradient = np.zeros(self.transcription.n_x)
         if not self.problem.free_time:
             return gradient

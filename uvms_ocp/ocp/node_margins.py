@@ -83,7 +83,7 @@ class NodeMargins:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Tightening:
-    """What is asked of all nodes of a horizon."""
+    """Margins that are asked of all nodes of a horizon."""
 
     positions: NodeMargins | None = None
     """Margins of `Robot.limited_positions`."""
@@ -96,7 +96,7 @@ class Tightening:
 
     @property
     def nothing(self) -> bool:
-        """No node is asked for more."""
+        """True where no node is asked for more."""
         return not self.terms and not self.limits
 
     @property

@@ -51,9 +51,9 @@ class LevelReport:
     status: str
     advice: str
     residual: float
-    """Root of twice its cost, in the root of the unit of weighted rows squared: of the squares of the
-    distances of weighted rows to their range at the ends of phases, and of the mean of these over
-    the nominal time along the path. It is that of the motion, whatever the number of steps.
+    """Root of twice its cost, in the root of the unit of weighted rows squared: of the squares of
+    the distances of weighted rows to their range at the ends of phases, and of the mean of these
+    over the nominal time along the path. It is that of the motion, whatever the number of steps.
     """
     iterations: int
     prices: tuple[float, ...] = ()
@@ -77,8 +77,8 @@ class VerdictTolerances(MetaValue):
     force_between: float = 1e-2
     """[share of the limit] Of thrust and torque anywhere else in a step."""
     ranges: float = 3e-4
-    """[unit of the quantity] Of positions, velocities, accelerations and rows of constraints, at nodes
-    and between.
+    """[unit of the quantity] Of positions, velocities, accelerations and rows of constraints, at
+    nodes and between.
     """
     clearance: float = 1e-3
     """[m] Of distances between shapes, at nodes and between."""
@@ -101,21 +101,21 @@ class LevelVerdict(MetaValue):
     where that is not known.
     """
     missed: bool
-    """It has goals, and they are not met."""
+    """The level has goals, and they are not met."""
     optimal: bool
-    """It is met, or no step promises more than the tolerance."""
+    """The level is met, or no step promises more than the tolerance."""
 
 
 class VerdictReport(MetaValue):
-    """What the judge of a plan has found, and how closely it has looked."""
+    """Findings of the judge of a plan, and its tolerances and resolution."""
 
     tolerances: VerdictTolerances
     levels: tuple[LevelVerdict, ...]
     time_resolution: float
     """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
     unseen: Number | None
-    """[share of the tolerance] How much more than was seen may be left between two looks; `None` where
-    something is no number.
+    """[share of the tolerance] How much more than was seen may be left between two looks; `None`
+    where something is no number.
     """
 
 

@@ -10,7 +10,7 @@ from uvms_ocp.types import Array
 
 
 class RangeKind(Enum):
-    """What has a range."""
+    """Kind of the quantities that have a range."""
 
     START = "start"
     PERIODIC = "periodic"

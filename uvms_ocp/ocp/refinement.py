@@ -1,5 +1,5 @@
-"""Solve a problem again until its terms are written at the motion that was found, and its ranges are
-kept between nodes too.
+"""Solve a problem again until its terms are written at the motion that was found, and its ranges
+are kept between nodes too.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Refinement:
     deadline: float
     """[s] by the clock on the wall."""
     progress: Progress | None = None
-    """Told every iteration."""
+    """Callback after every iteration."""
 
     def solved(self, guess: MotionGuess) -> RefinedResult:
         """The last that is no worse, or usable; of several that leave ranges between nodes the one
@@ -139,7 +139,7 @@ class RefinedResult:
     near: np.ndarray
     """(n_nodes, n_q) [m, rad] where terms were written."""
     tightened: Tightening
-    """What was asked of nodes for what was missing between them."""
+    """Margins of nodes for what was missing between them."""
 
     def after(self, before: LexicographicResult) -> RefinedResult:
         """With the iterations of an earlier result as well."""

@@ -75,7 +75,7 @@ class Term(ABC):
     has_sides: ClassVar[bool] = False
     """Its references say on which side of a thin thing a node stays; see `NodeMargins.sides`."""
     rows_are_quantities: ClassVar[bool] = True
-    """What its range is of are the rows themselves, not something that they stand for."""
+    """The range is that of the rows themselves, not of something that they stand for."""
     needs_powers: ClassVar[bool] = False
     """Its rows are electrical powers."""
     at: At = At.END

@@ -1,9 +1,9 @@
 """Judge a motion by its problem alone, whoever made it.
 
 What a plan is called comes from this: by how much the laws of motion, limits and constraints are
-left at the nodes and between them (`uvms_ocp.ocp.motion_check`), how far each level is from its goal,
-and by how much one more step of another library would still lower it, with levels above it held
-(`uvms_ocp.ocp.first_order_gain`). Nothing is known of the solver: neither its status, nor its
+left at the nodes and between them (`uvms_ocp.ocp.motion_check`), how far each level is from its
+goal, and by how much one more step of another library would still lower it, with levels above it
+held (`uvms_ocp.ocp.first_order_gain`). Nothing is known of the solver: neither its status, nor its
 multipliers, planes or scalings. See the guide on optimal control for what each status promises.
 """
 
@@ -35,7 +35,7 @@ _FORCE_LIMITS = (RangeKind.THRUST, RangeKind.TORQUE)
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Verdict:
-    """What a motion is called, and the evidence."""
+    """Verdict on a motion, and the evidence."""
 
     status: OcpStatus
     """SOLVED, IMPROVABLE, BROKEN or MISSED; why a goal is missed, or nothing keeps the constraints,
@@ -44,10 +44,10 @@ class Verdict:
     reason: str
     """In words, with numbers."""
     broken: tuple[RangeCheck, ...]
-    """What is left by more than its tolerance."""
+    """Ranges that are left by more than their tolerance."""
     check: MotionCheck
     report: VerdictReport
-    """What a plan keeps of it."""
+    """The part of the verdict that a plan keeps."""
 
     @property
     def missed(self) -> int | None:
@@ -75,8 +75,8 @@ def judge_motion(
 ) -> Verdict:
     """Judge a trajectory of as many steps as the problem has.
 
-    t0 [s]: time of the first node, for goals and obstacles that move. transcription: of a problem of
-    the same shape, which else is built; whoever shares it with a planner holds its `turn`.
+    t0 [s]: time of the first node, for goals and obstacles that move. transcription: of a problem
+    of the same shape, which else is built; whoever shares it with a planner holds its `turn`.
     tightened: what nodes were asked for beyond their ranges so that these are kept between nodes;
     the gain of a step is that of motions which do so as well. Raises `InvalidInput` for another
     number of steps.
@@ -169,8 +169,8 @@ def is_missed(level: OcpLevel, residual: float) -> bool:
 
 
 def _gain_beyond(step: LevelGain, relax: float) -> float:
-    """By how much a step lowers a level below what it may rise to for the sake of levels below it: to
-    (1 + relax) times the least cost.
+    """By how much a step lowers a level below what it may rise to for the sake of levels below it:
+    to (1 + relax) times the least cost.
     """
     if not np.isfinite(step.gain):
         return step.gain
@@ -195,7 +195,7 @@ def _multiple(item: RangeCheck, peak: Peak, problem: OcpProblem, *, between: boo
 
 
 def _unseen(item: RangeCheck, problem: OcpProblem) -> float:
-    """How much more than what was seen may be left unseen, as a multiple of the tolerance."""
+    """Bound of what may be left unseen beyond what was seen, as a multiple of the tolerance."""
     if not item.resolution > 0.0:
         return 0.0
     return item.resolution / float(_tolerances(item, problem, between=True).max())

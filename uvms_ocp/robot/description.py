@@ -306,7 +306,7 @@ class FramePlacement(Pose):
 
 
 class LoadingDescription(_Section):
-    """How the URDF is read; options of commands of the same names take the place of these."""
+    """Options of reading the URDF; options of commands with the same names take their place."""
 
     packages: tuple[str, ...] = ()
     """folders with the packages of meshes, from this file's"""

@@ -72,7 +72,7 @@ class Joint:
         )
 
     def way(self, q: Array, to: Array) -> Array:
-        """How far [rad or m] it is from q (n_q,) to the number `to`: of an endless one the shorter
+        """Distance [rad or m] from q (n_q,) to the number `to`: of an endless one the shorter
         way round.
 
         Raises `InvalidInput` for a joint of several degrees of freedom.

@@ -54,12 +54,12 @@ _HEAD = """# What the URDF does not say: water, thrusters, limits. SI units; vec
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotProposal:
-    """What is proposed."""
+    """Proposed files of a robot, and the questions that its URDF leaves open."""
 
     text: str
     """The hydrodynamics.yaml."""
     questions: tuple[str, ...]
-    """What the URDF leaves open, one line each, with how to answer."""
+    """Questions that the URDF leaves open, one line each, with how to answer."""
     robot: Robot
     """The robot that comes of both."""
 
@@ -154,7 +154,9 @@ def _read(
 
 
 def _floats(model: pin.Model) -> bool:
-    """Whether it is a vehicle, and not an arm that stands on something. model: on a free-flyer."""
+    """Check whether a model on a free-flyer is a vehicle, and not an arm that stands on
+    something.
+    """
     root = next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
     if any(is_called("propeller", frame.name) for frame in model.frames):
         return True
@@ -215,7 +217,7 @@ def _has_propeller_above(model: pin.Model, index: int) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class _Draft:
-    """What is known of a robot before its water is."""
+    """Description of a robot before its hydrodynamics are proposed."""
 
     models: UrdfModels
     roles: Roles
@@ -287,7 +289,7 @@ class _Draft:
         ]
 
     def questions(self) -> Iterator[str]:
-        """What is left open."""
+        """Give the questions that are left open."""
         if not self.pushers:
             kind = (
                 "a vehicle, as its root is the heaviest part"

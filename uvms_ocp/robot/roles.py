@@ -68,7 +68,7 @@ def is_called(kind: str, *names: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Roles:
-    """What links of a mechanism are, as far as the mechanism tells."""
+    """Roles of the links of a mechanism, as far as the mechanism tells."""
 
     base: str
     """The link that stands for the vehicle: ``base_link`` where one is fixed to the root, or else
@@ -213,7 +213,9 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
 
 
 def _whirls(tree: _LinkTree, j: int) -> bool:
-    """Whether a joint of the vehicle turns one balanced link without end, as a propeller does."""
+    """Check whether a joint of the vehicle turns one balanced link without end, as a propeller
+    does.
+    """
     joint = tree.model.joints[j]
     inertia = tree.model.inertias[j]
     if (
@@ -311,7 +313,9 @@ def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None
 
 
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
-    """Whether all is well, and one sentence, for each role. model: with its frames for roles."""
+    """Give for each role whether all is well, and one sentence. model: with its frames for
+    roles.
+    """
     free_flyer = description.base == "free_flyer"
     frames: Sequence[str] = [frame.name for frame in model.frames[1:]]
     roles = find_roles(model, free_flyer=free_flyer)

@@ -321,7 +321,7 @@ class UrdfModels:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class UrdfReading:
-    """What of a file becomes part of the robot."""
+    """Options of which parts of a file become part of the robot."""
 
     mimic: Literal["coupled", "free", "fixed"] = "coupled"
     """Joints that mimic another one: one with it, of their own, or fixed where the leader's lock,
@@ -334,7 +334,7 @@ class UrdfReading:
     drop: tuple[str, ...] = ()
     """Links that are left out, with all that hangs on them."""
     meshes: bool = True
-    """Whether shapes that are meshes are read."""
+    """Shapes that are meshes are read."""
 
 
 PLAIN = UrdfReading()
@@ -559,7 +559,9 @@ def _resolve_meshes(findings: urdf_checks.Findings, root: Element, folders: Sequ
 
 
 def _give_up(findings: urdf_checks.Findings, link: Element, shape: Element, problem: str) -> None:
-    """What cannot be read is left out where it is only drawn; a fault of the file otherwise."""
+    """Leave a shape out that cannot be read and is only drawn; report a fault of the file
+    otherwise.
+    """
     where = f"link {link.get('name')!r} {shape.tag}: {problem}"
     if shape.tag == "visual":
         link.remove(shape)

@@ -154,7 +154,7 @@ def quoted(text: str) -> str:
 
 
 class Findings:
-    """What is wrong with one file, all of it, and what of it is left out without harm."""
+    """All faults of one file, and the parts of it that are left out without harm."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

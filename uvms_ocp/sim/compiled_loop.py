@@ -29,7 +29,7 @@ from uvms_ocp.sim.sensors import SensorSuite
 Sources = dict[str, np.ndarray | Elapsed]
 """Arrays of the memory that hold each series of a row."""
 Watch = Callable[[float, State], None]
-"""Told time [s] and true state after events, and every few ticks."""
+"""Callback with time [s] and true state after events, and every few ticks."""
 _FLAGS = ("brakes", "saturated")
 _CODES = ("health", "thruster_health", "joint_health")
 
@@ -63,7 +63,7 @@ class CompiledLoop:
             "n_measured": width + 1,
         }
         self.memory = structure_of(kernels.LoopMemory, **sizes)()
-        """What the parts tell each other."""
+        """Memory through which the parts pass values to each other."""
         has_range = getattr(estimator.estimator, "has_range", True)
         numbers = [NUMBER[name] for name in CHANNELS]
         assign(

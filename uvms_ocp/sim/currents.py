@@ -111,7 +111,7 @@ class UniformField(Current):
 
 @checked_dataclass(check=checked_on_failure)
 class StillWater(UniformField):
-    """No current."""
+    """Water without a current."""
 
     @property
     def is_steady(self) -> bool:

@@ -33,9 +33,11 @@ StateEstimator = Callable[[Readings, float, Command | None], StateEstimate]
 Controller = Callable[[StateEstimate, float], Command]
 """StateEstimate and time [s] to a command."""
 Progress = Callable[[float, Command], None]
-"""Told the time [s] and the command of a tick."""
+"""Callback with the time [s] and the command of a tick."""
 TickObserver = Callable[[float, State, Command], None]
-"""Told the time [s], the true state and the command of a tick, which it must leave as they are."""
+"""Callback with the time [s], the true state and the command of a tick, which it must not
+change.
+"""
 
 MOST_TICKS = 4_000_000
 """Ticks of a run whose record is kept in memory, about 2.4 kB each."""

@@ -41,7 +41,7 @@ record still holds.
 
 
 class LoopMemory(Layout):
-    """What parts of the loop tell each other."""
+    """Memory through which parts of the loop pass values to each other."""
 
     stop: int
     """`GO`, `LOOK` or `DIVERGED`."""

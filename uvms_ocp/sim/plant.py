@@ -140,7 +140,7 @@ class KinematicPlant(Plant):
         )
 
     def telemetry(self) -> dict[str, Any]:
-        """Nothing: the state is all there is."""
+        """Return nothing: the state is all that this plant has."""
         return {}
 
     telemetry_in_memory = telemetry

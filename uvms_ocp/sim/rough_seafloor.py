@@ -21,7 +21,7 @@ _RANGE_TOLERANCE = 1e-10  # [m]
 
 @checked_dataclass()
 class Relief:
-    """How rough a floor is: the ranges from which its protuberances are drawn.
+    """Roughness of a floor: the ranges from which its protuberances are drawn.
 
     Raises `InvalidInput` unless 0 < lowest <= highest, and for a spacing that is not > 0.
     """

@@ -28,7 +28,7 @@ _EARLY = (
 
 
 class Disturbance(IntEnum):
-    """How an error acts on a value."""
+    """Way in which an error acts on a value."""
 
     ADDED = 0
     TURNED = 1
@@ -82,7 +82,7 @@ class ChannelSampler(Layout):
     extra_delay: float
     """[s] on top of the sensor's own."""
     lost: bool
-    """It never arrives."""
+    """The reading never arrives."""
     n_waiting: int
     """Readings under way, in order of arrival."""
     arrival: Annotated[Vector, Sized("n_room")]

@@ -202,7 +202,7 @@ class SensorSuite:
 
 
 class Source(NamedTuple):
-    """What a channel measures: a part of the true state, and how an error acts on it."""
+    """Measurand of a channel: a part of the true state, and how an error acts on it."""
 
     of_velocity: bool
     first: int

@@ -64,7 +64,7 @@ def effective_thrust(e: ThrusterEffectiveness, i: int, commanded: float) -> floa
 
 
 class ActuatorHealth(enum.IntEnum):
-    """How far an actuator does what it is asked."""
+    """Degree to which an actuator follows its commands."""
 
     GOOD = 0
     SUSPECT = 1

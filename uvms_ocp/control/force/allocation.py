@@ -211,7 +211,7 @@ class Allocation:
     effectiveness: ThrusterEffectiveness | None = None
     """Effectiveness; a thruster that follows no command is left out. `None`: all are sound."""
     compiled: bool = field(default=True, repr=False)
-    """It is worth a compiler: not for a few wrenches."""
+    """Compile the kernel; not worth it for a few wrenches."""
     memory: AllocationMemory = field(init=False, repr=False)
     _allocate: Callable[[AllocationMemory], int] = field(init=False, repr=False)
 

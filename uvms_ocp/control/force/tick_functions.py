@@ -42,7 +42,7 @@ class MonitorStep(IntEnum):
     """State of the actuator monitor in a tick."""
 
     PAUSED = 0
-    """Not trusting the estimate."""
+    """The estimate is not trusted."""
     TAKES_IN = 1
     """Filtering commands."""
     DUE = 2

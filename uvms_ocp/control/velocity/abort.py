@@ -168,7 +168,7 @@ def abort_reason(
 
 
 def _since(so: bool, since: float, t: float) -> float:
-    """When [s] it began to be so; NaN: nobody knows."""
+    """Time [s] since when a condition holds: t where it holds no longer, or did not before."""
     if so and not math.isnan(since):
         return since
     return t

@@ -26,7 +26,7 @@ from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
 _AT_REST = 1e-12  # [s] to rest
 NONE = -1
-"""No limit asks to be looked at."""
+"""Number that stands for no limit."""
 
 
 class StopMemory(Layout):
@@ -45,7 +45,7 @@ class StopMemory(Layout):
     time: float
     """[s] to rest from v."""
     done: bool
-    """It stands."""
+    """The robot has come to rest."""
     q: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad] at the end of the tick."""
     v: Annotated[Vector, Sized("n_v")]

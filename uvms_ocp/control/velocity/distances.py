@@ -77,7 +77,7 @@ class NearestMemory(Layout):
     integrate: FunctionField
     """Q and a displacement (n_v,) [m, rad] to q."""
     moves: bool
-    """It takes longer than a tick to rest; all else is of no meaning where it does not."""
+    """Coming to rest takes longer than a tick; the other fields have a meaning only then."""
     velocity: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] now."""
     duration: Annotated[Vector, Sized(1 + N_PLACES)]

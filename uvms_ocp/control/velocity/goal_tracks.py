@@ -80,7 +80,7 @@ class Track:
     task: int
     """Index in the hierarchy."""
     of_phase: bool
-    """It begins with the phase, and not at 0."""
+    """The track begins with the phase, not at time 0."""
     samples: np.ndarray
     """(n, n_parameters) [their units]"""
 

@@ -72,8 +72,8 @@ def _is_endless(bound: ca.SX) -> bool:
 
 
 def _way(room: ca.SX, acceleration: ca.SX, dt: float, eased: bool) -> ca.SX:
-    """How far (m,) rates may go in this tick towards bounds that leave them this room (m,);
-    negative: have to come back.
+    """Changes (m,) that rates may make in this tick towards bounds that leave them this room (m,);
+    negative: rates have to come back.
     """
     bounded_room = ca.fmin(room, ENDLESS)
     ahead = ca.if_else(

@@ -143,7 +143,7 @@ class TickMemory(Layout):
     solved: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] that the hierarchy asks for."""
     usable: bool
-    """It does."""
+    """The hierarchy has a solution."""
     quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] of the levels."""
 

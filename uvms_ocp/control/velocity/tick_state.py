@@ -35,18 +35,18 @@ class TickInputs:
     gates: np.ndarray
     """(n_tasks,) external activations."""
     freshness: Freshness
-    """How far the measurement can be trusted."""
+    """Degree to which the estimate can be trusted."""
     restriction: Restriction = FREE
     """Restriction by channels that cannot be trusted."""
 
     @property
     def blind(self) -> bool:
-        """Nothing that can be trusted was measured of the velocity."""
+        """True where no measurement of the velocity can be trusted."""
         return self.freshness is not Freshness.FRESH or self.restriction.blind
 
     @property
     def stopped(self) -> bool:
-        """Nothing can be known any more: no thrust."""
+        """True where nothing is known of the state any more: there is no thrust."""
         return self.freshness is Freshness.LOST or (
             bool(self.restriction.abort) and not self.restriction.can_ascend
         )

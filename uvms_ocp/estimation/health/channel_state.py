@@ -174,9 +174,9 @@ class ScreeningResult(Layout):
     """Result of the screening of a reading."""
 
     used: bool
-    """It is passed on."""
+    """The reading is passed on to the estimator."""
     sane: bool
-    """Nothing speaks against it but the estimate, if anything."""
+    """Nothing but, at most, the estimate speaks against the reading."""
     why: Complaint
     """Complaint, if any."""
 
@@ -210,7 +210,7 @@ class HealthMemory(Layout):
     exposed: bool
     """The source of the velocity proved wrong in this tick."""
     velocity_unobserved: bool
-    """Nothing has told it for too long, by this tick."""
+    """No channel has told the velocity for too long, by this tick."""
     unobserved_at: float
     """[s] when that was so last, 0 before."""
     now: plausibility.PastEstimate

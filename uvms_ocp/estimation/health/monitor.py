@@ -61,7 +61,7 @@ class EstimateSupport(Layout):
     exact: bool
     """The estimator takes readings for the truth."""
     gating: bool
-    """It has gates of its own."""
+    """The estimator has gates of its own."""
     n: int
     """Channels that q and v rest on."""
     needed: Annotated[list[int], Sized(N_CHANNELS)]

@@ -285,7 +285,7 @@ def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
 
 
 class RepetitionMemory(Layout):
-    """How often each component of a channel has repeated itself."""
+    """Counts of how often each component of a channel has repeated itself."""
 
     noise: float
     """[unit of the channel] that it has at least."""
@@ -388,7 +388,7 @@ def _common(measure: float, step: float, tolerance: float) -> float:
 
 
 class EncoderMemory(Layout):
-    """How far each joint was asked to go since its encoder last changed."""
+    """Way that each joint was asked to go since its encoder last changed."""
 
     n: int
     """Joints, 0 where they are not judged."""

@@ -338,8 +338,8 @@ def _append_offset(w: DriftWindow, offset: Vector, t: float, is_comparable: bool
 
 
 def drift_rate(w: DriftWindow, first: int) -> float:
-    """How fast [m/s] the two of a window drift apart along axes `first` to 2; 0 where they agree,
-    or too little is known.
+    """Rate [m/s] at which the two places of a window drift apart along axes `first` to 2; 0 where
+    they agree, or too little is known.
 
     Thirds of the span are compared by their medians, which fixes that are far off now and then do
     not move.

@@ -24,8 +24,8 @@ _TEXTS: dict[str, str] = tomllib.loads(
 
 @checked_dataclass()
 class HealthTuning:
-    """What robot, water and floor make possible. Raises `InvalidInput` for a number that is not
-    finite and > 0.
+    """Bounds of what robot, water and floor make possible. Raises `InvalidInput` for a number that
+    is not finite and > 0.
     """
 
     clean: Positive = 1.0

@@ -237,7 +237,7 @@ class BlockFunctions:
         self.errors_forced = tuple(
             ca.depends_on(group.rows, tangent.model.force) for group in self.errors
         )
-        """So do the residuals of each level."""
+        """True for each level whose residuals depend on the forces."""
         sizes = [group.numel() for group in groups]
         self._content = content_of(
             self._inputs[:-1], groups, tangent.content, sizes, forces is not None, extra
@@ -247,8 +247,8 @@ class BlockFunctions:
         self.linear = self._function(
             "linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])]
         )
-        """Values of all groups but the last, then their Jacobians (n_z, m): columns are rows, so that in
-        memory row follows row.
+        """Values of all groups but the last, then their Jacobians (n_z, m): columns are rows, so
+        that in memory row follows row.
         """
 
     @cached_property

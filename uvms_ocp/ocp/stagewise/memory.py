@@ -39,7 +39,7 @@ class Stage:
     place: int = 0
     """Index of the node in that block."""
     step: bool = False
-    """It takes time, and has accelerations."""
+    """The stage takes time, and has accelerations."""
     starts_phase: int | None = None
     """Phase that begins."""
 

@@ -48,7 +48,8 @@ _MODELS = (
     (1e-2, False, _GIVE),
 )
 """Damping in units of the largest curvature of the cost up to 1, whether the cost has the curvature
-of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one fails.
+of constraints, and what it costs to miss levels above [1/unit of the row]; the next where one
+fails.
 """
 _DAMPED_MODELS = 2  # the first of them
 _DIGITS = 1e-5  # share of the cost that no step from an optimum may promise to gain
@@ -224,8 +225,8 @@ class StageSqp:
         return False
 
     def _is_flat(self, here: FilterMerit, promise: float) -> bool:
-        """No step promises what is worth one: of a level that others follow, what its tolerance
-        would notice.
+        """Check that no step promises a gain that is worth it: of a level that others follow, one
+        that its tolerance would notice.
 
         The last level gets some iterations first: where curvature is left out that matters, more
         would bring no more digits.

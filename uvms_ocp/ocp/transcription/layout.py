@@ -418,7 +418,7 @@ def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BlockMargins:
-    """What is asked of the rows of one constraint beyond their ranges, in one block of terms."""
+    """Margins of the rows of one constraint beyond their ranges, in one block of terms."""
 
     block: int
     columns: np.ndarray

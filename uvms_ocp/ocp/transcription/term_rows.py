@@ -2,8 +2,8 @@
 
 Their functions have the parameters ``[active, rate, roots of weights, lower, upper, goals of all
 terms]``. `active` is 0 where the state is given, at the very first node, and 1 elsewhere; `rate` is
-1 / time [1/s] with the nominal time of the horizon for steps, and the share of half the last step in
-that time for ends of phases; bounds that there are not stand as 0.
+1 / time [1/s] with the nominal time of the horizon for steps, and the share of half the last step
+in that time for ends of phases; bounds that there are not stand as 0.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class TermNodes:
     q: np.ndarray
     """(n, n_q) [m, rad] configurations about which terms that follow the guess are written."""
     tightened: Mapping[Term, NodeMargins]
-    """What is asked of them beyond the ranges of terms; see `Term.references`."""
+    """Margins of the nodes beyond the ranges of terms; see `Term.references`."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -215,8 +215,8 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
-    """Write blocks in the symbols of a model with forces `eliminated`: terms are asked for their rows
-    once.
+    """Write blocks in the symbols of a model with forces `eliminated`: terms are asked for their
+    rows once.
     """
     if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead
         return term_blocks(model)

@@ -438,7 +438,7 @@ class Transcription:
     def _margins_of_rows(
         self, given: term_rows.ReusedProblem, tightened: Tightening
     ) -> list[layouts.BlockMargins]:
-        """What is asked of the rows of constraints that are their quantities."""
+        """Return the margins of the rows of constraints that are their quantities."""
         result = []
         for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
             column = 0
@@ -482,8 +482,8 @@ class Transcription:
         return self._horizon.derivative_functions(0, raw)["nlp_jac_g"]
 
     def rows_and_slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[ca.DM, ca.DM]:
-        """Values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are the last, at
-        x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
+        """Values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are the last,
+        at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
         """
         values, slopes = self._rows_and_slopes(x, p)
         return values, slopes

@@ -102,7 +102,7 @@ class SolidPair(Layout):
     """Solid, by its index."""
     second: int
     known: bool
-    """It has been measured."""
+    """The distance of the pair has been measured."""
     normal: Annotated[Vector, Sized(3)]
     """(3,) in W, from the first to the second."""
     at: Annotated[Vector, Sized(3)]
@@ -195,8 +195,8 @@ def distance_of(m: DistanceMemory, k: int) -> float:
 
 
 def distance_lower_bound(m: DistanceMemory, k: int) -> float:
-    """No more than the distance [m] of pair k: that along the direction found last, or of the balls
-    around. A kernel.
+    """Lower bound [m] of the distance of pair k: along the direction of the last measurement, or of
+    the balls around. A kernel.
     """
     pair = m.pairs[k]
     way = zeros(3)

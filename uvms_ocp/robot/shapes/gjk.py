@@ -85,7 +85,7 @@ def nearest_point(s: Solid, x: Vector, point: Vector) -> None:
 
 
 def height(s: Solid, d: Vector) -> float:
-    """How far that is along d [m times its length]. A kernel."""
+    """Extent of a solid along d [m times its length]. A kernel."""
     box = s.half[0] * abs(d[0]) + s.half[1] * abs(d[1]) + s.half[2] * abs(d[2])
     return box + s.disk * math.sqrt(d[0] * d[0] + d[1] * d[1])
 

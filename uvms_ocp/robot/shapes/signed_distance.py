@@ -177,7 +177,7 @@ class Body:
 
     @cached_property
     def solid(self) -> Solid | None:
-        """What is inside it, of a closed mesh."""
+        """The solid inside a closed mesh; `None` for an open one."""
         if not self.is_mesh:
             return None
         shape = self._shape

@@ -125,7 +125,7 @@ class LevelRows:
     """
 
     name: str
-    """Told in errors and reports."""
+    """Name of the level in errors and reports."""
     lower: np.ndarray
     """(m,) [unit of the row]"""
     upper: np.ndarray

@@ -106,8 +106,8 @@ class ProximalWeights:
     """Proximal weights of the levels of one program; carried from one solve to the next."""
 
     def __init__(self, n_levels: int, smallest: float) -> None:
-        """smallest [1/unit of x^2]: of all levels but the first, which has a weight only after steps
-        that were cut.
+        """smallest [1/unit of x^2]: of all levels but the first, which has a weight only after
+        steps that were cut.
         """
         self._smallest = smallest
         self._now = np.full(n_levels, smallest)
@@ -452,7 +452,7 @@ class SqpResult:
     violation: float
     """Largest, of scaled rows."""
     steps: int
-    """Made, the one that failed included."""
+    """Steps that were made, the one that failed included."""
     solve_time: float
     """[s] by the clock that was given."""
     reached: tuple[float, ...] = ()

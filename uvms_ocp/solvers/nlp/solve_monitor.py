@@ -34,7 +34,9 @@ class IterationReport:
 
 
 Progress: TypeAlias = Callable[[IterationReport], object]
-"""Told every iteration; a `KeyboardInterrupt` from it stops the solve at the best point so far."""
+"""Callback after every iteration; a `KeyboardInterrupt` from it stops the solve at the best point
+so far.
+"""
 
 
 class SolveMonitor:
