@@ -106,7 +106,9 @@ class Diagnosis:
 
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
         names = self.transcription.undefined(self.problem)
-        wrong = [i for i, one in enumerate(result.level_status) if one is NlpStatus.NOT_A_NUMBER]
+        wrong = [
+            i for i, status in enumerate(result.level_status) if status is NlpStatus.NOT_A_NUMBER
+        ]
         if wrong:
             level = wrong[0]
         else:
@@ -136,16 +138,16 @@ class Diagnosis:
                 f"level {self._name(level)}: {status.value}: {describe_broken(verdict.broken[0])}"
             )
         called = OcpStatus.UNFINISHED
-        least = self._least(result)
-        if least is not None and least.converged:
-            if not least.relaxations and again:
-                return self.verdict(self.solve(self.problem, least.x, self._left), again=False)
-            if least.relaxations:
+        phase = self._least(result)
+        if phase is not None and phase.converged:
+            if not phase.relaxations and again:
+                return self.verdict(self.solve(self.problem, phase.x, self._left), again=False)
+            if phase.relaxations:
                 called = OcpStatus.INFEASIBLE
-                text += f"; {_describe_relaxations(least)}"
+                text += f"; {_describe_relaxations(phase)}"
             else:
                 text += "; a motion that keeps all constraints was found, but no optimum from there"
-        if status is NlpStatus.INFEASIBLE and least is None:
+        if status is NlpStatus.INFEASIBLE and phase is None:
             called = OcpStatus.INFEASIBLE
             text += ", and no small change helps"
         return SolveVerdict(status=called, reason=text, result=result, verdict=verdict)
@@ -238,17 +240,17 @@ class Diagnosis:
         residual = float(result.level_residuals[missed])
         if self._left <= 0.0:
             return ""
-        found = bindings(
+        holding = bindings(
             self.transcription, self.problem, self.p, result, missed, time_limit=self._left / 2
         )
-        if found is None:
+        if holding is None:
             return ""
-        if not found:
+        if not holding:
             return _UNHELD
-        names = [item.group.named(item.axes) for binding in found for item in binding.relaxations]
+        names = [item.group.named(item.axes) for binding in holding for item in binding.relaxations]
         return (
             f"; held back by {_listed(names)}:"
-            f" {'; or '.join(_change(binding, residual) for binding in found)}"
+            f" {'; or '.join(_change(binding, residual) for binding in holding)}"
         )
 
 
@@ -260,11 +262,11 @@ def _change(binding: Binding, residual: float) -> str:
     )
 
 
-def _describe_relaxations(least: PhaseOne) -> str:
+def _describe_relaxations(phase: PhaseOne) -> str:
     """Describe the relaxations that are needed, and the bounds that oppose them."""
-    changes = _listed([item.group.change(item.amount, item.axes) for item in least.relaxations])
-    if least.opposing:
-        against = f", against {_listed([group.name for group in least.opposing])}"
+    changes = _listed([item.group.change(item.amount, item.axes) for item in phase.relaxations])
+    if phase.opposing:
+        against = f", against {_listed([group.name for group in phase.opposing])}"
     else:
         against = ""
     return f"for any motion near to keep them all, {changes}{against}"

@@ -104,7 +104,10 @@ def level_residuals(
         transcription.ranges(problem).levels, transcription.row_layout.levels, values, strict=True
     )
     return np.array(
-        [float(np.linalg.norm(np.sqrt(shares[rows]) * own.distance(y))) for own, rows, y in levels]
+        [
+            float(np.linalg.norm(np.sqrt(shares[rows]) * level_ranges.distance(y)))
+            for level_ranges, rows, y in levels
+        ]
     )
 
 
@@ -112,10 +115,10 @@ def _row_shares(transcription: Transcription, problem: OcpProblem, t: Array) -> 
     """(n_rows,) shares of all raw rows."""
     shares = np.ones(transcription.row_layout.n_rows)
     blocks = transcription.blocks
-    for rows, own in zip(
+    for rows, block_shares in zip(
         transcription.row_layout.terms, path_shares(problem, blocks, t), strict=True
     ):
-        shares[rows] = own
+        shares[rows] = block_shares
     return shares
 
 
@@ -219,8 +222,8 @@ class LinearizedMotion:
         gradient = np.zeros(self.transcription.n_x)
         if not self.problem.free_time:
             return gradient
-        own = np.zeros(self.transcription.row_layout.n_rows)
-        own[rows] = 0.5 * distance**2 / float(self.problem.nominal_times()[-1])
+        row_costs = np.zeros(self.transcription.row_layout.n_rows)
+        row_costs[rows] = 0.5 * distance**2 / float(self.problem.nominal_times()[-1])
         h = self.transcription.variables.all_columns[:, self.transcription.model.layout.h]
         path = zip(
             self.transcription.blocks[: len(self.problem.phases)],
@@ -229,7 +232,7 @@ class LinearizedMotion:
         )
         for block, numbers in path:
             on_path = self._shares[numbers] > 0.0
-            np.add.at(gradient, h[block.nodes], (own[numbers] * on_path).sum(axis=1))
+            np.add.at(gradient, h[block.nodes], (row_costs[numbers] * on_path).sum(axis=1))
         return gradient
 
     def _constraints(self) -> tuple[csc_matrix, Array, Array]:
@@ -305,16 +308,16 @@ class LinearizedMotion:
         else:
             return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf), step
         bent = jacobian @ step
-        left = max(cost + float(gradient @ step) + 0.5 * float(bent @ bent), 0.0)
+        remaining = max(cost + float(gradient @ step) + 0.5 * float(bent @ bent), 0.0)
         of_rows = np.array(solution["lam_a"]).ravel()
         of_variables = np.array(solution["lam_x"]).ravel()
         lagrangian = gradient + cost * (rows.T @ of_rows + of_variables)
-        found = LevelGain(
+        gain = LevelGain(
             residual=residual,
-            gain=max(residual - float((2.0 * left) ** 0.5), 0.0),
+            gain=max(residual - float((2.0 * remaining) ** 0.5), 0.0),
             stationarity=float(np.abs(lagrangian).max(initial=0.0)),
         )
-        return found, step
+        return gain, step
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:

@@ -74,20 +74,20 @@ class Planner:
         goes on in machine code as soon as that is there, with IPOPT the next planner does. It is
         waited for always where there is a time limit, and with IPOPT where steps are many.
         """
-        given = options or NlpOptions()
+        requested = options or NlpOptions()
         if transcription is not None:
             plugin = transcription.plugin
         else:
             plugin = stagewise_or(IPOPT, problem)
-        if given.plugin == AUTO:
-            self.options = replace(given, plugin=plugin)
+        if requested.plugin == AUTO:
+            self.options = replace(requested, plugin=plugin)
         else:
-            self.options = given
+            self.options = requested
         """With the solver that was chosen."""
-        many = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
+        has_many_steps = problem.n_steps > _FEW_STEPS and self.options.plugin != STAGEWISE
         self.problem = problem
-        self._wait = wait_for_compiler or given.time_limit < DAY or many
-        self._tries_ipopt = given.plugin == AUTO and plugin == STAGEWISE
+        self._wait = wait_for_compiler or requested.time_limit < DAY or has_many_steps
+        self._tries_ipopt = requested.plugin == AUTO and plugin == STAGEWISE
         with compiling_beside(not self._wait), raised_outside_casadi():
             self.transcription = transcription or Transcription(problem, plugin=self.options.plugin)
             self._nlp = LexicographicNlp(
@@ -153,7 +153,7 @@ class Planner:
 
     def _planned(
         self,
-        given: OcpProblem,
+        problem: OcpProblem,
         guess: MotionGuess | None,
         t0: float,
         ends: float,
@@ -161,34 +161,36 @@ class Planner:
         progress: Progress,
     ) -> Plan:
         begin = perf_counter()
-        refusal = self._refusal(given)
+        refusal = self._refusal(problem)
         if refusal is not None:
             status, reason = refusal
-            held = hold_guess(given)
-            return _made(given, 0.0, begin, held, status=status, reason=reason, levels=())
-        refinement = Refinement(planner=self, given=given, t0=t0, deadline=ends, progress=progress)
+            held = hold_guess(problem)
+            return _made(problem, 0.0, begin, held, status=status, reason=reason, levels=())
+        refinement = Refinement(
+            planner=self, given=problem, t0=t0, deadline=ends, progress=progress
+        )
         start: MotionGuess
         if guess is None:
-            start = first_guess(self, given, t0=t0, deadline=ends)
+            start = first_guess(self, problem, t0=t0, deadline=ends)
         else:
             start = guess
-        finder, found, note = self._second_try(refinement, start, refinement.solved(start))
+        finder, refined, note = self._second_try(refinement, start, refinement.solved(start))
         plan = finder._plan(
-            given,
-            finder._court(given, found, t0, ends if diagnose else None).verdict(found.result),
+            problem,
+            finder._court(problem, refined, t0, ends if diagnose else None).verdict(refined.result),
             t0,
             begin,
         )
         return replace_unchecked(plan, reason=plan.reason + note)
 
-    def _refusal(self, given: OcpProblem) -> tuple[OcpStatus, str] | None:
+    def _refusal(self, problem: OcpProblem) -> tuple[OcpStatus, str] | None:
         """Status and reason where the start alone shows that there is no motion."""
-        obstruction = self.transcription.obstruction(given)
+        obstruction = self.transcription.obstruction(problem)
         if obstruction is not None:
             name, depth = obstruction
-            crowd = describe_crowded_start(given, name)
+            crowd = describe_crowded_start(problem, name)
             return OcpStatus.OBSTRUCTED, f"{name} is broken by {depth:.4g} at the start{crowd}"
-        impossible = impossible_start(given)
+        impossible = impossible_start(problem)
         if impossible is not None:
             return OcpStatus.INFEASIBLE, impossible
         return None
@@ -252,47 +254,47 @@ class Planner:
         return self.transcription.pack(guess)
 
     def _court(
-        self, given: OcpProblem, found: RefinedResult, t0: float, deadline: float | None
+        self, problem: OcpProblem, refined: RefinedResult, t0: float, deadline: float | None
     ) -> Diagnosis:
-        def solve(other: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
+        def solve(varied: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(
-                other, t0=t0, near=found.near, tightened=found.tightened
+                varied, t0=t0, near=refined.near, tightened=refined.tightened
             )
             if x is None:
-                guess = hold_guess(other)
+                guess = hold_guess(varied)
             else:
-                guess = self.transcription.unpack(x, other)
+                guess = self.transcription.unpack(x, varied)
             return self.solve(
-                numbers, guess, problem=other, time_limit=limit, tightened=found.tightened
+                numbers, guess, problem=varied, time_limit=limit, tightened=refined.tightened
             )
 
         def judge(result: LexicographicResult) -> Verdict:
             return judge_motion(
-                given,
-                self._motion(given, result),
+                problem,
+                self._motion(problem, result),
                 t0=t0,
                 transcription=self.transcription,
-                tightened=found.tightened,
+                tightened=refined.tightened,
             )
 
         feasibility = self.options.feasibility
         return Diagnosis(
             transcription=self.transcription,
-            problem=given,
-            p=found.p,
+            problem=problem,
+            p=refined.p,
             feasibility=feasibility,
             solve=solve,
             judge=judge,
             deadline=deadline,
         )
 
-    def _motion(self, given: OcpProblem, result: LexicographicResult) -> Trajectory:
-        return admissible(self.transcription.unpack(result.x, given), given.robot)
+    def _motion(self, problem: OcpProblem, result: LexicographicResult) -> Trajectory:
+        return admissible(self.transcription.unpack(result.x, problem), problem.robot)
 
-    def _plan(self, given: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
-        trajectory = self._motion(given, verdict.result)
+    def _plan(self, problem: OcpProblem, verdict: SolveVerdict, t0: float, begin: float) -> Plan:
+        trajectory = self._motion(problem, verdict.result)
         if verdict.status.usable:
-            reports = [certificate(term, trajectory) for term in held_apart(given)]
+            reports = [certificate(term, trajectory) for term in held_apart(problem)]
         else:
             reports = []
         clearance = min(
@@ -301,29 +303,29 @@ class Planner:
             default=None,
         )
         judged = verdict.verdict
-        found = {
+        parts = {
             "clearance": clearance,
             "result": verdict.result,
             "plugin": self.options.plugin,
             "verdict": None if judged is None else judged.report,
         }
-        levels = tuple(self._reports(given, verdict.result, trajectory.t))
+        levels = tuple(self._reports(problem, verdict.result, trajectory.t))
         return _made(
-            given,
+            problem,
             t0,
             begin,
             trajectory,
             status=verdict.status,
             reason=verdict.reason,
             levels=levels,
-            **found,
+            **parts,
         )
 
     def _reports(
-        self, given: OcpProblem, result: LexicographicResult, t: np.ndarray
+        self, problem: OcpProblem, result: LexicographicResult, t: np.ndarray
     ) -> list[LevelReport]:
         statuses = result.level_status
-        residuals = level_residuals(self.transcription, given, result.values, t).tolist()
+        residuals = level_residuals(self.transcription, problem, result.values, t).tolist()
         return [
             LevelReport(
                 name=level.name,
@@ -337,18 +339,20 @@ class Planner:
         ]
 
 
-def _made(given: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **found: Any) -> Plan:
+def _made(
+    problem: OcpProblem, t0: float, begin: float, trajectory: Trajectory, **parts: Any
+) -> Plan:
     """Plan begun at the moment `begin` [s], with what it has of its problem."""
-    around = surroundings(given, t0)
-    current = tuple(given.mean_current.tolist())
+    around = surroundings(problem, t0)
+    current = tuple(problem.mean_current.tolist())
     spent = perf_counter() - begin
     return _unchecked(
-        robot=given.robot,
+        robot=problem.robot,
         trajectory=trajectory,
         surroundings=around,
         current=current,
         solve_time=spent,
-        **found,
+        **parts,
     )
 
 

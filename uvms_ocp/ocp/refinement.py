@@ -104,12 +104,12 @@ class Refinement:
         """Solve with terms written at configurations q (n_nodes, n_q), and more asked of nodes."""
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=more)
         solve = unchecked_method(self.planner.solve)
-        left = max(self._left, 0.0)
+        seconds_left = max(self._left, 0.0)
         result = solve(
             p,
             guess,
             problem=self.given,
-            time_limit=left,
+            time_limit=seconds_left,
             progress=self.progress,
             tightened=more,
         )
@@ -150,7 +150,8 @@ class RefinedResult:
     def interrupted(self) -> RefinedResult:
         """Say of the levels without an optimum that they were stopped by hand."""
         ended = tuple(
-            one if one.optimal else NlpStatus.INTERRUPTED for one in self.result.level_status
+            status if status.optimal else NlpStatus.INTERRUPTED
+            for status in self.result.level_status
         )
         result = replace(self.result, level_status=ended, status=NlpStatus.INTERRUPTED)
         return replace(self, result=result)
@@ -174,8 +175,8 @@ def _least_lacking(
     """
     if not looked_at:
         return last
-    least = min(amount for amount, _ in looked_at)
-    latest = [result for amount, result in looked_at if amount == least][-1]
+    smallest = min(amount for amount, _ in looked_at)
+    latest = [result for amount, result in looked_at if amount == smallest][-1]
     return latest.after_all(last)
 
 
@@ -190,6 +191,6 @@ def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
     return 0.0
 
 
-def held_apart(given: OcpProblem) -> list[ShapeClearance]:
+def held_apart(problem: OcpProblem) -> list[ShapeClearance]:
     """Constraints on shapes, which are to be kept between nodes too."""
-    return [term for term in given.constraints if isinstance(term, ShapeClearance)]
+    return [term for term in problem.constraints if isinstance(term, ShapeClearance)]

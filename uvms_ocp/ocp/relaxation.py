@@ -86,8 +86,8 @@ def phase_one(
 ) -> PhaseOne:
     """Search from x (n_x,) [unit of x], with parameters p (n_p,), for `time_limit` [s] at most."""
     elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
-    every = np.ones(len(elastic.groups))
-    return elastic.least(x, every, np.inf * every, time_limit=time_limit)[2]
+    weights = np.ones(len(elastic.groups))
+    return elastic.least(x, weights, np.inf * weights, time_limit=time_limit)[2]
 
 
 def bindings(
@@ -112,31 +112,37 @@ def bindings(
     goal = np.arange(len(elastic.groups)) == len(rows.grouped.groups) - 1
     limits = np.array([group.measure is not RelaxationUnit.ROW for group in elastic.groups])
     holding: list[Binding] = []
-    known = True
+    all_converged = True
     for chosen in (limits, ~limits & ~goal, ~goal):
         if holding and (chosen == ~goal).all():
             break
-        most = np.where(chosen, _FARTHEST, 1.0 * goal)
+        limits_of_amounts = np.where(chosen, _FARTHEST, 1.0 * goal)
         x, amounts, best = elastic.least(
-            result.x, 1.0 * goal, most, time_limit=ends - perf_counter(), stay=1e-6 * _STAY
+            result.x,
+            1.0 * goal,
+            limits_of_amounts,
+            time_limit=ends - perf_counter(),
+            stay=1e-6 * _STAY,
         )
         gain = 1.0 - float(amounts[goal][0])
-        known &= best.converged
+        all_converged &= best.converged
         if not best.converged or gain < _GAIN:
             continue
         if amounts[goal][0] < _FULL:
-            left = 0.0
+            share_left = 0.0
         else:
-            left = 1.0 - gain / 2
-        most = np.where(chosen, np.inf, max(left, _FULL) * goal)
+            share_left = 1.0 - gain / 2
+        limits_of_amounts = np.where(chosen, np.inf, max(share_left, _FULL) * goal)
         for start in (x, result.x):
-            least = elastic.least(start, 1.0 * chosen, most, time_limit=ends - perf_counter())[2]
-            if least.converged:
+            smallest = elastic.least(
+                start, 1.0 * chosen, limits_of_amounts, time_limit=ends - perf_counter()
+            )[2]
+            if smallest.converged:
                 break
-        if least.converged and least.relaxations:
-            holding.append(Binding(left=left, relaxations=least.relaxations))
-        known &= least.converged
-    if holding or known:
+        if smallest.converged and smallest.relaxations:
+            holding.append(Binding(left=share_left, relaxations=smallest.relaxations))
+        all_converged &= smallest.converged
+    if holding or all_converged:
         return tuple(holding)
     return None
 

@@ -61,7 +61,7 @@ class Verdict:
 
 
 def _first(holds: Iterable[bool]) -> int | None:
-    return next((i for i, one in enumerate(holds) if one), None)
+    return next((i for i, holds_here in enumerate(holds) if holds_here), None)
 
 
 @checked
@@ -148,13 +148,13 @@ def _level_verdict(level: OcpLevel, step: LevelGain, *, has_levels_below: bool) 
     if level.relax is not None and has_levels_below:
         gain = replace(step, gain=_gain_beyond(step, level.relax))
     missed = is_missed(level, gain.residual)
-    known = bool(np.isfinite(gain.gain))
+    is_known = bool(np.isfinite(gain.gain))
     is_met = all(term.is_goal for term in level.terms) and not missed
     enough = max(TOLERANCES.gain * gain.residual, TOLERANCES.gain_floor)
     return LevelVerdict(
         name=level.name,
         residual=gain.residual,
-        gain=gain.gain if known else None,
+        gain=gain.gain if is_known else None,
         missed=missed,
         optimal=is_met or bool(gain.gain <= enough),
     )

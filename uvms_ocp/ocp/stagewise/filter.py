@@ -24,24 +24,24 @@ class Filter:
     entries: list[FilterMerit] = field(default_factory=list)
     """Points that were left for less violation."""
 
-    def accepts(self, trial: FilterMerit, here: FilterMerit, slope: float, share: float) -> bool:
+    def accepts(self, trial: FilterMerit, merit: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
         if not (
             trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)
         ):
             return False
-        rounding = 1e-13 * max(1.0, abs(here.cost))
-        if self.descends(here, slope, share):
-            return trial.cost <= here.cost + _ARMIJO * share * slope + rounding
-        return _better(trial, here) or (
-            trial.violation <= 1e-12 and trial.cost <= here.cost + rounding
+        rounding = 1e-13 * max(1.0, abs(merit.cost))
+        if self.descends(merit, slope, share):
+            return trial.cost <= merit.cost + _ARMIJO * share * slope + rounding
+        return _better(trial, merit) or (
+            trial.violation <= 1e-12 and trial.cost <= merit.cost + rounding
         )
 
-    def descends(self, here: FilterMerit, slope: float, share: float) -> bool:
+    def descends(self, merit: FilterMerit, slope: float, share: float) -> bool:
         """Check whether a share of a step along the slope is taken for descent of the cost."""
-        if here.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
+        if merit.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
             return False
-        return bool(share * (-slope) ** 2.3 > here.violation**1.1)
+        return bool(share * (-slope) ** 2.3 > merit.violation**1.1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

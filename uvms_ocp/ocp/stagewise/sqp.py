@@ -110,16 +110,16 @@ class StageSqp:
     def run(self, warm: FlatSolution | None) -> SqpOutcome:
         """Iterate to the optimum."""
         self._level.linearize()
-        here = self._merit()
-        self._filter = Filter(first=here.violation, most=self._most(here))
+        merit = self._merit()
+        self._filter = Filter(first=merit.violation, most=self._most(merit))
         self._unit = self._damping_unit()
         self._solution = warm
-        if warm is not None and self._is_optimal(warm) and self._is_proven(here):
+        if warm is not None and self._is_optimal(warm) and self._is_proven(merit):
             return self._end(NlpStatus.SOLVED, 0)
         for iteration in range(self._options.max_iterations):
-            if not (isfinite(here.cost) and isfinite(here.violation)):
+            if not (isfinite(merit.cost) and isfinite(merit.violation)):
                 return self._end(NlpStatus.NOT_A_NUMBER, iteration)
-            self._report_iteration(iteration, here)
+            self._report_iteration(iteration, merit)
             if self._deadline.over or self._watch.should_stop:
                 self._memory.z[:] = self._best[1]
                 self._memory.evaluate()
@@ -127,57 +127,57 @@ class StageSqp:
                     NlpStatus.INTERRUPTED if self._watch.should_stop else NlpStatus.TIME_LIMIT,
                     iteration,
                 )
-            status, here = self._iterate(here)
+            status, merit = self._iterate(merit)
             if status is not None:
-                self._report_iteration(iteration + 1, here)
+                self._report_iteration(iteration + 1, merit)
                 return self._end(status, iteration + 1)
         return self._end(NlpStatus.ITERATION_LIMIT, self._options.max_iterations)
 
-    def _report_iteration(self, iteration: int, here: FilterMerit) -> None:
-        kept = self._worst <= self._options.feasibility
-        key = (not kept, here.cost if kept else self._worst)
+    def _report_iteration(self, iteration: int, merit: FilterMerit) -> None:
+        is_feasible = self._worst <= self._options.feasibility
+        key = (not is_feasible, merit.cost if is_feasible else self._worst)
         if key < self._best[0]:
             self._best = key, self._memory.z.copy()
         level = self._memory.whole.problem.levels[self._level.level].name
         self._watch.report(
             IterationReport(
-                level=level, iteration=iteration, residual=here.residual, violation=self._worst
+                level=level, iteration=iteration, residual=merit.residual, violation=self._worst
             )
         )
 
-    def _most(self, here: FilterMerit) -> float:
+    def _most(self, merit: FilterMerit) -> float:
         """Below levels that are held where they were left no violation comes in: there may be no
         way back.
         """
-        if self._level.level and here.violation <= self._options.feasibility:
+        if self._level.level and merit.violation <= self._options.feasibility:
             return self._options.feasibility
-        return _LOUDEST * max(1.0, here.violation)
+        return _LOUDEST * max(1.0, merit.violation)
 
-    def _iterate(self, here: FilterMerit) -> tuple[NlpStatus | None, FilterMerit]:
+    def _iterate(self, merit: FilterMerit) -> tuple[NlpStatus | None, FilterMerit]:
         """Status where it ends, and what the new point is worth."""
         self._count += 1
         solution = self._solution = self._solved(self._damping + self._least, self._roughness())
         self._memory.z_from[:] = self._memory.z
         if solution.status is StageQpStatus.INFEASIBLE:
-            return self._restore(here, solution)
+            return self._restore(merit, solution)
         if not solution.status.usable:
-            return NlpStatus.STALLED, here
+            return NlpStatus.STALLED, merit
         # A step that changes no gradient leads to the same multipliers: they are judged here.
         still = solution.products.change <= self._options.convergence
         optimal = still and self._is_optimal(solution)
-        if optimal or self._is_flat(here, self._promise(solution)):
-            if self._is_proven(here):
+        if optimal or self._is_flat(merit, self._promise(solution)):
+            if self._is_proven(merit):
                 optimal = optimal or self._is_optimal(solution)
-                return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, here
+                return NlpStatus.SOLVED if optimal else NlpStatus.INEXACT, merit
             solution = self._solution
             self._memory.step[:] = solution.z
         promise = self._promise(solution)
-        status, there = self._search(here, solution, promise)
+        status, next_merit = self._search(merit, solution, promise)
         if status is None and self._is_optimal(solution):
-            settled = self._was_whole and promise <= self._worth(there)
-            if settled or self._is_proven(there):
+            settled = self._was_whole and promise <= self._worth(next_merit)
+            if settled or self._is_proven(next_merit):
                 status = NlpStatus.SOLVED
-        return status, there
+        return status, next_merit
 
     def _promise(self, solution: FlatSolution) -> float:
         """Return the gain that the QP promises, of the cost and of what broken rows cost by their
@@ -187,33 +187,35 @@ class StageSqp:
         missed = float(self._ranges.weights(solution) @ self._excess)
         return missed - products.slope - products.square / 2 - self._level.bend(solution) / 2
 
-    def _is_optimal(self, found: FlatSolution) -> bool:
+    def _is_optimal(self, solution: FlatSolution) -> bool:
         """Check the conditions of optimality of the NLP at the point where it is linearised, with
         these multipliers: no step, no damping and no curvature is in them.
         """
         if self._worst > self._options.convergence:
             return False
-        error = self._level.error(self._ranges, found)
+        error = self._level.error(self._ranges, solution)
         if error <= self._options.convergence:
             return True
         scale = max(1.0, self._level.steepest() / _STEEP)
         return error <= self._options.convergence * scale
 
-    def _worth(self, here: FilterMerit) -> float:
+    def _worth(self, merit: FilterMerit) -> float:
         """Return the gain of cost from which on another step is worth it: of a level that others
         follow, what its tolerance would notice.
         """
         tolerance = self._options.tolerance
         if self._has_levels_below:
-            return max(_NOTHING * tolerance * here.residual, tolerance**2 / 2)
-        return max(_DIGITS, self._options.convergence) * here.cost + (_NOTHING * tolerance) ** 2 / 2
+            return max(_NOTHING * tolerance * merit.residual, tolerance**2 / 2)
+        return (
+            max(_DIGITS, self._options.convergence) * merit.cost + (_NOTHING * tolerance) ** 2 / 2
+        )
 
-    def _is_proven(self, here: FilterMerit) -> bool:
+    def _is_proven(self, merit: FilterMerit) -> bool:
         """Check that a step without damping, of a QP solved to all digits, promises no gain that is
         worth it; where it does, that of what levels below decide comes down.
         """
-        worth = self._worth(here)
-        if here.cost <= worth:  # no step gains more than all of it
+        worth = self._worth(merit)
+        if merit.cost <= worth:  # no step gains more than all of it
             return True
         proof = self._undamped()
         if not proof.status.usable:
@@ -224,7 +226,7 @@ class StageSqp:
         self._least = self._lowered(self._least / _LESS)
         return False
 
-    def _is_flat(self, here: FilterMerit, promise: float) -> bool:
+    def _is_flat(self, merit: FilterMerit, promise: float) -> bool:
         """Check that no step promises a gain that is worth it: of a level that others follow, one
         that its tolerance would notice.
 
@@ -232,11 +234,11 @@ class StageSqp:
         would bring no more digits.
         """
         if self._has_levels_below:
-            kept = 0.1 * self._options.feasibility
-            return self._worst <= kept and promise <= self._worth(here)
-        kept = self._options.feasibility
+            allowed = 0.1 * self._options.feasibility
+            return self._worst <= allowed and promise <= self._worth(merit)
+        allowed = self._options.feasibility
         patient = self._count > _PATIENCE
-        return patient and self._worst <= kept and promise <= _DIGITS * here.cost
+        return patient and self._worst <= allowed and promise <= _DIGITS * merit.cost
 
     def _roughness(self) -> float:
         """Return the tolerance of a QP: as little of rows as the point breaks, and of the gradient
@@ -260,14 +262,14 @@ class StageSqp:
         directions open, steps are damped.
         """
         last = self._solution
-        near = self._near()
+        warm_start = self._near()
         solution = None
-        for least, curved, give in _MODELS[self._model :]:
+        for share_of_unit, curved, give in _MODELS[self._model :]:
             if curved and give == np.inf and self._is_curvature_refused:
                 continue
             self._level.set_curvature(last if curved else None)
-            total = self._unit * least + damping
-            solution = self._level.solve(self._ranges, total, give, near, rough=rough)
+            total = self._unit * share_of_unit + damping
+            solution = self._level.solve(self._ranges, total, give, warm_start, rough=rough)
             if solution.status in (StageQpStatus.SOLVED, StageQpStatus.INFEASIBLE):
                 break
             # Curvature may come back to be convex; what is singular once stays so.
@@ -283,14 +285,14 @@ class StageSqp:
         """
         last = self._solution
         self._unit = self._damping_unit()
-        least = self._unit * _NO_DAMPING
+        smallest_damping = self._unit * _NO_DAMPING
         if not self._is_curvature_refused and self._model == 0:
             self._level.set_curvature(last)
-            bent = self._level.solve(self._ranges, least, np.inf, self._near())
+            bent = self._level.solve(self._ranges, smallest_damping, np.inf, self._near())
             if bent.status is StageQpStatus.SOLVED:
                 return bent
         self._level.set_curvature(None)
-        proof = self._level.solve(self._ranges, least, np.inf, self._near())
+        proof = self._level.solve(self._ranges, smallest_damping, np.inf, self._near())
         if proof.status.usable:
             return proof
         return self._level.solve(self._ranges, self._unit * _DAMPED, np.inf, self._near())
@@ -314,7 +316,7 @@ class StageSqp:
         return None
 
     def _search(
-        self, here: FilterMerit, solution: FlatSolution, promise: float
+        self, merit: FilterMerit, solution: FlatSolution, promise: float
     ) -> tuple[NlpStatus | None, FilterMerit]:
         """Take the largest share of the step that the filter accepts; a whole one that breaks rows
         because they bend is corrected before it is cut.
@@ -325,50 +327,51 @@ class StageSqp:
         share = 1.0
         while share > _SMALLEST_SHARE:
             trial = self._mended(self._tried(share), share)
-            accepted = self._filter.accepts(trial, here, slope, share)
-            most = here.cost - trial.cost + float(weights @ excess)  # if no row stays broken
+            accepted = self._filter.accepts(trial, merit, slope, share)
+            # if no row stays broken
+            possible_gain = merit.cost - trial.cost + float(weights @ excess)
             corrected = (
                 not accepted
                 and share == 1.0
-                and trial.violation > _REPAIRED * here.violation
-                and most > _POOR * promise
+                and trial.violation > _REPAIRED * merit.violation
+                and possible_gain > _POOR * promise
             )
             if corrected:
-                trial = self._corrected(trial, here)
-                accepted = self._filter.accepts(trial, here, slope, share)
-            gained = here.cost - trial.cost + float(weights @ (excess - self._excess))
+                trial = self._corrected(trial, merit)
+                accepted = self._filter.accepts(trial, merit, slope, share)
+            gained = merit.cost - trial.cost + float(weights @ (excess - self._excess))
             if corrected:
                 accepted = accepted and gained > _POOR * promise
             if accepted:
-                if not self._filter.descends(here, slope, share):
-                    self._filter.entries.append(here)
+                if not self._filter.descends(merit, slope, share):
+                    self._filter.entries.append(merit)
                 if share < 1.0:
                     self._level.linearize()
                 undamped = self._damping == self._least == 0.0 and self._model < _DAMPED_MODELS
                 self._was_whole = undamped and share == 1.0
-                self._adapt_damping(here, share, gained, promise)
+                self._adapt_damping(merit, share, gained, promise)
                 return None, trial
             share /= 2
         self._back()
-        return self._refusal(here), here
+        return self._refusal(merit), merit
 
     def _adapt_damping(
-        self, here: FilterMerit, share: float, gained: float, promise: float
+        self, merit: FilterMerit, share: float, gained: float, promise: float
     ) -> None:
         """Raise damping after steps that had to be cut, and after those that gain little of what
         the QP promised; lower it after those that keep the promise [Levenberg1944] [Marquardt1963].
 
         It is bounded: where it outweighs all curvature, steps are those that the rows ask for.
         """
-        told = promise > _NOISE * here.cost
-        if share < 1.0 or (told and gained < _POOR * promise):
+        is_beyond_rounding = promise > _NOISE * merit.cost
+        if share < 1.0 or (is_beyond_rounding and gained < _POOR * promise):
             self._raise_damping()
-        elif not told or gained > _GOOD * promise:
+        elif not is_beyond_rounding or gained > _GOOD * promise:
             self._damping = self._lowered(self._damping)
 
     def _raise_damping(self) -> None:
-        most = _MOST_DAMPED * self._level.largest_curvature()
-        self._damping = min(max(_MORE * self._damping, self._unit * _DAMPED), most)
+        largest = _MOST_DAMPED * self._level.largest_curvature()
+        self._damping = min(max(_MORE * self._damping, self._unit * _DAMPED), largest)
 
     def _lowered(self, damping: float) -> float:
         less = damping / _LESS
@@ -376,13 +379,13 @@ class StageSqp:
             return less
         return 0.0
 
-    def _refusal(self, here: FilterMerit) -> NlpStatus | None:
+    def _refusal(self, merit: FilterMerit) -> NlpStatus | None:
         """Tell why no share of a step was accepted: there is nothing to gain, or, where more
         damping does not help either, none is found.
         """
-        kept = self._worst <= self._options.feasibility
+        is_feasible = self._worst <= self._options.feasibility
         before = self._damping
-        if kept and self._is_proven(here):
+        if is_feasible and self._is_proven(merit):
             return NlpStatus.INEXACT
         self._damping = before
         self._raise_damping()
@@ -390,11 +393,11 @@ class StageSqp:
             return None
         return NlpStatus.STALLED
 
-    def _corrected(self, trial: FilterMerit, here: FilterMerit) -> FilterMerit:
+    def _corrected(self, trial: FilterMerit, merit: FilterMerit) -> FilterMerit:
         """Correct a whole step to the second order: back to the rows from where it leads
         [Fletcher1982].
         """
-        return self._brought_back(trial, max(_CORRECTED * here.violation, 1e-12))
+        return self._brought_back(trial, max(_CORRECTED * merit.violation, 1e-12))
 
     def _mended(self, trial: FilterMerit, share: float) -> FilterMerit:
         """The point after a share of the step, brought back by the shortest ways to rows that it
@@ -409,55 +412,54 @@ class StageSqp:
             self._level.linearize()
         return self._brought_back(trial, self._filter.most)
 
-    def _brought_back(self, trial: FilterMerit, most: float) -> FilterMerit:
+    def _brought_back(self, trial: FilterMerit, allowed: float) -> FilterMerit:
         """The point after short steps to the rows, from a linearised one; the step that led there
         stays in the memory.
         """
         begin = self._memory.z_from.copy()
         step = self._memory.step.copy()
-        trial = self._restored(trial, most)
+        trial = self._restored(trial, allowed)
         self._memory.step[:] = step
         self._memory.z_from[:] = begin
         return trial
 
-    def _restored(self, here: FilterMerit, most: float) -> FilterMerit:
+    def _restored(self, merit: FilterMerit, allowed: float) -> FilterMerit:
         """Restore feasibility by short steps, until no more than `most` is broken in sum, or they
         do not help.
         """
-        near = self._near()
+        warm_start = self._near()
         for _ in range(_MENDS):
             self._memory.z_from[:] = self._memory.z
             if not (
-                here.violation > most
-                and self._level.solve(self._ranges, _STIFF, np.inf, near).status.usable
+                merit.violation > allowed
+                and self._level.solve(self._ranges, _STIFF, np.inf, warm_start).status.usable
             ):
                 break
             trial = self._tried(1.0)
-            if not trial.violation < here.violation:
+            if not trial.violation < merit.violation:
                 self._back()
                 break
-            here = trial
-        return here
+            merit = trial
+        return merit
 
     def _restore(
-        self, here: FilterMerit, solution: FlatSolution
+        self, merit: FilterMerit, solution: FlatSolution
     ) -> tuple[NlpStatus | None, FilterMerit]:
         """Towards the constraints, whatever it costs."""
-        gain = here.violation - float(np.abs(solution.excess(self._level.qp)).sum())
-        least = _NO_HELP * here.violation
+        gain = merit.violation - float(np.abs(solution.excess(self._level.qp)).sum())
+        smallest_gain = _NO_HELP * merit.violation
         share = 1.0
-        while gain > least and share > _SMALLEST_SHARE:
+        while gain > smallest_gain and share > _SMALLEST_SHARE:
             trial = self._tried(share)
-            if trial.violation <= here.violation - 0.1 * share * gain:
+            if trial.violation <= merit.violation - 0.1 * share * gain:
                 if share < 1.0:
                     self._level.linearize()
-                return (
-                    None if here.violation - trial.violation > least else NlpStatus.INFEASIBLE,
-                    trial,
-                )
+                if merit.violation - trial.violation > smallest_gain:
+                    return None, trial
+                return NlpStatus.INFEASIBLE, trial
             share /= 2
         self._back()
-        return NlpStatus.INFEASIBLE, here
+        return NlpStatus.INFEASIBLE, merit
 
     def _tried(self, share: float) -> FilterMerit:
         """Return the merit of the point at a share of the step; a full step, which is mostly taken,
@@ -482,12 +484,12 @@ class StageSqp:
         return FilterMerit(cost=self._level.cost, violation=float(excess.sum()))
 
     def _end(self, status: NlpStatus, iterations: int) -> SqpOutcome:
-        here = self._merit()
+        merit = self._merit()
         # What levels above lose by steps that were taken while little was broken is given back; a
         # point that was judged stays where it is.
         judged = status is NlpStatus.SOLVED
         if not judged and self._level.level and self._worst <= self._options.feasibility:
-            self._restored(here, self._options.convergence)
+            self._restored(merit, self._options.convergence)
             self._merit()
         cost = self._level.cost
         solution = self._solution
