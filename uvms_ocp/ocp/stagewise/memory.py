@@ -155,8 +155,8 @@ class StageMemory:
         for i, stage in enumerate(self.stages):
             function = self.function(stage)
             if function is not None and function.forced:
-                z, _, water, *found = self.arguments(i)
-                calls.add(self.tangent.forces[linear], [z, water], found[: 1 + linear])
+                z, _, water, *results = self.arguments(i)
+                calls.add(self.tangent.forces[linear], [z, water], results[: 1 + linear])
 
     def _block_functions(self) -> tuple[functions.BlockFunctions, ...]:
         problem = self.whole.problem
@@ -185,8 +185,8 @@ class StageMemory:
         return function.held
 
     def _level_rows(self, level: int) -> tuple[Array, list[Array]]:
-        found = [self.function(stage) for stage in self.stages]
-        sizes = [0 if function is None else function.errors[level].n for function in found]
+        of_stages = [self.function(stage) for stage in self.stages]
+        sizes = [0 if function is None else function.errors[level].n for function in of_stages]
         flat = np.zeros(sum(sizes))
         return flat, _split(flat, sizes)
 
@@ -212,7 +212,7 @@ class StageMemory:
         calls = BoundCalls()
         model = self.tangent.model
         inputs = [model.z, model.force]
-        outputs = [ca.densify(one) for one in model.inputs]
+        outputs = [ca.densify(output) for output in model.inputs]
         function = functions.compile_made(
             "inputs", content_of(inputs, outputs), lambda: (inputs, outputs)
         )
@@ -245,8 +245,8 @@ class StageVariables:
         memory = self._memory
         layout = self._memory.whole.parameter_layout
         memory.water[...] = p[layout.water].reshape(-1, 3)
-        for own, place in zip(memory.parameters, layout.terms, strict=True):
-            own[...] = p[place].reshape(own.shape)
+        for block_parameters, place in zip(memory.parameters, layout.terms, strict=True):
+            block_parameters[...] = p[place].reshape(block_parameters.shape)
 
     def read(self, x: Array, p: Array) -> None:
         """Take variables x (n_x,) [unit of x], with the start and the lengths of steps of p (n_p,)
@@ -306,15 +306,15 @@ class StageRanges:
     def __init__(self, places: StageIndices, bounds: RowBounds, level: int, held: Indices) -> None:
         """level: those above it are held, as `bounds` has it. held (m,): the rows of its QP."""
         self._memory = places.memory
-        whole = places.memory.whole
-        layout = whole.row_layout
-        levels = whole.ranges().levels
+        transcription = places.memory.whole
+        layout = transcription.row_layout
+        levels = transcription.ranges().levels
         raw = np.full((2, layout.n_rows + 1), [[-np.inf], [np.inf]])
         above = [(layout.constraints, slice(0, len(layout.constraints)))]
         above += [(layout.levels[i], levels[i].frozen) for i in range(level)]
-        for rows, own in above:
-            raw[0, rows] = bounds.lower[own]
-            raw[1, rows] = bounds.upper[own]
+        for rows, numbers in above:
+            raw[0, rows] = bounds.lower[numbers]
+            raw[1, rows] = bounds.upper[numbers]
         forces = places.force_ranges(bounds.x_lower, bounds.x_upper)
         z = places.z_ranges(bounds.x_lower, bounds.x_upper)
         self._own = np.flatnonzero(np.isfinite(z).any(axis=0))
@@ -356,12 +356,12 @@ class StageRanges:
         QP.
         """
         y = self._values()
-        left = self._ends - y
+        distances = self._ends - y
         first = self._rows.start
         end = self._rows.stop
         flat["b"][:] = y[:first]
-        flat["lower"][:], flat["upper"][:] = left[:, first:end]
-        flat["z_lower"][self._own], flat["z_upper"][self._own] = left[:, end:]
+        flat["lower"][:], flat["upper"][:] = distances[:, first:end]
+        flat["z_lower"][self._own], flat["z_upper"][self._own] = distances[:, end:]
 
 
 class StageIndices:
@@ -390,9 +390,9 @@ class StageIndices:
         if function is None:
             return np.zeros(0, dtype=int)
         assert stage.block is not None
-        own = memory.whole.row_layout.terms[stage.block][stage.place]
+        term_rows = memory.whole.row_layout.terms[stage.block][stage.place]
         forces = np.full(len(memory.forces.lower) if stage.step else 0, -1)
-        return np.concatenate([forces, *(own[group.numbers] for group in function.held)])
+        return np.concatenate([forces, *(term_rows[group.numbers] for group in function.held)])
 
     def _variables(self) -> tuple[Array, Array]:
         """Place of each variable of the QP in the points, and in x; where it has no range the
@@ -415,17 +415,17 @@ class StageIndices:
         for i, stage in enumerate(memory.stages):
             columns = variables.columns(stage.node)
             n_z = memory.z.shape[1]
-            own = np.concatenate([state, np.full(int(tangent.free), -1)])
+            entries = np.concatenate([state, np.full(int(tangent.free), -1)])
             if stage.step:
-                own = np.concatenate(
-                    [own, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)]
+                entries = np.concatenate(
+                    [entries, np.arange(layout.a.start, layout.a.stop), np.full(layout.n_null, -1)]
                 )
             if stage.starts_phase is None:
-                used = own >= 0
+                used = entries >= 0
             else:
-                used = np.zeros(len(own), dtype=bool)
-            places.append(np.where(own >= 0, i * n_z + own, 0))
-            numbers.append(np.where(used, columns[np.maximum(own, 0)], -1))
+                used = np.zeros(len(entries), dtype=bool)
+            places.append(np.where(entries >= 0, i * n_z + entries, 0))
+            numbers.append(np.where(used, columns[np.maximum(entries, 0)], -1))
             if stage.starts_phase is not None and tangent.free:
                 places.append(np.array([(i + 1) * n_z + layout.h]))
                 numbers.append(columns[[variables.model.layout.h]])
@@ -438,37 +438,37 @@ class StageIndices:
         memory = self.memory
         variables = self.memory.whole.variables
         layout = variables.model.layout
-        own = memory.forces.inputs
+        inputs = memory.forces.inputs
         if not layout.n_thrust + layout.n_torque:
-            return np.full(len(own) * len(memory.steps), -1)
+            return np.full(len(inputs) * len(memory.steps), -1)
         first = [
             variables.columns(memory.stages[i].node)[layout.thrust.start] for i in memory.steps
         ]
-        return np.concatenate([np.where(own >= 0, place + own, -1) for place in first])
+        return np.concatenate([np.where(inputs >= 0, place + inputs, -1) for place in first])
 
-    def program_multipliers(self, rows: Indices, found: FlatSolution) -> tuple[Array, Array]:
+    def program_multipliers(self, rows: Indices, solution: FlatSolution) -> tuple[Array, Array]:
         """Multipliers (n_x,) [1/unit of x] of bounds and (n_rows,) [1/unit of the row] of rows; 0
         of laws, which nobody loosens.
 
         rows (m,): which of those that may be held are in the QP that was solved.
         """
-        whole = self.memory.whole
+        transcription = self.memory.whole
         y = np.zeros(len(self.raw))
-        layout = whole.row_layout
-        levels = whole.ranges().levels
-        y[rows] = found.y[: len(rows)]
+        layout = transcription.row_layout
+        levels = transcription.ranges().levels
+        y[rows] = solution.y[: len(rows)]
         # What has no place is written behind the last one.
-        x = np.zeros(whole.n_x + 1)
+        x = np.zeros(transcription.n_x + 1)
         raw = np.zeros(layout.n_rows + 1)
-        kept = np.zeros(whole.ranges().n_rows)
-        x[self._x] = found.y[len(rows) :]
+        of_program = np.zeros(transcription.ranges().n_rows)
+        x[self._x] = solution.y[len(rows) :]
         x[self._force_x] = y[self.raw < 0]
-        x[whole.variables.columns(0)[: whole.model.layout.h]] = 0.0
+        x[transcription.variables.columns(0)[: transcription.model.layout.h]] = 0.0
         raw[self.raw] = y
-        kept[: len(layout.constraints)] = raw[layout.constraints]
-        for level, own in zip(levels, layout.held, strict=True):
-            kept[level.frozen] = raw[own]
-        return x[:-1], kept
+        of_program[: len(layout.constraints)] = raw[layout.constraints]
+        for level, held_rows in zip(levels, layout.held, strict=True):
+            of_program[level.frozen] = raw[held_rows]
+        return x[:-1], of_program
 
     def force_ranges(self, x_lower: Array, x_upper: Array) -> Array:
         """(2, n) of the limits of forces: those that are variables have bounds x_lower and x_upper

@@ -31,9 +31,9 @@ class Multipliers:
             )
         ]
 
-    def update(self, found: FlatSolution) -> None:
+    def update(self, solution: FlatSolution) -> None:
         """Update: the multipliers of the last QP, and the present residuals."""
-        self.costates[:-1] = found.costate.reshape(self.costates.shape)[1:]
-        self._rows[self._held] = found.y[: len(self._held)]
-        for own, residual in self._own:
-            own[:] = residual
+        self.costates[:-1] = solution.costate.reshape(self.costates.shape)[1:]
+        self._rows[self._held] = solution.y[: len(self._held)]
+        for multipliers, residual in self._own:
+            multipliers[:] = residual

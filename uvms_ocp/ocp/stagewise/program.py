@@ -128,9 +128,11 @@ class StageLevelSolver:
 
     def fits(self, point: NlpPoint) -> bool:
         """True for a start with as many variables and rows as the program has."""
-        whole = self._levels.memory.whole
+        transcription = self._levels.memory.whole
         rows = point.row_multipliers
-        return len(point.x) == whole.n_x and (rows is None or len(rows) == whole.ranges().n_rows)
+        return len(point.x) == transcription.n_x and (
+            rows is None or len(rows) == transcription.ranges().n_rows
+        )
 
     def __call__(self, start: NlpPoint, p: Array, bounds: RowBounds) -> NlpOutcome:
         """Solve from `start`, warm if it has a QP, with parameters p (n_p,) [unit of the
@@ -219,26 +221,26 @@ class StagewiseLevelModel:
     ) -> NlpStatus | None:
         """Solve the QP of a level as `LevelModel.step`; damping [1/unit of z^2]."""
         memory = self._memory
-        own = self._levels.level(level)
+        level_qp = self._levels.level(level)
         memory.z[:] = point.x.reshape(memory.z.shape)
         memory.z_from[:] = memory.z
-        (own.relinearize if level else own.linearize)()
+        (level_qp.relinearize if level else level_qp.linearize)()
         if not np.isfinite(memory.residuals(level)).all():
             return NlpStatus.NOT_A_NUMBER
         before = self._ranges
         ranges = self._ranges_of(bounds, level)
-        near = self._last.get(level)
+        warm_start = self._last.get(level)
         # A second step of a level, which mends the first, is welcome, but not at the price of many
         # iterations.
         if level and self._ranges is before:
-            own.most = _BRIEF
+            level_qp.most = _BRIEF
         else:
-            own.most = None
-        solution = own.solve(ranges, damping, 0.0, near, kept=self._kept[level])
+            level_qp.most = None
+        solution = level_qp.solve(ranges, damping, 0.0, warm_start, kept=self._kept[level])
         if not solution.status.usable:
             return NlpStatus.STALLED
         self._last[level] = solution.warm_start()
-        pull = float(np.linalg.norm(own.multipliers_above(solution)))
+        pull = float(np.linalg.norm(level_qp.multipliers_above(solution)))
         self._kept[level] = min(max(8.0 * pull / self._tolerance, _WEIGHTS[0]), _WEIGHTS[2])
         return None
 
@@ -287,17 +289,17 @@ class StagewiseProgram:
     Compiled where there is a compiler. Not for use from two threads at once.
     """
 
-    def __init__(self, whole: Transcription) -> None:
+    def __init__(self, transcription: Transcription) -> None:
         """Raises `InvalidInput` for what couples all stages: a level above others with `relax`; and
         for a start that is free.
         """
-        relaxed = _relaxed(whole.problem)
+        relaxed = _relaxed(transcription.problem)
         if relaxed:
             raise InvalidInput(
                 f"level {relaxed[0]!r} has relax; plugin 'stagewise' takes none: leave it out, or"
                 " use 'ipopt'"
             )
-        if not whole.problem.fixed_start:
+        if not transcription.problem.fixed_start:
             raise InvalidInput(
                 "start_freedom is given; plugin 'stagewise' starts at the start: leave it out, or"
                 " use 'ipopt'"
@@ -306,9 +308,9 @@ class StagewiseProgram:
             start_beside(
                 qp_library
             )  # what all programs share, before the functions of this one take all processors
-        self._whole = whole
-        self.levels = StagewiseLevels(StageMemory(whole))
-        if whole.problem.hessian is HessianKind.EXACT:
+        self._whole = transcription
+        self.levels = StagewiseLevels(StageMemory(transcription))
+        if transcription.problem.hessian is HessianKind.EXACT:
             self.levels.memory.compile_curvature()
         if has_compiler():
             qp_library(), calls_library()  # before any clock runs
@@ -357,16 +359,18 @@ class StagewiseProgram:
         return float(self.levels.ranges(bounds, 0).excess().max(initial=0.0))
 
 
-def program_for(plugin: str, whole: Transcription) -> LexicographicProgram | StagewiseProgram:
+def program_for(
+    plugin: str, transcription: Transcription
+) -> LexicographicProgram | StagewiseProgram:
     """The program of a transcription as a solver of that name takes it. Raises `InvalidInput` as
     `StagewiseProgram` does.
     """
     if plugin == STAGEWISE:
-        return StagewiseProgram(whole)
-    return whole.program
+        return StagewiseProgram(transcription)
+    return transcription.program
 
 
-def stagewise_or(other: str, problem: OcpProblem) -> str:
+def stagewise_or(other_solver: str, problem: OcpProblem) -> str:
     """Return the name of the solver stage by stage where it takes a problem and there is a
     compiler, else the other.
     """
@@ -378,7 +382,7 @@ def stagewise_or(other: str, problem: OcpProblem) -> str:
     )
     if has_compiler() and not coupled:
         return STAGEWISE
-    return other
+    return other_solver
 
 
 def _relaxed(problem: OcpProblem) -> list[str]:

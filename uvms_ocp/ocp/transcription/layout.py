@@ -84,9 +84,9 @@ class VariableLayout:
     @cached_property
     def _column(self) -> np.ndarray:
         """(n_z,) place of every entry of z among the variables of its step; -1 where it is none."""
-        kept = np.ones(self.model.layout.n_z, dtype=bool)
-        kept[self.model.layout.h] = self.free
-        return np.where(kept, np.cumsum(kept) - 1, -1)
+        is_variable = np.ones(self.model.layout.n_z, dtype=bool)
+        is_variable[self.model.layout.h] = self.free
+        return np.where(is_variable, np.cumsum(is_variable) - 1, -1)
 
     @cached_property
     def n_step(self) -> int:
@@ -292,7 +292,7 @@ class ParameterLayout:
 
     def values(
         self,
-        given: ReusedProblem,
+        reused: ReusedProblem,
         *,
         t0: float,
         start: State | None,
@@ -303,23 +303,26 @@ class ParameterLayout:
 
         near (n_nodes, n_q) [m, rad].
         """
-        nominal = given.problem.nominal_times()
-        state = start or given.problem.start
+        nominal = reused.problem.nominal_times()
+        state = start or reused.problem.start
         times = t0 + nominal
         rate = 1.0 / nominal[-1]
         last_share = 0.5 * (nominal[-1] - nominal[-2]) * rate
-        n_phases = len(given.problem.phases)
+        n_phases = len(reused.problem.phases)
         if near is None:
             about = np.tile(state.q, (len(times), 1))
         else:
             about = near
-        parts = [state.q, state.v, given.problem.currents.ravel(), np.diff(nominal)]
-        for i, (block, numbers) in enumerate(zip(self.blocks, given.numbers, strict=True)):
-            own = block.nodes
-            extra = {term: more.at(own) for term, more in tightened.terms.items()}
-            active = ((own > 0) | (not given.problem.fixed_start)).tolist()
+        parts = [state.q, state.v, reused.problem.currents.ravel(), np.diff(nominal)]
+        for i, (block, numbers) in enumerate(zip(self.blocks, reused.numbers, strict=True)):
+            nodes_of_block = block.nodes
+            extra = {term: more.at(nodes_of_block) for term, more in tightened.terms.items()}
+            active = ((nodes_of_block > 0) | (not reused.problem.fixed_start)).tolist()
             nodes = TermNodes(
-                times=times[own].tolist(), active=active, q=about[own], tightened=extra
+                times=times[nodes_of_block].tolist(),
+                active=active,
+                q=about[nodes_of_block],
+                tightened=extra,
             )
             parts.append(numbers.parameters(nodes, rate if i < n_phases else last_share))
         return np.concatenate(parts)
@@ -364,8 +367,8 @@ def boundary(model: StageModel) -> BoundaryRows:
     """
     problem = model.problem
     n = model.layout.h
-    first, last, given = (ca.SX.sym(name, n) for name in ("first", "last", "given"))
-    parts = [(START, *_given(model, first, given))]
+    first, last, start = (ca.SX.sym(name, n) for name in ("first", "last", "given"))
+    parts = [(START, *_given(model, first, start))]
     if (
         problem.periodic
     ):  # by axes: the integration keeps the norm of a quaternion, which needs no row
@@ -376,7 +379,7 @@ def boundary(model: StageModel) -> BoundaryRows:
     residuals = None if problem.hessian is HessianKind.EXACT else ()
     return BoundaryRows(
         functions=derivatives(
-            "boundary", ca.vertcat(first, last), given, rows, residuals=residuals
+            "boundary", ca.vertcat(first, last), start, rows, residuals=residuals
         ),
         lower=-width,
         upper=width,
@@ -385,11 +388,11 @@ def boundary(model: StageModel) -> BoundaryRows:
     )
 
 
-def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.ndarray]:
+def _given(model: StageModel, first: ca.SX, start: ca.SX) -> tuple[ca.SX, np.ndarray]:
     """Rows of the first state, and by how much each may differ from 0."""
     freedom = model.problem.start_freedom
     if freedom is None:
-        rows = first - given
+        rows = first - start
         return rows, np.zeros(rows.numel())
     if model.robot.n_vehicle:
         parts = [slice(3, 7)]
@@ -401,15 +404,15 @@ def _given(model: StageModel, first: ca.SX, given: ca.SX) -> tuple[ca.SX, np.nda
         if joint.n_q > joint.n_v
     ]
     norms = ca.vertcat(ca.SX(0, 1), *(ca.sumsqr(first[part]) - 1 for part in parts))
-    rows = ca.vertcat(_difference(model, given, first), norms)
+    rows = ca.vertcat(_difference(model, start, first), norms)
     return rows, np.concatenate([freedom, np.zeros(norms.numel())])
 
 
-def _difference(model: StageModel, one: ca.SX, other: ca.SX) -> ca.SX:
+def _difference(model: StageModel, first: ca.SX, second: ca.SX) -> ca.SX:
     """(2 n_v,) from one state to another."""
     n = model.robot.n_q
     tree = SymbolicModel(model.robot.model)
-    return ca.vertcat(tree.difference(one[:n], other[:n]), other[n:] - one[n:])
+    return ca.vertcat(tree.difference(first[:n], second[:n]), second[n:] - first[n:])
 
 
 # The raw rows of a horizon, all numbered here: where each group of them is, and what every single
@@ -482,9 +485,9 @@ class RowLayout:
         lower = self.lower.copy()
         upper = self.upper.copy()
         upper[self.total] = longest
-        for rows, own in zip(self.terms, numbers, strict=True):
-            lower[rows] = own.lower
-            upper[rows] = own.upper
+        for rows, block_numbers in zip(self.terms, numbers, strict=True):
+            lower[rows] = block_numbers.lower
+            upper[rows] = block_numbers.upper
         for more in margins:
             rows = self.terms[more.block][:, more.columns]
             lower[rows], upper[rows] = more.margins.narrowed(lower[rows], upper[rows], more.unit)
@@ -558,9 +561,9 @@ def _group(
     upper: ArrayLike = 0.0,
 ) -> _Group:
     """Make a group; a single number holds for all of its rows."""
-    whole = {"level": level, "stage": stage, "lower": lower, "upper": upper}
+    fields = {"level": level, "stage": stage, "lower": lower, "upper": upper}
     return _Group(
-        names=names, **{name: np.broadcast_to(value, len(names)) for name, value in whole.items()}
+        names=names, **{name: np.broadcast_to(value, len(names)) for name, value in fields.items()}
     )
 
 

@@ -199,11 +199,11 @@ def _nonzeros(matrix: ca.SX) -> ca.SX:
 
 
 @lru_cache(maxsize=8)
-def kept_content(given: Keyed) -> str:
+def kept_content(model_hash: Keyed) -> str:
     """Return the hash that the function in `given` computes, once for each kind of model, which is
     its key.
     """
-    return str(given.value())
+    return str(model_hash.value())
 
 
 class StageModel:
@@ -296,13 +296,13 @@ class StageModel:
         a = z[layout.a]
         rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
         if self.has_force_variables:
-            given = ca.vertcat(
+            actuated = ca.vertcat(
                 sparse(self.actuators.matrix)
                 @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
                 z[layout.torque] * ca.DM(self.actuators.torque_unit),
             )
             rows = ca.vertcat(
-                rows, (self.required_force - given) / ca.DM(self.actuators.force_unit)
+                rows, (self.required_force - actuated) / ca.DM(self.actuators.force_unit)
             )
         exact = self.problem.hessian is HessianKind.EXACT
         if not (self._compiled and exact and self.has_force_variables):
@@ -310,14 +310,14 @@ class StageModel:
                 "dynamics", z, self.water, rows, residuals=None if exact else ()
             )
         begun = self.bend, self._curvature(rows)
-        found = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
+        compiled = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
         bend, curvature = (available_function(function) for function in begun)
         x, s, sigma, lam = (ca.MX.sym("x", size) for size in (layout.n_z, 3, 0, rows.numel()))
         bent = bend(x[: self.n_motion], s, lam[-self.n_forces :] / ca.DM(self.actuators.force_unit))
         hessian = ca.Function(
             "dynamics_hessian", [x, s, sigma, lam], [curvature(x, lam, bent).nz[:]]
         )
-        return replace(found, hessian=hessian, hessian_sparsity=curvature.sparsity_out(0))
+        return replace(compiled, hessian=hessian, hessian_sparsity=curvature.sparsity_out(0))
 
     @property
     def n_motion(self) -> int:
@@ -364,10 +364,10 @@ class StageModel:
         # Forces are linear in the acceleration, with a factor in which no velocity is.
         H = ca.jacobian(slope[:n_q], motion)
         fast = ca.jacobian(slope[v], motion)[:, v]
-        whole = ca.blockcat(
+        hessian = ca.blockcat(
             [[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]]
         )
-        return motion, w, slope, ca.sparsify(whole)
+        return motion, w, slope, ca.sparsify(hessian)
 
     def _curvature(self, rows: ca.SX) -> ca.Function:
         """``z, multipliers of rows, bent -> H`` of the dynamics."""
@@ -530,9 +530,9 @@ def compiled_derivatives(
         kind: compiled_from(f"{name}_{kind}", content, partial(of_kind, kind), __file__)
         for kind in kinds
     }
-    known = available_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
+    sparsities = available_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
     return Derivatives(
         **{kind: available_function(function) for kind, function in begun.items()},
-        jacobian_sparsity=known.sparsity_out(0),
-        hessian_sparsity=known.sparsity_out(1),
+        jacobian_sparsity=sparsities.sparsity_out(0),
+        hessian_sparsity=sparsities.sparsity_out(1),
     )

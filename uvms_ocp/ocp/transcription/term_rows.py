@@ -224,9 +224,11 @@ def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[T
     return tuple(replace(block, rows=_rows_at(block.rows, z, model)) for block in blocks)
 
 
-def _rows_at(own: TermRows, z: ca.SX, model: StageModel) -> TermRows:
-    rows, costs, *errors = ca.substitute([own.rows, own.costs, *own.errors], [own.model.z], [z])
-    return replace(own, model=model, rows=rows, costs=costs, errors=tuple(errors))
+def _rows_at(block: TermRows, z: ca.SX, model: StageModel) -> TermRows:
+    rows, costs, *errors = ca.substitute(
+        [block.rows, block.costs, *block.errors], [block.model.z], [z]
+    )
+    return replace(block, model=model, rows=rows, costs=costs, errors=tuple(errors))
 
 
 def _places(problem: OcpProblem, phase: OcpPhase, *, at_end: bool) -> list[int]:
@@ -266,8 +268,8 @@ def residual_of(model: StageModel, term: Term, goals: ca.SX) -> Residual:
         raise
     except Exception as error:
         text = " ".join(str(error).split())[:200]
-        given = f"term {term.name!r}: its residual raised {type(error).__name__}: {text}"
-        raise InvalidInput(f"{given}; mend it, its cause is chained") from error
+        problem = f"term {term.name!r}: its residual raised {type(error).__name__}: {text}"
+        raise InvalidInput(f"{problem}; mend it, its cause is chained") from error
 
 
 def _term_rows(
@@ -276,9 +278,11 @@ def _term_rows(
     """Costs on the path are integrals, as shares of the nominal time of the horizon; the last node,
     which has no step of its own, counts as half of the last one.
     """
-    own = term_numbers([member.term for member in members], [member.residual for member in members])
-    kinds = row_kinds(own.lower, own.upper)
-    m = len(own.lower)
+    numbers = term_numbers(
+        [member.term for member in members], [member.residual for member in members]
+    )
+    kinds = row_kinds(numbers.lower, numbers.upper)
+    m = len(numbers.lower)
     common = ca.SX.sym("common", _N_COMMON)
     roots = ca.SX.sym("root", len(members))
     lower = ca.SX.sym("lower", m)
@@ -304,7 +308,7 @@ def _term_rows(
         costs=costs,
         errors=tuple(errors),
         members=tuple(members),
-        own=own,
+        own=numbers,
         kinds=kinds,
         level=np.array([member.level for member in each_row], dtype=int),
         state_only=np.array([member.term.state_only for member in each_row], dtype=bool),
@@ -348,29 +352,31 @@ class ReusedProblem:
     """Numbers of each block."""
 
 
-def fit_problem(model: StageModel, blocks: Sequence[TermBlock], given: OcpProblem) -> ReusedProblem:
+def fit_problem(
+    model: StageModel, blocks: Sequence[TermBlock], problem: OcpProblem
+) -> ReusedProblem:
     """The numbers of a problem for the program of `blocks`; raises `InvalidInput` for a problem of
     another shape.
     """
     built = model.problem
-    if given is built:
+    if problem is built:
         return ReusedProblem(problem=built, numbers=tuple(block.rows.own for block in blocks))
-    _require_same_fields("the problem", built, given)
-    _require_same_parts(built, given)
+    _require_same_fields("the problem", built, problem)
+    _require_same_parts(built, problem)
     return ReusedProblem(
-        problem=given, numbers=tuple(_numbers(model, block.rows, given) for block in blocks)
+        problem=problem, numbers=tuple(_numbers(model, block.rows, problem) for block in blocks)
     )
 
 
-def _require_same_parts(built: OcpProblem, given: OcpProblem) -> None:
-    _require_as_many("the problem", "phases", built.phases, given.phases)
-    for phase, other in zip(built.phases, given.phases, strict=True):
+def _require_same_parts(built: OcpProblem, problem: OcpProblem) -> None:
+    _require_as_many("the problem", "phases", built.phases, problem.phases)
+    for phase, other in zip(built.phases, problem.phases, strict=True):
         _require_same_fields(f"phase {other.name!r}", phase, other)
-    _require_equal("the problem", "free durations", built.free_time, given.free_time)
-    _require_equal("the problem", "a limited total", built.limits_total, given.limits_total)
-    _require_as_many("the problem", "constraints", built.constraints, given.constraints)
-    _require_as_many("the problem", "levels", built.levels, given.levels)
-    for level, another in zip(built.levels, given.levels, strict=True):
+    _require_equal("the problem", "free durations", built.free_time, problem.free_time)
+    _require_equal("the problem", "a limited total", built.limits_total, problem.limits_total)
+    _require_as_many("the problem", "constraints", built.constraints, problem.constraints)
+    _require_as_many("the problem", "levels", built.levels, problem.levels)
+    for level, another in zip(built.levels, problem.levels, strict=True):
         place = f"level {another.name!r}"
         _require_same_fields(place, level, another)
         _require_as_many(place, "terms", level.terms, another.terms)
