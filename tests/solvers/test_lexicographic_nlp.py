@@ -146,6 +146,23 @@ def test_constraints_that_exclude_each_other_are_reported_as_infeasible() -> Non
     assert result.violation > 0.5
 
 
+@pytest.mark.parametrize("max_iterations", [1, 3, 150])
+def test_the_violation_is_that_of_the_point_however_the_search_ended(max_iterations: int) -> None:
+    """IPOPT gives rows of no point where it does not begin: here there are more of them than
+    variables.
+    """
+    x = ca.SX.sym("x", 2)
+    constraints = ca.vertcat(x[0] - 1, x[1] - 1, x[0] * x[1] - 5, x[0] + x[1])
+    program = lexicographic_program(
+        x, [NlpLevel(y=x - 3), NlpLevel(y=himmelblau(x))], g=constraints
+    )
+    options = NlpOptions(max_iterations=max_iterations, convergence=1e-6)
+    result = LexicographicNlp(program, options).solve(np.array([0.2, 0.4]))
+    values = np.array(ca.Function("g", [x], [constraints])(result.x)).ravel()
+    assert result.violation >= np.abs(values).max() * (1.0 - 1e-9)
+    assert not result.status.optimal
+
+
 def test_a_time_limit_ends_all_levels_where_they_stand() -> None:
     x = ca.SX.sym("x", 2)
     nlp = LexicographicNlp(

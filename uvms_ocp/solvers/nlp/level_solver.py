@@ -221,6 +221,16 @@ class OptimalityConditions:
         self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
         self._jacobian = ca.Function("jacobian", [x, p], [g, ca.jacobian(g, x)])
 
+    def row_values(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Values (m,) [unit of the row] of the rows at x (n_x,) [unit of x]: those that IPOPT gives
+        belong to no point where it stops early.
+        """
+        return np.array(self._jacobian(x, p)[0]).ravel()
+
+    def cost(self, x: np.ndarray, p: np.ndarray) -> float:
+        """Cost of the level at x (n_x,) [unit of x], for the same reason."""
+        return float(self._gradient(x, p)[0])
+
     def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
         """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
         with what is left to its bound, in units of the steepest cost at the point above
@@ -308,13 +318,14 @@ class LevelSolver:
         solution = {name: np.array(value).ravel() for name, value in called.items()}
         stats = solver.stats()
         iterations = int(stats.get("iter_count", 0))
-        if not all(np.isfinite(solution[name]).all() for name in ("x", "g")):
+        g = self._conditions.row_values(solution["x"], p)
+        if not (np.isfinite(solution["x"]).all() and np.isfinite(g).all()):
             return NlpOutcome(
                 point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf
             )
         multipliers = np.zeros(self._n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
-        violation = bounds.violation(solution["x"], solution["g"], rows)
+        violation = bounds.violation(solution["x"], g, rows)
         point = NlpPoint(
             x=solution["x"],
             x_multipliers=np.nan_to_num(solution["lam_x"]),
@@ -326,7 +337,7 @@ class LevelSolver:
             status=self._judged(status_of(stats), point, p, bounds),
             iterations=iterations,
             violation=violation,
-            cost=float(solution["f"][0]),
+            cost=self._conditions.cost(solution["x"], p),
         )
 
     def _judged(
