@@ -114,9 +114,9 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
             "cause": row["cause"] or "",
             **{
                 name: None if np.isnan(metric) else float(metric)
-                for name, metric in zip(_FINISHED_WORSE, own, strict=True)
+                for name, metric in zip(_FINISHED_WORSE, row_merits, strict=True)
             },
             "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
         }
-        for (_, row), own in zip(rows.iterrows(), merits, strict=True)
+        for (_, row), row_merits in zip(rows.iterrows(), merits, strict=True)
     ]

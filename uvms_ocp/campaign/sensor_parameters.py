@@ -67,10 +67,10 @@ def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
     specs = scenario.specs
     true = _true(scenario)
-    known = getattr(specs, channel)
+    nominal = getattr(specs, channel)
     spec = getattr(true, channel)
-    specified = replace(specs, **{channel: replace(known, delay=value)})
-    real = replace(true, **{channel: replace(spec, delay=value + spec.delay - known.delay)})
+    specified = replace(specs, **{channel: replace(nominal, delay=value)})
+    real = replace(true, **{channel: replace(spec, delay=value + spec.delay - nominal.delay)})
     return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
 
 
@@ -78,10 +78,10 @@ def _each(
     change: Callable[[SensorSpec, float], dict[str, float]], scenario: Scenario, value: float
 ) -> Scenario:
     specs = _true(scenario)
-    found = {name: getattr(specs, name) for name in CHANNELS}
+    channel_specs = {name: getattr(specs, name) for name in CHANNELS}
     changed = {
         name: replace(spec, **change(spec, value))
-        for name, spec in found.items()
+        for name, spec in channel_specs.items()
         if spec is not None
     }
     return replace(scenario, real_sensors=replace(specs, **changed))

@@ -78,13 +78,13 @@ def _read(path: Path, schema: Any) -> Any:
     pa = arrow()
     advice = "; move it away, its runs are made again"
     with untrusted.as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
-        found = pa.parquet.read_table(path, partitioning=None)
-    if sorted(map(str, found.schema)) != sorted(map(str, schema)):
+        table = pa.parquet.read_table(path, partitioning=None)
+    if sorted(map(str, table.schema)) != sorted(map(str, schema)):
         text = f"{path}: its columns or their kinds are not those of {FILE}"
         raise InvalidInput(
             f"{text}; put back what was, or move it away, and its runs are made again"
         )
-    return found.select(schema.names)
+    return table.select(schema.names)
 
 
 def _not_of(table: Any, identity: CampaignManifest) -> str:
@@ -107,9 +107,9 @@ def _not_of(table: Any, identity: CampaignManifest) -> str:
     numbers = named[[name for name, kind in identity.types.items() if kind is float]]
     failed = ~named["success"].astype(bool)
     if "seed" in named:
-        known = named.index.isin(drawn) & ~(failed & named["seed"].isna())
-        seeds = known & (named["seed"].to_numpy() != named.index.map(drawn).to_numpy())
-    found = {
+        has_seed = named.index.isin(drawn) & ~(failed & named["seed"].isna())
+        seeds = has_seed & (named["seed"].to_numpy() != named.index.map(drawn).to_numpy())
+    violations = {
         "success": failed == (named["outcome"] == COMPLETED),
         "version": named["version"] != identity.package,
         **({"seed": seeds} if "seed" in named else {}),
@@ -117,7 +117,7 @@ def _not_of(table: Any, identity: CampaignManifest) -> str:
         **{name: np.isinf(numbers[name]) for name in numbers},
         **{name: numbers[name].isna() & ~failed for name in identity.parameters},
     }
-    for name, wrong in found.items():
+    for name, wrong in violations.items():
         if wrong.any():
             run = named.index[np.flatnonzero(wrong)[0]]
             return (
@@ -145,8 +145,8 @@ class CampaignFolder:
         self.folder = folder
         self._identity = identity
         (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-        for left in (folder / FOLDER).glob("*.tmp"):
-            durable_files.discard(left)
+        for leftover in (folder / FOLDER).glob("*.tmp"):
+            durable_files.discard(leftover)
         names = part_paths(folder)
         self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1)
         self._n = len(names)
@@ -179,10 +179,11 @@ class CampaignFolder:
         self.finished[run] = True
         self.failed += not done.row["success"]
 
-    def flush(self, *, now: bool = False) -> None:
-        """Bring rows to the disk that have waited for long enough; now: all of them."""
+    def flush(self, *, immediately: bool = False) -> None:
+        """Bring rows to the disk that have waited for long enough; immediately: all of
+        them."""
         if self._waiting and (
-            now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE
+            immediately or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE
         ):
             self._write(
                 arrow().Table.from_pylist(self._waiting, schema=schema_of(self._identity.types))
@@ -193,7 +194,7 @@ class CampaignFolder:
 
     def close(self) -> None:
         """Bring all rows to the disk, in one file once the campaign is complete."""
-        self.flush(now=True)
+        self.flush(immediately=True)
         if self.finished.all():
             self._join()
 
@@ -235,11 +236,11 @@ def opened(
             for name, content in sources.items():
                 if not (folder / SOURCES / name).exists():
                     _write_whole(folder / SOURCES / name, content)
-        found = CampaignFolder(folder, identity)
+        campaign_folder = CampaignFolder(folder, identity)
         try:
-            yield found
+            yield campaign_folder
         finally:
-            found.close()
+            campaign_folder.close()
 
 
 def _write_whole(path: Path, content: bytes) -> None:

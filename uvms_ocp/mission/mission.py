@@ -212,12 +212,13 @@ class Mission(TableDisplay):
         names = progress.quantities_read(self.all_phases)
         return tuple(name for name in names if name.rpartition(".")[0] not in self.hierarchy.names)
 
-    def check_quantities(self, known: Sequence[str]) -> None:
-        """Raise `NameNotFound` where a transition reads a quantity that is not in `known`."""
+    def check_quantities(self, measured_names: Sequence[str]) -> None:
+        """Raise `NameNotFound` where a transition reads a quantity that is not in
+        `measured_names`."""
         for phase in self.all_phases:
             for condition in phase.conditions:
-                if condition.quantity not in known:
-                    names = dict.fromkeys((*known, *OWN_QUANTITIES))
+                if condition.quantity not in measured_names:
+                    names = dict.fromkeys((*measured_names, *OWN_QUANTITIES))
                     raise NameNotFound(
                         f"quantity in phase {phase.name!r}", condition.quantity, names
                     )

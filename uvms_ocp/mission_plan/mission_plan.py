@@ -147,18 +147,18 @@ class MissionPlan(TableDisplay):
             raise InvalidInput(
                 f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}"
             )
-        other = [
+        differing_parts = [
             name
             for name, digest in mission_digests(scenario).items()
             if self.identity.get(name) != digest
         ]
-        if other:
-            given = (
-                f"the plan is of {self.scenario} with another {' and '.join(other)} than"
+        if differing_parts:
+            mismatch = (
+                f"the plan is of {self.scenario} with another {' and '.join(differing_parts)} than"
                 f" {scenario.name}"
             )
             raise InvalidInput(
-                f"{given}; plan {scenario.name} with the same options, or fly it without a plan"
+                f"{mismatch}; plan {scenario.name} with the same options, or fly it without a plan"
             )
 
     def guide(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> PlanGuide:

@@ -18,7 +18,7 @@ _ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
 
 
 def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
-    """Arrays as they are, the summary as text. Raises `OutputError`."""
+    """Write the arrays as they are, the summary as text. Raises `OutputError`."""
     return plan_file.write_arrays(
         Path(path), _KEY, json.dumps(summary), plan_file.trajectory_arrays(trajectory)
     )
@@ -29,9 +29,9 @@ def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
     summary, arrays = plan_file.from_arrays(Path(path), _KEY, _NO_PLAN)
     if not set(_ARRAYS) <= arrays.keys():
         raise InvalidInput(_NO_PLAN)
-    own = {name: arrays[name] for name in _ARRAYS}
-    _check(own)
-    return Trajectory(**own, of_wrench=False), summary
+    series = {name: arrays[name] for name in _ARRAYS}
+    _check(series)
+    return Trajectory(**series, of_wrench=False), summary
 
 
 def _check(arrays: plan_file.Arrays) -> None:

@@ -111,10 +111,11 @@ class MissionProblem:
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
-    """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
-    _stated(
-        scenario, mission_segments.foretold_way(scenario), margins, step
-    )  # or it is refused before anything is compiled
+    """State a mission as a problem of optimal control; step [s]: of the horizon. Raises
+    `InvalidInput` as `plan_mission` does.
+    """
+    # What cannot be stated is refused before anything is compiled.
+    _stated(scenario, mission_segments.foretold_way(scenario), margins, step)
     way = mission_segments.greedy_rollout(scenario)
     segments, terms, problem = _stated(scenario, way, margins, step)
     shapes = surroundings.clearance(scenario, margins)
@@ -209,7 +210,7 @@ def plan_mission(
         proof = surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
-    found = MissionPlan(
+    mission_plan = MissionPlan(
         scenario=scenario.name,
         trajectory=plan.trajectory,
         phases=phases,
@@ -224,9 +225,9 @@ def plan_mission(
         identity=mission_digests(scenario),
     )
     if stop is not None:
-        stop.result = found
+        stop.result = mission_plan
         raise stop
-    return found
+    return mission_plan
 
 
 def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
@@ -297,9 +298,9 @@ class _Search:
         easier = self._plan(self._freely, posed, _EASY, guess, limit)
         if not easier.status.usable:
             return plan
-        other = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
-        if other.status.usable:
-            return other
+        refined = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
+        if refined.status.usable:
+            return refined
         return plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
@@ -309,21 +310,23 @@ class _Search:
         shapes = self._posed.shapes
         if shapes is None:
             return plan
-        kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
+        constrained_pairs: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
         for _ in range(_ROUNDS):
-            if not (surroundings.violated_links(shapes, plan.trajectory) & ~kept).any():
+            if not (
+                surroundings.violated_links(shapes, plan.trajectory) & ~constrained_pairs
+            ).any():
                 break
-            kept |= surroundings.near_links(shapes, plan.trajectory)
-            posed = self._posed.keeping(kept)
+            constrained_pairs |= surroundings.near_links(shapes, plan.trajectory)
+            posed = self._posed.keeping(constrained_pairs)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
             shared = Transcription(
                 problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription
             )
             planner = Planner(problem, self._options, transcription=shared, wait_for_compiler=True)
-            found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
-            if not found.status.usable:
+            candidate = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
+            if not candidate.status.usable:
                 break
-            plan = found
+            plan = candidate
         return plan
 
     def _plan(
@@ -337,11 +340,11 @@ class _Search:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the
         same.
         """
-        given = posed.at(weights, way, _SHARE * limit)
+        problem = posed.at(weights, way, _SHARE * limit)
         best = None
         for _ in range(_ROUNDS):
             try:
-                plan = planner.plan(given, guess=way, diagnose=False)
+                plan = planner.plan(problem, guess=way, diagnose=False)
             except Interrupted as stop:
                 stop.result = best or stop.result
                 raise
@@ -350,9 +353,9 @@ class _Search:
                 break
             best = plan
             way = plan.trajectory
-            before = given.currents
-            given = posed.at(weights, way, _SHARE * limit)
-            if np.abs(given.currents - before).max() <= _SAME_CURRENT:
+            before = problem.currents
+            problem = posed.at(weights, way, _SHARE * limit)
+            if np.abs(problem.currents - before).max() <= _SAME_CURRENT:
                 break
         return best or plan
 
@@ -363,15 +366,15 @@ def _phases(
     """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and
     end.
     """
-    found: list[PlannedPhase] = []
+    phases: list[PlannedPhase] = []
     for segment, begin, end in zip(segments, times[:-1].tolist(), times[1:].tolist(), strict=True):
-        if found and found[-1].phase == segment.phase:
-            found[-1] = replace(found[-1], end=end)
+        if phases and phases[-1].phase == segment.phase:
+            phases[-1] = replace(phases[-1], end=end)
             continue
         phase = scenario.mission.phases[segment.phase]
         tasks = scenario.mission.tasks_of(segment.phase)
         moves = (
             mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, tasks)) > 0
         )
-        found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
-    return tuple(found)
+        phases.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
+    return tuple(phases)

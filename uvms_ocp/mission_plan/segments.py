@@ -99,16 +99,18 @@ def active_constraints(
     the prerequisites that were on in the phase before. Raises `InvalidInput` for a task without
     residual, by its name.
     """
-    asked = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
-    kept = [task for task in tasks if _is_kept(task, asked, before) and not _kept_otherwise(task)]
-    for task in kept:
+    limits = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
+    constraints = [
+        task for task in tasks if _is_kept(task, limits, before) and not _kept_otherwise(task)
+    ]
+    for task in constraints:
         if type(task).residual is Task.residual:
-            given = (
+            problem = (
                 f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over"
                 " a horizon"
             )
-            raise InvalidInput(f"{given}; turn it off, or fly this mission without a plan")
-    return [_stricter(task, asked, margins) for task in kept]
+            raise InvalidInput(f"{problem}; turn it off, or fly this mission without a plan")
+    return [_stricter(task, limits, margins) for task in constraints]
 
 
 def is_prerequisite(task: Task) -> bool:
@@ -127,11 +129,11 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
     return False
 
 
-def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> bool:
+def _is_kept(task: Task, awaited_tasks: Collection[str], before: Collection[str]) -> bool:
     """A prerequisite is kept where the phase before has reached it, or no transition out of this
     one waits for it.
     """
-    established = task.name not in asked or task.name in before
+    established = task.name not in awaited_tasks or task.name in before
     if is_prerequisite(task):
         return established
     return task.task_class <= TaskClass.SAFETY
@@ -146,10 +148,10 @@ def _kept_otherwise(task: Task) -> bool:
     )
 
 
-def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
+def _stricter(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, attitude.AngleTask):
         return replace(
-            task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle)
+            task, aim=tightened_limit(limits.get(task.name, task.activation.end), margins.angle)
         )
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
@@ -186,7 +188,7 @@ class GreedyRollout:
 
 
 def greedy_rollout(scenario: Scenario) -> GreedyRollout:
-    """Fly it without water, noise and faults."""
+    """Fly the greedy mission without water, noise and faults."""
     record = replace(
         scenario,
         plant="kinematic",
@@ -200,19 +202,24 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
     ends = [(event.source, event.t) for event in record.run_meta.events]
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
-    kept = slice(None, None, _EVERY)
+    sampled_rows = slice(None, None, _EVERY)
     # Beginnings of the phases [s], as far as the greedy mission goes through them in their order,
     # and the last end.
     begins = [0.0]
     for k, name in enumerate(names):
-        known = k < len(ends) and ends[k][0] == name
-        begins.append(max(ends[k][1], begins[-1]) if known else begins[-1] + _UNKNOWN)
+        is_completed = k < len(ends) and ends[k][0] == name
+        if is_completed:
+            begins.append(max(ends[k][1], begins[-1]))
+        else:
+            begins.append(begins[-1] + _UNKNOWN)
     return GreedyRollout(
-        t=record["t"][kept],
-        q=record["q"][kept],
+        t=record["t"][sampled_rows],
+        q=record["q"][sampled_rows],
         phases=tuple(phases),
         begins=np.array(begins),
-        quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
+        quantities=dict(
+            zip(record.meta.quantities, record["quantities"][sampled_rows].T, strict=True)
+        ),
     )
 
 
@@ -288,52 +295,54 @@ def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Tran
 def horizon_segments(
     mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float
 ) -> list[HorizonSegment]:
-    """All parts in their order. step [s]: of the horizon."""
-    found: list[HorizonSegment] = []
+    """Divide the way of the greedy mission into segments, in their order. step [s]: of the
+    horizon.
+    """
+    segments: list[HorizonSegment] = []
     before: set[str] = set()
     for k, index in enumerate(greedy.phases):
         phase = mission.phases[index]
         out = exit_transition(mission.phases, greedy.phases, k)
         on = active_tasks(phase, mission.tasks_of(index))
-        kept = active_constraints(phase, on, out, before, margins)
+        constraints = active_constraints(phase, on, out, before, margins)
         before = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
         hold = out.hold
         if moving:
-            every = min(step, _FOLLOWED)
+            segment_step = min(step, _FOLLOWED)
         else:
-            every = step
+            segment_step = step
         begin = greedy.begins[k]
-        entered = _entered(greedy, k, kept)
+        entered = _entered(greedy, k, constraints)
         end = greedy.begins[k + 1]
         middle = max(entered, end - hold)
         broken = frozenset(
             task.name
-            for task in kept
+            for task in constraints
             if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
         )
         if broken:
-            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, every)
-            found.append(
+            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, segment_step)
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken)
             )
         # A goal that rests while conditions have to hold is followed from the beginning of that:
         # nothing is free then.
         if not 0 < moving <= hold:
-            ocp = _free_phase(phase.name, middle - entered, moving, every)
-            found.append(
+            ocp = _free_phase(phase.name, middle - entered, moving, segment_step)
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold)
             )
         if hold:
             ocp = OcpPhase(
                 name=f"{phase.name} held",
-                n_steps=max(2, math.ceil(hold / every)),
+                n_steps=max(2, math.ceil(hold / segment_step)),
                 duration=hold + margins.hold,
             )
-            found.append(
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True)
             )
-    return found
+    return segments
 
 
 def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhase:
@@ -347,12 +356,12 @@ def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhas
     )
 
 
-def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
+def _entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
     """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy
     way.
     """
     for row in greedy.rows(k):
-        if not any(is_violated(task, greedy.at(row)) for task in kept):
+        if not any(is_violated(task, greedy.at(row)) for task in constraints):
             if row > greedy.rows(k)[0]:
                 return float(greedy.t[row])
             return float(greedy.begins[k])
@@ -363,17 +372,13 @@ def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none
     moves. on: its tasks.
     """
-    own = [phase.goals.get(task.name) for task in on]
-    return max(
-        [
-            0.0,
-            *(
-                float(goal.end)
-                for goal in own
-                if callable(goal) and isinstance(goal, goals.EndingReference)
-            ),
-        ]
-    )
+    phase_goals = [phase.goals.get(task.name) for task in on]
+    ends = [
+        float(goal.end)
+        for goal in phase_goals
+        if callable(goal) and isinstance(goal, goals.EndingReference)
+    ]
+    return max([0.0, *ends])
 
 
 def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:

@@ -158,19 +158,19 @@ def condition_term(
         raise _refused(condition, place, below)
     margin = margins.angle if quantity == "orientation_error" else margins.position
     # A box inside the ball that the condition asks for.
-    most = mission_segments.tightened_limit(limit, margin) / np.sqrt(len(rows))
-    return place.rows(task, rows, -most, most)
+    half_width = mission_segments.tightened_limit(limit, margin) / np.sqrt(len(rows))
+    return place.rows(task, rows, -half_width, half_width)
 
 
 def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> InvalidInput:
-    asked = (
+    request = (
         f"{condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual"
         " states"
     )
     allowed = (
         "fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
     )
-    return InvalidInput(f"phase {place.phase!r} looks at {asked}; {allowed}")
+    return InvalidInput(f"phase {place.phase!r} looks at {request}; {allowed}")
 
 
 def _heights(
@@ -195,10 +195,10 @@ def _heights(
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
     if isinstance(task, JointTracking) and quantity == "posture_error":
         return tuple(range(len(task.joints)))
-    found = (
+    matches = (
         rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity
     )
-    return next(found, ())
+    return next(matches, ())
 
 
 # From a mission to an optimal control problem: what its tasks keep, what its transitions ask for,
@@ -228,15 +228,17 @@ def mission_terms(
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
     preferences: list[Term] = []
-    kept: set[str] = set()
+    established: set[str] = set()
     starts = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
     for k, index in enumerate(way):
-        own = [i for i, segment in enumerate(segments) if segment.phase == index]
-        phase = _Phase(mission, way, k, [segments[i] for i in own], float(starts[own[0]]), margins)
+        indices = [i for i, segment in enumerate(segments) if segment.phase == index]
+        phase = _Phase(
+            mission, way, k, [segments[i] for i in indices], float(starts[indices[0]]), margins
+        )
         goals += phase.goals()
-        constraints += [*phase.kept(kept), *phase.not_triggered()]
+        constraints += [*phase.kept(established), *phase.not_triggered()]
         preferences += phase.preferences()
-        kept = phase.reached
+        established = phase.reached
     constraints += _rest(robot, phase.on)
     return MissionTerms(
         goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences)
@@ -262,21 +264,22 @@ def mission_levels(
     far as it is known.
     """
     classes = sorted({kind for kind, _ in terms.goals})
-    asked = [
+    goal_levels = [
         OcpLevel(
-            name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)
+            name=kind.name.lower(),
+            terms=tuple(term for task_class, term in terms.goals if task_class is kind),
         )
         for kind in classes
     ]
     powers = [thruster.power for thruster in robot.description.thrusters]
-    known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
+    energy_terms: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
     spent = (
-        *known,
+        *energy_terms,
         Effort(weight=weights.effort),
         Smoothness(weight=_SMOOTH),
         Duration(weight=weights.price),
     )
-    return (*asked, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
+    return (*goal_levels, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
 
 
 class _Phase:
@@ -357,11 +360,11 @@ class _Phase:
         refused = None
         for condition in conditions:
             try:
-                found = [self._term(condition, part, At.PATH, met=False) for part in self._parts]
+                terms = [self._term(condition, part, At.PATH, met=False) for part in self._parts]
             except InvalidInput as error:
                 refused = error
                 continue
-            yield from found
+            yield from terms
             return
         assert refused is not None
         raise refused
@@ -466,8 +469,8 @@ def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> floa
     low = min(heights)
     high = max(heights)
     if high - low > _LEVEL:
-        given = f"the floor rises by {high - low:.2g} m along the way"
-        raise InvalidInput(f"{given}; a plan needs one that is level within {_LEVEL:g} m")
+        problem = f"the floor rises by {high - low:.2g} m along the way"
+        raise InvalidInput(f"{problem}; a plan needs one that is level within {_LEVEL:g} m")
     return high
 
 
@@ -480,17 +483,17 @@ def floor_terms(
     if not np.isfinite(floor):
         return []
     rims = rims_of(scenario.robot)
-    found = list[Term]()
+    terms = list[Term]()
     for segment in segments:
         phase = scenario.mission.phases[segment.phase]
         on = mission_segments.active_tasks(phase, scenario.mission.hierarchy.tasks)
         if not any(
             isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on
         ):
-            found.append(
+            terms.append(
                 FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name)
             )
-    return found
+    return terms
 
 
 def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
@@ -504,16 +507,21 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
         coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles
     )
     tasks = sorted(
-        (one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)),
-        key=lambda one: one.threshold,
+        (
+            clearance_task
+            for clearance_task in scenario.mission.hierarchy.tasks
+            if isinstance(clearance_task, Clearance)
+        ),
+        key=lambda clearance_task: clearance_task.threshold,
     )
-    asked = {name: task.threshold for task in tasks for name in task.model.pair_names}
-    least = np.where(_links(scene), margins.links, margins.position)
-    kept = np.minimum(
-        np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room
+    thresholds = {name: task.threshold for task in tasks for name in task.model.pair_names}
+    minimum_margins = np.where(_links(scene), margins.links, margins.position)
+    pair_margins = np.minimum(
+        np.maximum(minimum_margins, [thresholds.get(pair.name, 0.0) for pair in scene.pairs]),
+        scene.room,
     )
     if scene.pairs:
-        return ShapeClearance(scene=scene, margins=kept)
+        return ShapeClearance(scene=scene, margins=pair_margins)
     return None
 
 

@@ -35,9 +35,12 @@ def compare(first: Record, second: Record) -> TableRows:
             f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans"
         )
     figures = _run_figures if kinds[0] == "run" else _plan_figures
-    one = dict(figures(first))
-    other = dict(figures(second))
-    rows = ((name, one.get(name), other.get(name)) for name in one | other)
+    first_figures = dict(figures(first))
+    second_figures = dict(figures(second))
+    rows = (
+        (name, first_figures.get(name), second_figures.get(name))
+        for name in first_figures | second_figures
+    )
     return TableRows(
         {"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows
     )

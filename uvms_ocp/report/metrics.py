@@ -82,9 +82,9 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
 def least_altimeter_range(record: Record) -> float | None:
     """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
     ranges = record[extremes_of(record, "altimeter_range")[0]]
-    known = ranges[np.isfinite(ranges)]
-    if known.size:
-        return float(known.min())
+    echoes = ranges[np.isfinite(ranges)]
+    if echoes.size:
+        return float(echoes.min())
     return None
 
 
@@ -114,8 +114,11 @@ def largest_tilt(record: Record) -> float | None:
     such a task the vehicle's.
     """
     meta = record.run_meta
-    (*_, most) = extremes_of(record, "quantities")
-    tilts = [(k, quantity(record, f"{task.name}.tilt", most)) for k, task in enumerate(meta.tasks)]
+    (*_, largest_series) = extremes_of(record, "quantities")
+    tilts = [
+        (k, quantity(record, f"{task.name}.tilt", largest_series))
+        for k, task in enumerate(meta.tasks)
+    ]
     on = [
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
         for k, tilt in tilts
@@ -279,7 +282,11 @@ def repeated_phases(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     visits: dict[str, list[dict[str, Any]]] = {}
     for row in rows[:-1]:
         visits.setdefault(row["phase"], []).append(row)
-    return [_repeated(name, own) for name, own in visits.items() if len(rows) > 2 * len(visits) + 1]
+    return [
+        _repeated(name, phase_visits)
+        for name, phase_visits in visits.items()
+        if len(rows) > 2 * len(visits) + 1
+    ]
 
 
 def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -442,7 +449,7 @@ def _by_kind(
         chosen = {"rad": values[~slides], "m": values[slides]}
     else:
         chosen = {"rad": values}
-    figures = {unit: float(of(found)) for unit, found in chosen.items()}
+    figures = {unit: float(of(joint_values)) for unit, joint_values in chosen.items()}
     return {
         f"{name}_{unit}": value if np.isfinite(value) else None for unit, value in figures.items()
     }
@@ -462,14 +469,16 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
         return np.empty(0)
     lower = np.array(meta.limits.position_lower)
     upper = np.array(meta.limits.position_upper)
-    least = [np.full(lower.shape, np.inf)]
+    minima = [np.full(lower.shape, np.inf)]
     for q in (record[name][rows] for name in extremes_of(record, "q")):
-        found = (
+        samples = (
             joint_positions({"q": part}, meta)
             for (part,) in parts(q, rows=len(q) if meta.endless else 0)
         )  # turns count
-        least += [np.minimum(one - lower, upper - one).min(axis=0) for one in found]
-    return np.min(least, axis=0)
+        minima += [
+            np.minimum(positions - lower, upper - positions).min(axis=0) for positions in samples
+        ]
+    return np.min(minima, axis=0)
 
 
 def _share(
@@ -481,7 +490,7 @@ def _share(
     bounds = np.array(limits)
     limited = bounds > 0.0
     with np.errstate(over="ignore"):  # a limit may be as small as it likes
-        several = (parts(record[one][rows]) for one in extremes_of(record, name))
+        several = (parts(record[series_name][rows]) for series_name in extremes_of(record, name))
         shares = (
             np.abs(part[:, limited]) / bounds[limited] for those in several for (part,) in those
         )

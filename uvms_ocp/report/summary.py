@@ -232,18 +232,18 @@ def _unfinished(record: Record) -> dict[str, str]:
             "kind": "stalled",
             "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met",
         }
-    item, now, gained = min(
+    item, last_value, gained = min(
         ((item, *_trend(record, item)) for item in waiting), key=lambda trend: trend[2]
     )
-    what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
+    state = f"phase {phase}: {item.quantity} = {last_value:.4g} against a limit of {item.limit:g}"
     if gained > _PROGRESS:
         return {
             "kind": "slow",
-            "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s",
+            "text": f"{state} was still improving, by {100 * gained:.0f} % in the last 5 s",
         }
     return {
         "kind": "stalled",
-        "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}",
+        "text": f"{state} has stopped improving; {_obstruction(record, item.quantity)}",
     }
 
 
@@ -258,13 +258,14 @@ def _explains(record: Record, swinging: set[str]) -> bool:
 
 def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
     """Conditions of a phase that the end of the record does not meet."""
-    own = [item for item in record.meta.thresholds if item.phase == phase]
-    forward = [item for item in own if item.sign == "<" or item.quantity in OWN_QUANTITIES]
-    now = {item.quantity: quantity(record, item.quantity) for item in forward}
+    thresholds = [item for item in record.meta.thresholds if item.phase == phase]
+    forward = [item for item in thresholds if item.sign == "<" or item.quantity in OWN_QUANTITIES]
+    series = {item.quantity: quantity(record, item.quantity) for item in forward}
     return [
-        one
-        for one in forward
-        if (x := now[one.quantity]) is None or (x[-1] < one.limit) != (one.sign == "<")
+        condition
+        for condition in forward
+        if (x := series[condition.quantity]) is None
+        or (x[-1] < condition.limit) != (condition.sign == "<")
     ]
 
 
@@ -277,9 +278,11 @@ def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
         values = series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
     before = float(values[-n])
-    now = float(values[-1])
+    last_value = float(values[-1])
     falls = 1.0 if condition.sign == "<" else -1.0
-    return now, falls * (before - now) / max(falls * (before - condition.limit), 1e-12)
+    return last_value, falls * (before - last_value) / max(
+        falls * (before - condition.limit), 1e-12
+    )
 
 
 def _obstruction(record: Record, name: str) -> str:
@@ -288,11 +291,13 @@ def _obstruction(record: Record, name: str) -> str:
     waiting = name.rpartition(".")[0]
     if waiting not in tasks:
         return "no task of the record measures it"
-    own = tasks.index(waiting)
+    rank = tasks.index(waiting)
     activity = record["activity"][-1]
     levels = level_rows(record.meta)
     active = [
-        task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0
+        task
+        for task, rows in levels
+        if task in tasks[:rank] and activity[rows].max(initial=0.0) > 0
     ]
     if active:
         above = f"active above it: {', '.join(active)}"
@@ -411,9 +416,9 @@ class RunSummary(TableDisplay, dict[str, Any]):
             if name.startswith(shown) and value is not None
         ]
         errors = [
-            (f"{tool}: {what} error", cell(error))
-            for tool, own in self["tools"].items()
-            for what, error in own.items()
+            (f"{tool}: {kind} error", cell(error))
+            for tool, tool_errors in self["tools"].items()
+            for kind, error in tool_errors.items()
         ]
         rows += errors if len(self["tools"]) > 1 else []
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
@@ -445,8 +450,8 @@ def _figures(record: Record) -> dict[str, Any]:
     task = record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
     errors = [
-        (what, unit, f"{task}.{what}_error")
-        for what, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)
+        (kind, unit, f"{task}.{kind}_error")
+        for kind, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)
     ]
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
@@ -474,28 +479,28 @@ def _figures(record: Record) -> dict[str, Any]:
         "loads": loads,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         **{
-            f"tool_{what}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error))
-            for what, unit, error in errors
+            f"tool_{kind}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error))
+            for kind, unit, error in errors
         },
         **{
-            f"estimated_tool_{what}_error_{unit}": estimated.get(error)
-            for what, unit, error in errors
+            f"estimated_tool_{kind}_error_{unit}": estimated.get(error)
+            for kind, unit, error in errors
         },
         **{
-            f"tool_{what}_bound_{unit}": metrics.error_bound(record, error)
-            for what, unit, error in errors
+            f"tool_{kind}_bound_{unit}": metrics.error_bound(record, error)
+            for kind, unit, error in errors
         },
         **{
-            f"sensors_allow_tool_{what}_{unit}": meta.allowance.get(error)
-            for what, unit, error in errors
+            f"sensors_allow_tool_{kind}_{unit}": meta.allowance.get(error)
+            for kind, unit, error in errors
         },
         "tools": {
-            one.tool: {
-                what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error"))
-                for what in _OF_A_TOOL
+            task_meta.tool: {
+                kind: metrics.none_if_nan(meta.true_quantity(f"{task_meta.name}.{kind}_error"))
+                for kind in _OF_A_TOOL
             }
-            for one in meta.tasks
-            if one.tool
+            for task_meta in meta.tasks
+            if task_meta.tool
         },
         "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),

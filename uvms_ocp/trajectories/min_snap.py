@@ -184,10 +184,10 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     return knots
 
 
-def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> None:
-    if given is None:
+def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) -> None:
+    if boundary is None:
         return
-    rows = np.asarray(given, dtype=float)
+    rows = np.asarray(boundary, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
     if (
         rows.ndim not in (0, 2)
@@ -217,16 +217,16 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
         raise InvalidInput(
             f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}."
         )
-    given = np.asarray(constraint.value, dtype=float)
-    if given.shape not in ((), (len(axes),)):
+    value = np.asarray(constraint.value, dtype=float)
+    if value.shape not in ((), (len(axes),)):
         raise InvalidInput(
-            f"constraint {index} has value {given}; allowed is a number or one per axis."
+            f"constraint {index} has value {value}; allowed is a number or one per axis."
         )
-    if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
+    if np.any(fixed[d, node, axes] & (values[d, node, axes] != value)):
         raise InvalidInput(
             f"constraint {index} contradicts another on derivative {d} of way point {node}."
         )
-    values[d, node, axes] = given
+    values[d, node, axes] = value
     fixed[d, node, axes] = True
 
 
@@ -428,10 +428,10 @@ def min_snap_qp(
     lower = np.stack([low for low, _ in limits], axis=2)
     upper = np.stack([high for _, high in limits], axis=2)
     solved = [qp.solve(problem, axis, *limits[axis]) for axis in range(len(limits))]
-    found = solution_of(problem.times, pieces, np.stack(solved, axis=2))
-    slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
-    _require_proven(found, problem, pieces, lower, upper, slopes)
-    return found
+    solution = solution_of(problem.times, pieces, np.stack(solved, axis=2))
+    slopes = free_derivatives.cost_slopes(pieces, solution.node_derivatives)[1]
+    _require_proven(solution, problem, pieces, lower, upper, slopes)
+    return solution
 
 
 class _Qp:
@@ -484,7 +484,8 @@ class _Qp:
             for u in (0.0, 1.0)
         ]
         starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows
+            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ end_rows) for t in self.tau]
+            for end_rows in rows
         )
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
@@ -555,13 +556,13 @@ class MotionLimits:
         """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
         they are of other shape.
         """
-        given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
-        for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
+        limits = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
+        for name, limit in zip(("velocity", "acceleration", "jerk"), limits, strict=True):
             if limit.shape not in ((), (n_axes,)):
                 raise InvalidInput(
                     f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},)."
                 )
-        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
+        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in limits])
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
         """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
@@ -646,10 +647,10 @@ def optimal_times(
         return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        found = _least(waypoints, knots(log_durations), specification)[0]
+        curve = _least(waypoints, knots(log_durations), specification)[0]
         h = np.exp(log_durations)
-        return float(time_weight * h.sum() + found.cost), (
-            time_weight + found.gradients().durations
+        return float(time_weight * h.sum() + curve.cost), (
+            time_weight + curve.gradients().durations
         ) * h
 
     guess = min_snap(waypoints, times, specification)

@@ -168,11 +168,11 @@ def bluerov_inspection(
         ToolPosition(goal=circle(0.0)[0]),
         *posture,
     ]
-    there = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
+    outer_condition = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
     on = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP")
-    near = replace(there, limit=there.limit / 2)
-    turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
-    phases = (approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn)
+    inner_condition = replace(outer_condition, limit=outer_condition.limit / 2)
+    turn = phase_of("C", "turn", on, DONE, outer_condition, hold=turning + 1.0, TP=circle)
+    phases = (approach_phase(), phase_of("B", "hold", on, "C", inner_condition, hold=1.0), turn)
     return run.scenario(
         name="bluerov_inspection",
         mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),

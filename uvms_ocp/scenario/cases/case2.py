@@ -100,7 +100,8 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
             " lands"
         )
     velocity, acceleration = (
-        _SHARE * own[robot.joint_v] for own in (robot.limits.velocity, robot.limits.acceleration)
+        _SHARE * axis_limits[robot.joint_v]
+        for axis_limits in (robot.limits.velocity, robot.limits.acceleration)
     )
     limits = MotionLimits(velocity=velocity, acceleration=acceleration)
     options = soft_collision.SoftCollisionOptions(

@@ -146,12 +146,12 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
-                known = (
+                limitation = (
                     f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase"
                     " may end early, or never"
                 )
-                asked = f"{condition.quantity} < {condition.limit:g} is asked for"
-                text = f"{asked}, but {known}; raise the limit or take better sensors"
+                request = f"{condition.quantity} < {condition.limit:g} is asked for"
+                text = f"{request}, but {limitation}; raise the limit or take better sensors"
                 yield Severity.WARNING.finding(
                     "accuracy", text, phase.name, limit=condition.limit, sensors_allow=sigma
                 )
@@ -252,9 +252,9 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     fastest = float(np.linalg.norm(setup.robot.limits.velocity[:3]))
     place = setup.start[:3]
     nearby = 0.0
-    least = 0.0
+    shortest = 0.0
     for visit in visits:
-        least += _shortest_stay(visit.phase)
+        shortest += _shortest_stay(visit.phase)
         pose = visit.active(VehiclePose)
         if pose is None or callable(pose.goal):
             continue
@@ -263,15 +263,15 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             continue
         goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
         way = float(np.linalg.norm(goal.translation - place))
-        least += max(way - nearby - threshold, 0.0) / fastest
+        shortest += max(way - nearby - threshold, 0.0) / fastest
         place = goal.translation
         nearby = threshold
-    if least > setup.duration:
+    if shortest > setup.duration:
         text = (
-            f"the phases take {least:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"
+            f"the phases take {shortest:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"
             f" time limit is {setup.duration:.3g} s: give a longer duration"
         )
-        yield Severity.WARNING.finding("time", text, least_s=least, duration_s=setup.duration)
+        yield Severity.WARNING.finding("time", text, least_s=shortest, duration_s=setup.duration)
 
 
 def _shortest_stay(phase: Phase) -> float:
@@ -301,8 +301,8 @@ def check_inertia(setup: Setup) -> Iterator[Finding]:
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:
     """A note on each part that is not the toolkit's."""
-    for what, name in setup.own_parts.items():
-        yield Severity.NOTE.finding("parts", f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
+    for part, name in setup.own_parts.items():
+        yield Severity.NOTE.finding("parts", f"{part} {name} is your own: {_ASSUMPTIONS[part]}")
 
 
 def check_freedom(
@@ -320,7 +320,9 @@ def check_freedom(
             rows = J[task.name]
             if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
                 names = ", ".join(
-                    other.name for other in visit.tasks if other.equality and other is not task
+                    competitor.name
+                    for competitor in visit.tasks
+                    if competitor.equality and competitor is not task
                 )
                 text = (
                     f"{task.name} is on but has no freedom left below the other equality tasks"

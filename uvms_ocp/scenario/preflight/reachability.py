@@ -123,11 +123,9 @@ class ArmReach:
         """
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
-            found = self._from(X_WB, goal, start)
-            if best is None or found.cost < best.cost:
-                best = found
-            else:
-                best = best
+            candidate = self._from(X_WB, goal, start)
+            if best is None or candidate.cost < best.cost:
+                best = candidate
             if best.reached if self._weight else best.position < REACHED:
                 break
         if best is None:
@@ -233,9 +231,11 @@ class ReachShortfall:
     likely: ReachResult
 
     def figures(self) -> dict[str, float]:
-        found = {"best": self.best, "worst": self.worst, "likely": self.likely}
-        lengths = {f"missing_{name}_m": value.position for name, value in found.items()}
-        return lengths | {f"missing_{name}_rad": value.orientation for name, value in found.items()}
+        reaches = {"best": self.best, "worst": self.worst, "likely": self.likely}
+        lengths = {f"missing_{name}_m": value.position for name, value in reaches.items()}
+        return lengths | {
+            f"missing_{name}_rad": value.orientation for name, value in reaches.items()
+        }
 
 
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -261,21 +261,23 @@ def distances_missing(
     stop_at: float = np.inf,
 ) -> ReachShortfall:
     """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
-    found: list[ReachResult] = []
+    reaches: list[ReachResult] = []
     likely: list[ReachResult] = []
     for stance in stances:
         for goal in goals:
-            near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
-            found.append(
-                robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None)
+            postures = [reach.joints for reach in sorted(reaches, key=_cost)[:_N_NEAR]]
+            reaches.append(
+                robot_reach.solve(
+                    stance.X_WB, goal, postures, n_random=_N_FEW if postures else None
+                )
             )
-            likely += found[-1:] if stance.likely else []
-        if found[-1].position > stop_at:
+            likely += reaches[-1:] if stance.likely else []
+        if reaches[-1].position > stop_at:
             break
     return ReachShortfall(
-        best=min(found, key=_cost),
-        worst=max(found, key=_cost),
-        likely=max(likely or found, key=_cost),
+        best=min(reaches, key=_cost),
+        worst=max(reaches, key=_cost),
+        likely=max(likely or reaches, key=_cost),
     )
 
 
@@ -308,8 +310,8 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
             " joints"
         )
     best, worst = (
-        f"{one.position:.3f} m ({one.orientation:.2f} rad)"
-        for one in (distances.best, distances.worst)
+        f"{reach.position:.3f} m ({reach.orientation:.2f} rad)"
+        for reach in (distances.best, distances.worst)
     )
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
     missed = (
@@ -340,11 +342,11 @@ def _suggestion(
     if source is None:
         return None
     phase, task = source
-    here, _ = evaluate_pose(task.name, task.goal, 0.0)
-    direction = (goals[0].translation - here.translation) * [1.0, 1.0, 0.0]
+    way_point, _ = evaluate_pose(task.name, task.goal, 0.0)
+    direction = (goals[0].translation - way_point.translation) * [1.0, 1.0, 0.0]
     distance = float(np.linalg.norm(direction))
     for step in np.arange(_STEP, min(distance, _FARTHEST), _STEP):
-        shifted = pin.SE3(here.rotation, here.translation + direction * (step / distance))
+        shifted = pin.SE3(way_point.rotation, way_point.translation + direction * (step / distance))
         phases = list(setup.mission.phases)
         phases[phase] = replace(phases[phase], goals={**phases[phase].goals, task.name: shifted})
         moved = replace(setup, mission=replace(setup.mission, phases=tuple(phases)))
@@ -356,13 +358,13 @@ def _suggestion(
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
     """Index of the last phase before `visit` with a way point, and its task."""
     before = takewhile(lambda earlier: earlier.index != visit.index, forecast(setup))
-    found = [
-        (one.index, task)
-        for one in before
-        if (task := one.active(VehiclePose)) is not None and not callable(task.goal)
+    way_points = [
+        (preceding.index, task)
+        for preceding in before
+        if (task := preceding.active(VehiclePose)) is not None and not callable(task.goal)
     ]
-    if found:
-        return found[-1]
+    if way_points:
+        return way_points[-1]
     return None
 
 

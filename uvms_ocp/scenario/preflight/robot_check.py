@@ -146,9 +146,11 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
     moving = range(1, robot.model.njoints)
     massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
     principal = {i: np.linalg.eigvalsh(inertias[i].inertia) for i in moving}
-    most = 1.0 + _TRIANGLE_TOLERANCE
+    factor = 1.0 + _TRIANGLE_TOLERANCE
     impossible = [
-        i for i, (a, b, c) in principal.items() if not (a >= -1e-12 and c <= (a + b) * most + 1e-12)
+        i
+        for i, (a, b, c) in principal.items()
+        if not (a >= -1e-12 and c <= (a + b) * factor + 1e-12)
     ]
     if massless:
         yield _warning(
@@ -262,7 +264,7 @@ def _trim(robot: Robot) -> RobotFinding:
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
     bodies = trim_bodies(robot, force, moment)
-    own = robot.description.trim
+    present_trim = robot.description.trim
     parts = [
         f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y ="
         f" {body.position[1]:.3g} m"
@@ -270,19 +272,19 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     ]
     entries = [
         {key: _rounded(value) for key, value in body.model_dump().items()}
-        for body in (*own, *(body.model_copy(update={"link": link}) for body, _ in bodies))
+        for body in (*present_trim, *(body.model_copy(update={"link": link}) for body, _ in bodies))
     ]
     text = yaml.safe_dump(
         entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
     ).strip()
-    more = " in place of what stands there" if own else ""
+    more = " in place of what stands there" if present_trim else ""
     return f"{' and '.join(parts)} of {link} would trim it{more}; trim: {text}"
 
 
 def _rounded(value: Any) -> Any:
     """A part of an entry with numbers of five digits."""
     if isinstance(value, tuple):
-        return [_rounded(one) for one in value]
+        return [_rounded(part) for part in value]
     if isinstance(value, float):
         return float(f"{value:.5g}")
     return value
@@ -299,12 +301,14 @@ def trim_bodies(
     lift = -force
     lever = np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
-    taken = [body.name for body in robot.description.trim]
+    used_names = [body.name for body in robot.description.trim]
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
         name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
         name = next(
-            free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken
+            free
+            for free in chain([name], (f"{name}_{k}" for k in count(1)))
+            if free not in used_names
         )
         x, y = place + 0.0  # no zero with a sign
         return assembly.trim_body(name, float(x), float(y), lift, robot), lift
@@ -319,7 +323,7 @@ def trim_bodies(
     reach = [_reach(way, low, high) for way in (along, -along)]
     first = (float(np.linalg.norm(lever)) + lift * reach[1]) / sum(reach)
     pair = (body("_1", reach[0] * along, first), body("_2", -reach[1] * along, lift - first))
-    return [one for one in pair if abs(one[1]) > 0.0]
+    return [entry for entry in pair if abs(entry[1]) > 0.0]
 
 
 def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -118,13 +118,13 @@ class PreflightReport(TableDisplay):
         """JSON values only."""
         rows = [
             {
-                "severity": one.severity.value,
-                "check": one.check,
-                "phase": one.phase,
-                "text": one.text,
+                "severity": finding.severity.value,
+                "check": finding.check,
+                "phase": finding.phase,
+                "text": finding.text,
             }
-            | {"figures": dict(one.figures)}
-            for one in self.findings
+            | {"figures": dict(finding.figures)}
+            for finding in self.findings
         ]
         return {"accepted": self.accepted, "findings": rows}
 
