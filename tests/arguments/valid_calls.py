@@ -520,7 +520,7 @@ NAMED: dict[str, Callable[[], Any]] = {
     "indices": lambda: [0],
     "axes": lambda: (1,),
     "names": lambda: ("a",),
-    "measured_names": lambda: tuple(quantities()),
+    "known": lambda: tuple(quantities()),
     "activations": lambda: np.ones(len(scenario().mission.hierarchy.tasks)),
     "gates": lambda: np.ones(len(scenario().mission.hierarchy.tasks)),
     "bounds": lambda: (0.0, 1.0),

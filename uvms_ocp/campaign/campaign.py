@@ -78,11 +78,11 @@ class MissionJob(jobs.CampaignJob):
         )
 
     def base(self) -> Scenario:
-        """The scenario that is varied."""
+        """Return the scenario that is varied."""
         return _made(self.scenario)
 
     def make(self, run: int) -> jobs.RunResult:
-        """The row of a run, and its record where that is to be kept."""
+        """Make the row of a run, and its record where that is to be kept."""
         scenario = self.scenario_of(run)
         record = scenario.run()
         try:
@@ -116,7 +116,7 @@ def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
 
 @lru_cache(maxsize=4)
 def _made(source: CodeSource | Callable[[], Any]) -> Any:
-    """Once in a process: what runs share, such as the robot, is then known to be the same."""
+    """Make it once in a process: what runs share, such as the robot, is then known to be the same."""
     if isinstance(source, CodeSource):
         return source.build()
     return source()
@@ -247,12 +247,12 @@ class Campaign(FieldTable):
     def sources(self) -> dict[str, bytes]:
         """Files to keep a copy of, by the name that the copy has."""
         parts = {"scenario": self.work.scenario, "variations": self.work.variations}
-        return {
-            f"{part}/{name}": content
-            for part, source in parts.items()
-            if isinstance(source, CodeSource)
-            for name, content in source.files.items()
-        }
+        contents = {}
+        for part, source in parts.items():
+            if isinstance(source, CodeSource):
+                for name, content in source.files.items():
+                    contents[f"{part}/{name}"] = content
+        return contents
 
 
 @checked

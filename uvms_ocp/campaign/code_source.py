@@ -62,17 +62,17 @@ class CodeSource:
             name: _absolute(value) if name in _PLACES else value
             for name, value in (options or {}).items()
         }
-        bare = CodeSource(
+        source = CodeSource(
             words=_placed(words, Path.cwd()), attribute=attribute, options=placed_options
         )
         forget_user_code()
         with untrusted.record_files_read() as files_read:
-            bare.build()
+            source.build()
         paths = set(files_read)
         if code is not None and code.file is not None:
             file = code.file.resolve()
             paths |= {file, *siblings(file.parent)}
-        return replace(bare, root=_common(paths), files=_contents(paths))
+        return replace(source, root=_common(paths), files=_contents(paths))
 
     def build(self) -> Any:
         """Build what the code defines: a `Scenario`, or whatever has the name of `attribute`.

@@ -170,7 +170,7 @@ class Dispatch:
         return done_futures
 
     def _warn_of_no_workers(self) -> None:
-        """Once, as a cluster may still be waiting for its machines."""
+        """Warn once, as a cluster may still be waiting for its machines."""
         if self._client.nthreads():
             self._alone_since = None
         elif self._alone_since is None:

@@ -187,8 +187,8 @@ class OfScipy(Distribution):
 
 
 def distribution_of(value: Any) -> Distribution:
-    """One of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what is
-    neither.
+    """Return one of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what
+    is neither.
     """
     if hasattr(value, "quantile"):
         return value

@@ -114,7 +114,7 @@ def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str
 
 
 def over_time(limit: float) -> str:
-    """Why a run was stopped; limit [s]."""
+    """Say why a run was stopped; limit [s]."""
     return f"not over after {limit:g} s, and stopped; give more by the time limit"
 
 

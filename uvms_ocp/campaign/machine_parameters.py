@@ -69,16 +69,16 @@ def _of_robot(
 
 
 def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float) -> Robot:
-    """The robot with these coefficients of its links scaled; a shape becomes the coefficients that
-    its rule gives.
+    """Return the robot with these coefficients of its links scaled; a shape becomes the
+    coefficients that its rule gives.
     """
     if not factor >= 0.0:
         raise InvalidInput(f"{parameter} = {factor:g}; give a factor of 0 or more")
-    bare = checked_copy(robot.description, trim=())
-    scaled = [
-        replace(link, **{name: factor * getattr(link, name) for name in names})
-        for link in links_in_water(bare)
-    ]
+    untrimmed = checked_copy(robot.description, trim=())
+    scaled = []
+    for link in links_in_water(untrimmed):
+        coefficients = {name: factor * getattr(link, name) for name in names}
+        scaled.append(replace(link, **coefficients))
     links = {link.frame: LinkDescription(coefficients=coefficients_of(link)) for link in scaled}
     description = checked_copy(robot.description, links=links)
     return replace(robot, description=description, hydrodynamics=links_in_water(description))

@@ -1,4 +1,6 @@
-"""Parameters that the controller knows: goals that do not move, numbers of tasks and gains, and numbers of a user's own parts."""
+"""Parameters that the controller knows: goals that do not move, numbers of tasks and gains, and
+numbers of a user's own parts.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,11 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
             and goal.shape == (3,)
             and not isinstance(task, JointTracking)
         )
-        for axis, name in AXES if isinstance(goal, pin.SE3) or is_point else ():
-            meaning = f"added to {name} of the goal of {task.name}, in W"
-            yield Parameter(f"{prefix}.{name}", "m", meaning, partial(_with_goal, task.name, axis))
+        if isinstance(goal, pin.SE3) or is_point:
+            for axis, name in AXES:
+                meaning = f"added to {name} of the goal of {task.name}, in W"
+                apply = partial(_with_goal, task.name, axis)
+                yield Parameter(f"{prefix}.{name}", "m", meaning, apply)
         if isinstance(goal, pin.SE3):
             meaning = f"turn of the goal of {task.name} about z of W"
             yield Parameter(f"{prefix}.yaw", "rad", meaning, partial(_with_goal, task.name, 3))

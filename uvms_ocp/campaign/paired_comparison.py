@@ -52,14 +52,17 @@ def compare_campaigns(
 def _pairs(a: Any, b: Any) -> dict[str, Any]:
     from scipy.stats import binomtest
 
-    before, after = (table["success"].to_numpy(dtype=bool) for table in (a, b))
-    lost, won = (np.flatnonzero(which) for which in (before & ~after, ~before & after))
+    first_success, second_success = (table["success"].to_numpy(dtype=bool) for table in (a, b))
+    lost, won = (
+        np.flatnonzero(is_discordant)
+        for is_discordant in (first_success & ~second_success, ~first_success & second_success)
+    )
     discordant = len(lost) + len(won)
     differences = [_difference(name, a, b) for name in run_metrics.metrics_among(a)]
     return {
         "pairs": len(a),
-        "both_succeed": int((before & after).sum()),
-        "both_fail": int((~before & ~after).sum()),
+        "both_succeed": int((first_success & second_success).sum()),
+        "both_fail": int((~first_success & ~second_success).sum()),
         "first_only": len(lost),
         "second_only": len(won),
         "first_only_runs": a["run"].to_numpy()[lost[:_MOST_NAMED]].tolist(),

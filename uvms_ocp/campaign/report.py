@@ -48,13 +48,13 @@ def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[
     """`campaign_report` of the `table_with_success` of that folder."""
     identity = manifest.read_manifest(folder)
     rate = Rate(number=int(table["success"].sum()), runs=len(table))
-    which = {
+    identity_entries = {
         "campaign": identity.name,
         "folder": str(folder),
         "runs": identity.runs,
         "finished": len(table),
     }
-    return which | {
+    return identity_entries | {
         **{name: getattr(identity, name) for name in ("package", "sampler", "seed", "parameters")},
         "criterion": [str(bound) for bound in success]
         or ["the mission completed, and its goals truly reached"],

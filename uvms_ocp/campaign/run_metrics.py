@@ -38,12 +38,9 @@ _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
     """The tool of each metric that is of one of several; none where there is one tool."""
-    return {
-        f"{name}[{tool}]": tool
-        for tool in robot.tools
-        if len(robot.tools) > 1
-        for name in OF_EACH_TOOL
-    }
+    if len(robot.tools) <= 1:
+        return {}
+    return {f"{name}[{tool}]": tool for tool in robot.tools for name in OF_EACH_TOOL}
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:

@@ -65,10 +65,10 @@ def read_rows(folder: Path, identity: CampaignManifest) -> Any:
     if not tables:
         return schema.empty_table()
     table = pa.concat_tables(tables)
-    wrong = _not_of(table, identity)
-    if wrong:
+    fault = _not_of(table, identity)
+    if fault:
         raise InvalidInput(
-            f"{folder / FOLDER}: {wrong}; put back what was, or move it away, and its runs are made"
+            f"{folder / FOLDER}: {fault}; put back what was, or move it away, and its runs are made"
             " again"
         )
     return table.take(np.unique(table["run"].to_numpy(), return_index=True)[1])
@@ -88,42 +88,46 @@ def _read(path: Path, schema: Any) -> Any:
 
 
 def _not_of(table: Any, identity: CampaignManifest) -> str:
-    """Why these rows are not of the campaign; empty where they may be. What is not a number counts
-    as none.
+    """Say why these rows are not of the campaign; empty where they may be. What is not a number
+    counts as none.
     """
     rows = table.to_pandas()
-    bare = [name for name in _NEEDED if table[name].null_count]
-    if bare:
-        return f"a run without {bare[0]}"
-    if (outside := ~rows["run"].between(0, identity.runs - 1)).any():
+    incomplete_columns = [name for name in _NEEDED if table[name].null_count]
+    if incomplete_columns:
+        return f"a run without {incomplete_columns[0]}"
+    outside = ~rows["run"].between(0, identity.runs - 1)
+    if outside.any():
         return f"run {rows['run'][outside].iloc[0]} of a campaign with {identity.runs} runs"
-    if (twice := rows.drop_duplicates()["run"].duplicated()).any():
-        return f"run {rows.drop_duplicates()['run'][twice].iloc[0]} is there twice, not alike"
-    named = rows.set_index("run")
-    drawn = {
+    runs = rows.drop_duplicates()["run"]
+    is_repeated = runs.duplicated()
+    if is_repeated.any():
+        return f"run {runs[is_repeated].iloc[0]} is there twice, not alike"
+    rows_by_run = rows.set_index("run")
+    drawn_seeds = {
         run: identity.design.seed_of(run)
-        for run in named.index[:: 1 + len(rows) // _LOOKS].tolist()
+        for run in rows_by_run.index[:: 1 + len(rows) // _LOOKS].tolist()
     }
-    numbers = named[[name for name, kind in identity.types.items() if kind is float]]
-    failed = ~named["success"].astype(bool)
-    if "seed" in named:
-        has_seed = named.index.isin(drawn) & ~(failed & named["seed"].isna())
-        seeds = has_seed & (named["seed"].to_numpy() != named.index.map(drawn).to_numpy())
+    numbers = rows_by_run[[name for name, kind in identity.types.items() if kind is float]]
+    failed = ~rows_by_run["success"].astype(bool)
+    if "seed" in rows_by_run:
+        has_seed = rows_by_run.index.isin(drawn_seeds) & ~(failed & rows_by_run["seed"].isna())
+        seeds = has_seed & (
+            rows_by_run["seed"].to_numpy() != rows_by_run.index.map(drawn_seeds).to_numpy()
+        )
     violations = {
-        "success": failed == (named["outcome"] == COMPLETED),
-        "version": named["version"] != identity.package,
-        **({"seed": seeds} if "seed" in named else {}),
-        "wall_s": named["wall_s"] < 0.0,
+        "success": failed == (rows_by_run["outcome"] == COMPLETED),
+        "version": rows_by_run["version"] != identity.package,
+        **({"seed": seeds} if "seed" in rows_by_run else {}),
+        "wall_s": rows_by_run["wall_s"] < 0.0,
         **{name: np.isinf(numbers[name]) for name in numbers},
         **{name: numbers[name].isna() & ~failed for name in identity.parameters},
     }
-    for name, wrong in violations.items():
-        if wrong.any():
-            run = named.index[np.flatnonzero(wrong)[0]]
-            return (
-                f"run {run} has {name} = {named[name].to_numpy()[np.flatnonzero(wrong)[0]]}, which"
-                " no run of it has"
-            )
+    for name, is_violated in violations.items():
+        if is_violated.any():
+            row = np.flatnonzero(is_violated)[0]
+            run = rows_by_run.index[row]
+            value = rows_by_run[name].to_numpy()[row]
+            return f"run {run} has {name} = {value}, which no run of it has"
     return ""
 
 
@@ -199,8 +203,8 @@ class CampaignFolder:
             self._join()
 
     def _join(self) -> None:
-        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises
-        `OutputError`.
+        """Write one file in place of many. Cut off, some rows are there twice, which readers know.
+        Raises `OutputError`.
         """
         paths = part_paths(self.folder)
         if len(paths) > 1:

@@ -1,4 +1,6 @@
-"""Which runs succeeded: those that the mission counts, or those that finished within limits of their figures."""
+"""Which runs succeeded: those that the mission counts, or those that finished within limits of
+their figures.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ def _parse(text: str) -> MetricBound:
         if match:
             name, sign, limit = match.groups()
         else:
-            name, sign, limit = ("", "", "")
+            name = ""
+            sign = ""
+            limit = ""
         value = float(limit)
     except ValueError:
         raise InvalidInput(
@@ -83,5 +87,5 @@ def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
 
 def _missed(bounds: Sequence[MetricBound], is_within: np.ndarray) -> str:
     return "not " + ", not ".join(
-        str(bound) for bound, good in zip(bounds, is_within, strict=True) if not good
+        str(bound) for bound, is_kept in zip(bounds, is_within, strict=True) if not is_kept
     )

@@ -199,9 +199,11 @@ class Phase(FieldTable):
     """
 
     def __post_init__(self) -> None:
-        bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
-        if bad:
-            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
+        outside = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
+        if outside:
+            raise InvalidInput(
+                f"phase {self.name!r}: activations {outside}; give values from 0 to 1"
+            )
 
     @property
     def on(self) -> tuple[str, ...]:

@@ -1,4 +1,6 @@
-"""Digests of the robot, the start and the mission of a scenario, by which a saved plan is recognised."""
+"""Digests of the robot, the start and the mission of a scenario, by which a saved plan is
+recognised.
+"""
 
 from __future__ import annotations
 

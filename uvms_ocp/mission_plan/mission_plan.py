@@ -27,7 +27,7 @@ class MissionPlan(TableDisplay):
     """Plan of a whole mission, as `plan_mission` returns it."""
 
     scenario: str
-    """Its name."""
+    """Name of the scenario."""
     trajectory: Trajectory
     phases: tuple[PlannedPhase, ...]
     """On the way, in their order."""
@@ -50,7 +50,7 @@ class MissionPlan(TableDisplay):
 
     @property
     def solved(self) -> bool:
-        """Every phase ends as the mission asks for."""
+        """True where every phase ends as the mission asks for."""
         return self.status is OcpStatus.SOLVED
 
     @property
@@ -65,30 +65,29 @@ class MissionPlan(TableDisplay):
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""
-        ended = {
+        phases = [
+            {
+                "name": name,
+                "phase": phase.phase,
+                "begin_s": phase.begin,
+                "end_s": phase.end,
+                "moves": phase.moves,
+            }
+            for name, phase in zip(self.names, self.phases, strict=True)
+        ]
+        return {
             "scenario": self.scenario,
             "status": self.status.value,
             "reason": self.reason,
             "advice": self.status.advice,
-        }
-        sizes = {
             "duration_s": self.duration,
             "greedy_duration_s": self.greedy_duration,
             "energy_j": self.energy,
-        }
-        sizes |= {"clearance_m": self.clearance, "peak_thrust_n": self.peak_thrust}
-        return {
-            **(ended | sizes | {"iterations": self.iterations, "solve_time_s": self.solve_time}),
-            "phases": [
-                {
-                    "name": name,
-                    "phase": part.phase,
-                    "begin_s": part.begin,
-                    "end_s": part.end,
-                    "moves": part.moves,
-                }
-                for name, part in zip(self.names, self.phases, strict=True)
-            ],
+            "clearance_m": self.clearance,
+            "peak_thrust_n": self.peak_thrust,
+            "iterations": self.iterations,
+            "solve_time_s": self.solve_time,
+            "phases": phases,
             "identity": dict(self.identity),
         }
 
@@ -166,12 +165,11 @@ class MissionPlan(TableDisplay):
         `InvalidInput` as `require_of` does.
         """
         self.require_of(scenario)
-        mission, robot = scenario.mission, scenario.robot
         return PlanGuide(
             self.trajectory,
             self.phases,
-            mission,
-            robot,
+            scenario.mission,
+            scenario.robot,
             dt=scenario.dt,
             tuning=tuning,
             energy=self.energy,
@@ -180,7 +178,7 @@ class MissionPlan(TableDisplay):
     def controller(
         self, scenario: Scenario, tuning: FollowingTuning | None = None
     ) -> MissionController:
-        """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
+        """Make a controller for one `Scenario.run`: the hierarchy's, led by `guide`."""
         return scenario.guided(self.guide(scenario, tuning))
 
     def fly(

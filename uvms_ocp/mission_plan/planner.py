@@ -37,17 +37,17 @@ from uvms_ocp.types import DAY, Mask, Positive
 # [s] how far and how often the water is looked at
 _AHEAD = 600.0
 _LOOK = 0.5
-_SAME_WATER = 0.05  # [m/s] by which it may differ
+_SAME_WATER = 0.05  # [m/s] by which the water may differ from that at the start
 
 _EASY = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
 _HURRY = MissionWeights(price=1.0)
-_SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
-_ROUNDS = (
-    3  # in which links that come near are looked for, and in which the water is where the plan is
-)
+# share of the time allowed that a plan uses: the flight takes a little longer, or shorter
+_SHARE = 0.975
+# rounds in which links that come near are looked for, and in which the water is where the plan is
+_ROUNDS = 3
 _SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
-_HASTE = 150  # iterations from the greedy way, before the easier problem is tried
+_HASTE = 150  # iterations from the greedy rollout, before the easier problem is tried
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
 """Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
 the machine is.
@@ -91,13 +91,14 @@ class MissionProblem:
         return np.inf
 
     def keeping(self, links: Mask) -> MissionProblem:
-        """With a constraint on pairs of links (n_pairs,) too."""
+        """Return the problem with a constraint on pairs of links (n_pairs,) too."""
         assert self.shapes is not None
         constraints = (*self.problem.constraints, surroundings.link_pairs(self.shapes, links))
         return replace(self, problem=replace(self.problem, constraints=constraints))
 
     def at(self, weights: MissionWeights, way: Trajectory, longest: float) -> OcpProblem:
-        """The problem with other weights in its last level, and the water as it is along a way.
+        """Return the problem with other weights in its last level, and the water as it is along a
+        way.
 
         longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
@@ -304,8 +305,8 @@ class _Search:
         return plan
 
     def _apart(self, plan: Plan, limit: float) -> Plan:
-        """Near a plan, one that keeps links apart, with rows for those alone that come near; else
-        the last that was found.
+        """Find a plan near this one that keeps links apart, with rows for those alone that come
+        near; else return the last that was found.
         """
         shapes = self._posed.shapes
         if shapes is None:
@@ -353,9 +354,9 @@ class _Search:
                 break
             best = plan
             way = plan.trajectory
-            before = problem.currents
+            previous_currents = problem.currents
             problem = posed.at(weights, way, _SHARE * limit)
-            if np.abs(problem.currents - before).max() <= _SAME_CURRENT:
+            if np.abs(problem.currents - previous_currents).max() <= _SAME_CURRENT:
                 break
         return best or plan
 

@@ -89,19 +89,19 @@ def active_constraints(
     phase: Phase,
     tasks: Collection[Task],
     out: Transition,
-    before: Collection[str],
+    established: Collection[str],
     margins: Margins,
 ) -> list[Task]:
     """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than
     the mission has them.
 
-    tasks: that are on. out: the transition by which the mission leaves the phase. before: names of
-    the prerequisites that were on in the phase before. Raises `InvalidInput` for a task without
-    residual, by its name.
+    tasks: that are on. out: the transition by which the mission leaves the phase. established:
+    names of the prerequisites that were on in the phase before. Raises `InvalidInput` for a task
+    without residual, by its name.
     """
     limits = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
     constraints = [
-        task for task in tasks if _is_kept(task, limits, before) and not _kept_otherwise(task)
+        task for task in tasks if _is_kept(task, limits, established) and not _kept_otherwise(task)
     ]
     for task in constraints:
         if type(task).residual is Task.residual:
@@ -129,13 +129,14 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
     return False
 
 
-def _is_kept(task: Task, awaited_tasks: Collection[str], before: Collection[str]) -> bool:
-    """A prerequisite is kept where the phase before has reached it, or no transition out of this
+def _is_kept(task: Task, awaited_tasks: Collection[str], established: Collection[str]) -> bool:
+    """Check whether a task is kept all along its phase: a constraint or a safety task always, a
+    prerequisite where the phase before has reached it, or no transition out of this
     one waits for it.
     """
-    established = task.name not in awaited_tasks or task.name in before
+    is_established = task.name not in awaited_tasks or task.name in established
     if is_prerequisite(task):
-        return established
+        return is_established
     return task.task_class <= TaskClass.SAFETY
 
 
@@ -183,7 +184,7 @@ class GreedyRollout:
         return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
 
     def at(self, row: int) -> dict[str, float]:
-        """All quantities in a row."""
+        """Return all quantities in a row."""
         return {name: float(values[row]) for name, values in self.quantities.items()}
 
 
@@ -299,13 +300,13 @@ def horizon_segments(
     horizon.
     """
     segments: list[HorizonSegment] = []
-    before: set[str] = set()
+    prerequisites: set[str] = set()
     for k, index in enumerate(greedy.phases):
         phase = mission.phases[index]
         out = exit_transition(mission.phases, greedy.phases, k)
         on = active_tasks(phase, mission.tasks_of(index))
-        constraints = active_constraints(phase, on, out, before, margins)
-        before = {task.name for task in on if is_prerequisite(task)}
+        constraints = active_constraints(phase, on, out, prerequisites, margins)
+        prerequisites = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
         hold = out.hold
         if moving:
@@ -357,8 +358,8 @@ def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhas
 
 
 def _entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
-    """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy
-    way.
+    """Return the time [s] at which all constraints hold for the first time in the k-th phase of the
+    greedy way.
     """
     for row in greedy.rows(k):
         if not any(is_violated(task, greedy.at(row)) for task in constraints):
@@ -369,8 +370,8 @@ def _entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> floa
 
 
 def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
-    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none
-    moves. on: its tasks.
+    """Return the time [s after the beginning of the phase] at which the goals that are its own come
+    to rest; 0 where none moves. on: its tasks.
     """
     phase_goals = [phase.goals.get(task.name) for task in on]
     ends = [

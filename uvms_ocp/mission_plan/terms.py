@@ -224,7 +224,9 @@ def mission_terms(
     segments: Sequence[HorizonSegment],
     margins: Margins,
 ) -> MissionTerms:
-    """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
+    """Collect the terms of all phases. Raises `InvalidInput` for tasks and conditions that no
+    residual states, by their names.
+    """
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
     preferences: list[Term] = []
@@ -264,13 +266,10 @@ def mission_levels(
     far as it is known.
     """
     classes = sorted({kind for kind, _ in terms.goals})
-    goal_levels = [
-        OcpLevel(
-            name=kind.name.lower(),
-            terms=tuple(term for task_class, term in terms.goals if task_class is kind),
-        )
-        for kind in classes
-    ]
+    goal_levels = []
+    for kind in classes:
+        goals = [term for task_class, term in terms.goals if task_class is kind]
+        goal_levels.append(OcpLevel(name=kind.name.lower(), terms=tuple(goals)))
     powers = [thruster.power for thruster in robot.description.thrusters]
     energy_terms: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
     spent = (
@@ -320,12 +319,12 @@ class _Phase:
                 if part.ends and not (part.holds and self._last):
                     yield kind, self._term(condition, part, At.END, met=True)
 
-    def kept(self, before: set[str]) -> Iterator[Term]:
-        """Yield the constraints of tasks all along the phase. before: names of prerequisites that
-        the phase before has established.
+    def kept(self, established: set[str]) -> Iterator[Term]:
+        """Yield the constraints of tasks all along the phase. established: names of prerequisites
+        that the phase before has reached.
         """
         for task in mission_segments.active_constraints(
-            self._phase, self.on, self._out, before, self._margins
+            self._phase, self.on, self._out, established, self._margins
         ):
             for part in self._parts:
                 if task.name not in part.waits_for and not (
@@ -375,9 +374,9 @@ class _Phase:
 
 
 def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
-    """At the very end, but for what a task keeps at rest anyway."""
-    still = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
-    axes = tuple(axis for axis in range(robot.n_v) if axis not in still)
+    """Yield the rest at the very end, but for what a task keeps at rest anyway."""
+    resting_axes = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
+    axes = tuple(axis for axis in range(robot.n_v) if axis not in resting_axes)
     if axes:
         yield ZeroVelocities(axes=axes)
 
@@ -424,18 +423,19 @@ class FloorClearance(Term):
 def rims_of(robot: Robot) -> tuple[Rim, ...]:
     """Return the rims of the lower side of the hull, and of every shape of the arm."""
     hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
-    first = 2 if robot.n_vehicle else 1
+    first_arm_joint = 2 if robot.n_vehicle else 1
     arm = [
         rim
         for shape in robot.collision_model.geometryObjects
-        if shape.parentJoint >= first
+        if shape.parentJoint >= first_arm_joint
         for rim in _rims(shape)
     ]
     return (*hull, *arm)
 
 
 def _rims(shape: pin.GeometryObject) -> list[Rim]:
-    geometry, X = shape.geometry, shape.placement
+    geometry = shape.geometry
+    X = shape.placement
     if isinstance(geometry, coal.Sphere):
         return [
             Rim(

@@ -97,7 +97,9 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _statuses() -> Iterator[str]:
-    """Every outcome of a solver, a plan or a fit, whose class is known once all modules are."""
+    """Yield tables of every outcome of a solver, a plan or a fit, whose class is known once all
+    modules are.
+    """
     for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
@@ -274,9 +276,8 @@ def documented_modules(pages: str) -> tuple[str, ...]:
         names = exported_names(init)
         if names and not set(_APART) & set(parts):
             room = importlib.import_module(".".join(("uvms_ocp", *parts)))
-            things = {
-                name: getattr(room, name) for name in names
-            }  # loaded now, where the room loads them when asked
+            # Loaded here, where the room loads them when asked.
+            things = {name: getattr(room, name) for name in names}
             vars(room).update(
                 things,
                 __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)],
@@ -324,13 +325,13 @@ def address_of(name: str, modules: Collection[str]) -> str:
     """Address of a name in the reference, from its top folder: on the page of its module. Raises
     `NameNotFound`.
     """
-    module, rest = place_of(name)
+    module, qualified_name = place_of(name)
     if module.__name__ in modules:
         page = f"{module.__name__.replace('.', '/')}.html"
     else:
         page = "index.html"
-    if rest:
-        return f"{page}#{rest}"
+    if qualified_name:
+        return f"{page}#{qualified_name}"
     return page
 
 
@@ -349,14 +350,14 @@ def body_of(text: str, modules: Collection[str]) -> str:
     text = CITED.sub(
         lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text
     )
-    html = str(
-        to_html(re.sub(r"\((\w+)\.md\)", r"(\1.html)", text))
-    )  # links between pages, which sites of sources follow too
+    # Links between pages, which sites of sources follow too.
+    linked = re.sub(r"\((\w+)\.md\)", r"(\1.html)", text)
+    html = str(to_html(linked))
     return re.sub(r"formula(\d+)mark", lambda match: formulas[int(match[1])], html)
 
 
 def _mark(formulas: list[str], latex: str, display: str) -> str:
-    """Kept out of the way of Markdown, which takes underscores for its own."""
+    """Keep a formula out of the way of Markdown, which takes underscores for its own."""
     from latex2mathml.converter import convert
 
     formulas.append(convert(latex.strip(), display=display))
@@ -437,16 +438,19 @@ def build_reference(folder: Path | str) -> Path:
         raise OutputError(
             f"{folder}: cannot be written ({error}); choose another folder"
         ) from error
-    wrong = [str(item.message).splitlines()[0] for item in warned]
-    if wrong:
+    warning_lines = [str(item.message).splitlines()[0] for item in warned]
+    if warning_lines:
         raise InvalidInput(
-            f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}"
+            f"the reference has {len(warning_lines)} faults:"
+            f" {'; '.join(warning_lines[:_MOST_FAULTS])}"
         )
     return folder / "index.html"
 
 
 def _asked_for(modules: tuple[str, ...]) -> Iterator[str]:
-    """All but those that share their name with what their room exports: they come with the room."""
+    """Yield all but those that share their name with what their room exports: they come with the
+    room.
+    """
     for name in modules:
         room, _, leaf = name.rpartition(".")
         if room not in modules or leaf not in getattr(sys.modules[room], "__all__", ()):
@@ -472,7 +476,9 @@ def _write_pages(
         (folder / f"{name}.html").write_text(
             page_of(title_of(text), body_of(text, modules), contents), encoding="utf-8"
         )
-    first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
+    first_page = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(
+        encoding="utf-8"
+    )
     (folder / "index.html").write_text(
-        page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8"
+        page_of("uvms_ocp", body_of(first_page, modules), contents), encoding="utf-8"
     )

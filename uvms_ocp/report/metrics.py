@@ -73,9 +73,9 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     """Return the names of the series that have the least and largest values of one: its own, where
     every tick has a row.
     """
-    both = (f"{name}_least", f"{name}_most")
-    if both[0] in record.series:
-        return both
+    names = (f"{name}_least", f"{name}_most")
+    if names[0] in record.series:
+        return names
     return (name,)
 
 
@@ -258,7 +258,8 @@ def resources(record: Record) -> TableRows:
 
     Raises `InvalidInput` for the record of a plan.
     """
-    t, meta = record["t"], record.run_meta
+    t = record["t"]
+    meta = record.run_meta
     ends = [*(event.t for event in meta.events), float(t[-1])]
     names = [meta.phases[0].name, *(event.target for event in meta.events)]
     spans = [
@@ -312,7 +313,7 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     rows = slice(first, min(last, len(record) - 1) + 1)
     limits = record.meta.limits
     spans = np.diff(record["t"][rows])
-    held = (
+    mean_rows = (
         slice(None, -1) if keeps_every_tick(record) else slice(1, None)
     )  # means are of the span before their row
     thrusters = _gain(record, "thruster_energy", rows)
@@ -326,12 +327,14 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        **_by_kind(meta, "joint_path", spans @ mean_sizes(record, "v", of_joints)[held], np.sum),
+        **_by_kind(
+            meta, "joint_path", spans @ mean_sizes(record, "v", of_joints)[mean_rows], np.sum
+        ),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
         "peak_thrust_n": largest_thrust(record, rows),
-        "saturation_time_s": None if saturated is None else float(spans @ saturated[held]),
+        "saturation_time_s": None if saturated is None else float(spans @ saturated[mean_rows]),
         **_by_kind(
             meta, "joint_margin", _joint_margins(record, rows), partial(np.min, initial=np.inf)
         ),
@@ -484,7 +487,7 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
 def _share(
     record: Record, name: str, limits: tuple[float, ...] | None, rows: slice
 ) -> float | None:
-    """The largest value in units of its limit; what may not move at all has no unit."""
+    """Return the largest value in units of its limit; what may not move at all has no unit."""
     if name not in record.series or limits is None:
         return None
     bounds = np.array(limits)

@@ -138,8 +138,10 @@ class RunOptions:
         plant_robot: what moves, where it is not the robot that the controller knows. Raises
         `InvalidInput` and `NameNotFound` as `Scenario` does.
         """
-        real = plant_robot or self.robot
+        flown_robot = plant_robot or self.robot
         floor = seafloor or FlatSeafloor(z=self.seabed)
+        if self.payload is not None:
+            flown_robot = assembly.with_trim(flown_robot, [self.payload])
         return Scenario(
             **{option: getattr(self, option) for option in _OF_SCENARIO},
             name=name,
@@ -151,7 +153,7 @@ class RunOptions:
             sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
-            plant_robot=real if self.payload is None else assembly.with_trim(real, [self.payload]),
+            plant_robot=flown_robot,
             markers=markers,
         )
 
@@ -247,16 +249,16 @@ def mission_of(
     # every axis.
     axes = thrusters.undriven_axes(robot)
     if axes:
-        first = [UnderActuation(axes=axes)]
+        reckoned_tasks = [UnderActuation(axes=axes)]
     else:
-        first = []
-    names = tuple(task.name for task in first)
+        reckoned_tasks = []
+    names = tuple(task.name for task in reckoned_tasks)
     if overrides:
-        listed = override([*first, *tasks], overrides)
+        all_tasks = override([*reckoned_tasks, *tasks], overrides)
     else:
-        listed = [*first, *tasks]
+        all_tasks = [*reckoned_tasks, *tasks]
     mission = Mission(
-        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
+        hierarchy=Hierarchy(all_tasks, None if order is None else (*names, *order)),
         phases=tuple(phases),
         abort=abort,
     )
@@ -286,8 +288,10 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
     names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m]
     and hold [s]: how near to that altitude, and for how long.
     """
-    there = Below(quantity="PC.position_error", limit=arrived)
-    return Abort(phase=phase_of("climb", "abort", ("PC", *names), ABORT, there, hold=hold))
+    altitude_condition = Below(quantity="PC.position_error", limit=arrived)
+    return Abort(
+        phase=phase_of("climb", "abort", ("PC", *names), ABORT, altitude_condition, hold=hold)
+    )
 
 
 def activate(*names: str) -> dict[str, float]:

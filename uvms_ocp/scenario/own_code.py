@@ -141,7 +141,7 @@ def _of_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     _drop_helpers(path.parent)
     _FOLDERS.add(path.parent)
-    before = set(sys.modules)
+    loaded_modules = set(sys.modules)
     sys.modules[name] = module  # where dataclasses look for it
     sys.path.insert(0, str(path.parent))
     try:
@@ -154,7 +154,11 @@ def _of_file(path: Path) -> ModuleType:
     finally:
         sys.path.remove(str(path.parent))
         _HELPERS.update(
-            {new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)}
+            {
+                new: path.parent
+                for new in set(sys.modules) - loaded_modules
+                if not new.startswith(_PREFIX)
+            }
         )
     return module
 

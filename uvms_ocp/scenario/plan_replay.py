@@ -61,7 +61,8 @@ def replay(
     torque both. dt [s]: control period. Raises `InvalidInput` for a plan of a wrench: no plant
     takes one.
     """
-    robot, trajectory = plan.robot, plan.trajectory
+    robot = plan.robot
+    trajectory = plan.trajectory
     if trajectory.has_wrench:
         raise InvalidInput(
             "a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS"
@@ -126,7 +127,7 @@ def _record(
     manner: str,
     alarms: tuple[AlarmMeta, ...] = (),
 ) -> Record:
-    """One phase, without tasks: no mission is carried out, but a motion."""
+    """Make a record of one phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     plant = "dynamic" if "thrust" in series else "kinematic"
     is_over = series["t"][-1] >= plan.duration - dt / 2

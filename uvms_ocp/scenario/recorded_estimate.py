@@ -113,7 +113,7 @@ def estimate_recording(
     recorder = Recorder(folder=None if folder is None else Path(folder))
     channels = guarded.monitor.channels
     command = None
-    last = dict[str, Reading[Any]]()
+    last_readings = dict[str, Reading[Any]]()
     count = dict.fromkeys(channels, 0)
     late = dict.fromkeys(channels, 0.0)
     numbers = [int(filter_memory.NUMBER[name]) for name in channels]
@@ -124,11 +124,11 @@ def estimate_recording(
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name] = unchecked_reading(value=value, t=stamp)
+            last_readings[name] = unchecked_reading(value=value, t=stamp)
             count[name] = count[name] + 1
             late[name] = late[name] + t - stamp
             arrived = next(stream, None)
-        estimate = guarded(unchecked_readings(**last), t, command)
+        estimate = guarded(unchecked_readings(**last_readings), t, command)
         sample_times, squared, degrees, accepted = filtering.outcomes[numbers].T
         new = sample_times > compared
         compared = np.where(new, sample_times, compared)
@@ -206,12 +206,12 @@ def estimate_recording(
             | health
         )
     if run is None:
-        same = None
+        is_same = None
     else:
-        same = all(
+        is_same = all(
             np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated")
         )
-    return RecordedEstimate(record=record, channels=tuple(rows), same=same)
+    return RecordedEstimate(record=record, channels=tuple(rows), same=is_same)
 
 
 def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:

@@ -114,17 +114,17 @@ def run_meta(
     allowed = partial(quantity_stds, setup, ending.q)
 
     def spreads() -> dict[str, float]:
-        """With what no reading can tell: declared constant errors, and what a channel came back
-        elsewhere by.
+        """Compute spreads with what no reading can tell: declared constant errors, and what a
+        channel came back elsewhere by.
         """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
         if ending.std is None:
             return {}
         return allowed(np.hypot(ending.std, unseen))
 
-    named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
+    tool_names = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
     tools = {
-        task.name: named.get(task.frame, task.frame)
+        task.name: tool_names.get(task.frame, task.frame)
         for task in tasks
         if isinstance(task, (ToolPose, ToolPosition))
     }
@@ -134,8 +134,8 @@ def run_meta(
         **loading.robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=tuple(
-            meta_values.PhaseMeta(name=entry.name, title=entry.title, tasks=entry.on)
-            for entry in phases
+            meta_values.PhaseMeta(name=phase.name, title=phase.title, tasks=phase.on)
+            for phase in phases
         ),
         tasks=tuple(
             meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name))
@@ -145,9 +145,9 @@ def run_meta(
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
         thresholds=tuple(
-            meta_values.ThresholdMeta(**_condition_fields(entry), phase=phase.name)
+            meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
             for phase in phases
-            for entry in phase.conditions
+            for condition in phase.conditions
         ),
         limits=meta_values.LimitsMeta(
             **{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}

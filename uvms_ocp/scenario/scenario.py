@@ -112,8 +112,8 @@ class ControllerFactory(PartFactory):
             return controller
         if not callable(controller):
             raise InvalidInput(
-                f"controller made {type(controller).__name__}; make a callable (StateEstimate, t) ->"
-                " Command"
+                f"controller made {type(controller).__name__}; make a callable (StateEstimate, t)"
+                " -> Command"
             )
         if scenario.takes_forces:
             n = len(scenario.robot.description.thrusters)
@@ -131,13 +131,15 @@ class EstimatorFactory(PartFactory):
     __slots__ = ()
 
     def __call__(self) -> GuardedEstimator:
-        """A fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps from it what cannot be true.
+        """Make a fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps
+        from it what cannot be true.
 
         Raises `InvalidInput` where the maker makes no callable.
         """
         estimator = self.maker(self.scenario)
         scenario = self.scenario
-        robot, specs = scenario.robot, scenario.specs
+        robot = scenario.robot
+        specs = scenario.specs
         if not callable(estimator):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
             raise InvalidInput(f"estimator made {type(estimator).__name__}; {allowed}")
@@ -450,8 +452,8 @@ class Scenario(FieldTable):
         presses: Sequence[object],
         folder: Path | str | None,
     ) -> Record:
-        """Simulate with these parts, and sum up. callbacks: functions that are told of every tick, by
-        the name of the argument. presses: one entry for each Ctrl-C.
+        """Simulate with these parts, and sum up. callbacks: functions that are told of every tick,
+        by the name of the argument. presses: one entry for each Ctrl-C.
         """
         begin = perf_counter()
         plant = parts["plant"]
@@ -490,7 +492,7 @@ class Scenario(FieldTable):
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
-            before = counts.copy()
+            previous_counts = counts.copy()
             counts[:] = map(
                 len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)
             )
@@ -501,7 +503,7 @@ class Scenario(FieldTable):
                 wall_s=perf_counter() - begin,
                 stopped="cut off",
             )
-            if counts == before or has_diverged(plant.state):
+            if counts == previous_counts or has_diverged(plant.state):
                 return None
             return meta(ending=ending)
 
@@ -541,11 +543,11 @@ class Scenario(FieldTable):
 
         flown = recorder.series()
 
-        def quantities(true: State, t: float, state: MissionState) -> dict[str, float]:
+        def quantities(true_state: State, t: float, state: MissionState) -> dict[str, float]:
             errors: dict[str, float] = computed_or(
                 {},
                 "true errors",
-                lambda: kinematic.evaluate(self._true_measurement(true), t, state),
+                lambda: kinematic.evaluate(self._true_measurement(true_state), t, state),
             )
             return errors | {
                 name: value
@@ -555,10 +557,10 @@ class Scenario(FieldTable):
 
         diverged = has_diverged(plant.state)
         if diverged:
-            last = State(q=recorder.last("q"), v=recorder.last("v"))
+            last_state = State(q=recorder.last("q"), v=recorder.last("v"))
         else:
-            last = plant.state
-        truth = quantities(last, recorder.last("t"), kinematic.state)
+            last_state = plant.state
+        truth = quantities(last_state, recorder.last("t"), kinematic.state)
         phase_ends = zip(
             states, kinematic.events, kinematic.left, strict=False
         )  # with the goals that the phase had when it ended
@@ -584,11 +586,11 @@ class Scenario(FieldTable):
             return watched_plant.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
-        real = self.plant_robot or self.robot
-        dynamics = cached_dynamics(real)
+        plant_robot = self.plant_robot or self.robot
+        dynamics = cached_dynamics(plant_robot)
         faults = self.toolkit_faults
         return DynamicPlant(
-            real, self.start, dynamics=dynamics, environment=self.environment, faults=faults
+            plant_robot, self.start, dynamics=dynamics, environment=self.environment, faults=faults
         )
 
     def _sensors(self) -> Sensors:

@@ -175,9 +175,9 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     if not np.isfinite(knots).all():
         index = int(np.argmin(np.isfinite(knots)))
         raise InvalidInput(f"time {index} is {knots[index]}; it must be finite [s].")
-    wrong = knots[1:] <= knots[:-1]
-    if wrong.any():
-        index = int(np.argmax(wrong)) + 1
+    is_not_increasing = knots[1:] <= knots[:-1]
+    if is_not_increasing.any():
+        index = int(np.argmax(is_not_increasing)) + 1
         raise InvalidInput(
             f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s]."
         )
@@ -194,9 +194,9 @@ def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) 
         or n_given > values.shape[0]
         or (rows.ndim and rows.shape[1] != values.shape[1])
     ):
-        wrong = f"the {name} boundary has shape {rows.shape}"
+        problem = f"the {name} boundary has shape {rows.shape}"
         raise InvalidInput(
-            f"{wrong}; allowed is a number or (n_given, {values.shape[1]}) with n_given <="
+            f"{problem}; allowed is a number or (n_given, {values.shape[1]}) with n_given <="
             f" {values.shape[0]}."
         )
     values[:n_given] = rows
@@ -205,11 +205,12 @@ def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) 
 
 def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: int) -> None:
     k, n_nodes, n_axes = values.shape
-    node, d = constraint.node, constraint.derivative
+    node = constraint.node
+    d = constraint.derivative
     if not -n_nodes <= node < n_nodes or not 1 <= d < k:
-        wrong = f"constraint {index} is on derivative {d} of way point {node}"
+        problem = f"constraint {index} is on derivative {d} of way point {node}"
         raise InvalidInput(
-            f"{wrong}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to"
+            f"{problem}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to"
             f" {n_nodes - 1}."
         )
     axes = list(range(n_axes) if constraint.axes is None else constraint.axes)
@@ -338,12 +339,12 @@ def _scale_of_cost(curve: MinSnap, problem: NodeProblem) -> float:
 def _rounding_decides(problem: NodeProblem) -> str:
     durations = np.diff(problem.times)
     short = int(np.argmin(durations))
-    wrong = (
+    cause = (
         f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
         f" {durations.sum():.3g} s in all"
     )
     return (
-        f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
+        f"{cause}: rounding decides the curve; merge way points that nearly coincide, or give"
         " them more time."
     )
 
@@ -477,22 +478,24 @@ class _Qp:
         """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their
         continuity.
         """
-        rows = [
-            ca.DM(
-                np.stack([free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)])
-            )
-            for u in (0.0, 1.0)
-        ]
-        starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ end_rows) for t in self.tau]
-            for end_rows in rows
-        )
+        starts = self._end_rows(0.0)
+        ends = self._end_rows(1.0)
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
             return nodes
-        before = ca.horzcat(ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k))
-        after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
-        return ca.vertcat(nodes, before - after)
+        end_rows_of_piece = ca.horzcat(
+            ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k)
+        )
+        start_rows_of_next = ca.horzcat(
+            ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:])
+        )
+        return ca.vertcat(nodes, end_rows_of_piece - start_rows_of_next)
+
+    def _end_rows(self, u: float) -> list[ca.DM]:
+        """Derivatives 0 .. k - 1 at unit time u of each piece, by its coefficients."""
+        rows = [free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)]
+        matrix = ca.DM(np.stack(rows))
+        return [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ matrix) for t in self.tau]
 
     def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
         """Bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
@@ -502,11 +505,11 @@ class _Qp:
         upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
-                wrong = (
+                mismatch = (
                     f"bound {index} is on derivative {bound.derivative} of way point {bound.node}"
                 )
                 raise InvalidInput(
-                    f"{wrong}; allowed are derivatives 0 to {self.k - 1} of way points 0 to"
+                    f"{mismatch}; allowed are derivatives 0 to {self.k - 1} of way points 0 to"
                     f" {self.n}."
                 )
             lower[bound.derivative, bound.node] = max(

@@ -30,7 +30,9 @@ SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for
 
 
 def _signature_of(scenario: Callable[..., Any]) -> Signature:
-    """With the options of all scenarios in the place of ``**options``, for help and completion."""
+    """Return the signature with the options of all scenarios in the place of ``**options``, for
+    help and completion.
+    """
     declared_signature = signature(scenario)
     shared = signature(RunOptions).parameters
     parameters = [
@@ -38,12 +40,12 @@ def _signature_of(scenario: Callable[..., Any]) -> Signature:
         for parameter in declared_signature.parameters.values()
         if parameter.kind is not parameter.VAR_KEYWORD
     ]
-    more = [
+    shared_parameters = [
         parameter.replace(default=None)
         for name, parameter in shared.items()
         if name not in declared_signature.parameters
     ]
-    return declared_signature.replace(parameters=[*parameters, *more])
+    return declared_signature.replace(parameters=[*parameters, *shared_parameters])
 
 
 for _scenario in _ALL:

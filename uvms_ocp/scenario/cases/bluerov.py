@@ -68,8 +68,10 @@ def reach(
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
     posture = VehiclePose(goal=way_point), JointTracking(joints=robot.joint_names, goal=robot.home)
     tasks = [*SAFETY, ToolPosition(goal=pin.SE3(np.eye(3), point)), *posture]
-    there = Below(quantity="TP.position_error", limit=tolerance)
-    reaching = phase_of("B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, there, hold=1.0)
+    tool_condition = Below(quantity="TP.position_error", limit=tolerance)
+    reaching = phase_of(
+        "B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, tool_condition, hold=1.0
+    )
     return run.scenario(
         name="reach",
         mission=mission_of(

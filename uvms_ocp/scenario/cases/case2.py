@@ -140,7 +140,8 @@ class ToolPath:
         """X_WT and its rate (6,) in W, linear rows first, at time t [s]."""
         value, rate = self.joints(t)
         q = self.base.copy()
-        lower, upper = self.robot.limits.position_lower, self.robot.limits.position_upper
+        lower = self.robot.limits.position_lower
+        upper = self.robot.limits.position_upper
         q[self.robot.joint_q] = np.clip(value, lower, upper)
         kinematics = Kinematics(self.robot, q)
         return kinematics.pose(self.frame), kinematics.jacobian(self.frame)[

@@ -96,9 +96,9 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
                     " in it"
                 )
                 yield Severity.WARNING.finding(CHECK, text, phase.name)
-    used = {name for phase in mission.all_phases for name in phase.on}
+    names_on = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
-        if name not in used:
+        if name not in names_on:
             yield Severity.WARNING.finding(
                 CHECK, f"task {name} is never switched on; use it or drop it"
             )
@@ -233,12 +233,13 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
     silent = [
         thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None
     ]
-    if silent:
+    if not setup.with_forces:
+        why = "the kinematic plant uses none; use the dynamic plant"
+    elif silent:
         why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
     else:
-        why = ""
-    why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
-    for phase in setup.mission.all_phases if why else ():
+        return
+    for phase in setup.mission.all_phases:
         for condition in phase.conditions:
             if condition.quantity in ENERGIES:
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but {why}"
@@ -268,8 +269,8 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
         nearby = threshold
     if shortest > setup.duration:
         text = (
-            f"the phases take {shortest:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"
-            f" time limit is {setup.duration:.3g} s: give a longer duration"
+            f"the phases take {shortest:.3g} s at least, at {fastest:.3g} m/s along straight ways;"
+            f" the time limit is {setup.duration:.3g} s: give a longer duration"
         )
         yield Severity.WARNING.finding("time", text, least_s=shortest, duration_s=setup.duration)
 
@@ -290,11 +291,11 @@ def _shortest_stay(phase: Phase) -> float:
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
-        for whose in loading.joints_without_inertia(
+        for joint in loading.joints_without_inertia(
             setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)
         ):
             text = (
-                f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
+                f"no inertia about its axis: {joint}; give an <inertial>, or make the joint fixed"
             )
             yield Severity.ERROR.finding("inertia", text)
 

@@ -113,8 +113,8 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     if load.missing > _SHORT or load.torque > 1.0:
-        more = f"{load.axes or 'nothing'} more than the thrusters give"
-        text = f"to hold still takes {more} and {100 * load.torque:.0f} % of the joint torque"
+        excess = f"{load.axes or 'nothing'} more than the thrusters give"
+        text = f"to hold still takes {excess} and {100 * load.torque:.0f} % of the joint torque"
         slowly = (
             f"; the vehicle gives way by at most {1e3 * _GIVES_WAY:.0f} mm/s or mrad/s, until its"
             " drag makes up for that"

@@ -98,8 +98,8 @@ class ArmReach:
     def of_task(
         cls, setup: Setup, task: ToolPose | ToolPosition, *, turned: bool = False
     ) -> ArmReach:
-        """For the frame of a task, with its orientation free where the task, or `turned`, leaves
-        it.
+        """Build it for the frame of a task, with its orientation free where the task, or `turned`,
+        leaves it.
         """
         leans = setup.with_forces and bool(swinging_axes(setup.robot))
         return cls(
@@ -126,18 +126,26 @@ class ArmReach:
             candidate = self._from(X_WB, goal, start)
             if best is None or candidate.cost < best.cost:
                 best = candidate
-            if best.reached if self._weight else best.position < REACHED:
+            if self._weight:
+                is_reached = best.reached
+            else:
+                is_reached = best.position < REACHED
+            if is_reached:
                 break
         if best is None:
             return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
         return best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
-        """With the rotation weighed lightly first: it finds its way around more obstacles than the
-        full error.
+        """Search with the rotation weighed lightly first: that finds its way around more obstacles
+        than the full error.
         """
         x = start
-        for weight in (0.1 * self._weight, self._weight) if self._weight else (0.0,):
+        if self._weight:
+            weights = [0.1 * self._weight, self._weight]
+        else:
+            weights = [0.0]
+        for weight in weights:
             x = self._minimise(X_WB, goal, x, weight)
         return self._reach(X_WB, goal, x)
 
@@ -158,20 +166,23 @@ class ArmReach:
             r = weights * error
             J = weights[:, None] * slope
             gradient = J.T @ r
-            free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
-            if not free.any():
+            is_free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
+            if not is_free.any():
                 break
-            H = J[:, free].T @ J[:, free]
+            H = J[:, is_free].T @ J[:, is_free]
             step = np.zeros(len(x))
-            step[free] = np.linalg.solve(H + damping * np.eye(len(H)), -gradient[free])
-            tried = np.clip(x + step, lower, upper)
-            error, slope, before = *self._error(X_WB, goal, tried), (error, slope)
+            step[is_free] = np.linalg.solve(H + damping * np.eye(len(H)), -gradient[is_free])
+            candidate = np.clip(x + step, lower, upper)
+            previous_error = error
+            previous_slope = slope
+            error, slope = self._error(X_WB, goal, candidate)
             gained = r @ r - (weights * error) @ (weights * error)
             if gained <= 0.0:
-                (error, slope) = before
+                error = previous_error
+                slope = previous_slope
                 damping = 4.0 * damping
             else:
-                x = tried
+                x = candidate
                 damping = max(0.2 * damping, _CONVERGED)
             if abs(gained) < _CONVERGED * (r @ r) or np.abs(step).max() < _CONVERGED:
                 break
@@ -271,7 +282,8 @@ def distances_missing(
                     stance.X_WB, goal, postures, n_random=_N_FEW if postures else None
                 )
             )
-            likely += reaches[-1:] if stance.likely else []
+            if stance.likely:
+                likely.append(reaches[-1])
         if reaches[-1].position > stop_at:
             break
     return ReachShortfall(
@@ -326,9 +338,9 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
     """The goal; where it comes to rest if it moves; samples of it if it never rests."""
-    last, rate = evaluate_pose(name, goal, setup.duration)
+    last_pose, rate = evaluate_pose(name, goal, setup.duration)
     if not callable(goal) or not rate.any():
-        return [last]
+        return [last_pose]
     return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]
 
 
@@ -369,7 +381,9 @@ def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | Non
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
-    stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
+    stances = next(
+        foreseen.stances for foreseen in forecast(setup) if foreseen.index == visit.index
+    )
     goal = goals[0].translation
     farthest_first = sorted(
         stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position))

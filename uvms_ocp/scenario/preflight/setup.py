@@ -80,22 +80,21 @@ class PreflightReport(TableDisplay):
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
-        before = [(item.severity.value, item.phase, item.check) for item in self.findings]
+        labels = [(item.severity.value, item.phase, item.check) for item in self.findings]
         head = ("severity", "phase", "check")
         width = max(
             WIDTH
-            - sum(2 + max(map(len, column)) for column in zip(head, *before, strict=True))
+            - sum(2 + max(map(len, column)) for column in zip(head, *labels, strict=True))
             - 2,
             30,
         )
         texts = [textwrap.wrap(item.text, width) or [""] for item in self.findings]
-        pairs = zip(before, texts, strict=True)
-        rows = tuple(
-            (*(cells if k == 0 else ("", "", "")), line)
-            for cells, text in pairs
-            for k, line in enumerate(text)
-        )
-        return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=rows)
+        pairs = zip(labels, texts, strict=True)
+        rows = []
+        for cells, lines in pairs:
+            rows.append((*cells, lines[0]))
+            rows += [("", "", "", line) for line in lines[1:]]
+        return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=tuple(rows))
 
     @property
     def errors(self) -> tuple[Finding, ...]:
