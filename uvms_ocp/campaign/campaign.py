@@ -43,14 +43,14 @@ class MissionJob(jobs.CampaignJob):
     """Goes to workers. Raises `NameNotFound` for unknown `records`."""
 
     scenario: CodeSource | Callable[[], Scenario]
-    """Or a function that makes it."""
+    """Code of the scenario, or a function that makes it."""
     variations: CodeSource | Sequence[Variation]
-    """Or the values themselves."""
+    """Code of the variations, or the values themselves."""
     names: tuple[str, ...]
     """Names of the parameters, in their order."""
     design: distributions.Design
     records: str = "none"
-    """One of `KEPT`."""
+    """Runs that keep their whole record: one of `KEPT`."""
 
     def __post_init__(self) -> None:
         require_known("choice of records", self.records, KEPT)

@@ -107,16 +107,19 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
     rows = table.iloc[order]
     merits = merits[order]
-    return [
-        {
-            "run": int(row["run"]),
-            "outcome": row["outcome"],
-            "cause": row["cause"] or "",
-            **{
-                name: None if np.isnan(metric) else float(metric)
-                for name, metric in zip(_FINISHED_WORSE, row_merits, strict=True)
-            },
-            "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
+    worst = []
+    for (_, row), row_merits in zip(rows.iterrows(), merits, strict=True):
+        metrics = {
+            name: None if np.isnan(metric) else float(metric)
+            for name, metric in zip(_FINISHED_WORSE, row_merits, strict=True)
         }
-        for (_, row), row_merits in zip(rows.iterrows(), merits, strict=True)
-    ]
+        worst.append(
+            {
+                "run": int(row["run"]),
+                "outcome": row["outcome"],
+                "cause": row["cause"] or "",
+                **metrics,
+                "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
+            }
+        )
+    return worst

@@ -61,18 +61,19 @@ def _of_figure(
         shares = _sobol(y, len(parameters))
     else:
         shares = {}
-    return [
-        {
+    rows = []
+    for k, parameter in enumerate(parameters):
+        row = {
             "figure": name,
             "parameter": parameter,
             "rank_correlation": ranks[k][0],
             "p_value": ranks[k][1],
             "pawn": pawn[k],
             "pawn_floor": pawn[-1],
-            **{key: float(values[k]) for key, values in shares.items()},
         }
-        for k, parameter in enumerate(parameters)
-    ]
+        row |= {key: float(values[k]) for key, values in shares.items()}
+        rows.append(row)
+    return rows
 
 
 def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:

@@ -95,9 +95,9 @@ def _not_of(table: Any, identity: CampaignManifest) -> str:
     incomplete_columns = [name for name in _NEEDED if table[name].null_count]
     if incomplete_columns:
         return f"a run without {incomplete_columns[0]}"
-    outside = ~rows["run"].between(0, identity.runs - 1)
-    if outside.any():
-        return f"run {rows['run'][outside].iloc[0]} of a campaign with {identity.runs} runs"
+    is_outside = ~rows["run"].between(0, identity.runs - 1)
+    if is_outside.any():
+        return f"run {rows['run'][is_outside].iloc[0]} of a campaign with {identity.runs} runs"
     runs = rows.drop_duplicates()["run"]
     is_repeated = runs.duplicated()
     if is_repeated.any():

@@ -40,10 +40,8 @@ def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     with its model. It knows the delays of its sensors, but not parameters that end in
     ``unmodelled_delay``.
     """
-    return {
-        parameter.name: parameter
-        for parameter in chain.from_iterable(family(scenario) for family in _FAMILIES)
-    }
+    parameters = chain.from_iterable(family(scenario) for family in _FAMILIES)
+    return {parameter.name: parameter for parameter in parameters}
 
 
 # A parameter and its distribution, and a scenario with the values that a run has drawn.

@@ -30,21 +30,21 @@ class MissionPlan(TableDisplay):
     """Name of the scenario."""
     trajectory: Trajectory
     phases: tuple[PlannedPhase, ...]
-    """On the way, in their order."""
+    """Phases on the way, in their order."""
     names: tuple[str, ...]
     """Names of these phases."""
     status: OcpStatus
     reason: str
-    """With the numbers behind the verdict."""
+    """Reason of the status, with the numbers behind it."""
     energy: Magnitude | None
     """[J] electrical, of thrusters and joints; `None` where it is not known."""
     clearance: Finite | None
-    """[m] Least between links, and to obstacles; `None` where there is no pair."""
+    """[m] Least distance between links, and to obstacles; `None` where there is no pair."""
     greedy_duration: Magnitude
-    """[s] of the greedy mission in still water, without forces."""
+    """[s] duration of the greedy mission in still water, without forces."""
     iterations: Count
     solve_time: Magnitude
-    """[s]"""
+    """[s] time that the search took."""
     identity: Mapping[str, str]
     """Digests of the robot, the start and the mission."""
 
@@ -55,7 +55,7 @@ class MissionPlan(TableDisplay):
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """[s] Duration of the whole motion."""
         return float(self.trajectory.t[-1])
 
     @property

@@ -35,19 +35,19 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.types import DAY, Mask, Positive
 
 # [s] how far and how often the water is looked at
-_AHEAD = 600.0
-_LOOK = 0.5
-_SAME_WATER = 0.05  # [m/s] by which the water may differ from that at the start
+_WATER_HORIZON = 600.0
+_WATER_PERIOD = 0.5
+_WATER_TOLERANCE = 0.05  # [m/s] by which the water may differ from that at the start
 
-_EASY = MissionWeights(energy=1e-3, effort=1.0)
+_CONVEX_WEIGHTS = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
-_HURRY = MissionWeights(price=1.0)
+_QUICKEST_WEIGHTS = MissionWeights(price=1.0)
 # share of the time allowed that a plan uses: the flight takes a little longer, or shorter
-_SHARE = 0.975
+_DURATION_SHARE = 0.975
 # rounds in which links that come near are looked for, and in which the water is where the plan is
 _ROUNDS = 3
-_SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
-_HASTE = 150  # iterations from the greedy rollout, before the easier problem is tried
+_CURRENT_TOLERANCE = 0.02  # [m/s] by which the water may differ from what a plan was made for
+_HASTY_ITERATIONS = 150  # iterations from the greedy rollout, before the easier problem is tried
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
 """Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
 the machine is.
@@ -59,33 +59,32 @@ the machine is.
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionProblem:
-    """A mission, as optimal control has it."""
+    """A mission as a problem of optimal control."""
 
     problem: OcpProblem
     segments: tuple[HorizonSegment, ...]
-    """The phases of the problem."""
+    """Phases of the problem, in their order."""
     terms: MissionTerms
     shapes: ShapeClearance | None
     """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of
     the problem keep those with obstacles.
     """
     guess: Trajectory
-    """The greedy way, over the nominal durations."""
+    """Greedy rollout, over the nominal durations of the phases."""
     greedy_duration: float
-    """[s] of that way."""
-
+    """[s] duration of the greedy rollout."""
     current: Current
     """Current of the water."""
 
     @property
     def steady_until(self) -> float:
-        """[s] until when the water at the start is as it is at first; infinite where nothing is
-        found.
+        """[s] Time until which the water at the start stays as it is at first; infinite where it
+        does not change.
         """
         p = self.problem.start.q[None, :3]
-        times = np.arange(0.0, _AHEAD, _LOOK)
+        times = np.arange(0.0, _WATER_HORIZON, _WATER_PERIOD)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
-        changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
+        changed = np.linalg.norm(u - u[0], axis=1) > _WATER_TOLERANCE
         if changed.any():
             return float(times[np.argmax(changed) - 1])
         return np.inf
@@ -201,7 +200,7 @@ def plan_mission(
     search = _Search(posed, options or OPTIONS)
     stop: Interrupted | None = None
     try:
-        plan = search.found(longest)
+        plan = search.least_energy_plan(longest)
     except Interrupted as interrupted:
         stop = interrupted
         plan = interrupted.result
@@ -263,48 +262,58 @@ class _Search:
     def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
         self._posed = posed
         self._options = options
-        hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
-        self._hasty = Planner(
-            posed.at(MissionWeights(), posed.guess, DAY), hasty, wait_for_compiler=True
+        hasty_options = replace(
+            options, max_iterations=min(options.max_iterations, _HASTY_ITERATIONS)
+        )
+        self._hasty_planner = Planner(
+            posed.at(MissionWeights(), posed.guess, DAY), hasty_options, wait_for_compiler=True
         )
         self.spent = 0
         """Iterations until now."""
 
-    def found(self, longest: float) -> Plan:
+    def least_energy_plan(self, longest: float) -> Plan:
         """Find a plan that takes `longest` [s] at most, or where there is none the quickest.
 
         Where the water changes meanwhile, one that is through before is taken if there is one: how
         much later water costs depends on the durations by what no derivative tells.
         """
         for limit in sorted({min(longest, self._posed.steady_until), longest}):
-            plan = self._within(limit)
+            plan = self._plan_within(limit)
             if plan.status.usable:
-                return self._apart(plan, limit)
-        quickest = self._plan(self._freely, self._posed, _HURRY, self._posed.guess, DAY)
+                return self._plan_apart(plan, limit)
+        quickest = self._plan(
+            self._patient_planner, self._posed, _QUICKEST_WEIGHTS, self._posed.guess, DAY
+        )
         if quickest.status.usable:
             return quickest
         return plan
 
     @cached_property
-    def _freely(self) -> Planner:
-        return Planner(self._hasty.problem, self._options, transcription=self._hasty.transcription)
+    def _patient_planner(self) -> Planner:
+        return Planner(
+            self._hasty_planner.problem,
+            self._options,
+            transcription=self._hasty_planner.transcription,
+        )
 
-    def _within(self, limit: float) -> Plan:
+    def _plan_within(self, limit: float) -> Plan:
         """Plan from the greedy rollout; where that fails, by way of a problem that is easier."""
         posed = self._posed
         guess = self._posed.guess
-        plan = self._plan(self._hasty, posed, MissionWeights(), guess, limit)
+        plan = self._plan(self._hasty_planner, posed, MissionWeights(), guess, limit)
         if plan.status is OcpStatus.SOLVED:
             return plan
-        easier = self._plan(self._freely, posed, _EASY, guess, limit)
+        easier = self._plan(self._patient_planner, posed, _CONVEX_WEIGHTS, guess, limit)
         if not easier.status.usable:
             return plan
-        refined = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
+        refined = self._plan(
+            self._patient_planner, posed, MissionWeights(), easier.trajectory, limit
+        )
         if refined.status.usable:
             return refined
         return plan
 
-    def _apart(self, plan: Plan, limit: float) -> Plan:
+    def _plan_apart(self, plan: Plan, limit: float) -> Plan:
         """Find a plan near this one that keeps links apart, with rows for those alone that come
         near; else return the last that was found.
         """
@@ -321,7 +330,9 @@ class _Search:
             posed = self._posed.keeping(constrained_pairs)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
             shared = Transcription(
-                problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription
+                problem,
+                plugin=self._hasty_planner.transcription.plugin,
+                like=self._hasty_planner.transcription,
             )
             planner = Planner(problem, self._options, transcription=shared, wait_for_compiler=True)
             candidate = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
@@ -341,7 +352,7 @@ class _Search:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the
         same.
         """
-        problem = posed.at(weights, way, _SHARE * limit)
+        problem = posed.at(weights, way, _DURATION_SHARE * limit)
         best = None
         for _ in range(_ROUNDS):
             try:
@@ -355,8 +366,8 @@ class _Search:
             best = plan
             way = plan.trajectory
             previous_currents = problem.currents
-            problem = posed.at(weights, way, _SHARE * limit)
-            if np.abs(problem.currents - previous_currents).max() <= _SAME_CURRENT:
+            problem = posed.at(weights, way, _DURATION_SHARE * limit)
+            if np.abs(problem.currents - previous_currents).max() <= _CURRENT_TOLERANCE:
                 break
         return best or plan
 

@@ -35,22 +35,22 @@ from uvms_ocp.types import Magnitude
 
 # How much stricter a plan is than the mission asks: what is flown departs from what was planned.
 
-_LEAST = 0.25  # share of a threshold that a plan may use, however large the margin
+_LEAST_SHARE = 0.25  # share of a threshold that a plan may use, however large the margin
 
 ANGLES = ("tilt", "misalignment", "angle")
 """Quantities of tasks that bound an angle."""
 
-_DT = 0.05  # [s] control period: a guess needs no better
-_EVERY = 4  # ticks between two configurations that are kept
+_PERIOD = 0.05  # [s] control period: a guess needs no better
+_TICKS_PER_SAMPLE = 4  # ticks between two configurations that are kept
 # [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
-_UNKNOWN = 10.0
-_FORETOLD = 0.5  # [s] between two configurations that are foretold
+_NOMINAL_PHASE_TIME = 10.0
+_FORECAST_PERIOD = 0.5  # [s] between two configurations that are foretold
 
 # shares of the greedy duration of a phase
-_SHORTEST = 0.25
-_LONGEST = 1.5
-_FEWEST = 4  # steps of a segment
-_FOLLOWED = 0.5  # [s] steps where a goal moves
+_SHORTEST_SHARE = 0.25
+_LONGEST_SHARE = 1.5
+_FEWEST_STEPS = 4  # steps of a segment
+_MOVING_GOAL_STEP = 0.5  # [s] steps where a goal moves
 _LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
 
 
@@ -59,22 +59,22 @@ class Margins:
     """Margins of thresholds and limits: of each a quarter is left in any case."""
 
     position: Magnitude = 0.02
-    """[m] of positions and distances."""
+    """[m] margin of positions and distances."""
     angle: Magnitude = 0.01
-    """[rad]"""
+    """[rad] margin of angles."""
     altitude: Magnitude = 0.01
-    """[m]"""
+    """[m] margin of altitudes."""
     links: Magnitude = 0.03
-    """[m] between the robot's own links."""
+    """[m] margin of distances between the robot's own links."""
     hold: Magnitude = 0.2
-    """[s] beyond the time for which conditions have to hold."""
+    """[s] time beyond that for which conditions have to hold."""
 
 
 def tightened_limit(limit: float, margin: float) -> float:
     """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or
     rad].
     """
-    return max(limit - margin, _LEAST * limit)
+    return max(limit - margin, _LEAST_SHARE * limit)
 
 
 # What the tasks of a phase keep all along it, as strictly as a plan keeps it.
@@ -110,7 +110,7 @@ def active_constraints(
                 " a horizon"
             )
             raise InvalidInput(f"{problem}; turn it off, or fly this mission without a plan")
-    return [_stricter(task, limits, margins) for task in constraints]
+    return [_tightened_task(task, limits, margins) for task in constraints]
 
 
 def is_prerequisite(task: Task) -> bool:
@@ -149,7 +149,7 @@ def _kept_otherwise(task: Task) -> bool:
     )
 
 
-def _stricter(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
+def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, attitude.AngleTask):
         return replace(
             task, aim=tightened_limit(limits.get(task.name, task.activation.end), margins.angle)
@@ -174,13 +174,13 @@ class GreedyRollout:
     phases: tuple[int, ...]
     """Indices in the mission of the phases on the way."""
     begins: np.ndarray
-    """(n_phases + 1,) [s] of each, and the end of the last."""
+    """(n_phases + 1,) [s] beginning of each phase, and the end of the last."""
 
     quantities: Mapping[str, np.ndarray]
-    """(n,) each, by the names of conditions [in their units]."""
+    """Quantities (n,) by the names of conditions [in their units]."""
 
     def rows(self, k: int) -> np.ndarray:
-        """Indices of what is kept of the k-th phase on the way."""
+        """Return the indices of the samples of the k-th phase on the way."""
         return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
 
     def at(self, row: int) -> dict[str, float]:
@@ -197,13 +197,13 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
         faults=(),
         plant_robot=None,
         controller=our_controller,
-        dt=_DT,
-        duration=max(scenario.duration, _DT),
+        dt=_PERIOD,
+        duration=max(scenario.duration, _PERIOD),
     ).run()
     ends = [(event.source, event.t) for event in record.run_meta.events]
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
-    sampled_rows = slice(None, None, _EVERY)
+    sampled_rows = slice(None, None, _TICKS_PER_SAMPLE)
     # Beginnings of the phases [s], as far as the greedy mission goes through them in their order,
     # and the last end.
     begins = [0.0]
@@ -212,7 +212,7 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
         if is_completed:
             begins.append(max(ends[k][1], begins[-1]))
         else:
-            begins.append(begins[-1] + _UNKNOWN)
+            begins.append(begins[-1] + _NOMINAL_PHASE_TIME)
     return GreedyRollout(
         t=record["t"][sampled_rows],
         q=record["q"][sampled_rows],
@@ -232,8 +232,8 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
     `FrameNotFound` and `NameNotFound` for what tasks name and the robot does not have.
     """
     phases = main_path(scenario.mission.phases)
-    begins = _UNKNOWN * np.arange(len(phases) + 1)
-    t = np.arange(0.0, begins[-1] + _FORETOLD / 2, _FORETOLD)
+    begins = _NOMINAL_PHASE_TIME * np.arange(len(phases) + 1)
+    t = np.arange(0.0, begins[-1] + _FORECAST_PERIOD / 2, _FORECAST_PERIOD)
     q = np.tile(scenario.start, (len(t), 1))
     if scenario.robot.n_vehicle:
         marks = np.array(
@@ -269,11 +269,11 @@ class HorizonSegment:
     ocp: OcpPhase
     """Name, steps and range of durations."""
     greedy: tuple[float, float]
-    """[s] when the greedy mission is in it."""
+    """[s] beginning and end of the segment in the greedy mission."""
     holds: bool = False
-    """The conditions of the phase's transition hold all along it."""
+    """True where the conditions of the phase's transition hold all along it."""
     ends: bool = False
-    """The phase ends with it."""
+    """True where the phase ends with the segment."""
     waits_for: frozenset[str] = frozenset()
     """Names of tasks that do not hold yet when it begins, but when it ends."""
 
@@ -310,11 +310,11 @@ def horizon_segments(
         moving = goals_end_time(phase, on)
         hold = out.hold
         if moving:
-            segment_step = min(step, _FOLLOWED)
+            segment_step = min(step, _MOVING_GOAL_STEP)
         else:
             segment_step = step
         begin = greedy.begins[k]
-        entered = _entered(greedy, k, constraints)
+        entered = _time_entered(greedy, k, constraints)
         end = greedy.begins[k + 1]
         middle = max(entered, end - hold)
         broken = frozenset(
@@ -350,14 +350,16 @@ def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhas
     """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than
     its goals are moving [s].
     """
-    longest = max(_LONGEST * greedy, moving) + _LEEWAY
-    shortest = max(_SHORTEST * greedy, moving, 0.2 * _LEEWAY)
+    longest = max(_LONGEST_SHARE * greedy, moving) + _LEEWAY
+    shortest = max(_SHORTEST_SHARE * greedy, moving, 0.2 * _LEEWAY)
     return OcpPhase(
-        name=name, n_steps=max(_FEWEST, math.ceil(greedy / step)), duration=(shortest, longest)
+        name=name,
+        n_steps=max(_FEWEST_STEPS, math.ceil(greedy / step)),
+        duration=(shortest, longest),
     )
 
 
-def _entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
+def _time_entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
     """Return the time [s] at which all constraints hold for the first time in the k-th phase of the
     greedy way.
     """

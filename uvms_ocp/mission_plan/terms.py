@@ -56,10 +56,10 @@ _LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 _VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
 
-_LEVEL = 0.05  # [m] by which a floor may differ along the way
-_MISSED = 2e-3  # [m] of a margin
+_LEVEL = 0.05  # [m] by which the height of a floor may differ along the way
+_MISSED = 2e-3  # [m] of a margin that a plan may miss
 _NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
-_PAIR_ROWS = 4  # per node and pair of links
+_PAIR_ROWS = 4  # rows per node and pair of links
 
 
 # Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and
@@ -256,7 +256,7 @@ class MissionWeights:
     effort: float = 0.2
     """Weight of thrust and torque, in shares of their limits."""
     price: float = 1e-6
-    """[kW] of time."""
+    """[kW] price of time."""
 
 
 def mission_levels(
@@ -391,13 +391,13 @@ class Rim:
 
     joint: int
     centre: np.ndarray
-    """(3,) [m] in the frame of the joint."""
+    """(3,) [m] centre in the frame of the joint."""
     axis: np.ndarray
     """(3,) normal of the circle, in the same frame."""
     radius: float = 0.0
-    """[m] of the circle."""
+    """[m] radius of the circle."""
     rounding: float = 0.0
-    """[m] of a ball around the point."""
+    """[m] radius of a ball around the point."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -408,7 +408,7 @@ class FloorClearance(Term):
     at: At = At.PATH
     rims: tuple[Rim, ...]
     height: float
-    """[m] in W, of the floor and the margin above it."""
+    """[m] height in W of the floor and the margin above it."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         rows = []

@@ -309,13 +309,15 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     thrusters at their limits, least distance of a joint to its limits, largest velocity and torque
     in units of their limits.
     """
-    first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
-    rows = slice(first, min(last, len(record) - 1) + 1)
+    first_row, last_row = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
+    rows = slice(first_row, min(last_row, len(record) - 1) + 1)
     limits = record.meta.limits
     spans = np.diff(record["t"][rows])
-    mean_rows = (
-        slice(None, -1) if keeps_every_tick(record) else slice(1, None)
-    )  # means are of the span before their row
+    # Means are of the span before their row.
+    if keeps_every_tick(record):
+        mean_rows = slice(None, -1)
+    else:
+        mean_rows = slice(1, None)
     thrusters = _gain(record, "thruster_energy", rows)
     joints = _gain(record, "joint_energy", rows)
     meta = record.run_meta
@@ -383,9 +385,11 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     limits = record.meta.limits
     if limits is None:
         return []
-    first = VEHICLE_V if meta.floating else 0
-    rates = np.max([np.abs(record[name][:, first:]) for name in extremes_of(record, "v")], axis=0)
-    bounds = np.array(limits.velocity[first:])
+    first_joint = VEHICLE_V if meta.floating else 0
+    rates = np.max(
+        [np.abs(record[name][:, first_joint:]) for name in extremes_of(record, "v")], axis=0
+    )
+    bounds = np.array(limits.velocity[first_joint:])
     t = record["t"]
     struck = np.zeros(len(t), dtype=bool)
     for fault in meta.faults:
@@ -399,7 +403,7 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
         names = meta.joints
     else:
         names = [f"axis {j + 1}" for j in joints]
-    units = column_units("v", record["v"].shape[1], meta)[first:]
+    units = column_units("v", record["v"].shape[1], meta)[first_joint:]
     return [
         {
             "joint": names[j],
@@ -493,8 +497,9 @@ def _share(
     bounds = np.array(limits)
     limited = bounds > 0.0
     with np.errstate(over="ignore"):  # a limit may be as small as it likes
-        several = (parts(record[series_name][rows]) for series_name in extremes_of(record, name))
-        shares = (
-            np.abs(part[:, limited]) / bounds[limited] for those in several for (part,) in those
-        )
-        return float(max((share.max(initial=0.0) for share in shares), default=0.0))
+        largest_shares = []
+        for series_name in extremes_of(record, name):
+            for (part,) in parts(record[series_name][rows]):
+                shares = np.abs(part[:, limited]) / bounds[limited]
+                largest_shares.append(shares.max(initial=0.0))
+        return float(max(largest_shares, default=0.0))

@@ -66,7 +66,7 @@ class PlannedMotion:
     q: Array
     """(n, n_q) [m, rad] configurations."""
     distances: Array
-    """(n, n_pairs) [m] of all pairs of shapes."""
+    """(n, n_pairs) [m] distances of all pairs of shapes."""
 
     @property
     def nearest(self) -> NearestPair:

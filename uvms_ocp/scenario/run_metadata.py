@@ -47,11 +47,11 @@ class RunOutcome:
     q: np.ndarray
     """(n_q,) [m, rad] the true configuration."""
     t: float
-    """[s] when it ended."""
+    """[s] time at which the run ended."""
     quantities: Mapping[str, float]
     """Values by ``task.quantity``, at the true state [m] or [rad]."""
     wall_s: float
-    """[s] that the simulation took."""
+    """[s] wall time that the simulation took."""
     at_events: Iterable[Mapping[str, float]] = repeat({})
     """The quantities at the end of each phase, event by event [m] or [rad]; empty where they are
     not known.
@@ -61,7 +61,7 @@ class RunOutcome:
     tells.
     """
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
-    """How the run was ended from outside; see `RunMeta.stopped`."""
+    """Way in which the run was ended from outside; see `RunMeta.stopped`."""
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:

@@ -190,7 +190,7 @@ class Manipulability(Task):
     gain: Positive = 0.1
     """[1/s]"""
     target: Positive = 0.12
-    """[unit of mu] that the rate leads to."""
+    """[unit of mu] value that the rate leads to."""
     activation: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
 

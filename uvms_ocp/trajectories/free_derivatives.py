@@ -72,18 +72,21 @@ def _falling(i: int, d: int) -> int:
 
 
 def _end_data_matrix(k: int) -> _Rational:
-    at_0 = [[Fraction(factorial(d) if i == d else 0) for i in range(2 * k)] for d in range(k)]
-    return np.array(at_0 + [[Fraction(_falling(i, d)) for i in range(2 * k)] for d in range(k)])
+    rows_at_0 = []
+    rows_at_1 = []
+    for d in range(k):
+        rows_at_0.append([Fraction(factorial(d) if i == d else 0) for i in range(2 * k)])
+        rows_at_1.append([Fraction(_falling(i, d)) for i in range(2 * k)])
+    return np.array(rows_at_0 + rows_at_1)
 
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    return np.array(
-        [
-            [Fraction(_falling(i, k) * _falling(j, k), max(i + j - n + 1, 1)) for j in range(n)]
-            for i in range(n)
-        ]
-    )
+    rows = []
+    for i in range(n):
+        factors = [_falling(i, k) * _falling(j, k) for j in range(n)]
+        rows.append([Fraction(factors[j], max(i + j - n + 1, 1)) for j in range(n)])
+    return np.array(rows)
 
 
 def _inverse(matrix: _Rational) -> _Rational:
@@ -112,7 +115,7 @@ class Pieces:
     unit: float
     """[s] geometric mean of the durations."""
     durations: Array
-    """(n,) in units of ``unit``."""
+    """(n,) durations in units of ``unit``."""
     node_times: Array
     """(n + 1,) scale of time at each node, in units of ``unit``."""
     scale: Array

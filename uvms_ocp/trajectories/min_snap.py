@@ -236,14 +236,14 @@ class CostGradients:
     """Derivatives of the optimal cost."""
 
     times: Array
-    """(n + 1,) [axis^2/s^2k] by the time of each way point."""
+    """(n + 1,) [axis^2/s^2k] slope by the time of each way point."""
     durations: Array
-    """(n,) [axis^2/s^2k] by the duration of each piece, the others unchanged."""
+    """(n,) [axis^2/s^2k] slope by the duration of each piece, the others unchanged."""
     waypoints: Array
-    """(n + 1, n_axes) [axis/s^(2k - 1)] by the position of each way point."""
+    """(n + 1, n_axes) [axis/s^(2k - 1)] slope by the position of each way point."""
     node_derivatives: Array
-    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where
-    it is free.
+    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] slope by every derivative at every way point; zero
+    where it is free.
     """
 
 

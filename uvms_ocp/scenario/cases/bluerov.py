@@ -103,14 +103,14 @@ class Circle:
     """
 
     centre: np.ndarray
-    """(3,) [m] in W."""
+    """(3,) [m] centre in W."""
     across: np.ndarray
     """(3,) horizontal unit vector in the plane of the circle."""
     radius: float
     """[m]"""
     turns: float
     duration: float
-    """[s] of all turns."""
+    """[s] duration of all turns."""
 
     @property
     def end(self) -> float:

@@ -60,13 +60,13 @@ class Thresholds:
     landing_altitude: Magnitude = 0.17
     """[m] C to D."""
     landing_hold: Magnitude = 0.2
-    """[s] for which the landing altitude is held."""
+    """[s] time for which the landing altitude is held."""
     tool_position: Magnitude = 1e-3
     """[m] end of D."""
     tool_orientation: Magnitude = 1e-3
     """[rad] end of D."""
     tool_hold: Magnitude = 1.0
-    """[s] for which the tool is held."""
+    """[s] time for which the tool is held."""
 
     @staticmethod
     def suggested(*, plant: str, noise: bool) -> Thresholds:
@@ -228,7 +228,7 @@ def case1_tasks(
         tool = ToolPose(goal=tool_goal)
     else:
         tool = ToolPosition(name="T", goal=tool_goal)
-    held = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
+    posture_task = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
     return [
         NullVelocity(),
         *SAFETY,
@@ -236,7 +236,7 @@ def case1_tasks(
         LandingAltitude(),
         VehiclePose(goal=way_point),
         tool,
-        held,
+        posture_task,
     ]
 
 

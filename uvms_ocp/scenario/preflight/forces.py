@@ -67,9 +67,9 @@ class DriveLoad:
     torque: float
     """Largest share of a limit; above 1 the torque is not there."""
     missing: float
-    """[N, N m] of the wrench."""
+    """[N, N m] norm of the part of the wrench that is missing."""
     axes: str
-    """What of it is missing on each axis."""
+    """Text that says what is missing on each axis."""
     drifts: bool
     """The vehicle gives way faster than `_GIVES_WAY` until its drag makes up for it."""
 

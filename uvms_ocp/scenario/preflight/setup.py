@@ -313,10 +313,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     if landing is not None:
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or landing.rest_altitude
         height = setup.altimeter_height()
-        places = [
-            (x, y, setup.floor_at(x, y) + altitude - height)
-            for x, y, _ in (s.position for s in stances)
-        ]
+        positions = [stance.position for stance in stances]
+        places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in positions]
         stances = tuple(
             replace(stance, position=np.array(place))
             for stance, place in zip(stances, places, strict=True)
