@@ -44,7 +44,7 @@ from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.estimation.fallbacks import Freshness, Watchdog
 from uvms_ocp.mission_plan import MissionPlan
-from uvms_ocp.mission_plan.planner import mission_digests
+from uvms_ocp.mission_plan.mission_digests import mission_digests
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport

@@ -43,14 +43,14 @@ class MissionJob(jobs.CampaignJob):
     """Goes to workers. Raises `NameNotFound` for unknown `records`."""
 
     scenario: CodeSource | Callable[[], Scenario]
-    """Or a function that makes it."""
+    """Code of the scenario, or a function that makes it."""
     variations: CodeSource | Sequence[Variation]
-    """Or the values themselves."""
+    """Code of the variations, or the values themselves."""
     names: tuple[str, ...]
     """Names of the parameters, in their order."""
     design: distributions.Design
     records: str = "none"
-    """One of `KEPT`."""
+    """Runs that keep their whole record: one of `KEPT`."""
 
     def __post_init__(self) -> None:
         require_known("choice of records", self.records, KEPT)
@@ -78,11 +78,11 @@ class MissionJob(jobs.CampaignJob):
         )
 
     def base(self) -> Scenario:
-        """The scenario that is varied."""
+        """Return the scenario that is varied."""
         return _made(self.scenario)
 
     def make(self, run: int) -> jobs.RunResult:
-        """The row of a run, and its record where that is to be kept."""
+        """Make the row of a run, and its record where that is to be kept."""
         scenario = self.scenario_of(run)
         record = scenario.run()
         try:
@@ -116,7 +116,7 @@ def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
 
 @lru_cache(maxsize=4)
 def _made(source: CodeSource | Callable[[], Any]) -> Any:
-    """Once in a process: what runs share, such as the robot, is then known to be the same."""
+    """Make it once in a process: what runs share, such as the robot, is then known to be the same."""
     if isinstance(source, CodeSource):
         return source.build()
     return source()
@@ -183,7 +183,9 @@ class Campaign(FieldTable):
     def __getitem__(self, name: str) -> Variation:
         """The uncertain value of that name. Raises `NameNotFound` with the names there are."""
         require_known("variation", name, self.work.names)
-        return next(one for one in built(self.work.variations) if one.name == name)
+        return next(
+            variation for variation in built(self.work.variations) if variation.name == name
+        )
 
     def _ipython_key_completions_(self) -> tuple[str, ...]:
         return self.work.names
@@ -245,12 +247,12 @@ class Campaign(FieldTable):
     def sources(self) -> dict[str, bytes]:
         """Files to keep a copy of, by the name that the copy has."""
         parts = {"scenario": self.work.scenario, "variations": self.work.variations}
-        return {
-            f"{part}/{name}": content
-            for part, source in parts.items()
-            if isinstance(source, CodeSource)
-            for name, content in source.files.items()
-        }
+        contents = {}
+        for part, source in parts.items():
+            if isinstance(source, CodeSource):
+                for name, content in source.files.items():
+                    contents[f"{part}/{name}"] = content
+        return contents
 
 
 @checked
@@ -261,34 +263,33 @@ def kept_campaign(folder: Path) -> Campaign:
     Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario
     is a function of Python, which is not kept.
     """
-    known = read_manifest(folder)
-    variations: Any = known.variations
-    if "words" not in known.scenario or variations.get("values", ()):
-        scenario = "words" not in known.scenario
-        what = (
-            "scenario was a function in Python, which is"
-            if scenario
-            else "variations were values in Python, which are"
-        )
-        raise InvalidInput(f"{folder}: its {what} not kept; use Campaign.scenario_of there")
-    kept = Campaign(
-        scenario=CodeSource.restored(known.scenario, folder / SOURCES / "scenario"),
+    manifest = read_manifest(folder)
+    variations: Any = manifest.variations
+    has_lost_scenario = "words" not in manifest.scenario
+    if has_lost_scenario or variations.get("values", ()):
+        if has_lost_scenario:
+            lost_part = "scenario was a function in Python, which is"
+        else:
+            lost_part = "variations were values in Python, which are"
+        raise InvalidInput(f"{folder}: its {lost_part} not kept; use Campaign.scenario_of there")
+    campaign = Campaign(
+        scenario=CodeSource.restored(manifest.scenario, folder / SOURCES / "scenario"),
         variations=CodeSource.restored(variations, folder / SOURCES / "variations")
         if "words" in variations
         else (),
-        **{name: getattr(known, name) for name in _NUMBERS},
+        **{name: getattr(manifest, name) for name in _NUMBERS},
     )
-    if kept.identity().parameters != known.parameters:
+    if campaign.identity().parameters != manifest.parameters:
         raise InvalidInput(
             f"{folder}: its parameters are not those of its variations; put back what was"
         )
-    return kept
+    return campaign
 
 
-def _gathered(given: Any, options: Mapping[str, Any], attribute: str) -> Any:
-    if isinstance(given, str):
-        return CodeSource.gathered(given, options, attribute)
-    return given
+def _gathered(source: Any, options: Mapping[str, Any], attribute: str) -> Any:
+    if isinstance(source, str):
+        return CodeSource.gathered(source, options, attribute)
+    return source
 
 
 def _identity(source: Any) -> dict[str, Any]:

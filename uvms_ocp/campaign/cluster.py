@@ -152,17 +152,17 @@ def run_jobs(
     """
     require_first_reading("Campaign.run")
     dask(), arrow()
-    with ExitStack() as held:
+    with ExitStack() as resources:
         # Nobody at the address is found out before there is a folder.
         if scheduler is None:
             client = None
         else:
-            client = held.enter_context(connected(scheduler, workers))
-        folder = held.enter_context(opened(out, identity, sources or {}))
+            client = resources.enter_context(connected(scheduler, workers))
+        folder = resources.enter_context(opened(out, identity, sources or {}))
 
         begun = int(np.sum(folder.finished))
         total = len(folder.finished)
-        bar = held.enter_context(
+        bar = resources.enter_context(
             progress_bar(shown=progress is None, unit="run", initial=begun, total=total)
         )
 
@@ -179,7 +179,7 @@ def run_jobs(
 
             if client is None:
                 warn_if_slower()  # which workers would not say
-                client = held.enter_context(connected(None, workers))
+                client = resources.enter_context(connected(None, workers))
             Dispatch(client, work, folder, limit=limit, exclusive=scheduler is None).run(
                 folder.left.tolist(), report_progress
             )

@@ -58,38 +58,40 @@ class CodeSource:
     ) -> CodeSource:
         """Make it with the files that the code reads now. Raises what building it raises."""
         code = own_code(words, attribute)
-        given = {
+        placed_options = {
             name: _absolute(value) if name in _PLACES else value
             for name, value in (options or {}).items()
         }
-        bare = CodeSource(words=_placed(words, Path.cwd()), attribute=attribute, options=given)
+        source = CodeSource(
+            words=_placed(words, Path.cwd()), attribute=attribute, options=placed_options
+        )
         forget_user_code()
-        with untrusted.record_files_read() as found:
-            bare.build()
-        paths = set(found)
+        with untrusted.record_files_read() as files_read:
+            source.build()
+        paths = set(files_read)
         if code is not None and code.file is not None:
             file = code.file.resolve()
             paths |= {file, *siblings(file.parent)}
-        return replace(bare, root=_common(paths), files=_contents(paths))
+        return replace(source, root=_common(paths), files=_contents(paths))
 
     def build(self) -> Any:
         """Build what the code defines: a `Scenario`, or whatever has the name of `attribute`.
 
         Raises `InvalidInput` for words that are no code, and what the code raises.
         """
-        here = self.located()
+        source = self.located()
         if self.attribute == "scenario":
-            return load_scenario(here.words, here.options, SCENARIOS)
-        code = own_code(here.words, self.attribute)
+            return load_scenario(source.words, source.options, SCENARIOS)
+        code = own_code(source.words, self.attribute)
         if code is None:
             raise InvalidInput(
-                f"{here.words!r} is no Python code; give FILE.py, FILE.py:NAME or"
+                f"{source.words!r} is no Python code; give FILE.py, FILE.py:NAME or"
                 " PACKAGE.MODULE:NAME"
             )
-        found = code.load()
-        if callable(found):
-            return found()
-        return found
+        value = code.load()
+        if callable(value):
+            return value()
+        return value
 
     def located(self) -> CodeSource:
         """Return it with words and options that point to files with the right contents on this
@@ -136,19 +138,19 @@ class CodeSource:
         """
         root = str(copies.resolve())
         try:
-            known = _Identity.model_validate(identity)
+            validated = _Identity.model_validate(identity)
         except ValidationError as error:
             raise InvalidInput(
                 f"{copies}: not what a campaign keeps of it ({one_line(error, _Identity)})"
             ) from None
-        code = own_code(known.words)
+        code = own_code(validated.words)
         if (
             code is not None
             and code.file is not None
-            and code.file.as_posix().removeprefix("./") not in known.files
+            and code.file.as_posix().removeprefix("./") not in validated.files
         ):
             raise InvalidInput(
-                f"{copies}: {known.words[:80]!r} is not among its files; put back what was"
+                f"{copies}: {validated.words[:80]!r} is not among its files; put back what was"
             )
 
         def placed(value: Any) -> Any:
@@ -230,9 +232,9 @@ def _contents(paths: set[Path]) -> dict[str, bytes]:
 
 
 def _common(paths: set[Path]) -> str:
-    own = [path.parent for path in paths if not path.is_relative_to(robots_folder().resolve())]
-    if own:
-        return os.path.commonpath(own)
+    folders = [path.parent for path in paths if not path.is_relative_to(robots_folder().resolve())]
+    if folders:
+        return os.path.commonpath(folders)
     return ""
 
 

@@ -159,18 +159,18 @@ class Dispatch:
 
     def _wait(self) -> list[Any]:
         """Futures that are done, once some are or it is time to look at the clock."""
-        found = []
+        done_futures = []
         with suppress(queue.Empty):
-            found.append(self._arrived.get(timeout=_LOOK))
+            done_futures.append(self._arrived.get(timeout=_LOOK))
             while True:
-                found.append(self._arrived.get_nowait())
-        if not found:
+                done_futures.append(self._arrived.get_nowait())
+        if not done_futures:
             self._require_cluster()
             self._warn_of_no_workers()
-        return found
+        return done_futures
 
     def _warn_of_no_workers(self) -> None:
-        """Once, as a cluster may still be waiting for its machines."""
+        """Warn once, as a cluster may still be waiting for its machines."""
         if self._client.nthreads():
             self._alone_since = None
         elif self._alone_since is None:
@@ -183,13 +183,13 @@ class Dispatch:
             )
 
     def _take(self, futures: Sequence[Any]) -> None:
-        whole = {future: future for future in futures if future.status == "finished"}
-        for future, found in self._client.gather(whole, errors="skip").items():
-            if found is not None:  # else its worker has gone since, and with it the rows
-                for done in found:
-                    self._wall = self._wall + float(done.row["wall_s"] or 0.0)
+        finished = {future: future for future in futures if future.status == "finished"}
+        for future, results in self._client.gather(finished, errors="skip").items():
+            if results is not None:  # else its worker has gone since, and with it the rows
+                for result in results:
+                    self._wall = self._wall + float(result.row["wall_s"] or 0.0)
                     self._made = self._made + 1
-                    self._folder.add(done)
+                    self._folder.add(result)
                 self._running.pop(future)
         for future in futures:
             if future in self._running:

@@ -139,15 +139,15 @@ class Triangular(Distribution):
 
     def __post_init__(self) -> None:
         if not (self.lower <= self.mode <= self.upper and self.lower < self.upper):
-            given = f"Triangular({self.lower:g}, {self.mode:g}, {self.upper:g})"
-            raise InvalidInput(f"{given}; give lower bound, mode and upper bound in this order")
+            text = f"Triangular({self.lower:g}, {self.mode:g}, {self.upper:g})"
+            raise InvalidInput(f"{text}; give lower bound, mode and upper bound in this order")
 
     def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
         width = self.upper - self.lower
-        left = self.mode - self.lower
-        if u * width <= left:
-            return self.lower + math.sqrt(u * width * left)
+        rise = self.mode - self.lower
+        if u * width <= rise:
+            return self.lower + math.sqrt(u * width * rise)
         return self.upper - math.sqrt((1.0 - u) * width * (self.upper - self.mode))
 
 
@@ -179,25 +179,25 @@ class OfScipy(Distribution):
         return float(self.frozen.ppf(u))
 
     def __repr__(self) -> str:
-        given = [
+        arguments = [
             *map(repr, self.frozen.args),
             *(f"{name}={value!r}" for name, value in self.frozen.kwds.items()),
         ]
-        return f"scipy.stats.{self.frozen.dist.name}({', '.join(given)})"
+        return f"scipy.stats.{self.frozen.dist.name}({', '.join(arguments)})"
 
 
-def distribution_of(given: Any) -> Distribution:
-    """One of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what is
-    neither.
+def distribution_of(value: Any) -> Distribution:
+    """Return one of ours as it is, one of scipy.stats in our words. Raises `InvalidInput` for what
+    is neither.
     """
-    if hasattr(given, "quantile"):
-        return given
-    if hasattr(given, "ppf") and hasattr(given, "dist"):
-        return OfScipy(given)
+    if hasattr(value, "quantile"):
+        return value
+    if hasattr(value, "ppf") and hasattr(value, "dist"):
+        return OfScipy(value)
     allowed = (
         "Uniform, Normal, LogNormal, Triangular, Choice or a frozen distribution of scipy.stats"
     )
-    raise InvalidInput(f"distribution = {given!r}; give {allowed}")
+    raise InvalidInput(f"distribution = {value!r}; give {allowed}")
 
 
 def _standard_normal(u: float) -> float:
@@ -234,9 +234,10 @@ class Design:
             )
         base = self.runs // block
         if base < 2 or base * block != self.runs or base & (base - 1):
-            near = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
+            nearest_base = 2 ** max(1, round(np.log2(max(self.runs / block, 2))))
             allowed = (
-                f"a power of 2 times {block}, the parameters and 2 more, such as {near * block}"
+                f"a power of 2 times {block}, the parameters and 2 more, such as"
+                f" {nearest_base * block}"
             )
             raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
 

@@ -109,12 +109,12 @@ def failed_row(work: CampaignJob, run: int, outcome: str, text: str) -> dict[str
     except Exception as error:
         head = {}
         text = f"{text}; and its parameters cannot be drawn: {describe(error)}"
-    own = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
-    return {"run": run, **head, **own, "version": __version__}
+    ending = {"outcome": outcome, "success": False, "cause": plain_line(text, _LONGEST)}
+    return {"run": run, **head, **ending, "version": __version__}
 
 
 def over_time(limit: float) -> str:
-    """Why a run was stopped; limit [s]."""
+    """Say why a run was stopped; limit [s]."""
     return f"not over after {limit:g} s, and stopped; give more by the time limit"
 
 

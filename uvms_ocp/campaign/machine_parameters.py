@@ -34,7 +34,9 @@ def machine_parameters(scenario: Scenario) -> Iterator[Parameter]:
     yield _of_robot("robot.mass", "-", "factor of the mass and inertia of all links", _heavier)
     for k, carrier in enumerate(robot.tools or ("base_link",), 1):
         payload = f"payload{k}" if k > 1 else "payload"
-        mass, volume = (partial(_carrying, carrier, payload, what) for what in ("mass", "volume"))
+        mass, volume = (
+            partial(_carrying, carrier, payload, quantity) for quantity in ("mass", "volume")
+        )
         yield _of_robot(f"{payload}.mass", "kg", f"of a point mass fixed to {carrier}", mass)
         yield _of_robot(
             f"{payload}.volume",
@@ -67,16 +69,16 @@ def _of_robot(
 
 
 def _scaled(parameter: str, names: tuple[str, ...], robot: Robot, factor: float) -> Robot:
-    """The robot with these coefficients of its links scaled; a shape becomes the coefficients that
-    its rule gives.
+    """Return the robot with these coefficients of its links scaled; a shape becomes the
+    coefficients that its rule gives.
     """
     if not factor >= 0.0:
         raise InvalidInput(f"{parameter} = {factor:g}; give a factor of 0 or more")
-    bare = checked_copy(robot.description, trim=())
-    scaled = [
-        replace(link, **{name: factor * getattr(link, name) for name in names})
-        for link in links_in_water(bare)
-    ]
+    untrimmed = checked_copy(robot.description, trim=())
+    scaled = []
+    for link in links_in_water(untrimmed):
+        coefficients = {name: factor * getattr(link, name) for name in names}
+        scaled.append(replace(link, **coefficients))
     links = {link.frame: LinkDescription(coefficients=coefficients_of(link)) for link in scaled}
     description = checked_copy(robot.description, links=links)
     return replace(robot, description=description, hydrodynamics=links_in_water(description))
@@ -94,12 +96,13 @@ def _heavier(robot: Robot, factor: float) -> Robot:
     return replace(robot, model=model)
 
 
-def _carrying(carrier: str, payload: str, what: str, robot: Robot, value: float) -> Robot:
+def _carrying(carrier: str, payload: str, quantity: str, robot: Robot, value: float) -> Robot:
     if not value >= 0.0:
-        raise InvalidInput(f"{payload}.{what} = {value:g}; give 0 or more")
-    body = {"mass": 0.0, "volume": 0.0} | {what: value}
+        raise InvalidInput(f"{payload}.{quantity} = {value:g}; give 0 or more")
+    body = {"mass": 0.0, "volume": 0.0} | {quantity: value}
     return assembly.with_trim(
-        robot, [TrimBody(name=f"{payload} {what}", link=carrier, position=(0.0, 0.0, 0.0), **body)]
+        robot,
+        [TrimBody(name=f"{payload} {quantity}", link=carrier, position=(0.0, 0.0, 0.0), **body)],
     )
 
 

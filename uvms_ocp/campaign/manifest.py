@@ -86,50 +86,52 @@ def read_manifest(folder: Path) -> CampaignManifest:
     """Read the manifest of the campaign in a folder. Raises `InvalidInput` where there is none, or
     a damaged one.
     """
-    found = read_as(CampaignManifest, folder / FILE)
-    if found is None:
+    manifest = read_as(CampaignManifest, folder / FILE)
+    if manifest is None:
         raise InvalidInput(
             f"{folder}: no campaign is there; give the folder of one, or a mission with --out"
         )
-    return found
+    return manifest
 
 
-def claim_manifest(folder: Path, wanted: CampaignManifest) -> None:
+def claim_manifest(folder: Path, manifest: CampaignManifest) -> None:
     """Write down what a new campaign is, or of how many more runs one is now that can grow.
 
     Raises `InvalidInput`, naming what differs, for another campaign, and for a folder of something
     else.
     """
-    known = read_as(CampaignManifest, folder / FILE)
-    values = json.loads(wanted.model_dump_json())
-    if known is None:
+    stored = read_as(CampaignManifest, folder / FILE)
+    values = json.loads(manifest.model_dump_json())
+    if stored is None:
         others = [path.name for path in folder.iterdir() if path.name != STORE]
         if others:
             raise InvalidInput(
                 f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new"
             )
     else:
-        grows = known.sampler in GROWING and wanted.runs > known.runs
+        grows = stored.sampler in GROWING and manifest.runs > stored.runs
         differs = list(
-            _differences("", known.model_dump() | ({"runs": wanted.runs} if grows else {}), values)
+            _differences(
+                "", stored.model_dump() | ({"runs": manifest.runs} if grows else {}), values
+            )
         )
         if differs:
             advice = "take the folder of a new campaign, or put back what was"
             raise InvalidInput(
                 f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}"
             )
-    if known is None or known.runs != wanted.runs:
+    if stored is None or stored.runs != manifest.runs:
         durable_files.write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
 
 
-def _differences(place: str, known: Any, wanted: Any) -> Any:
-    if isinstance(known, dict) and isinstance(wanted, dict):
-        for name in [*known, *(name for name in wanted if name not in known)]:
+def _differences(place: str, stored: Any, requested: Any) -> Any:
+    if isinstance(stored, dict) and isinstance(requested, dict):
+        for name in [*stored, *(name for name in requested if name not in stored)]:
             yield from _differences(
-                f"{place}{' ' if place else ''}{name}", known.get(name), wanted.get(name)
+                f"{place}{' ' if place else ''}{name}", stored.get(name), requested.get(name)
             )
-    elif known != wanted:
-        was, now = (
-            plain_line("none" if value is None else str(value), 40) for value in (known, wanted)
+    elif stored != requested:
+        old_text, new_text = (
+            plain_line("none" if value is None else str(value), 40) for value in (stored, requested)
         )
-        yield f"{place} ({was}, now {now})"
+        yield f"{place} ({old_text}, now {new_text})"

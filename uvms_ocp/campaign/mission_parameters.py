@@ -1,4 +1,6 @@
-"""Parameters that the controller knows: goals that do not move, numbers of tasks and gains, and numbers of a user's own parts."""
+"""Parameters that the controller knows: goals that do not move, numbers of tasks and gains, and
+numbers of a user's own parts.
+"""
 
 from __future__ import annotations
 
@@ -22,19 +24,21 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters that the controller knows: goals and tasks."""
     for task in scenario.mission.hierarchy.tasks:
         goal = getattr(task, "goal", None)
-        own = f"goals.{task.name}"
+        prefix = f"goals.{task.name}"
         # The posture of an arm of three joints is no point in W.
         is_point = (
             isinstance(goal, np.ndarray)
             and goal.shape == (3,)
             and not isinstance(task, JointTracking)
         )
-        for axis, name in AXES if isinstance(goal, pin.SE3) or is_point else ():
-            meaning = f"added to {name} of the goal of {task.name}, in W"
-            yield Parameter(f"{own}.{name}", "m", meaning, partial(_with_goal, task.name, axis))
+        if isinstance(goal, pin.SE3) or is_point:
+            for axis, name in AXES:
+                meaning = f"added to {name} of the goal of {task.name}, in W"
+                apply = partial(_with_goal, task.name, axis)
+                yield Parameter(f"{prefix}.{name}", "m", meaning, apply)
         if isinstance(goal, pin.SE3):
             meaning = f"turn of the goal of {task.name} about z of W"
-            yield Parameter(f"{own}.yaw", "rad", meaning, partial(_with_goal, task.name, 3))
+            yield Parameter(f"{prefix}.yaw", "rad", meaning, partial(_with_goal, task.name, 3))
         for name in real_numbers(task):
             apply = partial(_with_number, task.name, name)
             yield Parameter(
@@ -43,10 +47,10 @@ def objective_parameters(scenario: Scenario) -> Iterator[Parameter]:
                 f"{name} of {task.name}, as its class has it",
                 apply,
             )
-    for name in [item.name for item in fields(VelocityGains)] if scenario.takes_forces else []:
-        yield Parameter(
-            f"gains.{name}", "as there", f"{name} of VelocityGains", partial(_with, "gains", name)
-        )
+    if scenario.takes_forces:
+        for name in [item.name for item in fields(VelocityGains)]:
+            meaning = f"{name} of VelocityGains"
+            yield Parameter(f"gains.{name}", "as there", meaning, partial(_with, "gains", name))
 
 
 def _with_goal(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
@@ -89,19 +93,24 @@ def _changed(mission: Mission, name: str, change: Any) -> Mission:
 
 
 def own_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Such as ``parts.plant.rate``, of every own part that is made by a dataclass with real
-    numbers.
+    """Yield parameters such as ``parts.plant.rate``, of every own part that is made by a dataclass
+    with real numbers.
     """
     for part, name in scenario.own_parts.items():
         maker: Any = maker_of(part, getattr(scenario, part))
         is_value = is_dataclass(maker) and not isinstance(maker, type)
-        for item in real_numbers(maker) if is_value else list[str]():
+        if not is_value:
+            continue
+        for item in real_numbers(maker):
             meaning = f"{item} of {name}, as its class has it"
             yield Parameter(f"parts.{part}.{item}", "as there", meaning, partial(_with, part, item))
 
 
 def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:
     """The scenario with another number of one of its parts, or of what makes it."""
-    own = getattr(scenario, part)
-    maker: Any = own if part == "gains" else maker_of(part, own)
+    part_value = getattr(scenario, part)
+    if part == "gains":
+        maker: Any = part_value
+    else:
+        maker = maker_of(part, part_value)
     return replace(scenario, **{part: replace(maker, **{name: value})})

@@ -33,12 +33,14 @@ def compare_campaigns(
     folders = (Path(first), Path(second))
     tables = [table_with_success(folder, success) for folder in folders]
     rates = [Rate(number=int(table["success"].sum()), runs=len(table)) for table in tables]
-    one, other = map(manifest.read_manifest, folders)
+    first_manifest, second_manifest = map(manifest.read_manifest, folders)
     comparison: dict[str, Any] = {
         "campaigns": [str(folder) for folder in folders],
         "success": [rate.to_dict() for rate in rates],
         "success_text": [str(rate) for rate in rates],
-        "paired": all(getattr(one, name) == getattr(other, name) for name in _DRAWN),
+        "paired": all(
+            getattr(first_manifest, name) == getattr(second_manifest, name) for name in _DRAWN
+        ),
     }
     if comparison["paired"]:
         a, b = (table.set_index("run") for table in tables)
@@ -50,14 +52,17 @@ def compare_campaigns(
 def _pairs(a: Any, b: Any) -> dict[str, Any]:
     from scipy.stats import binomtest
 
-    before, after = (table["success"].to_numpy(dtype=bool) for table in (a, b))
-    lost, won = (np.flatnonzero(which) for which in (before & ~after, ~before & after))
+    first_success, second_success = (table["success"].to_numpy(dtype=bool) for table in (a, b))
+    lost, won = (
+        np.flatnonzero(is_discordant)
+        for is_discordant in (first_success & ~second_success, ~first_success & second_success)
+    )
     discordant = len(lost) + len(won)
     differences = [_difference(name, a, b) for name in run_metrics.metrics_among(a)]
     return {
         "pairs": len(a),
-        "both_succeed": int((before & after).sum()),
-        "both_fail": int((~before & ~after).sum()),
+        "both_succeed": int((first_success & second_success).sum()),
+        "both_fail": int((~first_success & ~second_success).sum()),
         "first_only": len(lost),
         "second_only": len(won),
         "first_only_runs": a["run"].to_numpy()[lost[:_MOST_NAMED]].tolist(),
@@ -70,16 +75,16 @@ def _pairs(a: Any, b: Any) -> dict[str, Any]:
 def _difference(name: str, a: Any, b: Any) -> dict[str, Any] | None:
     """Second less first, of the runs in which both have the figure."""
     change = run_metrics.metric_values(b, name) - run_metrics.metric_values(a, name)
-    known = change[np.isfinite(change)]
-    if not known.size:
+    changes = change[np.isfinite(change)]
+    if not changes.size:
         return None
     rng = np.random.default_rng(0)
-    means = [known[rng.integers(0, known.size, known.size)].mean() for _ in range(_RESAMPLED)]
+    means = [changes[rng.integers(0, changes.size, changes.size)].mean() for _ in range(_RESAMPLED)]
     lower, upper = np.quantile(means, [0.025, 0.975])
-    own = {"figure": name, "pairs": int(known.size), "mean_change": float(known.mean())}
+    summary = {"figure": name, "pairs": int(changes.size), "mean_change": float(changes.mean())}
     return {
-        **own,
+        **summary,
         "lower": float(lower),
         "upper": float(upper),
-        "median_change": float(np.median(known)),
+        "median_change": float(np.median(changes)),
     }

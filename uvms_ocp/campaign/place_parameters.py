@@ -25,20 +25,17 @@ _TURNS = tuple(enumerate(("roll", "pitch", "yaw")))
 
 
 def place_parameters(scenario: Scenario) -> Iterator[Parameter]:
-    """Offsets from what the scenario says; controller and mission know nothing of those of floor
-    and obstacles.
+    """Yield offsets from what the scenario says; controller and mission know nothing of those of
+    floor and obstacles.
     """
     robot = scenario.robot
-    for axis, name in AXES if robot.n_vehicle else ():
-        yield Parameter(
-            f"start.{name}",
-            "m",
-            f"added to {name} of the vehicle at the start, in W",
-            partial(_moved, axis),
-        )
-    for axis, name in _TURNS if robot.n_vehicle else ():
-        meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
-        yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
+    if robot.n_vehicle:
+        for axis, name in AXES:
+            meaning = f"added to {name} of the vehicle at the start, in W"
+            yield Parameter(f"start.{name}", "m", meaning, partial(_moved, axis))
+        for axis, name in _TURNS:
+            meaning = f"turn of the vehicle at the start about its {'xyz'[axis]}"
+            yield Parameter(f"start.{name}", "rad", meaning, partial(_turned, axis))
     for joint in robot.joints:
         if joint.n_v == 1:
             name = f"start.{joint_axis(robot, joint.name)}"

@@ -48,13 +48,13 @@ def report_of(folder: Path, table: Any, success: Sequence[MetricBound]) -> dict[
     """`campaign_report` of the `table_with_success` of that folder."""
     identity = manifest.read_manifest(folder)
     rate = Rate(number=int(table["success"].sum()), runs=len(table))
-    which = {
+    identity_entries = {
         "campaign": identity.name,
         "folder": str(folder),
         "runs": identity.runs,
         "finished": len(table),
     }
-    return which | {
+    return identity_entries | {
         **{name: getattr(identity, name) for name in ("package", "sampler", "seed", "parameters")},
         "criterion": [str(bound) for bound in success]
         or ["the mission completed, and its goals truly reached"],
@@ -107,16 +107,19 @@ def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
     order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
     rows = table.iloc[order]
     merits = merits[order]
-    return [
-        {
-            "run": int(row["run"]),
-            "outcome": row["outcome"],
-            "cause": row["cause"] or "",
-            **{
-                name: None if np.isnan(metric) else float(metric)
-                for name, metric in zip(_FINISHED_WORSE, own, strict=True)
-            },
-            "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
+    worst = []
+    for (_, row), row_merits in zip(rows.iterrows(), merits, strict=True):
+        metrics = {
+            name: None if np.isnan(metric) else float(metric)
+            for name, metric in zip(_FINISHED_WORSE, row_merits, strict=True)
         }
-        for (_, row), own in zip(rows.iterrows(), merits, strict=True)
-    ]
+        worst.append(
+            {
+                "run": int(row["run"]),
+                "outcome": row["outcome"],
+                "cause": row["cause"] or "",
+                **metrics,
+                "repeat": f"uvms-ocp campaign {shlex.quote(str(folder))} --rerun {row['run']}",
+            }
+        )
+    return worst

@@ -38,12 +38,9 @@ _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
     """The tool of each metric that is of one of several; none where there is one tool."""
-    return {
-        f"{name}[{tool}]": tool
-        for tool in robot.tools
-        if len(robot.tools) > 1
-        for name in OF_EACH_TOOL
-    }
+    if len(robot.tools) <= 1:
+        return {}
+    return {f"{name}[{tool}]": tool for tool in robot.tools for name in OF_EACH_TOOL}
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:
@@ -85,8 +82,8 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         "failed_ticks": None if failed is None else float(sum(failed.values())),
     }
     for name, tool in tool_metrics(scenario.robot).items():
-        own = next((one.name for one in meta.tasks if one.tool == tool), "")
-        error = f"{own}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
+        task_name = next((task_meta.name for task_meta in meta.tasks if task_meta.tool == tool), "")
+        error = f"{task_name}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
         if kind_of(name) == "clearance_m":
             figures[name] = _clearance(scenario, record, tool)
         else:
@@ -129,8 +126,12 @@ def distribution_table(table: Any) -> list[dict[str, Any]]:
     rows = []
     for name, meaning in metrics_among(table).items():
         values = metric_values(table, name)
-        known = values[np.isfinite(values)]
-        if known.size:
-            spread = dict(zip(_NAMES, map(float, np.quantile(known, QUANTILES)), strict=True))
-            rows.append({"figure": name, "meaning": meaning, "runs": int(known.size), **spread})
+        finite_values = values[np.isfinite(values)]
+        if finite_values.size:
+            spread = dict(
+                zip(_NAMES, map(float, np.quantile(finite_values, QUANTILES)), strict=True)
+            )
+            rows.append(
+                {"figure": name, "meaning": meaning, "runs": int(finite_values.size), **spread}
+            )
     return rows

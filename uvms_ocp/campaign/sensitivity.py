@@ -43,8 +43,8 @@ def sensitivity_table(
             y = table[name].to_numpy(dtype=float, na_value=np.nan)
         else:
             y = run_metrics.metric_values(table, name)
-        known = np.isfinite(y)
-        if known.sum() >= _FEWEST and np.ptp(y[known]) > 0.0:
+        is_finite = np.isfinite(y)
+        if is_finite.sum() >= _FEWEST and np.ptp(y[is_finite]) > 0.0:
             rows += _of_figure(
                 name, table[list(parameters)].to_numpy(dtype=float), y, parameters, indices
             )
@@ -54,32 +54,33 @@ def sensitivity_table(
 def _of_figure(
     name: str, X: np.ndarray, y: np.ndarray, parameters: Sequence[str], indices: bool
 ) -> list[dict[str, Any]]:
-    known = np.isfinite(y)
-    ranks = _ranks(X[known], y[known])
-    pawn = _pawn(X[known], y[known])
+    is_finite = np.isfinite(y)
+    ranks = _ranks(X[is_finite], y[is_finite])
+    pawn = _pawn(X[is_finite], y[is_finite])
     if indices:
         shares = _sobol(y, len(parameters))
     else:
         shares = {}
-    return [
-        {
+    rows = []
+    for k, parameter in enumerate(parameters):
+        row = {
             "figure": name,
             "parameter": parameter,
             "rank_correlation": ranks[k][0],
             "p_value": ranks[k][1],
             "pawn": pawn[k],
             "pawn_floor": pawn[-1],
-            **{key: float(values[k]) for key, values in shares.items()},
         }
-        for k, parameter in enumerate(parameters)
-    ]
+        row |= {key: float(values[k]) for key, values in shares.items()}
+        rows.append(row)
+    return rows
 
 
 def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
     from scipy.stats import spearmanr
 
-    found = [(0.0, 1.0) if np.ptp(x) == 0.0 else spearmanr(x, y) for x in X.T]
-    return [(float(rho), float(p)) for rho, p in found]
+    correlations = [(0.0, 1.0) if np.ptp(x) == 0.0 else spearmanr(x, y) for x in X.T]
+    return [(float(rho), float(p)) for rho, p in correlations]
 
 
 def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
@@ -89,24 +90,24 @@ def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:
     problem = distributions.problem_of([*(f"x{k}" for k in range(X.shape[1])), _DUMMY])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # slices of a parameter with few values are empty
-        found = pawn.analyze(problem, np.hstack([X, dummy]), y, S=_SLICES, seed=0)
-    return [float(value) for value in found["median"]]
+        result = pawn.analyze(problem, np.hstack([X, dummy]), y, S=_SLICES, seed=0)
+    return [float(value) for value in result["median"]]
 
 
 def _sobol(y: np.ndarray, n: int) -> dict[str, np.ndarray]:
     """Sobol' indices from the complete blocks of the design; empty where they are too few."""
     sobol = optional_module("SALib.analyze.sobol", "sensitivities", CAMPAIGN_EXTRA)
     blocks = y[: len(y) // (n + 2) * (n + 2)].reshape(-1, n + 2)
-    whole = blocks[np.isfinite(blocks).all(axis=1)]
-    if len(whole) < _FEWEST:
+    complete_blocks = blocks[np.isfinite(blocks).all(axis=1)]
+    if len(complete_blocks) < _FEWEST:
         return {}
     problem = distributions.problem_of([f"x{k}" for k in range(n)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = sobol.analyze(problem, whole.ravel(), calc_second_order=False, seed=0)
+        result = sobol.analyze(problem, complete_blocks.ravel(), calc_second_order=False, seed=0)
     return {
-        "s1": found["S1"],
-        "s1_within": found["S1_conf"],
-        "st": found["ST"],
-        "st_within": found["ST_conf"],
+        "s1": result["S1"],
+        "s1_within": result["S1_conf"],
+        "st": result["ST"],
+        "st_within": result["ST_conf"],
     }

@@ -29,7 +29,7 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
     """Yield parameters of all sensors together, and of each that the robot has."""
     channels = [channel for channel in CHANNELS if getattr(scenario.specs, channel) is not None]
     noise = partial(_each, lambda spec, factor: {"sigma": factor * spec.sigma})
-    later = partial(_each, lambda spec, value: {"delay": spec.delay + value})
+    unmodelled_delay = partial(_each, lambda spec, value: {"delay": spec.delay + value})
     yield Parameter("sensors.noise", "-", "factor of the noise of all channels", noise)
     if isinstance(scenario.sensors, SensorSpecs):  # estimator and controller are given the delays
         text = "added to the delay of all channels, as their file would say it"
@@ -41,7 +41,7 @@ def sensor_parameters(scenario: Scenario) -> Iterator[Parameter]:
         "sensors.unmodelled_delay",
         "s",
         "added to the delay of all channels, unknown to the controller",
-        later,
+        unmodelled_delay,
     )
     slides = [joint.slides for joint in scenario.robot.joints]
     for channel in channels:
@@ -66,22 +66,24 @@ def _delayed(scenario: Scenario, value: float) -> Scenario:
 def _with_delay(channel: str, scenario: Scenario, value: float) -> Scenario:
     """Return the scenario with another nominal delay; the unmodelled part of the delay stays."""
     specs = scenario.specs
-    true = _true(scenario)
-    known = getattr(specs, channel)
-    spec = getattr(true, channel)
-    specified = replace(specs, **{channel: replace(known, delay=value)})
-    real = replace(true, **{channel: replace(spec, delay=value + spec.delay - known.delay)})
-    return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real)
+    true_specs = _true(scenario)
+    nominal = getattr(specs, channel)
+    spec = getattr(true_specs, channel)
+    specified = replace(specs, **{channel: replace(nominal, delay=value)})
+    real_specs = replace(
+        true_specs, **{channel: replace(spec, delay=value + spec.delay - nominal.delay)}
+    )
+    return replace(scenario, sensors=specified, real_sensors=scenario.real_sensors and real_specs)
 
 
 def _each(
     change: Callable[[SensorSpec, float], dict[str, float]], scenario: Scenario, value: float
 ) -> Scenario:
     specs = _true(scenario)
-    found = {name: getattr(specs, name) for name in CHANNELS}
+    channel_specs = {name: getattr(specs, name) for name in CHANNELS}
     changed = {
         name: replace(spec, **change(spec, value))
-        for name, spec in found.items()
+        for name, spec in channel_specs.items()
         if spec is not None
     }
     return replace(scenario, real_sensors=replace(specs, **changed))

@@ -65,10 +65,10 @@ def read_rows(folder: Path, identity: CampaignManifest) -> Any:
     if not tables:
         return schema.empty_table()
     table = pa.concat_tables(tables)
-    wrong = _not_of(table, identity)
-    if wrong:
+    fault = _not_of(table, identity)
+    if fault:
         raise InvalidInput(
-            f"{folder / FOLDER}: {wrong}; put back what was, or move it away, and its runs are made"
+            f"{folder / FOLDER}: {fault}; put back what was, or move it away, and its runs are made"
             " again"
         )
     return table.take(np.unique(table["run"].to_numpy(), return_index=True)[1])
@@ -78,52 +78,56 @@ def _read(path: Path, schema: Any) -> Any:
     pa = arrow()
     advice = "; move it away, its runs are made again"
     with untrusted.as_input_errors(path, OSError, pa.ArrowException, what="damaged", advice=advice):
-        found = pa.parquet.read_table(path, partitioning=None)
-    if sorted(map(str, found.schema)) != sorted(map(str, schema)):
+        table = pa.parquet.read_table(path, partitioning=None)
+    if sorted(map(str, table.schema)) != sorted(map(str, schema)):
         text = f"{path}: its columns or their kinds are not those of {FILE}"
         raise InvalidInput(
             f"{text}; put back what was, or move it away, and its runs are made again"
         )
-    return found.select(schema.names)
+    return table.select(schema.names)
 
 
 def _not_of(table: Any, identity: CampaignManifest) -> str:
-    """Why these rows are not of the campaign; empty where they may be. What is not a number counts
-    as none.
+    """Say why these rows are not of the campaign; empty where they may be. What is not a number
+    counts as none.
     """
     rows = table.to_pandas()
-    bare = [name for name in _NEEDED if table[name].null_count]
-    if bare:
-        return f"a run without {bare[0]}"
-    if (outside := ~rows["run"].between(0, identity.runs - 1)).any():
-        return f"run {rows['run'][outside].iloc[0]} of a campaign with {identity.runs} runs"
-    if (twice := rows.drop_duplicates()["run"].duplicated()).any():
-        return f"run {rows.drop_duplicates()['run'][twice].iloc[0]} is there twice, not alike"
-    named = rows.set_index("run")
-    drawn = {
+    incomplete_columns = [name for name in _NEEDED if table[name].null_count]
+    if incomplete_columns:
+        return f"a run without {incomplete_columns[0]}"
+    is_outside = ~rows["run"].between(0, identity.runs - 1)
+    if is_outside.any():
+        return f"run {rows['run'][is_outside].iloc[0]} of a campaign with {identity.runs} runs"
+    runs = rows.drop_duplicates()["run"]
+    is_repeated = runs.duplicated()
+    if is_repeated.any():
+        return f"run {runs[is_repeated].iloc[0]} is there twice, not alike"
+    rows_by_run = rows.set_index("run")
+    drawn_seeds = {
         run: identity.design.seed_of(run)
-        for run in named.index[:: 1 + len(rows) // _LOOKS].tolist()
+        for run in rows_by_run.index[:: 1 + len(rows) // _LOOKS].tolist()
     }
-    numbers = named[[name for name, kind in identity.types.items() if kind is float]]
-    failed = ~named["success"].astype(bool)
-    if "seed" in named:
-        known = named.index.isin(drawn) & ~(failed & named["seed"].isna())
-        seeds = known & (named["seed"].to_numpy() != named.index.map(drawn).to_numpy())
-    found = {
-        "success": failed == (named["outcome"] == COMPLETED),
-        "version": named["version"] != identity.package,
-        **({"seed": seeds} if "seed" in named else {}),
-        "wall_s": named["wall_s"] < 0.0,
+    numbers = rows_by_run[[name for name, kind in identity.types.items() if kind is float]]
+    failed = ~rows_by_run["success"].astype(bool)
+    if "seed" in rows_by_run:
+        has_seed = rows_by_run.index.isin(drawn_seeds) & ~(failed & rows_by_run["seed"].isna())
+        seeds = has_seed & (
+            rows_by_run["seed"].to_numpy() != rows_by_run.index.map(drawn_seeds).to_numpy()
+        )
+    violations = {
+        "success": failed == (rows_by_run["outcome"] == COMPLETED),
+        "version": rows_by_run["version"] != identity.package,
+        **({"seed": seeds} if "seed" in rows_by_run else {}),
+        "wall_s": rows_by_run["wall_s"] < 0.0,
         **{name: np.isinf(numbers[name]) for name in numbers},
         **{name: numbers[name].isna() & ~failed for name in identity.parameters},
     }
-    for name, wrong in found.items():
-        if wrong.any():
-            run = named.index[np.flatnonzero(wrong)[0]]
-            return (
-                f"run {run} has {name} = {named[name].to_numpy()[np.flatnonzero(wrong)[0]]}, which"
-                " no run of it has"
-            )
+    for name, is_violated in violations.items():
+        if is_violated.any():
+            row = np.flatnonzero(is_violated)[0]
+            run = rows_by_run.index[row]
+            value = rows_by_run[name].to_numpy()[row]
+            return f"run {run} has {name} = {value}, which no run of it has"
     return ""
 
 
@@ -145,8 +149,8 @@ class CampaignFolder:
         self.folder = folder
         self._identity = identity
         (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-        for left in (folder / FOLDER).glob("*.tmp"):
-            durable_files.discard(left)
+        for leftover in (folder / FOLDER).glob("*.tmp"):
+            durable_files.discard(leftover)
         names = part_paths(folder)
         self._next = 1 + max((int(path.stem.rpartition("-")[2]) for path in names), default=-1)
         self._n = len(names)
@@ -179,10 +183,11 @@ class CampaignFolder:
         self.finished[run] = True
         self.failed += not done.row["success"]
 
-    def flush(self, *, now: bool = False) -> None:
-        """Bring rows to the disk that have waited for long enough; now: all of them."""
+    def flush(self, *, immediately: bool = False) -> None:
+        """Bring rows to the disk that have waited for long enough; immediately: all of
+        them."""
         if self._waiting and (
-            now or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE
+            immediately or len(self._waiting) >= _BATCH or monotonic() - self._since > _BATCH_AGE
         ):
             self._write(
                 arrow().Table.from_pylist(self._waiting, schema=schema_of(self._identity.types))
@@ -193,13 +198,13 @@ class CampaignFolder:
 
     def close(self) -> None:
         """Bring all rows to the disk, in one file once the campaign is complete."""
-        self.flush(now=True)
+        self.flush(immediately=True)
         if self.finished.all():
             self._join()
 
     def _join(self) -> None:
-        """One file in place of many. Cut off, some rows are there twice, which readers know. Raises
-        `OutputError`.
+        """Write one file in place of many. Cut off, some rows are there twice, which readers know.
+        Raises `OutputError`.
         """
         paths = part_paths(self.folder)
         if len(paths) > 1:
@@ -235,11 +240,11 @@ def opened(
             for name, content in sources.items():
                 if not (folder / SOURCES / name).exists():
                     _write_whole(folder / SOURCES / name, content)
-        found = CampaignFolder(folder, identity)
+        campaign_folder = CampaignFolder(folder, identity)
         try:
-            yield found
+            yield campaign_folder
         finally:
-            found.close()
+            campaign_folder.close()
 
 
 def _write_whole(path: Path, content: bytes) -> None:

@@ -1,4 +1,6 @@
-"""Which runs succeeded: those that the mission counts, or those that finished within limits of their figures."""
+"""Which runs succeeded: those that the mission counts, or those that finished within limits of
+their figures.
+"""
 
 from __future__ import annotations
 
@@ -40,12 +42,14 @@ def parse_bounds(texts: Sequence[str]) -> tuple[MetricBound, ...]:
 
 
 def _parse(text: str) -> MetricBound:
-    found = re.fullmatch(r"\s*(\w+(?:\[[^\]]*\])?)\s*([<>])\s*([-+.\deE]+)\s*", text)
+    match = re.fullmatch(r"\s*(\w+(?:\[[^\]]*\])?)\s*([<>])\s*([-+.\deE]+)\s*", text)
     try:
-        if found:
-            name, sign, limit = found.groups()
+        if match:
+            name, sign, limit = match.groups()
         else:
-            name, sign, limit = ("", "", "")
+            name = ""
+            sign = ""
+            limit = ""
         value = float(limit)
     except ValueError:
         raise InvalidInput(
@@ -70,18 +74,18 @@ def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
     )
     if unknown:
         raise NameNotFound("figure of merit", unknown, run_metrics.metrics_among(table))
-    kept = np.array([bound.kept(table) for bound in bounds])
+    is_within = np.array([bound.kept(table) for bound in bounds])
     finished = table["finished"].fillna(False).to_numpy(dtype=bool)
-    success = finished & kept.all(axis=0)
+    success = finished & is_within.all(axis=0)
     outcome = np.where(success, jobs.COMPLETED, table["outcome"].to_numpy(dtype=object))
     missed = finished & ~success
-    outcome[missed] = [_missed(bounds, column) for column in kept[:, missed].T]
+    outcome[missed] = [_missed(bounds, column) for column in is_within[:, missed].T]
     return table.assign(
         success=success, outcome=outcome, cause=np.where(missed, outcome, table["cause"])
     )
 
 
-def _missed(bounds: Sequence[MetricBound], kept: np.ndarray) -> str:
+def _missed(bounds: Sequence[MetricBound], is_within: np.ndarray) -> str:
     return "not " + ", not ".join(
-        str(bound) for bound, good in zip(bounds, kept, strict=True) if not good
+        str(bound) for bound, is_kept in zip(bounds, is_within, strict=True) if not is_kept
     )

@@ -42,14 +42,14 @@ class Rate:
         from scipy.stats import binomtest
 
         kind: Any = "exact" if self.method == "Clopper-Pearson" else "wilson"
-        found = binomtest(self.number, self.runs).proportion_ci(0.95, method=kind)
-        return float(found.low), float(found.high)
+        confidence = binomtest(self.number, self.runs).proportion_ci(0.95, method=kind)
+        return float(confidence.low), float(confidence.high)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values."""
         lower, upper = self.interval
-        own = {"number": self.number, "runs": self.runs, "share": self.share}
-        return {**own, "lower": lower, "upper": upper, "method": self.method}
+        counts = {"number": self.number, "runs": self.runs, "share": self.share}
+        return {**counts, "lower": lower, "upper": upper, "method": self.method}
 
     def __str__(self) -> str:
         lower, upper = self.interval

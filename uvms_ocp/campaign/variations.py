@@ -40,10 +40,8 @@ def available_parameters(scenario: Scenario) -> dict[str, Parameter]:
     with its model. It knows the delays of its sensors, but not parameters that end in
     ``unmodelled_delay``.
     """
-    return {
-        parameter.name: parameter
-        for parameter in chain.from_iterable(family(scenario) for family in _FAMILIES)
-    }
+    parameters = chain.from_iterable(family(scenario) for family in _FAMILIES)
+    return {parameter.name: parameter for parameter in parameters}
 
 
 # A parameter and its distribution, and a scenario with the values that a run has drawn.
@@ -70,10 +68,10 @@ class Variation:
 
     def __str__(self) -> str:
         if self.apply is None:
-            own = ""
+            suffix = ""
         else:
-            own = f" by {getattr(self.apply, '__qualname__', 'a function')}"
-        return f"{self.name}: {self.distribution!r}{own}"
+            suffix = f" by {getattr(self.apply, '__qualname__', 'a function')}"
+        return f"{self.name}: {self.distribution!r}{suffix}"
 
 
 @checked
@@ -81,16 +79,16 @@ def require_available(variations: Sequence[Variation], scenario: Scenario) -> No
     """Raise `NameNotFound` for a parameter that the scenario does not have, `InvalidInput` for one
     that is varied twice.
     """
-    known = available_parameters(scenario)
+    available = available_parameters(scenario)
     names = [variation.name for variation in variations]
     for variation in variations:
         if names.count(variation.name) > 1:
             raise InvalidInput(
                 f"{variation.name} is varied twice; give each parameter one distribution"
             )
-        if variation.apply is None and variation.name not in known:
+        if variation.apply is None and variation.name not in available:
             raise NameNotFound(
-                "parameter", variation.name, known, "`uvms-ocp campaign MISSION --parameters`"
+                "parameter", variation.name, available, "`uvms-ocp campaign MISSION --parameters`"
             )
 
 
@@ -109,20 +107,20 @@ def vary(
     one's own, which come last; others in the order of `available_parameters`. Raises `NameNotFound`
     for a parameter that the scenario does not have, and what a value that is impossible raises.
     """
-    known = available_parameters(scenario)
-    own = {v.name: v.apply for v in variations if v.apply is not None}
-    for name in [name for name in values if name not in own]:
-        require_known("parameter in values", name, known)
+    available = available_parameters(scenario)
+    custom = {v.name: v.apply for v in variations if v.apply is not None}
+    for name in [name for name in values if name not in custom]:
+        require_known("parameter in values", name, available)
     if seed is None:
         changed = scenario
     else:
         changed = seeded(scenario, seed)
-    asked = {
+    built_in = {
         name: parameter.apply
-        for name, parameter in known.items()
-        if name in values and name not in own
+        for name, parameter in available.items()
+        if name in values and name not in custom
     }
-    for name, apply in (asked | own).items():
+    for name, apply in (built_in | custom).items():
         changed = apply(changed, values[name])
     return changed
 

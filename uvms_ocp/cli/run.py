@@ -39,7 +39,7 @@ from uvms_ocp.sim.faults import parse_faults
 from uvms_ocp.viz.series import RUN_NAMES, thinned
 
 if TYPE_CHECKING:
-    from uvms_ocp.mission_plan.planner import MissionPlan
+    from uvms_ocp.mission_plan.mission_plan import MissionPlan
     from uvms_ocp.scenario.scenario import Scenario
     from uvms_ocp.sim.loop import TickObserver
 
@@ -271,7 +271,7 @@ def run_and_write(
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
     """A plan of that scenario, from its file or the folder that holds it. Raises `InvalidInput`."""
-    from uvms_ocp.mission_plan.planner import MissionPlan  # a tenth of a second
+    from uvms_ocp.mission_plan.mission_plan import MissionPlan  # a tenth of a second
 
     plan = MissionPlan.load(place / "plan.npz" if place.is_dir() else place)
     plan.require_of(scenario)

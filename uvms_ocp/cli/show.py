@@ -27,7 +27,7 @@ from uvms_ocp.cli.printing import (
     table_of,
 )
 from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.mission_plan.planner import MissionPlan
+from uvms_ocp.mission_plan.mission_plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, STORE, claim_folder, recover_folder

@@ -77,7 +77,10 @@ def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
     abort: the phase that every other one may lead to, if there is one.
     """
     n = len(phases)
-    phases = [*phases, *(() if abort is None else (abort,))]
+    if abort is None:
+        phases = list(phases)
+    else:
+        phases = [*phases, abort]
     states = {phase.name: _state(phase.name, i) for i, phase in enumerate(phases)} | {
         DONE: "[*]",
         ABORT: "[*]",
@@ -119,7 +122,7 @@ def _state(name: str, index: int) -> str:
 
 
 def _text(text: str) -> str:
-    """With all but words and a few marks by their code, as the notation writes them."""
+    """Replace all but words and a few marks by their code, as the notation writes them."""
     return "".join(
         letter if letter.isalnum() or letter in " ._-,()" else f"#{ord(letter)};"
         for letter in plain_line(text)
@@ -128,12 +131,12 @@ def _text(text: str) -> str:
 
 def _label(transition: Transition) -> str:
     conditions = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
-    held = f" for {transition.hold:g} s" if transition.hold else ""
+    hold = f" for {transition.hold:g} s" if transition.hold else ""
     if transition.retries is None:
         retries = ""
     else:
         retries = f" (at most {transition.retries} times)"
-    return f"{conditions}{held}{retries}"
+    return f"{conditions}{hold}{retries}"
 
 
 # Phases over one hierarchy, and how the state of a mission follows from what is measured.
@@ -169,8 +172,8 @@ class Mission(TableDisplay):
     def __post_init__(self) -> None:
         if not self.phases:
             raise InvalidInput("mission without phases; give at least one")
-        last = () if self.abort is None else (self.abort.phase,)
-        object.__setattr__(self, "all_phases", (*self.phases, *last))
+        abort_phases = () if self.abort is None else (self.abort.phase,)
+        object.__setattr__(self, "all_phases", (*self.phases, *abort_phases))
         for name in self.phase_names:
             if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
                 raise InvalidInput(
@@ -203,7 +206,7 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def tasks_of(self, phase: int) -> tuple[Task, ...]:
-        """All tasks with the goals that they have in a phase, highest priority first."""
+        """Return all tasks with the goals that they have in a phase, highest priority first."""
         return self._tasks[phase]
 
     @property
@@ -246,8 +249,8 @@ class Mission(TableDisplay):
     def idle(
         self, state: MissionState, activations: Annotated[np.ndarray, Shape("self.n_tasks")]
     ) -> np.ndarray:
-        """Which tasks (n_tasks,) are off, by the `activations` (n_tasks,) of now, and stay off in
-        this phase.
+        """Tell which tasks (n_tasks,) are off, by the present `activations` (n_tasks,), and stay
+        off in this phase.
         """
         return np.asarray((self._targets[state.phase] == 0) & (activations == 0))
 
@@ -333,7 +336,7 @@ class Mission(TableDisplay):
         return progress.state_after_abort(self.all_phases, state, memory, t, reason, goals)
 
     def has_ascent_goal(self, phase: int, task: int) -> bool:
-        """True for a task whose goal is made as a phase begins: the ascent task in the abort
+        """Check for a task whose goal is made as a phase begins: the ascent task in the abort
         phase.
         """
         return (
@@ -393,12 +396,14 @@ class Mission(TableDisplay):
         )
 
     def _table(self) -> SmallTable:
-        rows = tuple(
-            tuple(f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values())
-            for row in self.table()
-        )
+        rows = []
+        for row in self.table():
+            cells = [f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()]
+            rows.append(tuple(cells))
         return SmallTable(
-            title="Mission, tasks by phases", head=("task", "type", *self.phase_names), rows=rows
+            title="Mission, tasks by phases",
+            head=("task", "type", *self.phase_names),
+            rows=tuple(rows),
         )
 
     def __str__(self) -> str:
@@ -474,6 +479,6 @@ def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
 
 
 def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
-    """True for a function of `GoalFunctions` that never changes, see `Task.is_constant`."""
+    """Check for a function of `GoalFunctions` that never changes, see `Task.is_constant`."""
     task = getattr(reference, "__self__", None)
     return isinstance(task, Task) and task.is_constant

@@ -36,7 +36,7 @@ class _Threshold:
     """A measured quantity on the desired side of a limit."""
 
     sign: ClassVar[str]
-    """Between quantity and limit."""
+    """Sign between quantity and limit."""
     quantity: str
     """``task.quantity``, or one that no task measures: `OWN_QUANTITIES`, ``vehicle.depth`` [m] and
     ``vehicle.speed`` [m/s].
@@ -132,7 +132,7 @@ class Transition:
     to: str
     """Name of a phase, `DONE` or `ABORT`."""
     when: tuple[Condition, ...]
-    """All of them, at once."""
+    """Conditions that have to hold, all at once."""
     hold: Magnitude = 0.0
     """[s]"""
     retries: Count | None = None
@@ -183,7 +183,7 @@ class Phase(FieldTable):
     """
 
     name: str
-    """Unique in a mission."""
+    """Name, unique in a mission."""
     title: str = ""
     """A few words, to print beside the name."""
     activations: Mapping[str, float]
@@ -199,9 +199,11 @@ class Phase(FieldTable):
     """
 
     def __post_init__(self) -> None:
-        bad = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
-        if bad:
-            raise InvalidInput(f"phase {self.name!r}: activations {bad}; give values from 0 to 1")
+        outside = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
+        if outside:
+            raise InvalidInput(
+                f"phase {self.name!r}: activations {outside}; give values from 0 to 1"
+            )
 
     @property
     def on(self) -> tuple[str, ...]:
@@ -235,11 +237,11 @@ class MissionState:
     completed: bool = False
     """The mission has ended as wanted."""
     aborted: str = ""
-    """Why the mission was given up."""
+    """Reason why the mission was given up."""
     fired: Mapping[tuple[int, int], int] = field(default_factory=dict)
-    """How often each transition was taken, by the indices of phase and transition."""
+    """Number of times that each transition was taken, by the indices of phase and transition."""
     abort_reason: str = ""
-    """Why it is being given up, in the phase that does so."""
+    """Reason why the mission is being given up, in the phase that does so."""
     goals: GoalFunctions | None = None
     """Goals that were made when the phase began, in place of those of the mission."""
 
@@ -292,11 +294,11 @@ class Abort:
     begins.
     """
     time_limit: Positive = 60.0
-    """[s] after which the mission ends wherever the phase has led to."""
+    """[s] time after which the mission ends wherever the phase has led to."""
     stall_after: Positive = 60.0
-    """[s] without progress towards any condition that a phase waits for."""
+    """[s] time without progress towards any condition that a phase waits for."""
     thrust_after: Positive = 20.0
-    """[s] for which the limits of the thrusters keep them from what is asked for."""
+    """[s] time for which the limits of the thrusters keep them from what is asked for."""
     runaway_after: Positive = 5.0
     """[s] in which an error that a phase waits for grows, and none shrinks, with thrusters at their
     limits for most of them.
@@ -306,7 +308,7 @@ class Abort:
     as contact.
     """
     contact_after: Positive = 2.0
-    """[s] for which it lasts while a minimum altitude is asked for."""
+    """[s] time for which contact lasts while a minimum altitude is asked for."""
     sunk: Positive = 0.03
     """[m] of a corner of the hull, joint or tool in the floor that the altimeter shows, which may
     fall by 0.3 from there on.

@@ -225,9 +225,8 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
     """Sizes of a `MissionMemory`, but for the number of tasks."""
-    n_transitions, n_conditions = (
-        sum(len(getattr(phase, of)) for phase in phases) for of in ("transitions", "conditions")
-    )
+    n_transitions = sum(len(phase.transitions) for phase in phases)
+    n_conditions = sum(len(phase.conditions) for phase in phases)
     return {"n_phases": len(phases), "n_transitions": n_transitions, "n_conditions": n_conditions}
 
 
@@ -309,14 +308,14 @@ def state_after_transition(
     quantities: those that it was due with [in their units].
     """
     if due == NONE:
-        return replace_unchecked(
-            state, held_since=_held_since(memory)
-        ) if memory.changed else state, None
+        if memory.changed:
+            state = replace_unchecked(state, held_since=_held_since(memory))
+        return state, None
     phase = phases[state.phase]
     transition = phase.transitions[due]
     n_fired = state.fired.get((state.phase, due), 0)
-    held = f" for {transition.hold:g} s" if transition.hold else ""
-    reason = transition.describe(quantities) + held
+    hold = f" for {transition.hold:g} s" if transition.hold else ""
+    reason = transition.describe(quantities) + hold
     target = transition.to
     if transition.retries is not None and is_used_up(n_fired, transition.retries):
         reason = f"{n_fired} retries are used up: {reason}"
@@ -335,18 +334,18 @@ def state_after_abort(
     goals: GoalFunctions,
 ) -> tuple[MissionState, Event]:
     """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
-    after = _after(phases, state, memory, reason)
+    next_state = _after(phases, state, memory, reason)
     source = phases[state.phase].name
     event = Event(
         t=t,
         source=source,
-        target=ABORT if after.over else phases[after.phase].name,
+        target=ABORT if next_state.over else phases[next_state.phase].name,
         reason=reason,
         conditions=(),
     )
-    return after if after.over else replace_unchecked(
-        after, abort_reason=reason, goals=goals
-    ), event
+    if not next_state.over:
+        next_state = replace_unchecked(next_state, abort_reason=reason, goals=goals)
+    return next_state, event
 
 
 def _after(
@@ -366,7 +365,7 @@ def _after(
         began=memory.began,
         activations_before=np.array(memory.activations_before)[: len(state.activations_before)],
         held_since=_held_since(memory),
-        fired={which: n for which, n in counted.items() if n},
+        fired={transition: n for transition, n in counted.items() if n},
     )
 
 

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedPhase
-from uvms_ocp.errors import InvalidInput
+from uvms_ocp.checks import checked
+from uvms_ocp.control.plan_following import PlannedPhase
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission_plan import segments as mission_segments, terms as surroundings
+from uvms_ocp.mission_plan.mission_digests import mission_digests
+from uvms_ocp.mission_plan.mission_plan import MissionPlan
 from uvms_ocp.mission_plan.segments import HorizonSegment, Margins
 from uvms_ocp.mission_plan.terms import MissionTerms, MissionWeights, mission_levels, mission_terms
-from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import (
     OcpProblem,
     OcpStatus,
@@ -30,326 +25,33 @@ from uvms_ocp.ocp import (
     ShapeClearance,
     Trajectory,
     guess_through,
-    plan_file,
 )
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
-from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
-from uvms_ocp.record.record import Record
-from uvms_ocp.robot import Robot, State
-from uvms_ocp.scenario.scenario import MissionController, Scenario
+from uvms_ocp.robot import State
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import Current, water_at
-from uvms_ocp.sim.loop import Progress
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
-from uvms_ocp.tasks.task import Task
-from uvms_ocp.types import DAY, Count, Finite, Magnitude, Mask, Positive
-
-# What tells one mission from another: digests that a saved plan is checked by.
-
-_MOMENTS = (0.0, 1.0, 7.0)  # [s] at which goals are looked at
-_DIGITS = 9
-_PLAIN = (bool, int, float, str, tuple)
-
-_KEY = "mission_plan"
-_NO_PLAN = "no plan of a mission"
-_ARRAYS = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
-"""Arrays, with the number of rows by which each is shorter than there are times."""
+from uvms_ocp.types import DAY, Mask, Positive
 
 # [s] how far and how often the water is looked at
-_AHEAD = 600.0
-_LOOK = 0.5
-_SAME_WATER = 0.05  # [m/s] by which it may differ
+_WATER_HORIZON = 600.0
+_WATER_PERIOD = 0.5
+_WATER_TOLERANCE = 0.05  # [m/s] by which the water may differ from that at the start
 
-_EASY = MissionWeights(energy=1e-3, effort=1.0)
+_CONVEX_WEIGHTS = MissionWeights(energy=1e-3, effort=1.0)
 """Convex in forces: what costs the least energy is near."""
-_HURRY = MissionWeights(price=1.0)
-_SHARE = 0.975  # of the time allowed that is used: what is flown takes a little longer, or shorter
-_ROUNDS = (
-    3  # in which links that come near are looked for, and in which the water is where the plan is
-)
-_SAME_CURRENT = 0.02  # [m/s] by which the water may differ from what a plan was made for
-_HASTE = 150  # iterations from the greedy way, before the easier problem is tried
+_QUICKEST_WEIGHTS = MissionWeights(price=1.0)
+# share of the time allowed that a plan uses: the flight takes a little longer, or shorter
+_DURATION_SHARE = 0.975
+# rounds in which links that come near are looked for, and in which the water is where the plan is
+_ROUNDS = 3
+_CURRENT_TOLERANCE = 0.02  # [m/s] by which the water may differ from what a plan was made for
+_HASTY_ITERATIONS = 150  # iterations from the greedy rollout, before the easier problem is tried
 OPTIONS = NlpOptions(max_iterations=400, convergence=1e-6, barrier=1e-5)
 """Default solver options: a barrier as small as what energy costs. Iterations end it, however busy
 the machine is.
 """
-
-
-@checked
-def mission_digests(scenario: Scenario) -> dict[str, str]:
-    """Return digests of the robot, the start and the mission of a scenario, by these names."""
-    return {
-        "robot": _digest(_of_robot(scenario.robot)),
-        "start": _digest([_rounded(scenario.start)]),
-        "mission": _digest(_of_mission(scenario.mission)),
-    }
-
-
-def _digest(parts: list[str] | Iterator[str]) -> str:
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
-
-
-def _of_robot(robot: Robot) -> Iterator[str]:
-    yield from (robot.name, *robot.model.names)
-    for inertia, placement in zip(robot.model.inertias, robot.model.jointPlacements, strict=True):
-        yield _rounded(inertia.toDynamicParameters())
-        yield _rounded(placement.homogeneous)
-    yield from (_rounded(getattr(robot.limits, item.name)) for item in fields(robot.limits))
-    yield repr(robot.description.thrusters)
-
-
-def _of_mission(mission: Mission) -> Iterator[str]:
-    for index, phase in enumerate(mission.phases):
-        yield from (phase.name, repr(sorted(phase.activations.items())), repr(phase.transitions))
-        for task in mission.tasks_of(index):
-            if task.name in phase.on:
-                yield from _of_task(task)
-
-
-def _of_task(task: Task) -> Iterator[str]:
-    yield type(task).__name__
-    values = {item.name: getattr(task, item.name) for item in fields(task)}
-    yield from (f"{name}={value!r}" for name, value in values.items() if isinstance(value, _PLAIN))
-    yield from (_rounded(task.reference(t)) for t in _MOMENTS)
-
-
-def _rounded(values: np.ndarray) -> str:
-    rounded = np.round(np.asarray(values, dtype=float), _DIGITS) + 0.0
-    return np.array2string(rounded, threshold=rounded.size + 1)
-
-
-# Plans of missions as files.
-
-
-def write_plan(path: Path | str, trajectory: Trajectory, summary: dict[str, Any]) -> Path:
-    """Arrays as they are, the summary as text. Raises `OutputError`."""
-    return plan_file.write_arrays(
-        Path(path), _KEY, json.dumps(summary), plan_file.trajectory_arrays(trajectory)
-    )
-
-
-def read_plan(path: Path | str) -> tuple[Trajectory, dict[str, Any]]:
-    """Read a file that anyone may have written. Raises `InvalidInput`."""
-    summary, arrays = plan_file.from_arrays(Path(path), _KEY, _NO_PLAN)
-    if not set(_ARRAYS) <= arrays.keys():
-        raise InvalidInput(_NO_PLAN)
-    own = {name: arrays[name] for name in _ARRAYS}
-    _check(own)
-    return Trajectory(**own, of_wrench=False), summary
-
-
-def _check(arrays: plan_file.Arrays) -> None:
-    n = arrays["t"].size
-    for name, array in arrays.items():
-        flat = array.ndim == 1 + (name != "t") and array.dtype.kind == "f"
-        if not flat or len(array) != n - _ARRAYS[name] or not np.isfinite(array).all():
-            raise InvalidInput(
-                f"{name} of shape {array.shape} does not fit {n} times, or is not finite"
-            )
-    if n < 2 or not (np.diff(arrays["t"]) > 0).all():
-        raise InvalidInput("its times do not increase")
-
-
-# A plan of a whole mission: a motion, when it takes the phases, and which mission it is of.
-
-
-@checked_dataclass(eq=False, repr=False)
-class MissionPlan(TableDisplay):
-    """Plan of a whole mission, as `plan_mission` returns it."""
-
-    scenario: str
-    """Its name."""
-    trajectory: Trajectory
-    phases: tuple[PlannedPhase, ...]
-    """On the way, in their order."""
-    names: tuple[str, ...]
-    """Names of these phases."""
-    status: OcpStatus
-    reason: str
-    """With the numbers behind the verdict."""
-    energy: Magnitude | None
-    """[J] electrical, of thrusters and joints; `None` where it is not known."""
-    clearance: Finite | None
-    """[m] Least between links, and to obstacles; `None` where there is no pair."""
-    greedy_duration: Magnitude
-    """[s] of the greedy mission in still water, without forces."""
-    iterations: Count
-    solve_time: Magnitude
-    """[s]"""
-    identity: Mapping[str, str]
-    """Digests of the robot, the start and the mission."""
-
-    @property
-    def solved(self) -> bool:
-        """Every phase ends as the mission asks for."""
-        return self.status is OcpStatus.SOLVED
-
-    @property
-    def duration(self) -> float:
-        """[s]"""
-        return float(self.trajectory.t[-1])
-
-    @property
-    def peak_thrust(self) -> float:
-        """[N] Largest of any thruster."""
-        return float(np.abs(self.trajectory.thrust).max(initial=0.0))
-
-    def summary(self) -> dict[str, Any]:
-        """Plain numbers and texts, ready for JSON."""
-        ended = {
-            "scenario": self.scenario,
-            "status": self.status.value,
-            "reason": self.reason,
-            "advice": self.status.advice,
-        }
-        sizes = {
-            "duration_s": self.duration,
-            "greedy_duration_s": self.greedy_duration,
-            "energy_j": self.energy,
-        }
-        sizes |= {"clearance_m": self.clearance, "peak_thrust_n": self.peak_thrust}
-        return {
-            **(ended | sizes | {"iterations": self.iterations, "solve_time_s": self.solve_time}),
-            "phases": [
-                {
-                    "name": name,
-                    "phase": part.phase,
-                    "begin_s": part.begin,
-                    "end_s": part.end,
-                    "moves": part.moves,
-                }
-                for name, part in zip(self.names, self.phases, strict=True)
-            ],
-            "identity": dict(self.identity),
-        }
-
-    def _table(self) -> SmallTable:
-        summary = {
-            name: value
-            for name, value in self.summary().items()
-            if name not in ("phases", "identity")
-        }
-        phases = zip(self.names, self.phases, strict=True)
-        rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
-        return SmallTable(
-            title=f"MissionPlan of {self.scenario}: {self.status.value}",
-            rows=(*rows_of(summary), *rows),
-        )
-
-    def to_record(self, scenario: Scenario) -> Record:
-        """The motion of the scenario's robot as a record, which figures, scenes and comparisons
-        take.
-
-        Raises `InvalidInput` as `require_of` does.
-        """
-        self.require_of(scenario)
-        return Plan(
-            robot=scenario.robot,
-            trajectory=self.trajectory,
-            status=self.status,
-            reason=self.reason,
-            levels=(),
-            solve_time=self.solve_time,
-        ).to_record()
-
-    def save(self, path: Path | str) -> Path:
-        """Write it as ``.npz``. Raises `OutputError` where the file cannot be written."""
-        return write_plan(path, self.trajectory, self.summary())
-
-    @staticmethod
-    def load(path: Path | str) -> MissionPlan:
-        """Read a file written by `save`. Raises `InvalidInput`, in one line, for what is no such
-        file.
-        """
-        try:
-            return _from_summary(*read_plan(path))
-        except InvalidInput as error:
-            raise InvalidInput(
-                f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote"
-            ) from error
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(
-                f"{printable(path)}: its summary lacks or garbles {error}; plan the mission anew"
-            ) from error
-
-    def require_of(self, scenario: Scenario) -> None:
-        """Raise `InvalidInput` unless this is a plan of that scenario, and can be flown."""
-        if not self.status.usable:
-            raise InvalidInput(
-                f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}"
-            )
-        other = [
-            name
-            for name, digest in mission_digests(scenario).items()
-            if self.identity.get(name) != digest
-        ]
-        if other:
-            given = (
-                f"the plan is of {self.scenario} with another {' and '.join(other)} than"
-                f" {scenario.name}"
-            )
-            raise InvalidInput(
-                f"{given}; plan {scenario.name} with the same options, or fly it without a plan"
-            )
-
-    def guide(self, scenario: Scenario, tuning: FollowingTuning | None = None) -> PlanGuide:
-        """Return the guide of a scenario's controller along the plan, for one run. Raises
-        `InvalidInput` as `require_of` does.
-        """
-        self.require_of(scenario)
-        mission, robot = scenario.mission, scenario.robot
-        return PlanGuide(
-            self.trajectory,
-            self.phases,
-            mission,
-            robot,
-            dt=scenario.dt,
-            tuning=tuning,
-            energy=self.energy,
-        )
-
-    def controller(
-        self, scenario: Scenario, tuning: FollowingTuning | None = None
-    ) -> MissionController:
-        """A fresh one for `Scenario.run`: the hierarchy's, led by `guide`."""
-        return scenario.guided(self.guide(scenario, tuning))
-
-    def fly(
-        self,
-        scenario: Scenario,
-        progress: Progress | None = None,
-        *,
-        tuning: FollowingTuning | None = None,
-    ) -> Record:
-        """Run the scenario along the plan; where that is left, the hierarchy takes over, and an
-        alarm says when and why.
-        """
-        return scenario.run(progress, self.controller(scenario, tuning))
-
-
-def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPlan:
-    """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
-    statuses = {status.value: status for status in OcpStatus}
-    parts = [
-        PlannedPhase(
-            phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"]
-        )
-        for part in summary["phases"]
-    ]
-    return MissionPlan(
-        scenario=summary["scenario"],
-        trajectory=trajectory,
-        phases=tuple(parts),
-        names=tuple(part["name"] for part in summary["phases"]),
-        status=statuses[summary["status"]],
-        reason=summary["reason"],
-        energy=summary["energy_j"],
-        clearance=summary["clearance_m"],
-        greedy_duration=summary["greedy_duration_s"],
-        iterations=summary["iterations"],
-        solve_time=summary["solve_time_s"],
-        identity=summary["identity"],
-    )
 
 
 # A mission as an optimal control problem over its whole length, and where the search begins.
@@ -357,45 +59,45 @@ def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPla
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionProblem:
-    """A mission, as optimal control has it."""
+    """A mission as a problem of optimal control."""
 
     problem: OcpProblem
     segments: tuple[HorizonSegment, ...]
-    """The phases of the problem."""
+    """Phases of the problem, in their order."""
     terms: MissionTerms
     shapes: ShapeClearance | None
     """Shapes that stay apart, obstacles and links; `None` where nothing can meet. Constraints of
     the problem keep those with obstacles.
     """
     guess: Trajectory
-    """The greedy way, over the nominal durations."""
+    """Greedy rollout, over the nominal durations of the phases."""
     greedy_duration: float
-    """[s] of that way."""
-
+    """[s] duration of the greedy rollout."""
     current: Current
     """Current of the water."""
 
     @property
     def steady_until(self) -> float:
-        """[s] until when the water at the start is as it is at first; infinite where nothing is
-        found.
+        """[s] Time until which the water at the start stays as it is at first; infinite where it
+        does not change.
         """
         p = self.problem.start.q[None, :3]
-        times = np.arange(0.0, _AHEAD, _LOOK)
+        times = np.arange(0.0, _WATER_HORIZON, _WATER_PERIOD)
         u = np.array([self.current.velocity(p, float(t))[0] for t in times])
-        changed = np.linalg.norm(u - u[0], axis=1) > _SAME_WATER
+        changed = np.linalg.norm(u - u[0], axis=1) > _WATER_TOLERANCE
         if changed.any():
             return float(times[np.argmax(changed) - 1])
         return np.inf
 
     def keeping(self, links: Mask) -> MissionProblem:
-        """With a constraint on pairs of links (n_pairs,) too."""
+        """Return the problem with a constraint on pairs of links (n_pairs,) too."""
         assert self.shapes is not None
         constraints = (*self.problem.constraints, surroundings.link_pairs(self.shapes, links))
         return replace(self, problem=replace(self.problem, constraints=constraints))
 
     def at(self, weights: MissionWeights, way: Trajectory, longest: float) -> OcpProblem:
-        """The problem with other weights in its last level, and the water as it is along a way.
+        """Return the problem with other weights in its last level, and the water as it is along a
+        way.
 
         longest [s]: after which no plan goes on, so that the water of later does not matter.
         """
@@ -409,10 +111,11 @@ class MissionProblem:
 
 
 def mission_problem(scenario: Scenario, *, margins: Margins, step: float) -> MissionProblem:
-    """Step [s] of the horizon. Raises `InvalidInput` as `plan_mission` does."""
-    _stated(
-        scenario, mission_segments.foretold_way(scenario), margins, step
-    )  # or it is refused before anything is compiled
+    """State a mission as a problem of optimal control; step [s]: of the horizon. Raises
+    `InvalidInput` as `plan_mission` does.
+    """
+    # What cannot be stated is refused before anything is compiled.
+    _stated(scenario, mission_segments.foretold_way(scenario), margins, step)
     way = mission_segments.greedy_rollout(scenario)
     segments, terms, problem = _stated(scenario, way, margins, step)
     shapes = surroundings.clearance(scenario, margins)
@@ -497,7 +200,7 @@ def plan_mission(
     search = _Search(posed, options or OPTIONS)
     stop: Interrupted | None = None
     try:
-        plan = search.found(longest)
+        plan = search.least_energy_plan(longest)
     except Interrupted as interrupted:
         stop = interrupted
         plan = interrupted.result
@@ -507,7 +210,7 @@ def plan_mission(
         proof = surroundings.certify_along(posed.shapes, plan.trajectory)
     status, reason = _verdict(plan, proof, longest)
     phases = _phases(scenario, posed.segments, plan.trajectory.t[posed.problem.starts_of_phases()])
-    found = MissionPlan(
+    mission_plan = MissionPlan(
         scenario=scenario.name,
         trajectory=plan.trajectory,
         phases=phases,
@@ -522,9 +225,9 @@ def plan_mission(
         identity=mission_digests(scenario),
     )
     if stop is not None:
-        stop.result = found
+        stop.result = mission_plan
         raise stop
-    return found
+    return mission_plan
 
 
 def _verdict(plan: Plan, proof: ClearanceReport | None, longest: float) -> tuple[OcpStatus, str]:
@@ -559,69 +262,83 @@ class _Search:
     def __init__(self, posed: MissionProblem, options: NlpOptions) -> None:
         self._posed = posed
         self._options = options
-        hasty = replace(options, max_iterations=min(options.max_iterations, _HASTE))
-        self._hasty = Planner(
-            posed.at(MissionWeights(), posed.guess, DAY), hasty, wait_for_compiler=True
+        hasty_options = replace(
+            options, max_iterations=min(options.max_iterations, _HASTY_ITERATIONS)
+        )
+        self._hasty_planner = Planner(
+            posed.at(MissionWeights(), posed.guess, DAY), hasty_options, wait_for_compiler=True
         )
         self.spent = 0
         """Iterations until now."""
 
-    def found(self, longest: float) -> Plan:
+    def least_energy_plan(self, longest: float) -> Plan:
         """Find a plan that takes `longest` [s] at most, or where there is none the quickest.
 
         Where the water changes meanwhile, one that is through before is taken if there is one: how
         much later water costs depends on the durations by what no derivative tells.
         """
         for limit in sorted({min(longest, self._posed.steady_until), longest}):
-            plan = self._within(limit)
+            plan = self._plan_within(limit)
             if plan.status.usable:
-                return self._apart(plan, limit)
-        quickest = self._plan(self._freely, self._posed, _HURRY, self._posed.guess, DAY)
+                return self._plan_apart(plan, limit)
+        quickest = self._plan(
+            self._patient_planner, self._posed, _QUICKEST_WEIGHTS, self._posed.guess, DAY
+        )
         if quickest.status.usable:
             return quickest
         return plan
 
     @cached_property
-    def _freely(self) -> Planner:
-        return Planner(self._hasty.problem, self._options, transcription=self._hasty.transcription)
+    def _patient_planner(self) -> Planner:
+        return Planner(
+            self._hasty_planner.problem,
+            self._options,
+            transcription=self._hasty_planner.transcription,
+        )
 
-    def _within(self, limit: float) -> Plan:
+    def _plan_within(self, limit: float) -> Plan:
         """Plan from the greedy rollout; where that fails, by way of a problem that is easier."""
         posed = self._posed
         guess = self._posed.guess
-        plan = self._plan(self._hasty, posed, MissionWeights(), guess, limit)
+        plan = self._plan(self._hasty_planner, posed, MissionWeights(), guess, limit)
         if plan.status is OcpStatus.SOLVED:
             return plan
-        easier = self._plan(self._freely, posed, _EASY, guess, limit)
+        easier = self._plan(self._patient_planner, posed, _CONVEX_WEIGHTS, guess, limit)
         if not easier.status.usable:
             return plan
-        other = self._plan(self._freely, posed, MissionWeights(), easier.trajectory, limit)
-        if other.status.usable:
-            return other
+        refined = self._plan(
+            self._patient_planner, posed, MissionWeights(), easier.trajectory, limit
+        )
+        if refined.status.usable:
+            return refined
         return plan
 
-    def _apart(self, plan: Plan, limit: float) -> Plan:
-        """Near a plan, one that keeps links apart, with rows for those alone that come near; else
-        the last that was found.
+    def _plan_apart(self, plan: Plan, limit: float) -> Plan:
+        """Find a plan near this one that keeps links apart, with rows for those alone that come
+        near; else return the last that was found.
         """
         shapes = self._posed.shapes
         if shapes is None:
             return plan
-        kept: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
+        constrained_pairs: Mask = np.zeros(shapes.scene.n_pairs, dtype=bool)
         for _ in range(_ROUNDS):
-            if not (surroundings.violated_links(shapes, plan.trajectory) & ~kept).any():
+            if not (
+                surroundings.violated_links(shapes, plan.trajectory) & ~constrained_pairs
+            ).any():
                 break
-            kept |= surroundings.near_links(shapes, plan.trajectory)
-            posed = self._posed.keeping(kept)
+            constrained_pairs |= surroundings.near_links(shapes, plan.trajectory)
+            posed = self._posed.keeping(constrained_pairs)
             problem = posed.at(MissionWeights(), plan.trajectory, limit)
             shared = Transcription(
-                problem, plugin=self._hasty.transcription.plugin, like=self._hasty.transcription
+                problem,
+                plugin=self._hasty_planner.transcription.plugin,
+                like=self._hasty_planner.transcription,
             )
             planner = Planner(problem, self._options, transcription=shared, wait_for_compiler=True)
-            found = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
-            if not found.status.usable:
+            candidate = self._plan(planner, posed, MissionWeights(), plan.trajectory, limit)
+            if not candidate.status.usable:
                 break
-            plan = found
+            plan = candidate
         return plan
 
     def _plan(
@@ -635,11 +352,11 @@ class _Search:
         """Plan from a trajectory, in the water along it, then along the result, until it stays the
         same.
         """
-        given = posed.at(weights, way, _SHARE * limit)
+        problem = posed.at(weights, way, _DURATION_SHARE * limit)
         best = None
         for _ in range(_ROUNDS):
             try:
-                plan = planner.plan(given, guess=way, diagnose=False)
+                plan = planner.plan(problem, guess=way, diagnose=False)
             except Interrupted as stop:
                 stop.result = best or stop.result
                 raise
@@ -648,9 +365,9 @@ class _Search:
                 break
             best = plan
             way = plan.trajectory
-            before = given.currents
-            given = posed.at(weights, way, _SHARE * limit)
-            if np.abs(given.currents - before).max() <= _SAME_CURRENT:
+            previous_currents = problem.currents
+            problem = posed.at(weights, way, _DURATION_SHARE * limit)
+            if np.abs(problem.currents - previous_currents).max() <= _CURRENT_TOLERANCE:
                 break
         return best or plan
 
@@ -661,15 +378,15 @@ def _phases(
     """Return the phases of the mission, in the times (n + 1,) [s] at which the segments begin and
     end.
     """
-    found: list[PlannedPhase] = []
+    phases: list[PlannedPhase] = []
     for segment, begin, end in zip(segments, times[:-1].tolist(), times[1:].tolist(), strict=True):
-        if found and found[-1].phase == segment.phase:
-            found[-1] = replace(found[-1], end=end)
+        if phases and phases[-1].phase == segment.phase:
+            phases[-1] = replace(phases[-1], end=end)
             continue
         phase = scenario.mission.phases[segment.phase]
         tasks = scenario.mission.tasks_of(segment.phase)
         moves = (
             mission_segments.goals_end_time(phase, mission_segments.active_tasks(phase, tasks)) > 0
         )
-        found.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
-    return tuple(found)
+        phases.append(PlannedPhase(phase=segment.phase, begin=begin, end=end, moves=moves))
+    return tuple(phases)

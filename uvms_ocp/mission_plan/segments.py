@@ -35,22 +35,22 @@ from uvms_ocp.types import Magnitude
 
 # How much stricter a plan is than the mission asks: what is flown departs from what was planned.
 
-_LEAST = 0.25  # share of a threshold that a plan may use, however large the margin
+_LEAST_SHARE = 0.25  # share of a threshold that a plan may use, however large the margin
 
 ANGLES = ("tilt", "misalignment", "angle")
 """Quantities of tasks that bound an angle."""
 
-_DT = 0.05  # [s] control period: a guess needs no better
-_EVERY = 4  # ticks between two configurations that are kept
+_PERIOD = 0.05  # [s] control period: a guess needs no better
+_TICKS_PER_SAMPLE = 4  # ticks between two configurations that are kept
 # [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
-_UNKNOWN = 10.0
-_FORETOLD = 0.5  # [s] between two configurations that are foretold
+_NOMINAL_PHASE_TIME = 10.0
+_FORECAST_PERIOD = 0.5  # [s] between two configurations that are foretold
 
 # shares of the greedy duration of a phase
-_SHORTEST = 0.25
-_LONGEST = 1.5
-_FEWEST = 4  # steps of a segment
-_FOLLOWED = 0.5  # [s] steps where a goal moves
+_SHORTEST_SHARE = 0.25
+_LONGEST_SHARE = 1.5
+_FEWEST_STEPS = 4  # steps of a segment
+_MOVING_GOAL_STEP = 0.5  # [s] steps where a goal moves
 _LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
 
 
@@ -59,22 +59,22 @@ class Margins:
     """Margins of thresholds and limits: of each a quarter is left in any case."""
 
     position: Magnitude = 0.02
-    """[m] of positions and distances."""
+    """[m] margin of positions and distances."""
     angle: Magnitude = 0.01
-    """[rad]"""
+    """[rad] margin of angles."""
     altitude: Magnitude = 0.01
-    """[m]"""
+    """[m] margin of altitudes."""
     links: Magnitude = 0.03
-    """[m] between the robot's own links."""
+    """[m] margin of distances between the robot's own links."""
     hold: Magnitude = 0.2
-    """[s] beyond the time for which conditions have to hold."""
+    """[s] time beyond that for which conditions have to hold."""
 
 
 def tightened_limit(limit: float, margin: float) -> float:
     """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or
     rad].
     """
-    return max(limit - margin, _LEAST * limit)
+    return max(limit - margin, _LEAST_SHARE * limit)
 
 
 # What the tasks of a phase keep all along it, as strictly as a plan keeps it.
@@ -89,26 +89,28 @@ def active_constraints(
     phase: Phase,
     tasks: Collection[Task],
     out: Transition,
-    before: Collection[str],
+    established: Collection[str],
     margins: Margins,
 ) -> list[Task]:
     """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than
     the mission has them.
 
-    tasks: that are on. out: the transition by which the mission leaves the phase. before: names of
-    the prerequisites that were on in the phase before. Raises `InvalidInput` for a task without
-    residual, by its name.
+    tasks: that are on. out: the transition by which the mission leaves the phase. established:
+    names of the prerequisites that were on in the phase before. Raises `InvalidInput` for a task
+    without residual, by its name.
     """
-    asked = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
-    kept = [task for task in tasks if _is_kept(task, asked, before) and not _kept_otherwise(task)]
-    for task in kept:
+    limits = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
+    constraints = [
+        task for task in tasks if _is_kept(task, limits, established) and not _kept_otherwise(task)
+    ]
+    for task in constraints:
         if type(task).residual is Task.residual:
-            given = (
+            problem = (
                 f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over"
                 " a horizon"
             )
-            raise InvalidInput(f"{given}; turn it off, or fly this mission without a plan")
-    return [_stricter(task, asked, margins) for task in kept]
+            raise InvalidInput(f"{problem}; turn it off, or fly this mission without a plan")
+    return [_tightened_task(task, limits, margins) for task in constraints]
 
 
 def is_prerequisite(task: Task) -> bool:
@@ -127,13 +129,14 @@ def is_violated(task: Task, quantities: Mapping[str, float]) -> bool:
     return False
 
 
-def _is_kept(task: Task, asked: Collection[str], before: Collection[str]) -> bool:
-    """A prerequisite is kept where the phase before has reached it, or no transition out of this
+def _is_kept(task: Task, awaited_tasks: Collection[str], established: Collection[str]) -> bool:
+    """Check whether a task is kept all along its phase: a constraint or a safety task always, a
+    prerequisite where the phase before has reached it, or no transition out of this
     one waits for it.
     """
-    established = task.name not in asked or task.name in before
+    is_established = task.name not in awaited_tasks or task.name in established
     if is_prerequisite(task):
-        return established
+        return is_established
     return task.task_class <= TaskClass.SAFETY
 
 
@@ -146,10 +149,10 @@ def _kept_otherwise(task: Task) -> bool:
     )
 
 
-def _stricter(task: Task, asked: Mapping[str, float], margins: Margins) -> Task:
+def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
     if isinstance(task, attitude.AngleTask):
         return replace(
-            task, aim=tightened_limit(asked.get(task.name, task.activation.end), margins.angle)
+            task, aim=tightened_limit(limits.get(task.name, task.activation.end), margins.angle)
         )
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
@@ -171,22 +174,22 @@ class GreedyRollout:
     phases: tuple[int, ...]
     """Indices in the mission of the phases on the way."""
     begins: np.ndarray
-    """(n_phases + 1,) [s] of each, and the end of the last."""
+    """(n_phases + 1,) [s] beginning of each phase, and the end of the last."""
 
     quantities: Mapping[str, np.ndarray]
-    """(n,) each, by the names of conditions [in their units]."""
+    """Quantities (n,) by the names of conditions [in their units]."""
 
     def rows(self, k: int) -> np.ndarray:
-        """Indices of what is kept of the k-th phase on the way."""
+        """Return the indices of the samples of the k-th phase on the way."""
         return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
 
     def at(self, row: int) -> dict[str, float]:
-        """All quantities in a row."""
+        """Return all quantities in a row."""
         return {name: float(values[row]) for name, values in self.quantities.items()}
 
 
 def greedy_rollout(scenario: Scenario) -> GreedyRollout:
-    """Fly it without water, noise and faults."""
+    """Fly the greedy mission without water, noise and faults."""
     record = replace(
         scenario,
         plant="kinematic",
@@ -194,25 +197,30 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
         faults=(),
         plant_robot=None,
         controller=our_controller,
-        dt=_DT,
-        duration=max(scenario.duration, _DT),
+        dt=_PERIOD,
+        duration=max(scenario.duration, _PERIOD),
     ).run()
     ends = [(event.source, event.t) for event in record.run_meta.events]
     phases = main_path(scenario.mission.phases)
     names = [scenario.mission.phases[index].name for index in phases]
-    kept = slice(None, None, _EVERY)
+    sampled_rows = slice(None, None, _TICKS_PER_SAMPLE)
     # Beginnings of the phases [s], as far as the greedy mission goes through them in their order,
     # and the last end.
     begins = [0.0]
     for k, name in enumerate(names):
-        known = k < len(ends) and ends[k][0] == name
-        begins.append(max(ends[k][1], begins[-1]) if known else begins[-1] + _UNKNOWN)
+        is_completed = k < len(ends) and ends[k][0] == name
+        if is_completed:
+            begins.append(max(ends[k][1], begins[-1]))
+        else:
+            begins.append(begins[-1] + _NOMINAL_PHASE_TIME)
     return GreedyRollout(
-        t=record["t"][kept],
-        q=record["q"][kept],
+        t=record["t"][sampled_rows],
+        q=record["q"][sampled_rows],
         phases=tuple(phases),
         begins=np.array(begins),
-        quantities=dict(zip(record.meta.quantities, record["quantities"][kept].T, strict=True)),
+        quantities=dict(
+            zip(record.meta.quantities, record["quantities"][sampled_rows].T, strict=True)
+        ),
     )
 
 
@@ -224,8 +232,8 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
     `FrameNotFound` and `NameNotFound` for what tasks name and the robot does not have.
     """
     phases = main_path(scenario.mission.phases)
-    begins = _UNKNOWN * np.arange(len(phases) + 1)
-    t = np.arange(0.0, begins[-1] + _FORETOLD / 2, _FORETOLD)
+    begins = _NOMINAL_PHASE_TIME * np.arange(len(phases) + 1)
+    t = np.arange(0.0, begins[-1] + _FORECAST_PERIOD / 2, _FORECAST_PERIOD)
     q = np.tile(scenario.start, (len(t), 1))
     if scenario.robot.n_vehicle:
         marks = np.array(
@@ -261,11 +269,11 @@ class HorizonSegment:
     ocp: OcpPhase
     """Name, steps and range of durations."""
     greedy: tuple[float, float]
-    """[s] when the greedy mission is in it."""
+    """[s] beginning and end of the segment in the greedy mission."""
     holds: bool = False
-    """The conditions of the phase's transition hold all along it."""
+    """True where the conditions of the phase's transition hold all along it."""
     ends: bool = False
-    """The phase ends with it."""
+    """True where the phase ends with the segment."""
     waits_for: frozenset[str] = frozenset()
     """Names of tasks that do not hold yet when it begins, but when it ends."""
 
@@ -288,71 +296,75 @@ def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Tran
 def horizon_segments(
     mission: Mission, greedy: GreedyRollout, margins: Margins, *, step: float
 ) -> list[HorizonSegment]:
-    """All parts in their order. step [s]: of the horizon."""
-    found: list[HorizonSegment] = []
-    before: set[str] = set()
+    """Divide the way of the greedy mission into segments, in their order. step [s]: of the
+    horizon.
+    """
+    segments: list[HorizonSegment] = []
+    prerequisites: set[str] = set()
     for k, index in enumerate(greedy.phases):
         phase = mission.phases[index]
         out = exit_transition(mission.phases, greedy.phases, k)
         on = active_tasks(phase, mission.tasks_of(index))
-        kept = active_constraints(phase, on, out, before, margins)
-        before = {task.name for task in on if is_prerequisite(task)}
+        constraints = active_constraints(phase, on, out, prerequisites, margins)
+        prerequisites = {task.name for task in on if is_prerequisite(task)}
         moving = goals_end_time(phase, on)
         hold = out.hold
         if moving:
-            every = min(step, _FOLLOWED)
+            segment_step = min(step, _MOVING_GOAL_STEP)
         else:
-            every = step
+            segment_step = step
         begin = greedy.begins[k]
-        entered = _entered(greedy, k, kept)
+        entered = _time_entered(greedy, k, constraints)
         end = greedy.begins[k + 1]
         middle = max(entered, end - hold)
         broken = frozenset(
             task.name
-            for task in kept
+            for task in constraints
             if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
         )
         if broken:
-            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, every)
-            found.append(
+            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, segment_step)
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken)
             )
         # A goal that rests while conditions have to hold is followed from the beginning of that:
         # nothing is free then.
         if not 0 < moving <= hold:
-            ocp = _free_phase(phase.name, middle - entered, moving, every)
-            found.append(
+            ocp = _free_phase(phase.name, middle - entered, moving, segment_step)
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold)
             )
         if hold:
             ocp = OcpPhase(
                 name=f"{phase.name} held",
-                n_steps=max(2, math.ceil(hold / every)),
+                n_steps=max(2, math.ceil(hold / segment_step)),
                 duration=hold + margins.hold,
             )
-            found.append(
+            segments.append(
                 HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True)
             )
-    return found
+    return segments
 
 
 def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhase:
     """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than
     its goals are moving [s].
     """
-    longest = max(_LONGEST * greedy, moving) + _LEEWAY
-    shortest = max(_SHORTEST * greedy, moving, 0.2 * _LEEWAY)
+    longest = max(_LONGEST_SHARE * greedy, moving) + _LEEWAY
+    shortest = max(_SHORTEST_SHARE * greedy, moving, 0.2 * _LEEWAY)
     return OcpPhase(
-        name=name, n_steps=max(_FEWEST, math.ceil(greedy / step)), duration=(shortest, longest)
+        name=name,
+        n_steps=max(_FEWEST_STEPS, math.ceil(greedy / step)),
+        duration=(shortest, longest),
     )
 
 
-def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
-    """When [s] all of the kept tasks hold for the first time in the k-th phase of the greedy
-    way.
+def _time_entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
+    """Return the time [s] at which all constraints hold for the first time in the k-th phase of the
+    greedy way.
     """
     for row in greedy.rows(k):
-        if not any(is_violated(task, greedy.at(row)) for task in kept):
+        if not any(is_violated(task, greedy.at(row)) for task in constraints):
             if row > greedy.rows(k)[0]:
                 return float(greedy.t[row])
             return float(greedy.begins[k])
@@ -360,20 +372,16 @@ def _entered(greedy: GreedyRollout, k: int, kept: Sequence[Task]) -> float:
 
 
 def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
-    """When the goals that are the phase's own come to rest [s after its beginning]; 0 where none
-    moves. on: its tasks.
+    """Return the time [s after the beginning of the phase] at which the goals that are its own come
+    to rest; 0 where none moves. on: its tasks.
     """
-    own = [phase.goals.get(task.name) for task in on]
-    return max(
-        [
-            0.0,
-            *(
-                float(goal.end)
-                for goal in own
-                if callable(goal) and isinstance(goal, goals.EndingReference)
-            ),
-        ]
-    )
+    phase_goals = [phase.goals.get(task.name) for task in on]
+    ends = [
+        float(goal.end)
+        for goal in phase_goals
+        if callable(goal) and isinstance(goal, goals.EndingReference)
+    ]
+    return max([0.0, *ends])
 
 
 def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:

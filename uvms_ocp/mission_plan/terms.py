@@ -56,10 +56,10 @@ _LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
 
 _VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
 
-_LEVEL = 0.05  # [m] by which a floor may differ along the way
-_MISSED = 2e-3  # [m] of a margin
+_LEVEL = 0.05  # [m] by which the height of a floor may differ along the way
+_MISSED = 2e-3  # [m] of a margin that a plan may miss
 _NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
-_PAIR_ROWS = 4  # per node and pair of links
+_PAIR_ROWS = 4  # rows per node and pair of links
 
 
 # Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and
@@ -158,19 +158,19 @@ def condition_term(
         raise _refused(condition, place, below)
     margin = margins.angle if quantity == "orientation_error" else margins.position
     # A box inside the ball that the condition asks for.
-    most = mission_segments.tightened_limit(limit, margin) / np.sqrt(len(rows))
-    return place.rows(task, rows, -most, most)
+    half_width = mission_segments.tightened_limit(limit, margin) / np.sqrt(len(rows))
+    return place.rows(task, rows, -half_width, half_width)
 
 
 def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> InvalidInput:
-    asked = (
+    request = (
         f"{condition.quantity} {'<' if below else '>'} {condition.limit:g}, which no residual"
         " states"
     )
     allowed = (
         "fly this mission without a plan, or look at the error of a pose, an angle or an altitude"
     )
-    return InvalidInput(f"phase {place.phase!r} looks at {asked}; {allowed}")
+    return InvalidInput(f"phase {place.phase!r} looks at {request}; {allowed}")
 
 
 def _heights(
@@ -195,10 +195,10 @@ def _heights(
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
     if isinstance(task, JointTracking) and quantity == "posture_error":
         return tuple(range(len(task.joints)))
-    found = (
+    matches = (
         rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity
     )
-    return next(found, ())
+    return next(matches, ())
 
 
 # From a mission to an optimal control problem: what its tasks keep, what its transitions ask for,
@@ -224,19 +224,23 @@ def mission_terms(
     segments: Sequence[HorizonSegment],
     margins: Margins,
 ) -> MissionTerms:
-    """Raises `InvalidInput` for tasks and conditions that no residual states, by their names."""
+    """Collect the terms of all phases. Raises `InvalidInput` for tasks and conditions that no
+    residual states, by their names.
+    """
     goals: list[tuple[TaskClass, Term]] = []
     constraints: list[Term] = []
     preferences: list[Term] = []
-    kept: set[str] = set()
+    established: set[str] = set()
     starts = np.cumsum([0.0, *(segment.ocp.nominal for segment in segments)])
     for k, index in enumerate(way):
-        own = [i for i, segment in enumerate(segments) if segment.phase == index]
-        phase = _Phase(mission, way, k, [segments[i] for i in own], float(starts[own[0]]), margins)
+        indices = [i for i, segment in enumerate(segments) if segment.phase == index]
+        phase = _Phase(
+            mission, way, k, [segments[i] for i in indices], float(starts[indices[0]]), margins
+        )
         goals += phase.goals()
-        constraints += [*phase.kept(kept), *phase.not_triggered()]
+        constraints += [*phase.kept(established), *phase.not_triggered()]
         preferences += phase.preferences()
-        kept = phase.reached
+        established = phase.reached
     constraints += _rest(robot, phase.on)
     return MissionTerms(
         goals=tuple(goals), constraints=tuple(constraints), preferences=tuple(preferences)
@@ -252,7 +256,7 @@ class MissionWeights:
     effort: float = 0.2
     """Weight of thrust and torque, in shares of their limits."""
     price: float = 1e-6
-    """[kW] of time."""
+    """[kW] price of time."""
 
 
 def mission_levels(
@@ -262,21 +266,19 @@ def mission_levels(
     far as it is known.
     """
     classes = sorted({kind for kind, _ in terms.goals})
-    asked = [
-        OcpLevel(
-            name=kind.name.lower(), terms=tuple(term for own, term in terms.goals if own is kind)
-        )
-        for kind in classes
-    ]
+    goal_levels = []
+    for kind in classes:
+        goals = [term for task_class, term in terms.goals if task_class is kind]
+        goal_levels.append(OcpLevel(name=kind.name.lower(), terms=tuple(goals)))
     powers = [thruster.power for thruster in robot.description.thrusters]
-    known: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
+    energy_terms: tuple[Term, ...] = () if None in powers else (Energy(weight=weights.energy),)
     spent = (
-        *known,
+        *energy_terms,
         Effort(weight=weights.effort),
         Smoothness(weight=_SMOOTH),
         Duration(weight=weights.price),
     )
-    return (*asked, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
+    return (*goal_levels, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
 
 
 class _Phase:
@@ -317,12 +319,12 @@ class _Phase:
                 if part.ends and not (part.holds and self._last):
                     yield kind, self._term(condition, part, At.END, met=True)
 
-    def kept(self, before: set[str]) -> Iterator[Term]:
-        """Yield the constraints of tasks all along the phase. before: names of prerequisites that
-        the phase before has established.
+    def kept(self, established: set[str]) -> Iterator[Term]:
+        """Yield the constraints of tasks all along the phase. established: names of prerequisites
+        that the phase before has reached.
         """
         for task in mission_segments.active_constraints(
-            self._phase, self.on, self._out, before, self._margins
+            self._phase, self.on, self._out, established, self._margins
         ):
             for part in self._parts:
                 if task.name not in part.waits_for and not (
@@ -357,11 +359,11 @@ class _Phase:
         refused = None
         for condition in conditions:
             try:
-                found = [self._term(condition, part, At.PATH, met=False) for part in self._parts]
+                terms = [self._term(condition, part, At.PATH, met=False) for part in self._parts]
             except InvalidInput as error:
                 refused = error
                 continue
-            yield from found
+            yield from terms
             return
         assert refused is not None
         raise refused
@@ -372,9 +374,9 @@ class _Phase:
 
 
 def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
-    """At the very end, but for what a task keeps at rest anyway."""
-    still = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
-    axes = tuple(axis for axis in range(robot.n_v) if axis not in still)
+    """Yield the rest at the very end, but for what a task keeps at rest anyway."""
+    resting_axes = {axis for task in tasks if isinstance(task, NullVelocity) for axis in task.axes}
+    axes = tuple(axis for axis in range(robot.n_v) if axis not in resting_axes)
     if axes:
         yield ZeroVelocities(axes=axes)
 
@@ -389,13 +391,13 @@ class Rim:
 
     joint: int
     centre: np.ndarray
-    """(3,) [m] in the frame of the joint."""
+    """(3,) [m] centre in the frame of the joint."""
     axis: np.ndarray
     """(3,) normal of the circle, in the same frame."""
     radius: float = 0.0
-    """[m] of the circle."""
+    """[m] radius of the circle."""
     rounding: float = 0.0
-    """[m] of a ball around the point."""
+    """[m] radius of a ball around the point."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -406,7 +408,7 @@ class FloorClearance(Term):
     at: At = At.PATH
     rims: tuple[Rim, ...]
     height: float
-    """[m] in W, of the floor and the margin above it."""
+    """[m] height in W of the floor and the margin above it."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         rows = []
@@ -421,18 +423,19 @@ class FloorClearance(Term):
 def rims_of(robot: Robot) -> tuple[Rim, ...]:
     """Return the rims of the lower side of the hull, and of every shape of the arm."""
     hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
-    first = 2 if robot.n_vehicle else 1
+    first_arm_joint = 2 if robot.n_vehicle else 1
     arm = [
         rim
         for shape in robot.collision_model.geometryObjects
-        if shape.parentJoint >= first
+        if shape.parentJoint >= first_arm_joint
         for rim in _rims(shape)
     ]
     return (*hull, *arm)
 
 
 def _rims(shape: pin.GeometryObject) -> list[Rim]:
-    geometry, X = shape.geometry, shape.placement
+    geometry = shape.geometry
+    X = shape.placement
     if isinstance(geometry, coal.Sphere):
         return [
             Rim(
@@ -466,8 +469,8 @@ def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> floa
     low = min(heights)
     high = max(heights)
     if high - low > _LEVEL:
-        given = f"the floor rises by {high - low:.2g} m along the way"
-        raise InvalidInput(f"{given}; a plan needs one that is level within {_LEVEL:g} m")
+        problem = f"the floor rises by {high - low:.2g} m along the way"
+        raise InvalidInput(f"{problem}; a plan needs one that is level within {_LEVEL:g} m")
     return high
 
 
@@ -480,17 +483,17 @@ def floor_terms(
     if not np.isfinite(floor):
         return []
     rims = rims_of(scenario.robot)
-    found = list[Term]()
+    terms = list[Term]()
     for segment in segments:
         phase = scenario.mission.phases[segment.phase]
         on = mission_segments.active_tasks(phase, scenario.mission.hierarchy.tasks)
         if not any(
             isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on
         ):
-            found.append(
+            terms.append(
                 FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name)
             )
-    return found
+    return terms
 
 
 def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
@@ -504,16 +507,21 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
         coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles
     )
     tasks = sorted(
-        (one for one in scenario.mission.hierarchy.tasks if isinstance(one, Clearance)),
-        key=lambda one: one.threshold,
+        (
+            clearance_task
+            for clearance_task in scenario.mission.hierarchy.tasks
+            if isinstance(clearance_task, Clearance)
+        ),
+        key=lambda clearance_task: clearance_task.threshold,
     )
-    asked = {name: task.threshold for task in tasks for name in task.model.pair_names}
-    least = np.where(_links(scene), margins.links, margins.position)
-    kept = np.minimum(
-        np.maximum(least, [asked.get(pair.name, 0.0) for pair in scene.pairs]), scene.room
+    thresholds = {name: task.threshold for task in tasks for name in task.model.pair_names}
+    minimum_margins = np.where(_links(scene), margins.links, margins.position)
+    pair_margins = np.minimum(
+        np.maximum(minimum_margins, [thresholds.get(pair.name, 0.0) for pair in scene.pairs]),
+        scene.room,
     )
     if scene.pairs:
-        return ShapeClearance(scene=scene, margins=kept)
+        return ShapeClearance(scene=scene, margins=pair_margins)
     return None
 
 

@@ -65,8 +65,8 @@ def generated_pages() -> dict[str, str]:
     places.
     """
     codes = " ".join((cli.__doc__ or "").partition("Exit codes: ")[2].split())
-    every = _all(("uvms-ocp",), typer.main.get_command(app))
-    said = {
+    commands = _all(("uvms-ocp",), typer.main.get_command(app))
+    entries = {
         "robot_files": {"fields": _schema(RobotDescription)},
         "identification_settings": {
             "fields": _schema(settings.CalibrationSettings),
@@ -80,11 +80,12 @@ def generated_pages() -> dict[str, str]:
         "statuses": {"tables": "\n\n".join(_statuses())},
         "commands": {
             "codes": codes,
-            "commands": "\n\n".join(_command(path, command) for path, command in every),
+            "commands": "\n\n".join(_command(path, command) for path, command in commands),
         },
     }
     return {
-        name: text.format(**said[name]) for name, text in _pages_of("generated", [*said]).items()
+        name: text.format(**entries[name])
+        for name, text in _pages_of("generated", [*entries]).items()
     }
 
 
@@ -96,24 +97,28 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def _statuses() -> Iterator[str]:
-    """Every outcome of a solver, a plan or a fit, whose class is known once all modules are."""
+    """Yield tables of every outcome of a solver, a plan or a fit, whose class is known once all
+    modules are.
+    """
     for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     for kind in sorted(AdvisedStatus.__subclasses__(), key=lambda kind: kind.__module__):
-        rows = _table(("status", "what to do"), ((f"`{one.value}`", one.advice) for one in kind))
+        rows = _table(
+            ("status", "what to do"), ((f"`{status.value}`", status.advice) for status in kind)
+        )
         yield f"## {kind.__name__}\n\nCode: `{kind.__module__}.{kind.__name__}`.\n\n{rows}"
 
 
 def _channels() -> str:
-    taken = {True: "a command, held", False: "measured, interpolated"}
+    interpolation = {True: "a command, held", False: "measured, interpolated"}
     rows = (
         (
             f"`{name}`",
             ", ".join(kind.columns) or "one for each",
             kind.unit,
             kind.frame or "-",
-            taken[kind.command],
+            interpolation[kind.command],
         )
         for name, kind in recording.CHANNEL_KINDS.items()
     )
@@ -128,8 +133,8 @@ def _schema(model: type[BaseModel]) -> str:
 
 def _quantities() -> str:
     units = (
-        (f"`{name}`", one.unit, ", ".join(filter(None, one.coordinates.names)) or "-")
-        for name, one in _learnable().items()
+        (f"`{name}`", quantity.unit, ", ".join(filter(None, quantity.coordinates.names)) or "-")
+        for name, quantity in _learnable().items()
     )
     return _table(("quantity", "unit", "coordinates, for `free`"), units)
 
@@ -157,9 +162,14 @@ def _fields(part: dict[str, Any]) -> str:
     rows = []
     for name, field in part["properties"].items():
         default = f"`{field['default']}`" if field.get("default") is not None else "-"
-        kept = "needed" if name in needed else default
+        requirement = "needed" if name in needed else default
         rows.append(
-            (f"`{name}`", _type_of(field), kept, " ".join(field.get("description", "").split()))
+            (
+                f"`{name}`",
+                _type_of(field),
+                requirement,
+                " ".join(field.get("description", "").split()),
+            )
         )
     return text + "\n\n" + _table(("field", "type", "default", "meaning"), rows)
 
@@ -260,27 +270,26 @@ def documented_modules(pages: str) -> tuple[str, ...]:
 
     Each room gets its exports as ``__all__``, which is how the generator knows them.
     """
-    found: dict[str, None] = {}
+    modules: dict[str, None] = {}
     for init in sorted(ROOT.rglob("__init__.py")):
         parts = init.parent.relative_to(ROOT).parts
         names = exported_names(init)
         if names and not set(_APART) & set(parts):
             room = importlib.import_module(".".join(("uvms_ocp", *parts)))
-            things = {
-                name: getattr(room, name) for name in names
-            }  # loaded now, where the room loads them when asked
+            # Loaded here, where the room loads them when asked.
+            things = {name: getattr(room, name) for name in names}
             vars(room).update(
                 things,
                 __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)],
             )
-            found[room.__name__] = None
-    waiting = [*found, *_modules_of(pages)]
+            modules[room.__name__] = None
+    waiting = [*modules, *_modules_of(pages)]
     while waiting:
         module = waiting.pop()
-        found[module] = None
+        modules[module] = None
         cited = _modules_of(inspect.getsource(importlib.import_module(module)))
-        waiting += [name for name in cited if name not in found]
-    return tuple(sorted(found))
+        waiting += [name for name in cited if name not in modules]
+    return tuple(sorted(modules))
 
 
 def _modules_of(text: str) -> list[str]:
@@ -316,13 +325,13 @@ def address_of(name: str, modules: Collection[str]) -> str:
     """Address of a name in the reference, from its top folder: on the page of its module. Raises
     `NameNotFound`.
     """
-    module, rest = place_of(name)
+    module, qualified_name = place_of(name)
     if module.__name__ in modules:
         page = f"{module.__name__.replace('.', '/')}.html"
     else:
         page = "index.html"
-    if rest:
-        return f"{page}#{rest}"
+    if qualified_name:
+        return f"{page}#{qualified_name}"
     return page
 
 
@@ -337,18 +346,18 @@ def body_of(text: str, modules: Collection[str]) -> str:
 
     formulas: list[str] = []
     for pattern, display in ((_DISPLAY, "block"), (_INLINE, "inline")):
-        text = pattern.sub(lambda found, how=display: _mark(formulas, found[1], how), text)  # type: ignore[misc]
+        text = pattern.sub(lambda match, style=display: _mark(formulas, match[1], style), text)  # type: ignore[misc]
     text = CITED.sub(
         lambda f: f"[`{f[1].removeprefix('uvms_ocp.')}`]({address_of(f[1], modules)})", text
     )
-    html = str(
-        to_html(re.sub(r"\((\w+)\.md\)", r"(\1.html)", text))
-    )  # links between pages, which sites of sources follow too
-    return re.sub(r"formula(\d+)mark", lambda found: formulas[int(found[1])], html)
+    # Links between pages, which sites of sources follow too.
+    linked = re.sub(r"\((\w+)\.md\)", r"(\1.html)", text)
+    html = str(to_html(linked))
+    return re.sub(r"formula(\d+)mark", lambda match: formulas[int(match[1])], html)
 
 
 def _mark(formulas: list[str], latex: str, display: str) -> str:
-    """Kept out of the way of Markdown, which takes underscores for its own."""
+    """Keep a formula out of the way of Markdown, which takes underscores for its own."""
     from latex2mathml.converter import convert
 
     formulas.append(convert(latex.strip(), display=display))
@@ -429,19 +438,22 @@ def build_reference(folder: Path | str) -> Path:
         raise OutputError(
             f"{folder}: cannot be written ({error}); choose another folder"
         ) from error
-    wrong = [str(item.message).splitlines()[0] for item in warned]
-    if wrong:
+    warning_lines = [str(item.message).splitlines()[0] for item in warned]
+    if warning_lines:
         raise InvalidInput(
-            f"the reference has {len(wrong)} faults: {'; '.join(wrong[:_MOST_FAULTS])}"
+            f"the reference has {len(warning_lines)} faults:"
+            f" {'; '.join(warning_lines[:_MOST_FAULTS])}"
         )
     return folder / "index.html"
 
 
 def _asked_for(modules: tuple[str, ...]) -> Iterator[str]:
-    """All but those that share their name with what their room exports: they come with the room."""
+    """Yield all but those that share their name with what their room exports: they come with the
+    room.
+    """
     for name in modules:
-        room, _, own = name.rpartition(".")
-        if room not in modules or own not in getattr(sys.modules[room], "__all__", ()):
+        room, _, leaf = name.rpartition(".")
+        if room not in modules or leaf not in getattr(sys.modules[room], "__all__", ()):
             yield name
 
 
@@ -455,14 +467,18 @@ def _write_pages(
     contents["Python"] = [
         (f"{name.replace('.', '/')}.html", name.removeprefix("uvms_ocp.")) for name in modules
     ]
-    made = {name: text for pages in written.values() for name, text in pages.items()}
-    found = [(f"{name}.html", title_of(text), text) for name, text in made.items()]
-    (folder / "pages.js").write_text(f"window.pages = {json.dumps(found)};\n", encoding="utf-8")
-    for name, text in made.items():
+    texts = {name: text for pages in written.values() for name, text in pages.items()}
+    search_index = [(f"{name}.html", title_of(text), text) for name, text in texts.items()]
+    (folder / "pages.js").write_text(
+        f"window.pages = {json.dumps(search_index)};\n", encoding="utf-8"
+    )
+    for name, text in texts.items():
         (folder / f"{name}.html").write_text(
             page_of(title_of(text), body_of(text, modules), contents), encoding="utf-8"
         )
-    first = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(encoding="utf-8")
+    first_page = (files("uvms_ocp.reference") / "theory" / "first_page.md").read_text(
+        encoding="utf-8"
+    )
     (folder / "index.html").write_text(
-        page_of("uvms_ocp", body_of(first, modules), contents), encoding="utf-8"
+        page_of("uvms_ocp", body_of(first_page, modules), contents), encoding="utf-8"
     )

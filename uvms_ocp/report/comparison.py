@@ -24,8 +24,8 @@ _NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
 
 @checked
 def compare(first: Record, second: Record) -> TableRows:
-    """Rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where one
-    record lacks it.
+    """Return rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where
+    one record lacks it.
 
     Raises `InvalidInput` for a run against a plan.
     """
@@ -35,9 +35,12 @@ def compare(first: Record, second: Record) -> TableRows:
             f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans"
         )
     figures = _run_figures if kinds[0] == "run" else _plan_figures
-    one = dict(figures(first))
-    other = dict(figures(second))
-    rows = ((name, one.get(name), other.get(name)) for name in one | other)
+    first_figures = dict(figures(first))
+    second_figures = dict(figures(second))
+    rows = (
+        (name, first_figures.get(name), second_figures.get(name))
+        for name in first_figures | second_figures
+    )
     return TableRows(
         {"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows
     )
@@ -137,10 +140,9 @@ def _rows(name: str, record: Record) -> list[dict[str, Any]]:
     phases = [phase.name for phase in record.meta.phases]
     t = series["t"]
     windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
-    first = [int(np.argmax(rows)) for _, rows in windows]
-    labels = [
-        "-".join(phases[record["phase"][row]] for row in (start - 1, start)) for start in first
-    ]
+    start_rows = [int(np.argmax(rows)) for _, rows in windows]
+    phase = record["phase"]
+    labels = [f"{phases[phase[start - 1]]}-{phases[phase[start]]}" for start in start_rows]
     spans = [*zip(labels, windows, strict=True), ("all", (float(t[-1]), np.full(len(t), True)))]
     return [
         {

@@ -73,18 +73,18 @@ def extremes_of(record: Record, name: str) -> tuple[str, ...]:
     """Return the names of the series that have the least and largest values of one: its own, where
     every tick has a row.
     """
-    both = (f"{name}_least", f"{name}_most")
-    if both[0] in record.series:
-        return both
+    names = (f"{name}_least", f"{name}_most")
+    if names[0] in record.series:
+        return names
     return (name,)
 
 
 def least_altimeter_range(record: Record) -> float | None:
     """Return the smallest range [m] of the altimeter in any tick; `None` without an echo."""
     ranges = record[extremes_of(record, "altimeter_range")[0]]
-    known = ranges[np.isfinite(ranges)]
-    if known.size:
-        return float(known.min())
+    echoes = ranges[np.isfinite(ranges)]
+    if echoes.size:
+        return float(echoes.min())
     return None
 
 
@@ -114,8 +114,11 @@ def largest_tilt(record: Record) -> float | None:
     such a task the vehicle's.
     """
     meta = record.run_meta
-    (*_, most) = extremes_of(record, "quantities")
-    tilts = [(k, quantity(record, f"{task.name}.tilt", most)) for k, task in enumerate(meta.tasks)]
+    (*_, largest_series) = extremes_of(record, "quantities")
+    tilts = [
+        (k, quantity(record, f"{task.name}.tilt", largest_series))
+        for k, task in enumerate(meta.tasks)
+    ]
     on = [
         np.where(record["activations"][:, k] > 0.0, tilt, np.nan)
         for k, tilt in tilts
@@ -255,7 +258,8 @@ def resources(record: Record) -> TableRows:
 
     Raises `InvalidInput` for the record of a plan.
     """
-    t, meta = record["t"], record.run_meta
+    t = record["t"]
+    meta = record.run_meta
     ends = [*(event.t for event in meta.events), float(t[-1])]
     names = [meta.phases[0].name, *(event.target for event in meta.events)]
     spans = [
@@ -279,7 +283,11 @@ def repeated_phases(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     visits: dict[str, list[dict[str, Any]]] = {}
     for row in rows[:-1]:
         visits.setdefault(row["phase"], []).append(row)
-    return [_repeated(name, own) for name, own in visits.items() if len(rows) > 2 * len(visits) + 1]
+    return [
+        _repeated(name, phase_visits)
+        for name, phase_visits in visits.items()
+        if len(rows) > 2 * len(visits) + 1
+    ]
 
 
 def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -301,13 +309,15 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     thrusters at their limits, least distance of a joint to its limits, largest velocity and torque
     in units of their limits.
     """
-    first, last = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
-    rows = slice(first, min(last, len(record) - 1) + 1)
+    first_row, last_row = (int(np.searchsorted(record["t"], t - 1e-9)) for t in (start, end))
+    rows = slice(first_row, min(last_row, len(record) - 1) + 1)
     limits = record.meta.limits
     spans = np.diff(record["t"][rows])
-    held = (
-        slice(None, -1) if keeps_every_tick(record) else slice(1, None)
-    )  # means are of the span before their row
+    # Means are of the span before their row.
+    if keeps_every_tick(record):
+        mean_rows = slice(None, -1)
+    else:
+        mean_rows = slice(1, None)
     thrusters = _gain(record, "thruster_energy", rows)
     joints = _gain(record, "joint_energy", rows)
     meta = record.run_meta
@@ -319,12 +329,14 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     return {
         "duration_s": end - start,
         "path_length_m": path_length(record["q"][rows, :3]) if meta.floating else 0.0,
-        **_by_kind(meta, "joint_path", spans @ mean_sizes(record, "v", of_joints)[held], np.sum),
+        **_by_kind(
+            meta, "joint_path", spans @ mean_sizes(record, "v", of_joints)[mean_rows], np.sum
+        ),
         "thruster_energy_j": thrusters,
         "joint_energy_j": joints,
         "energy_j": None if thrusters is None or joints is None else thrusters + joints,
         "peak_thrust_n": largest_thrust(record, rows),
-        "saturation_time_s": None if saturated is None else float(spans @ saturated[held]),
+        "saturation_time_s": None if saturated is None else float(spans @ saturated[mean_rows]),
         **_by_kind(
             meta, "joint_margin", _joint_margins(record, rows), partial(np.min, initial=np.inf)
         ),
@@ -373,9 +385,11 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
     limits = record.meta.limits
     if limits is None:
         return []
-    first = VEHICLE_V if meta.floating else 0
-    rates = np.max([np.abs(record[name][:, first:]) for name in extremes_of(record, "v")], axis=0)
-    bounds = np.array(limits.velocity[first:])
+    first_joint = VEHICLE_V if meta.floating else 0
+    rates = np.max(
+        [np.abs(record[name][:, first_joint:]) for name in extremes_of(record, "v")], axis=0
+    )
+    bounds = np.array(limits.velocity[first_joint:])
     t = record["t"]
     struck = np.zeros(len(t), dtype=bool)
     for fault in meta.faults:
@@ -389,7 +403,7 @@ def passed_rates(record: Record) -> list[dict[str, Any]]:
         names = meta.joints
     else:
         names = [f"axis {j + 1}" for j in joints]
-    units = column_units("v", record["v"].shape[1], meta)[first:]
+    units = column_units("v", record["v"].shape[1], meta)[first_joint:]
     return [
         {
             "joint": names[j],
@@ -442,7 +456,7 @@ def _by_kind(
         chosen = {"rad": values[~slides], "m": values[slides]}
     else:
         chosen = {"rad": values}
-    figures = {unit: float(of(found)) for unit, found in chosen.items()}
+    figures = {unit: float(of(joint_values)) for unit, joint_values in chosen.items()}
     return {
         f"{name}_{unit}": value if np.isfinite(value) else None for unit, value in figures.items()
     }
@@ -462,27 +476,30 @@ def _joint_margins(record: Record, rows: slice) -> np.ndarray:
         return np.empty(0)
     lower = np.array(meta.limits.position_lower)
     upper = np.array(meta.limits.position_upper)
-    least = [np.full(lower.shape, np.inf)]
+    minima = [np.full(lower.shape, np.inf)]
     for q in (record[name][rows] for name in extremes_of(record, "q")):
-        found = (
+        samples = (
             joint_positions({"q": part}, meta)
             for (part,) in parts(q, rows=len(q) if meta.endless else 0)
         )  # turns count
-        least += [np.minimum(one - lower, upper - one).min(axis=0) for one in found]
-    return np.min(least, axis=0)
+        minima += [
+            np.minimum(positions - lower, upper - positions).min(axis=0) for positions in samples
+        ]
+    return np.min(minima, axis=0)
 
 
 def _share(
     record: Record, name: str, limits: tuple[float, ...] | None, rows: slice
 ) -> float | None:
-    """The largest value in units of its limit; what may not move at all has no unit."""
+    """Return the largest value in units of its limit; what may not move at all has no unit."""
     if name not in record.series or limits is None:
         return None
     bounds = np.array(limits)
     limited = bounds > 0.0
     with np.errstate(over="ignore"):  # a limit may be as small as it likes
-        several = (parts(record[one][rows]) for one in extremes_of(record, name))
-        shares = (
-            np.abs(part[:, limited]) / bounds[limited] for those in several for (part,) in those
-        )
-        return float(max((share.max(initial=0.0) for share in shares), default=0.0))
+        largest_shares = []
+        for series_name in extremes_of(record, name):
+            for (part,) in parts(record[series_name][rows]):
+                shares = np.abs(part[:, limited]) / bounds[limited]
+                largest_shares.append(shares.max(initial=0.0))
+        return float(max(largest_shares, default=0.0))

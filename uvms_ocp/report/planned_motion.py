@@ -66,7 +66,7 @@ class PlannedMotion:
     q: Array
     """(n, n_q) [m, rad] configurations."""
     distances: Array
-    """(n, n_pairs) [m] of all pairs of shapes."""
+    """(n, n_pairs) [m] distances of all pairs of shapes."""
 
     @property
     def nearest(self) -> NearestPair:
@@ -77,7 +77,8 @@ class PlannedMotion:
         """X_WF at the end, of the frame that has a goal, else of the tool; `None` without such a
         frame.
         """
-        robot, goal = self.request.robot, self.request.goal
+        robot = self.request.robot
+        goal = self.request.goal
         frame = goal.frame if isinstance(goal, ToolGoal) else _TOOL
         if robot.has_frame(frame):
             return kinematics.Kinematics(robot, self.q[-1]).pose(frame)
@@ -203,7 +204,8 @@ def plan_meta(
 @checked
 def plan_report(result: PlanResult) -> dict[str, Any]:
     """The content of ``report.json``: lengths in m, angles in rad, times in s."""
-    request, scene = result.request, result.scene
+    request = result.request
+    scene = result.scene
     report = {
         **_request_entries(request),
         "collision_free": result.collision_free,
@@ -300,17 +302,20 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     What is measured along the motion is `None` where the plan is not usable: no motion is there to
     measure.
     """
-    request, plan = result.request, result.plan
+    request = result.request
+    plan = result.plan
     summary = plan.summary()
     usable = plan.status.usable
-    free = usable and result.collision_free
+    is_free = usable and result.collision_free
     return {
         **_request_entries(request),
         "method": "ocp",
         "status": summary["status"],
         "reason": summary["reason"],
-        "advice": _TOUCHING if usable and not free else _ADVICE.get(plan.status, summary["advice"]),
-        "collision_free": free,
+        "advice": _TOUCHING
+        if usable and not is_free
+        else _ADVICE.get(plan.status, summary["advice"]),
+        "collision_free": is_free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
         "energy_j": summary["energy"] if usable else None,

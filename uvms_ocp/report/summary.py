@@ -81,7 +81,7 @@ def _rows(meta: RunMeta, event: EventMeta) -> list[dict[str, Any]]:
             continue
         if item.sign == ">" and not _leads_forward(meta, event):
             continue
-        true = metrics.none_if_nan(event.truth.get(item.quantity))
+        true_value = metrics.none_if_nan(event.truth.get(item.quantity))
         rows.append(
             {
                 "phase": event.source,
@@ -90,9 +90,9 @@ def _rows(meta: RunMeta, event: EventMeta) -> list[dict[str, Any]]:
                 "sign": item.sign,
                 "limit": item.limit,
                 "estimated": metrics.none_if_nan(item.estimated),
-                "true": true,
+                "true": true_value,
                 "sensors_allow": meta.allowance.get(item.quantity),
-                "met": None if true is None else _is_true_of(item, true),
+                "met": None if true_value is None else _is_true_of(item, true_value),
             }
         )
     return rows
@@ -186,16 +186,19 @@ def _doubt_of_completion(record: Record) -> str:
 def _aborted(meta: RunMeta) -> dict[str, str] | None:
     """Describe an abort phase that was entered, or could not be; `None` for other missions."""
     entered = next((event for event in meta.events if event.target == meta.abort_phase), None)
-    last = meta.events[-1] if meta.events else None
+    last_event = meta.events[-1] if meta.events else None
     if entered is None:
         direct = (
-            last is not None and meta.abort_phase and last.target == ABORT and not last.conditions
+            last_event is not None
+            and meta.abort_phase
+            and last_event.target == ABORT
+            and not last_event.conditions
         )
-        if last and direct:
-            return {"kind": "aborted", "text": f"{last.reason}, too little is known to climb"}
+        if last_event and direct:
+            return {"kind": "aborted", "text": f"{last_event.reason}, too little is known to climb"}
         return None
-    if last is not None and last.target == ABORT:
-        ended = last.reason
+    if last_event is not None and last_event.target == ABORT:
+        ended = last_event.reason
     else:
         ended = f"time is over, {meta.pending}"
     return {"kind": "aborted", "text": f"{entered.reason}; phase {meta.abort_phase}: {ended}"}
@@ -210,9 +213,9 @@ def _missed(row: dict[str, Any]) -> str:
         estimated = "-"
     else:
         estimated = f"{row['estimated']:.3g}"
-    was = f"estimated at {estimated} but truly {row['true']:.3g}"
+    values = f"estimated at {estimated} but truly {row['true']:.3g}"
     return (
-        f"phase {row['phase']}: {row['quantity']} was {was} against a limit of"
+        f"phase {row['phase']}: {row['quantity']} was {values} against a limit of"
         f" {row['limit']:g}{allowed}"
     )
 
@@ -232,18 +235,18 @@ def _unfinished(record: Record) -> dict[str, str]:
             "kind": "stalled",
             "text": f"phase {phase}: {unknown[0]} is not known, and its condition not met",
         }
-    item, now, gained = min(
+    item, last_value, gained = min(
         ((item, *_trend(record, item)) for item in waiting), key=lambda trend: trend[2]
     )
-    what = f"phase {phase}: {item.quantity} = {now:.4g} against a limit of {item.limit:g}"
+    state = f"phase {phase}: {item.quantity} = {last_value:.4g} against a limit of {item.limit:g}"
     if gained > _PROGRESS:
         return {
             "kind": "slow",
-            "text": f"{what} was still improving, by {100 * gained:.0f} % in the last 5 s",
+            "text": f"{state} was still improving, by {100 * gained:.0f} % in the last 5 s",
         }
     return {
         "kind": "stalled",
-        "text": f"{what} has stopped improving; {_obstruction(record, item.quantity)}",
+        "text": f"{state} has stopped improving; {_obstruction(record, item.quantity)}",
     }
 
 
@@ -257,42 +260,49 @@ def _explains(record: Record, swinging: set[str]) -> bool:
 
 
 def _waiting(record: Record, phase: str) -> list[ThresholdMeta]:
-    """Conditions of a phase that the end of the record does not meet."""
-    own = [item for item in record.meta.thresholds if item.phase == phase]
-    forward = [item for item in own if item.sign == "<" or item.quantity in OWN_QUANTITIES]
-    now = {item.quantity: quantity(record, item.quantity) for item in forward}
-    return [
-        one
-        for one in forward
-        if (x := now[one.quantity]) is None or (x[-1] < one.limit) != (one.sign == "<")
-    ]
+    """List the conditions of a phase that the end of the record does not meet."""
+    thresholds = [item for item in record.meta.thresholds if item.phase == phase]
+    forward = [item for item in thresholds if item.sign == "<" or item.quantity in OWN_QUANTITIES]
+    series = {item.quantity: quantity(record, item.quantity) for item in forward}
+    waiting = []
+    for condition in forward:
+        values = series[condition.quantity]
+        if values is None or (values[-1] < condition.limit) != (condition.sign == "<"):
+            waiting.append(condition)
+    return waiting
 
 
 def _trend(record: Record, condition: ThresholdMeta) -> tuple[float, float]:
-    """The value now, and the share of the distance to the limit that the last seconds brought."""
+    """Return the last value, and the share of the distance to the limit that the last seconds
+    brought.
+    """
     series = quantity(record, condition.quantity)
     if series is None:
         values = np.zeros(1)
     else:
         values = series
     n = min(len(values), max(2, round(_WINDOW / record.run_meta.dt)))
-    before = float(values[-n])
-    now = float(values[-1])
+    earlier_value = float(values[-n])
+    last_value = float(values[-1])
     falls = 1.0 if condition.sign == "<" else -1.0
-    return now, falls * (before - now) / max(falls * (before - condition.limit), 1e-12)
+    return last_value, falls * (earlier_value - last_value) / max(
+        falls * (earlier_value - condition.limit), 1e-12
+    )
 
 
 def _obstruction(record: Record, name: str) -> str:
-    """Tasks that rank above the one that waits and are active, and drives at their limits."""
+    """Name tasks that rank above the one that waits and are active, and drives at their limits."""
     tasks = [task.name for task in record.meta.tasks]
     waiting = name.rpartition(".")[0]
     if waiting not in tasks:
         return "no task of the record measures it"
-    own = tasks.index(waiting)
+    rank = tasks.index(waiting)
     activity = record["activity"][-1]
     levels = level_rows(record.meta)
     active = [
-        task for task, rows in levels if task in tasks[:own] and activity[rows].max(initial=0.0) > 0
+        task
+        for task, rows in levels
+        if task in tasks[:rank] and activity[rows].max(initial=0.0) > 0
     ]
     if active:
         above = f"active above it: {', '.join(active)}"
@@ -300,16 +310,19 @@ def _obstruction(record: Record, name: str) -> str:
         above = "nothing above it is active"
     n = max(1, round(_WINDOW / record.run_meta.dt))
     if "saturated" in record.series:
-        full = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
+        saturated_share = float(np.mean(metrics.mean_sizes(record, "saturated", slice(-n, None))))
     else:
-        full = 0.0
+        saturated_share = 0.0
     damped = record.run_meta.statuses[int(record["status"][-1])] == Status.REGULARISED.value
-    limits = f"; thrusters at their limits {100 * full:.0f} % of the time" if full > 0.05 else ""
-    return (
-        above
-        + limits
-        + ("; near a singularity Icat goes on with less damping and threshold" if damped else "")
+    limits = (
+        f"; thrusters at their limits {100 * saturated_share:.0f} % of the time"
+        if saturated_share > 0.05
+        else ""
     )
+    damping = ""
+    if damped:
+        damping = "; near a singularity Icat goes on with less damping and threshold"
+    return above + limits + damping
 
 
 # What the controller has learnt of the load at a tool.
@@ -317,27 +330,27 @@ def _obstruction(record: Record, name: str) -> str:
 
 @checked
 def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
-    """By tool at the end of a run: net weight [N] and mass [kg], with standard errors; empty where
-    nothing was to be learnt.
+    """Return by tool, at the end of a run, net weight [N] and mass [kg], with standard errors;
+    empty where nothing was to be learnt.
 
     The mass is `None` while it is undetermined.
     """
     if "load_weight" not in record.series:
         return {}
     units = {"weight": "n", "weight_error": "n", "mass": "kg", "mass_error": "kg"}
-    last = {
+    last_row = {
         f"{name}_{unit}": np.atleast_1d(record[f"load_{name}"][-1]).tolist()
         for name, unit in units.items()
     }
-    rows = zip(record.meta.tools or ("tool",), *last.values(), strict=False)
+    rows = zip(record.meta.tools or ("tool",), *last_row.values(), strict=False)
     return {
-        tool: dict(zip(last, map(metrics.none_if_nan, values), strict=True))
+        tool: dict(zip(last_row, map(metrics.none_if_nan, values), strict=True))
         for tool, *values in rows
     }
 
 
 def format_load(load: dict[str, float | None], tool: str) -> str:
-    """In words; load [N, kg]: one of `load_estimates`."""
+    """Describe a load in words; load [N, kg]: one of `load_estimates`."""
     if load["mass_kg"] is None:
         mass = "undetermined"
     else:
@@ -366,17 +379,25 @@ def sensor_health(record: Record) -> list[dict[str, Any]]:
     for channel, codes in zip(meta.channels, record["health"].T, strict=True):
         suspect, lost = (meta.dt * int((codes == code).sum()) for code in (_SUSPECT, _LOST))
         if codes.any():
-            first = float(record["t"][np.argmax(codes != 0)])
+            first_time = float(record["t"][np.argmax(codes != 0)])
         else:
-            first = None
+            first_time = None
         texts = [
-            alarm.text for alarm in meta.alarms if first is not None and alarm.t >= first - 1e-9
+            alarm.text
+            for alarm in meta.alarms
+            if first_time is not None and alarm.t >= first_time - 1e-9
         ]
         why = next((text for text in texts if text.startswith(f"{channel} ")), "").partition(": ")[
             2
         ]
         rows.append(
-            {"channel": channel, "suspect_s": suspect, "lost_s": lost, "first_s": first, "why": why}
+            {
+                "channel": channel,
+                "suspect_s": suspect,
+                "lost_s": lost,
+                "first_s": first_time,
+                "why": why,
+            }
         )
     return rows
 
@@ -411,11 +432,12 @@ class RunSummary(TableDisplay, dict[str, Any]):
             if name.startswith(shown) and value is not None
         ]
         errors = [
-            (f"{tool}: {what} error", cell(error))
-            for tool, own in self["tools"].items()
-            for what, error in own.items()
+            (f"{tool}: {kind} error", cell(error))
+            for tool, tool_errors in self["tools"].items()
+            for kind, error in tool_errors.items()
         ]
-        rows += errors if len(self["tools"]) > 1 else []
+        if len(self["tools"]) > 1:
+            rows += errors
         rows += [("alarm", cell(alarm["t"]), alarm["text"]) for alarm in self["alarms"]]
         title = f"{self['scenario']}, {self['robot']}: {self['cause']['kind']}"
         return SmallTable(
@@ -445,8 +467,8 @@ def _figures(record: Record) -> dict[str, Any]:
     task = record.run_meta.tool_task
     estimated = _none_if_nan(metrics.quantities_at(record, float(record["t"][-1])))
     errors = [
-        (what, unit, f"{task}.{what}_error")
-        for what, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)
+        (kind, unit, f"{task}.{kind}_error")
+        for kind, unit in zip(_OF_A_TOOL, ("m", "rad"), strict=True)
     ]
     return {
         **{name: getattr(meta, name) for name in ("scenario", "robot", "plant", "solver")},
@@ -474,28 +496,28 @@ def _figures(record: Record) -> dict[str, Any]:
         "loads": loads,
         "alarms": [alarm.model_dump() for alarm in meta.alarms],
         **{
-            f"tool_{what}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error))
-            for what, unit, error in errors
+            f"tool_{kind}_error_{unit}": metrics.none_if_nan(meta.true_quantity(error))
+            for kind, unit, error in errors
         },
         **{
-            f"estimated_tool_{what}_error_{unit}": estimated.get(error)
-            for what, unit, error in errors
+            f"estimated_tool_{kind}_error_{unit}": estimated.get(error)
+            for kind, unit, error in errors
         },
         **{
-            f"tool_{what}_bound_{unit}": metrics.error_bound(record, error)
-            for what, unit, error in errors
+            f"tool_{kind}_bound_{unit}": metrics.error_bound(record, error)
+            for kind, unit, error in errors
         },
         **{
-            f"sensors_allow_tool_{what}_{unit}": meta.allowance.get(error)
-            for what, unit, error in errors
+            f"sensors_allow_tool_{kind}_{unit}": meta.allowance.get(error)
+            for kind, unit, error in errors
         },
         "tools": {
-            one.tool: {
-                what: metrics.none_if_nan(meta.true_quantity(f"{one.name}.{what}_error"))
-                for what in _OF_A_TOOL
+            task_meta.tool: {
+                kind: metrics.none_if_nan(meta.true_quantity(f"{task_meta.name}.{kind}_error"))
+                for kind in _OF_A_TOOL
             }
-            for one in meta.tasks
-            if one.tool
+            for task_meta in meta.tasks
+            if task_meta.tool
         },
         "estimate": metrics.estimate_table(record),
         "vehicle_drift_in_last_phase_m": _drift_in_last_phase(record),
@@ -559,7 +581,8 @@ def _none_if_nan(quantities: dict[str, float]) -> dict[str, float | None]:
 
 
 def _drift_in_last_phase(record: Record) -> float | None:
-    phase, t = record["phase"], record["t"]
+    phase = record["phase"]
+    t = record["t"]
     if (phase != phase[-1]).any():
         start = len(phase) - int(np.argmax(phase[::-1] != phase[-1]))
     else:

@@ -138,8 +138,10 @@ class RunOptions:
         plant_robot: what moves, where it is not the robot that the controller knows. Raises
         `InvalidInput` and `NameNotFound` as `Scenario` does.
         """
-        real = plant_robot or self.robot
+        flown_robot = plant_robot or self.robot
         floor = seafloor or FlatSeafloor(z=self.seabed)
+        if self.payload is not None:
+            flown_robot = assembly.with_trim(flown_robot, [self.payload])
         return Scenario(
             **{option: getattr(self, option) for option in _OF_SCENARIO},
             name=name,
@@ -151,13 +153,13 @@ class RunOptions:
             sensors=_sensors(self.robot, self.noise),
             gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
             load=LoadLearning() if self.learn_load else None,
-            plant_robot=real if self.payload is None else assembly.with_trim(real, [self.payload]),
+            plant_robot=flown_robot,
             markers=markers,
         )
 
 
 def run_options(
-    given: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED
+    keywords: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED
 ) -> RunOptions:
     """The options that were given by keyword, `None` for the default; robot and seabed [m] are the
     scenario's own.
@@ -165,13 +167,13 @@ def run_options(
     Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a
     current, a fault or a seed that is none.
     """
-    known = [item.name for item in fields(RunOptions)]
-    for name in given:
-        require_known("option of all scenarios", name, known)
+    option_names = [item.name for item in fields(RunOptions)]
+    for name in keywords:
+        require_known("option of all scenarios", name, option_names)
     options = {
         "robot": robot,
         "seabed": seabed,
-        **{name: value for name, value in given.items() if value is not None},
+        **{name: value for name, value in keywords.items() if value is not None},
     }
     machine = options.pop("robot")
     current = options.pop("current", None)
@@ -184,37 +186,37 @@ def run_options(
     )
 
 
-def current_from(given: Current | Sequence[float] | None) -> Current:
+def current_from(current: Current | Sequence[float] | None) -> Current:
     """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for
     none.
     """
-    if given is None:
+    if current is None:
         return StillWater()
-    if isinstance(given, Sequence | np.ndarray):
-        return UniformCurrent(given)
-    return given
+    if isinstance(current, Sequence | np.ndarray):
+        return UniformCurrent(current)
+    return current
 
 
-def apply_options(scenario: Scenario, given: Mapping[str, Any]) -> Scenario:
+def apply_options(scenario: Scenario, options: Mapping[str, Any]) -> Scenario:
     """Return the scenario with the options given, some of `CHANGEABLE`, in the words of
     `run_options`.
 
     Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
     """
     changes = {
-        name: given[name]
+        name: options[name]
         for name in ("plant", "solver", "seed", "duration", "dt", "record_rate")
-        if name in given
+        if name in options
     }
     around: dict[str, Any] = (
-        {"current": current_from(given["current"])} if "current" in given else {}
+        {"current": current_from(options["current"])} if "current" in options else {}
     )
-    if "seabed" in given:
-        around["seafloor"] = FlatSeafloor(z=given["seabed"])
-    if "noise" in given:
-        changes["sensors"] = _sensors(scenario.robot, given["noise"])
-    if "faults" in given:
-        changes["faults"] = parse_faults(given["faults"])
+    if "seabed" in options:
+        around["seafloor"] = FlatSeafloor(z=options["seabed"])
+    if "noise" in options:
+        changes["sensors"] = _sensors(scenario.robot, options["noise"])
+    if "faults" in options:
+        changes["faults"] = parse_faults(options["faults"])
     return replace(scenario, environment=replace(scenario.environment, **around), **changes)
 
 
@@ -247,16 +249,16 @@ def mission_of(
     # every axis.
     axes = thrusters.undriven_axes(robot)
     if axes:
-        first = [UnderActuation(axes=axes)]
+        reckoned_tasks = [UnderActuation(axes=axes)]
     else:
-        first = []
-    names = tuple(task.name for task in first)
+        reckoned_tasks = []
+    names = tuple(task.name for task in reckoned_tasks)
     if overrides:
-        listed = override([*first, *tasks], overrides)
+        all_tasks = override([*reckoned_tasks, *tasks], overrides)
     else:
-        listed = [*first, *tasks]
+        all_tasks = [*reckoned_tasks, *tasks]
     mission = Mission(
-        hierarchy=Hierarchy(listed, None if order is None else (*names, *order)),
+        hierarchy=Hierarchy(all_tasks, None if order is None else (*names, *order)),
         phases=tuple(phases),
         abort=abort,
     )
@@ -286,8 +288,10 @@ def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
     names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m]
     and hold [s]: how near to that altitude, and for how long.
     """
-    there = Below(quantity="PC.position_error", limit=arrived)
-    return Abort(phase=phase_of("climb", "abort", ("PC", *names), ABORT, there, hold=hold))
+    altitude_condition = Below(quantity="PC.position_error", limit=arrived)
+    return Abort(
+        phase=phase_of("climb", "abort", ("PC", *names), ABORT, altitude_condition, hold=hold)
+    )
 
 
 def activate(*names: str) -> dict[str, float]:
@@ -315,9 +319,16 @@ def phase_of(
 
 def approach_phase() -> Phase:
     """Phase A: the small vehicle comes near its way point, before its tool acts in phase B."""
-    near = Below(quantity="PC.position_error", limit=0.2)
-    turned = Below(quantity="PC.orientation_error", limit=0.2)
-    return phase_of("A", "approach", ("JL", "MAC", "HA", "PC", "MP"), "B", near, turned)
+    position_condition = Below(quantity="PC.position_error", limit=0.2)
+    orientation_condition = Below(quantity="PC.orientation_error", limit=0.2)
+    return phase_of(
+        "A",
+        "approach",
+        ("JL", "MAC", "HA", "PC", "MP"),
+        "B",
+        position_condition,
+        orientation_condition,
+    )
 
 
 def override(tasks: list[Task], overrides: Mapping[str, Mapping[str, Any]]) -> list[Task]:

@@ -48,15 +48,15 @@ class UserCode:
         Raises `InvalidInput` for code that is not there or fails, in one line with its place, and
         `NameNotFound` for a name that it does not define.
         """
-        found = self._module()
-        if not hasattr(found, self.attribute):
-            own = [
+        module = self._module()
+        if not hasattr(module, self.attribute):
+            names = [
                 name
-                for name, value in vars(found).items()
+                for name, value in vars(module).items()
                 if not name.startswith("_") and not isinstance(value, ModuleType)
             ]
-            raise NameNotFound(f"name in {self.file or self.module}", self.attribute, own)
-        return getattr(found, self.attribute)
+            raise NameNotFound(f"name in {self.file or self.module}", self.attribute, names)
+        return getattr(module, self.attribute)
 
     def called(self, function: Callable[..., Any], **options: Any) -> Any:
         """Return the result of a function of it. Raises `InvalidInput` where it fails, in one line
@@ -89,11 +89,11 @@ def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
     if not colon or "/" in name or "\\" in name:
         place = words
         name = ""
-    wanted = name or attribute
+    attribute_name = name or attribute
     if place.endswith(".py"):
-        return UserCode(file=Path(place), attribute=wanted)
+        return UserCode(file=Path(place), attribute=attribute_name)
     if colon and name:
-        return UserCode(module=place, attribute=wanted)
+        return UserCode(module=place, attribute=attribute_name)
     return None
 
 
@@ -141,7 +141,7 @@ def _of_file(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     _drop_helpers(path.parent)
     _FOLDERS.add(path.parent)
-    before = set(sys.modules)
+    loaded_modules = set(sys.modules)
     sys.modules[name] = module  # where dataclasses look for it
     sys.path.insert(0, str(path.parent))
     try:
@@ -154,7 +154,11 @@ def _of_file(path: Path) -> ModuleType:
     finally:
         sys.path.remove(str(path.parent))
         _HELPERS.update(
-            {new: path.parent for new in set(sys.modules) - before if not new.startswith(_PREFIX)}
+            {
+                new: path.parent
+                for new in set(sys.modules) - loaded_modules
+                if not new.startswith(_PREFIX)
+            }
         )
     return module
 
@@ -171,13 +175,13 @@ def own_failure(error: BaseException) -> str:
     """Describe an error of code of one's own in one line, with the place; empty for one that comes
     from elsewhere.
     """
-    own = [
+    frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if Path(frame.filename).parent in _FOLDERS
     ]
-    if own:
-        return f"{own[-1].filename}:{own[-1].lineno}: {_said(error)}"
+    if frames:
+        return f"{frames[-1].filename}:{frames[-1].lineno}: {_said(error)}"
     return ""
 
 
@@ -185,10 +189,10 @@ def _said(error: BaseException) -> str:
     return plain_line(f"{type(error).__name__}: {error}")
 
 
-def _failed(what: str, error: BaseException) -> UvmsError:
+def _failed(place: str, error: BaseException) -> UvmsError:
     if isinstance(error, SyntaxError):
-        return InvalidInput(f"{what}:{error.lineno}: {error.msg}")
-    return InvalidInput(own_failure(error) or f"{what}: {_said(error)}")
+        return InvalidInput(f"{place}:{error.lineno}: {error.msg}")
+    return InvalidInput(own_failure(error) or f"{place}: {_said(error)}")
 
 
 def forget_user_code() -> None:
@@ -215,27 +219,27 @@ def load_scenario(
     code = own_code(words)
     if code is None and words not in makers:
         raise NameNotFound("scenario", words, makers)
-    given = with_robot(options)
+    resolved = with_robot(options)
     if code is None:
-        return makers[words](**given)
-    found = code.load()
-    if isinstance(found, Scenario):
+        return makers[words](**resolved)
+    value = code.load()
+    if isinstance(value, Scenario):
         # A scenario that is a value, with what can be changed of it.
-        for name in given:
+        for name in resolved:
             if name not in CHANGEABLE:
                 text = f"{words} is a Scenario, whose {name} is fixed"
                 raise InvalidInput(
                     f"{text}; leave the option out, or make it a function that takes {name}"
                 )
-        return apply_options(found, given)
-    if not callable(found):
+        return apply_options(value, resolved)
+    if not callable(value):
         raise InvalidInput(
-            f"{words} is a {type(found).__name__}; give a Scenario, or a function that makes one"
+            f"{words} is a {type(value).__name__}; give a Scenario, or a function that makes one"
         )
-    made = code.called(found, **_taken(words, found, given))
-    if not isinstance(made, Scenario):
-        raise InvalidInput(f"{words} made a {type(made).__name__}; make a Scenario")
-    return made
+    scenario = code.called(value, **_taken(words, value, resolved))
+    if not isinstance(scenario, Scenario):
+        raise InvalidInput(f"{words} made a {type(scenario).__name__}; make a Scenario")
+    return scenario
 
 
 def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -244,11 +248,11 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises `InvalidInput` for a hydrodynamics file, or options of loading, without a robot.
     """
-    given = dict(options)
-    water = given.pop("hydrodynamics", None)
-    loading = given.pop("loading", None)
-    if isinstance(given.get("robot"), str):
-        given["robot"] = robot_called(given["robot"], water, loading)
+    resolved = dict(options)
+    water = resolved.pop("hydrodynamics", None)
+    loading = resolved.pop("loading", None)
+    if isinstance(resolved.get("robot"), str):
+        resolved["robot"] = robot_called(resolved["robot"], water, loading)
     elif water is not None:
         text = "give both, --robot the folder or URDF that they are of, or a robot alone"
         raise InvalidInput(f"hydrodynamics {water} without a robot; {text}")
@@ -258,22 +262,22 @@ def with_robot(options: Mapping[str, Any]) -> dict[str, Any]:
             " hydrodynamics.yaml"
         )
         raise InvalidInput(f"{', '.join(loading)} without a robot; {text}")
-    return given
+    return resolved
 
 
-def _taken(words: str, maker: Callable[..., Any], given: Mapping[str, Any]) -> Mapping[str, Any]:
+def _taken(words: str, maker: Callable[..., Any], options: Mapping[str, Any]) -> Mapping[str, Any]:
     parameters = signature(maker).parameters.values()
     if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
-        return given
-    known = [parameter.name for parameter in parameters]
-    for name in given:
-        if name not in known:
-            if known:
-                takes = f"; it takes {', '.join(known)}"
+        return options
+    names = [parameter.name for parameter in parameters]
+    for name in options:
+        if name not in names:
+            if names:
+                takes = f"; it takes {', '.join(names)}"
             else:
                 takes = ""
             raise InvalidInput(
                 f"{words} takes no option {name}{takes}: leave it out, or give the function a"
                 " **options"
             )
-    return given
+    return options

@@ -61,7 +61,8 @@ def replay(
     torque both. dt [s]: control period. Raises `InvalidInput` for a plan of a wrench: no plant
     takes one.
     """
-    robot, trajectory = plan.robot, plan.trajectory
+    robot = plan.robot
+    trajectory = plan.trajectory
     if trajectory.has_wrench:
         raise InvalidInput(
             "a plan with Actuation.WRENCH has no thrust to send; plan with Actuation.THRUSTERS"
@@ -109,28 +110,28 @@ def _below(plan: Plan, environment: Environment) -> tuple[AlarmMeta, ...]:
     """
     path = plan.trajectory
     water = replace(environment, obstacles=())
-    found = closest_approach(plan.robot, water, path.q)
-    if found.distance >= 0:
+    approach = closest_approach(plan.robot, water, path.q)
+    if approach.distance >= 0:
         return ()
     text = (
-        f"the plan goes {-found.distance:.2g} m below the sea floor ({found.pair}); keep clear of"
-        " the floor as of an obstacle"
+        f"the plan goes {-approach.distance:.2g} m below the sea floor ({approach.pair}); keep"
+        " clear of the floor as of an obstacle"
     )
-    return (AlarmMeta(t=float(path.t[found.row]), text=text),)
+    return (AlarmMeta(t=float(path.t[approach.row]), text=text),)
 
 
 def _record(
     plan: Plan,
     series: dict[str, np.ndarray],
     dt: float,
-    how: str,
+    manner: str,
     alarms: tuple[AlarmMeta, ...] = (),
 ) -> Record:
-    """One phase, without tasks: no mission is carried out, but a motion."""
+    """Make a record of one phase, without tasks: no mission is carried out, but a motion."""
     robot = plan.robot
     plant = "dynamic" if "thrust" in series else "kinematic"
     is_over = series["t"][-1] >= plan.duration - dt / 2
-    known = {
+    fields = {
         "thrusters": robot.thruster_names,
         "surroundings": plan.surroundings,
         "plant": plant,
@@ -139,7 +140,7 @@ def _record(
         "completed": bool(is_over),
         "stopped": "" if is_over else "diverged",
     }
-    meta = meta_without_mission(robot, f"plan carried out {how}", "plan", **known)
+    meta = meta_without_mission(robot, f"plan carried out {manner}", "plan", **fields)
     if not robot.has_frame(TOOL):
         tool = {}
     else:

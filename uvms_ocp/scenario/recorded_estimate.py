@@ -105,13 +105,15 @@ def estimate_recording(
         raise InvalidInput(f"faults {', '.join(others)} of a recording; give those of sensors")
     sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
     struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
-    arrivals |= {name: _struck(arrivals[name], own, dt) for name, own in struck.items()}
+    arrivals |= {
+        name: _struck(arrivals[name], channel_faults, dt) for name, channel_faults in struck.items()
+    }
     filtering = estimator.Estimator(robot, expected)
     guarded = GuardedEstimator(filtering, robot, expected)
     recorder = Recorder(folder=None if folder is None else Path(folder))
     channels = guarded.monitor.channels
     command = None
-    last = dict[str, Reading[Any]]()
+    last_readings = dict[str, Reading[Any]]()
     count = dict.fromkeys(channels, 0)
     late = dict.fromkeys(channels, 0.0)
     numbers = [int(filter_memory.NUMBER[name]) for name in channels]
@@ -122,14 +124,14 @@ def estimate_recording(
         t = k * dt
         while arrived is not None and arrived[0] <= k:
             _, name, value, stamp = arrived
-            last[name] = unchecked_reading(value=value, t=stamp)
+            last_readings[name] = unchecked_reading(value=value, t=stamp)
             count[name] = count[name] + 1
             late[name] = late[name] + t - stamp
             arrived = next(stream, None)
-        estimate = guarded(unchecked_readings(**last), t, command)
-        taken, squared, degrees, accepted = filtering.outcomes[numbers].T
-        new = taken > compared
-        compared = np.where(new, taken, compared)
+        estimate = guarded(unchecked_readings(**last_readings), t, command)
+        sample_times, squared, degrees, accepted = filtering.outcomes[numbers].T
+        new = sample_times > compared
+        compared = np.where(new, sample_times, compared)
         row: dict[str, Any] = {
             "t": t,
             "q_estimated": estimate.q,
@@ -140,7 +142,11 @@ def estimate_recording(
             "altimeter_range": estimate.altimeter_range,
             "altimeter_std": estimate.altimeter_std,
         }
-        row |= {"health": np.array([one.trust for one in estimate.health], dtype=np.int8)}
+        row |= {
+            "health": np.array(
+                [channel_health.trust for channel_health in estimate.health], dtype=np.int8
+            )
+        }
         row |= {
             "innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan),
             "refused": new & (accepted == 0.0),
@@ -154,14 +160,14 @@ def estimate_recording(
         f" {recording.name if isinstance(recording, Recording) else recording.meta.scenario}"
     )
     alarms = tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms)
-    known: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "dt": dt,
         "channels": channels,
         "alarms": alarms,
         "faults": tuple(map(injected_faults.fault_meta, faults)),
     }
-    known |= {"plant": "recorded", "completed": True}
-    meta = meta_without_mission(robot, title, "recording", **known)
+    fields |= {"plant": "recorded", "completed": True}
+    meta = meta_without_mission(robot, title, "recording", **fields)
     record = Record(
         series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta
     )
@@ -175,34 +181,37 @@ def estimate_recording(
         strict=True,
     )
     for name, freedom, health, squared, refused in of_channels:
-        there = squared[np.isfinite(squared)]
+        finite = squared[np.isfinite(squared)]
         sigma = getattr(expected, name).sigma
         # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        if there.size:
-            ratio = math.sqrt(float(np.median(there)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+        if finite.size:
+            ratio = math.sqrt(float(np.median(finite)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
         else:
             ratio = None
-        came = {
+        arrival_entries = {
             "channel": name,
             "readings": count[name],
             "delay_s": late[name] / max(count[name], 1),
         }
-        used = {
-            "compared": len(there),
+        filter_entries = {
+            "compared": len(finite),
             "refused": int(refused.sum()),
             "ratio": ratio,
             "sigma": sigma,
         }
         rows.append(
-            came | used | {"proposed_sigma": None if ratio is None else sigma * ratio} | health
+            arrival_entries
+            | filter_entries
+            | {"proposed_sigma": None if ratio is None else sigma * ratio}
+            | health
         )
     if run is None:
-        same = None
+        is_same = None
     else:
-        same = all(
+        is_same = all(
             np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated")
         )
-    return RecordedEstimate(record=record, channels=tuple(rows), same=same)
+    return RecordedEstimate(record=record, channels=tuple(rows), same=is_same)
 
 
 def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:
@@ -213,12 +222,12 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
             f"record of {meta.scenario} without all readings; record it anew, with noise and every"
             " tick"
         )
-    found = {}
+    arrivals = {}
     for name in [name for name in CHANNELS if f"measured_{name}" in record.series]:
         series = record[f"measured_{name}"]
         ticks = np.flatnonzero(np.isfinite(series[:, -1]))
-        found[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
-    return found, len(record), meta.dt
+        arrivals[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
+    return arrivals, len(record), meta.dt
 
 
 def _sent(
@@ -230,29 +239,29 @@ def _sent(
             f"{recording.name} is of a run, as a table for others; give its record.npz, which has"
             " the readings"
         )
-    given = {
-        name: one
-        for name, one in recording.channels.items()
+    channels = {
+        name: channel
+        for name, channel in recording.channels.items()
         if getattr(specs, name, None) is not None
     }
-    if not {"attitude", "joint_positions"} & given.keys():
+    if not {"attitude", "joint_positions"} & channels.keys():
         raise InvalidInput(
             f"{recording.name} has channels {', '.join(recording.channels)}; an estimate needs"
             " attitude or joints"
         )
-    begin = min(one.undelayed_t[0] for one in given.values())
-    found = {}
+    begin = min(channel.undelayed_t[0] for channel in channels.values())
+    arrivals = {}
     n = 0
-    for name, one in given.items():
-        stamps = one.undelayed_t - begin
+    for name, channel in channels.items():
+        stamps = channel.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
         if name.startswith("joint_"):
-            values = one.of(robot.joint_names, name).values
+            values = channel.of(robot.joint_names, name).values
         else:
-            values = one.values
-        found[name] = _arriving(name, ticks, values, stamps, robot)
+            values = channel.values
+        arrivals[name] = _arriving(name, ticks, values, stamps, robot)
         n = max(n, int(ticks[-1]) + 1)
-    return found, n, dt
+    return arrivals, n, dt
 
 
 def _arriving(
@@ -269,21 +278,21 @@ def _arriving(
 
 def _struck(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
     """Readings as faults change them, without those that a newer one has overtaken."""
-    found = list[tuple[int, str, Any, float, float]]()
+    samples = list[tuple[int, str, Any, float, float]]()
     newest = -math.inf
-    for tick, name, value, taken in arrivals:
-        sample = faults(value, taken)
+    for tick, name, value, sample_time in arrivals:
+        sample = faults(value, sample_time)
         if sample is not None:
-            found.append(
+            samples.append(
                 (
                     tick + math.ceil(sample.extra_delay / dt - _EARLY),
                     name,
                     sample.value,
                     sample.stamp,
-                    taken,
+                    sample_time,
                 )
             )
-    for tick, name, value, stamp, taken in sorted(found, key=itemgetter(0)):
-        if taken > newest:
-            newest = taken
+    for tick, name, value, stamp, sample_time in sorted(samples, key=itemgetter(0)):
+        if sample_time > newest:
+            newest = sample_time
             yield tick, name, value, stamp

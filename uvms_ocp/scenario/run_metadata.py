@@ -47,11 +47,11 @@ class RunOutcome:
     q: np.ndarray
     """(n_q,) [m, rad] the true configuration."""
     t: float
-    """[s] when it ended."""
+    """[s] time at which the run ended."""
     quantities: Mapping[str, float]
     """Values by ``task.quantity``, at the true state [m] or [rad]."""
     wall_s: float
-    """[s] that the simulation took."""
+    """[s] wall time that the simulation took."""
     at_events: Iterable[Mapping[str, float]] = repeat({})
     """The quantities at the end of each phase, event by event [m] or [rad]; empty where they are
     not known.
@@ -61,7 +61,7 @@ class RunOutcome:
     tells.
     """
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
-    """How the run was ended from outside; see `RunMeta.stopped`."""
+    """Way in which the run was ended from outside; see `RunMeta.stopped`."""
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
@@ -77,12 +77,12 @@ def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
         return instead
 
 
-def meta_without_mission(robot: Robot, name: str, phase: str, **known: Any) -> RunMeta:
-    """Metadata of a motion of one phase, without tasks. known: other fields of `RunMeta`."""
+def meta_without_mission(robot: Robot, name: str, phase: str, **fields: Any) -> RunMeta:
+    """Metadata of a motion of one phase, without tasks. fields: other fields of `RunMeta`."""
     phases = (meta_values.PhaseMeta(name=phase),)
     floating = bool(robot.n_vehicle)
     shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating}
-    return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **known)
+    return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **fields)
 
 
 def run_meta(
@@ -114,17 +114,17 @@ def run_meta(
     allowed = partial(quantity_stds, setup, ending.q)
 
     def spreads() -> dict[str, float]:
-        """With what no reading can tell: declared constant errors, and what a channel came back
-        elsewhere by.
+        """Compute spreads with what no reading can tell: declared constant errors, and what a
+        channel came back elsewhere by.
         """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
         if ending.std is None:
             return {}
         return allowed(np.hypot(ending.std, unseen))
 
-    named = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
+    tool_names = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
     tools = {
-        task.name: named.get(task.frame, task.frame)
+        task.name: tool_names.get(task.frame, task.frame)
         for task in tasks
         if isinstance(task, (ToolPose, ToolPosition))
     }
@@ -134,7 +134,8 @@ def run_meta(
         **loading.robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=tuple(
-            meta_values.PhaseMeta(name=one.name, title=one.title, tasks=one.on) for one in phases
+            meta_values.PhaseMeta(name=phase.name, title=phase.title, tasks=phase.on)
+            for phase in phases
         ),
         tasks=tuple(
             meta_values.TaskMeta(name=task.name, label=task.label, tool=tools.get(task.name))
@@ -144,9 +145,9 @@ def run_meta(
         levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
         quantities=tuple(problem.quantity_names),
         thresholds=tuple(
-            meta_values.ThresholdMeta(**_condition_fields(one), phase=phase.name)
+            meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
             for phase in phases
-            for one in phase.conditions
+            for condition in phase.conditions
         ),
         limits=meta_values.LimitsMeta(
             **{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}
@@ -188,26 +189,28 @@ def energy_used(
     rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(
         max=len(series["t"]) - 1
     )
-    now, before = (
+    total, total_before = (
         float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows
     )
-    return dict(zip(meta_values.ENERGIES, (now, now - before), strict=True))
+    return dict(zip(meta_values.ENERGIES, (total, total - total_before), strict=True))
 
 
 def _events(
     controller: KinematicController, ending: RunOutcome
 ) -> tuple[meta_values.EventMeta, ...]:
-    found = []
+    events = []
     for e, truth in zip(controller.events, ending.at_events, strict=False):
         met = [
-            meta_values.MetConditionMeta(**_condition_fields(one), estimated=x, release=one.release)
-            for one, x in e.conditions
+            meta_values.MetConditionMeta(
+                **_condition_fields(condition), estimated=x, release=condition.release
+            )
+            for condition, x in e.conditions
         ]
         why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}
-        found.append(
+        events.append(
             meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why)
         )
-    return tuple(found)
+    return tuple(events)
 
 
 def _condition_fields(condition: Condition) -> dict[str, Any]:
@@ -252,9 +255,9 @@ def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta
     for task in mission.hierarchy.tasks:
         if isinstance(task, (PoseTask, ToolPosition)):
             goals = {None: task.goal} | {
-                one.name: one.goals[task.name]
-                for one in mission.all_phases
-                if task.name in one.goals
+                mission_phase.name: mission_phase.goals[task.name]
+                for mission_phase in mission.all_phases
+                if task.name in mission_phase.goals
             }
             for phase, goal in goals.items():
                 name = f"goal of {task.name}" + ("" if phase is None else f" in {phase}")

@@ -106,14 +106,14 @@ class ControllerFactory(PartFactory):
 
     def __call__(self) -> MissionController:
         """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
-        made = self.maker(self.scenario)
+        controller = self.maker(self.scenario)
         scenario = self.scenario
-        if type(made) in _OURS:
-            return made
-        if not callable(made):
+        if type(controller) in _OURS:
+            return controller
+        if not callable(controller):
             raise InvalidInput(
-                f"controller made {type(made).__name__}; make a callable (StateEstimate, t) ->"
-                " Command"
+                f"controller made {type(controller).__name__}; make a callable (StateEstimate, t)"
+                " -> Command"
             )
         if scenario.takes_forces:
             n = len(scenario.robot.description.thrusters)
@@ -121,7 +121,7 @@ class ControllerFactory(PartFactory):
             n = None
         kinematic = scenario.kinematic_controller()
         return external.SupervisedController(
-            controller=made, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
+            controller=controller, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
         )
 
 
@@ -131,36 +131,38 @@ class EstimatorFactory(PartFactory):
     __slots__ = ()
 
     def __call__(self) -> GuardedEstimator:
-        """A fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps from it what cannot be true.
+        """Make a fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps
+        from it what cannot be true.
 
         Raises `InvalidInput` where the maker makes no callable.
         """
-        made = self.maker(self.scenario)
+        estimator = self.maker(self.scenario)
         scenario = self.scenario
-        robot, specs = scenario.robot, scenario.specs
-        if not callable(made):
+        robot = scenario.robot
+        specs = scenario.specs
+        if not callable(estimator):
             allowed = "make a callable (Readings, t, command) -> StateEstimate"
-            raise InvalidInput(f"estimator made {type(made).__name__}; {allowed}")
+            raise InvalidInput(f"estimator made {type(estimator).__name__}; {allowed}")
         monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
         return GuardedEstimator(
-            watched_estimator.watched_estimator(made, robot, part_name(self.maker)),
+            watched_estimator.watched_estimator(estimator, robot, part_name(self.maker)),
             robot,
             specs,
             monitor,
         )
 
 
-def maker_of(what: str, given: Any) -> Callable[..., Any]:
-    """Return the argument given for a part, also to the scenario that a changed one is made of.
-    Raises `InvalidInput`.
+def maker_of(part: str, argument: Any) -> Callable[..., Any]:
+    """Return the maker of a part: the argument itself, or the maker in a `PartFactory`. Raises
+    `InvalidInput` where it cannot be called.
     """
-    if isinstance(given, PartFactory):
-        return given.maker
-    if not callable(given):
+    if isinstance(argument, PartFactory):
+        return argument.maker
+    if not callable(argument):
         raise InvalidInput(
-            f"{what} = {given!r}; give a callable that takes the scenario and makes one"
+            f"{part} = {argument!r}; give a callable that takes the scenario and makes one"
         )
-    return given
+    return argument
 
 
 def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) -> dict[str, str]:
@@ -168,11 +170,11 @@ def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) ->
     `ours`.
     """
     makers = {
-        what: maker_of(what, part)
-        for what, part in parts.items()
+        kind: maker_of(kind, part)
+        for kind, part in parts.items()
         if not isinstance(part, str | SensorSpecs)
     }
-    return {what: part_name(maker) for what, maker in makers.items() if maker not in ours}
+    return {kind: part_name(maker) for kind, maker in makers.items() if maker not in ours}
 
 
 # Composition root: robot + mission + environment + solver, run into a `Record`.
@@ -301,12 +303,12 @@ class Scenario(FieldTable):
         object.__setattr__(self, "faults", faults)
         for fault in faults:
             injected_faults.require_fault(fault)
-        known = self.toolkit_faults
-        if known:
+        toolkit_faults = self.toolkit_faults
+        if toolkit_faults:
             require_possible(
-                known, self.plant_robot or self.robot, kinematic=self.plant == "kinematic"
+                toolkit_faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic"
             )
-            require_simulated(known, self.plant, self.sensors)
+            require_simulated(toolkit_faults, self.plant, self.sensors)
             self._sensor_suite()
 
     def _require_start(self) -> None:
@@ -319,8 +321,8 @@ class Scenario(FieldTable):
         if self.robot.n_vehicle:
             x, y, z = self.start[:3].tolist()
             if z <= (floor := self.environment.seafloor.height(x, y)):
-                given = f"start position of the vehicle z = {z:g} m"
-                raise InvalidInput(f"{given} is below the seafloor z = {floor:g} m; raise it")
+                place = f"start position of the vehicle z = {z:g} m"
+                raise InvalidInput(f"{place} is below the seafloor z = {floor:g} m; raise it")
 
     @property
     def toolkit_faults(self) -> tuple[Fault, ...]:
@@ -341,7 +343,7 @@ class Scenario(FieldTable):
     def own_parts(self) -> dict[str, str]:
         """Names of the parts that are not the toolkit's, by what they are."""
         parts = {
-            what: getattr(self, what) for what in ("plant", "sensors", "estimator", "controller")
+            part: getattr(self, part) for part in ("plant", "sensors", "estimator", "controller")
         }
         return own_names(parts, (our_estimator, our_controller))
 
@@ -445,29 +447,29 @@ class Scenario(FieldTable):
     def _recorded(
         self,
         parts: Mapping[str, Any],
-        each: Mapping[str, Any],
+        callbacks: Mapping[str, Any],
         show: Callable[[float], None],
         presses: Sequence[object],
         folder: Path | str | None,
     ) -> Record:
-        """Simulate with these parts, and sum up; each: who is told of every tick; presses: one for
-        each Ctrl-C.
+        """Simulate with these parts, and sum up. callbacks: functions that are told of every tick,
+        by the name of the argument. presses: one entry for each Ctrl-C.
         """
         begin = perf_counter()
         plant = parts["plant"]
         controller = parts["controller"]
         estimator = parts["estimator"]
         kinematic = controller.kinematic
-        seen = list[int]()
-        own = self.own_parts
+        counts = list[int]()
+        own_parts = self.own_parts
         names = {
             "plant": plant_name(self.plant),
             "solver": type(self.solver).__name__,
-            "sensors": own.get("sensors", SensorSuite.__name__),
-            "estimator": own.get("estimator", type(estimator.estimator).__name__),
+            "sensors": own_parts.get("sensors", SensorSuite.__name__),
+            "estimator": own_parts.get("estimator", type(estimator.estimator).__name__),
             "controller": getattr(controller, "name", type(controller).__name__),
         }
-        known: dict[str, Any] = {
+        run_fields: dict[str, Any] = {
             "name": self.name,
             "setup": self.setup(),
             "parts": names,
@@ -475,23 +477,23 @@ class Scenario(FieldTable):
             "controller": kinematic,
         }
         if self.record_rate is None:
-            every = 1
+            ticks_per_row = 1
         else:
-            every = max(1, round(1.0 / (self.record_rate * self.dt)))
-        known |= {
+            ticks_per_row = max(1, round(1.0 / (self.record_rate * self.dt)))
+        run_fields |= {
             "seed": self.seed,
             "markers": self.markers,
             "monitor": estimator.monitor,
-            "dt": every * self.dt,
+            "dt": ticks_per_row * self.dt,
         }
         # true ones at events
-        meta = partial(run_meta, **known)
+        meta = partial(run_meta, **run_fields)
         states = list[State]()
 
         def news() -> RunMeta | None:
             """Metadata so far, after an event or an alarm."""
-            before = seen.copy()
-            seen[:] = map(
+            previous_counts = counts.copy()
+            counts[:] = map(
                 len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)
             )
             ending = RunOutcome(
@@ -501,7 +503,7 @@ class Scenario(FieldTable):
                 wall_s=perf_counter() - begin,
                 stopped="cut off",
             )
-            if seen == before or has_diverged(plant.state):
+            if counts == previous_counts or has_diverged(plant.state):
                 return None
             return meta(ending=ending)
 
@@ -515,24 +517,24 @@ class Scenario(FieldTable):
             place = None
         else:
             place = Path(folder)
-        if place or every > 1:
-            recorder = Recorder(capacity, place, news, every)
+        if place or ticks_per_row > 1:
+            recorder = Recorder(capacity, place, news, ticks_per_row)
         else:
             recorder = None
         shapes = (
             {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)
         )  # which repeats its readings
-        kept = {
+        reading_sizes = {
             name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes
         }
         try:
             recorder = simulate(
                 **parts,
-                **each,
+                **callbacks,
                 watch=watch,
                 dt=self.dt,
                 duration=self.duration,
-                kept_readings=kept,
+                kept_readings=reading_sizes,
                 recorder=recorder,
             )
         except Interrupted as stop:
@@ -541,29 +543,33 @@ class Scenario(FieldTable):
 
         flown = recorder.series()
 
-        def quantities(true: State, t: float, state: MissionState) -> dict[str, float]:
-            found: dict[str, float] = computed_or(
+        def quantities(true_state: State, t: float, state: MissionState) -> dict[str, float]:
+            errors: dict[str, float] = computed_or(
                 {},
                 "true errors",
-                lambda: kinematic.evaluate(self._true_measurement(true), t, state),
+                lambda: kinematic.evaluate(self._true_measurement(true_state), t, state),
             )
-            return found | {
-                name: value for name, value in energy_used(flown, state, t).items() if name in found
+            return errors | {
+                name: value
+                for name, value in energy_used(flown, state, t).items()
+                if name in errors
             }
 
         diverged = has_diverged(plant.state)
         if diverged:
-            last = State(q=recorder.last("q"), v=recorder.last("v"))
+            last_state = State(q=recorder.last("q"), v=recorder.last("v"))
         else:
-            last = plant.state
-        truth = quantities(last, recorder.last("t"), kinematic.state)
-        left = zip(
+            last_state = plant.state
+        truth = quantities(last_state, recorder.last("t"), kinematic.state)
+        phase_ends = zip(
             states, kinematic.events, kinematic.left, strict=False
         )  # with the goals that the phase had when it ended
-        ends = [quantities(state, event.t, goals) for state, event, goals in left]
-        stopped: Literal["", "stopped", "diverged"] = (
-            "diverged" if diverged else ("stopped" if presses else "")
-        )
+        ends = [quantities(state, event.t, goals) for state, event, goals in phase_ends]
+        stopped: Literal["", "stopped", "diverged"] = ""
+        if diverged:
+            stopped = "diverged"
+        elif presses:
+            stopped = "stopped"
         ending = RunOutcome(
             q=recorder.last("q"),
             t=recorder.last("t"),
@@ -580,11 +586,11 @@ class Scenario(FieldTable):
             return watched_plant.WatchedPlant(self.plant(self), self.robot, part_name(self.plant))
         if self.plant == "kinematic":
             return KinematicPlant(self.robot, self.start, self.toolkit_faults)
-        real = self.plant_robot or self.robot
-        dynamics = cached_dynamics(real)
+        plant_robot = self.plant_robot or self.robot
+        dynamics = cached_dynamics(plant_robot)
         faults = self.toolkit_faults
         return DynamicPlant(
-            real, self.start, dynamics=dynamics, environment=self.environment, faults=faults
+            plant_robot, self.start, dynamics=dynamics, environment=self.environment, faults=faults
         )
 
     def _sensors(self) -> Sensors:

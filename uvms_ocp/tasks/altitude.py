@@ -39,13 +39,13 @@ def altitude_row(symbols: TickSymbols, frame: str) -> ca.SX:
 
 def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
     """The frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
-    found = frame or symbols.robot.description.altimeter
-    if found is None:
+    altimeter = frame or symbols.robot.description.altimeter
+    if altimeter is None:
         raise InvalidInput(
             f"{task}: the robot has no altimeter; name its frame in the YAML (altimeter: FRAME) or"
             " as frame="
         )
-    return found
+    return altimeter
 
 
 @lru_cache(maxsize=8)

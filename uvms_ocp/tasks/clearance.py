@@ -55,7 +55,7 @@ class Clearance(Task):
         return self._pairs
 
     def position_limit(self, robot: Robot) -> PositionLimit:
-        """Every pair stays `threshold` apart, also those beyond the `n_nearest`."""
+        """Limit that keeps every pair `threshold` apart, also those beyond the `n_nearest`."""
         model = self.model
         return PositionLimit(
             quantity="clearance",

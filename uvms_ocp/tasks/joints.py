@@ -190,7 +190,7 @@ class Manipulability(Task):
     gain: Positive = 0.1
     """[1/s]"""
     target: Positive = 0.12
-    """[unit of mu] that the rate leads to."""
+    """[unit of mu] value that the rate leads to."""
     activation: SmoothActivation = SmoothActivation(0.02, 0.05)
     """[unit of mu] activation falls over this range."""
 
@@ -218,9 +218,9 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
     """
     robot = symbols.robot
     J = symbols.kinematics.jacobian(frame)
-    held = [robot.joint(name).idx_v for name in limits.held_joints(robot.model, robot.joints)]
+    held_axes = [robot.joint(name).idx_v for name in limits.held_joints(robot.model, robot.joints)]
     moving = [
-        k for k in range(robot.n_vehicle, robot.n_v) if k not in held and not J[:, k].is_zero()
+        k for k in range(robot.n_vehicle, robot.n_v) if k not in held_axes and not J[:, k].is_zero()
     ]
     if not moving:
         raise InvalidInput(

@@ -62,11 +62,11 @@ class NearestPairs:
     task: str
     """Name of the task that asks."""
     model: CollisionModel
-    """All pairs."""
+    """Collision model with all pairs."""
     n: int
-    """How many of them at most."""
+    """Number of pairs that are measured at most."""
     threshold: float
-    """[m] by which they stay apart."""
+    """[m] distance by which the pairs stay apart."""
 
     def __post_init__(self) -> None:
         if self.n < 1:
@@ -235,9 +235,9 @@ class Task(ABC):
     """
 
     name: str
-    """Unique in a hierarchy."""
+    """Name, unique in a hierarchy."""
     task_class: TaskClass
-    """Which decides its priority unless an order is given."""
+    """Class, which decides the priority unless an order is given."""
     reactive: ClassVar[bool] = True
     """True for a task that follows a measurement."""
     equality: ClassVar[bool] = True

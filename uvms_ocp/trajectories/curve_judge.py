@@ -23,8 +23,8 @@ _NEIGHBOURS = 3  # way points whose derivatives share a piece with those of one,
 
 
 def largest_miss(curve: PiecewisePolynomial, lower: Array, upper: Array) -> float:
-    """How far the curve is from its conditions at way points, on either side of each, relative to
-    the size of the derivative; at most `KEPT` of one that keeps them.
+    """Return how far the curve is from its conditions at way points, on either side of each,
+    relative to the size of the derivative; at most `KEPT` of one that keeps them.
 
     lower, upper (k, n + 1, n_axes) [axis/s^d]: bounds on derivatives 0 .. k - 1 at n + 1 way
     points, equal where one is fixed, infinite where it is free. Derivatives below k must not jump.
@@ -80,8 +80,9 @@ def _to_bernstein(n_coefficients: int) -> Array:
 def achievable_gain(
     slopes: Array, curvature: Array, values: Array, lower: Array, upper: Array
 ) -> float:
-    """How much cheaper [axis^2/s^(2k - 1)] one step makes a curve at least, which its solver has
-    not taken: down the slope of the cost, each derivative by its own curvature; 0 at an optimum.
+    """Return how much cheaper [axis^2/s^(2k - 1)] one step makes a curve at least, which its solver
+    has not taken: down the slope of the cost, each derivative by its own curvature; 0 at an
+    optimum.
 
     Of a positive semi-definite H with at most m entries in a row, ``s' H s <= m sum H_ii s_i^2``
     for every s: a step of ``-slope_i / (m H_ii)`` gains ``sum slope_i^2 / (2 m H_ii)`` or more.

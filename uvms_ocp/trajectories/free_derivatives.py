@@ -72,18 +72,21 @@ def _falling(i: int, d: int) -> int:
 
 
 def _end_data_matrix(k: int) -> _Rational:
-    at_0 = [[Fraction(factorial(d) if i == d else 0) for i in range(2 * k)] for d in range(k)]
-    return np.array(at_0 + [[Fraction(_falling(i, d)) for i in range(2 * k)] for d in range(k)])
+    rows_at_0 = []
+    rows_at_1 = []
+    for d in range(k):
+        rows_at_0.append([Fraction(factorial(d) if i == d else 0) for i in range(2 * k)])
+        rows_at_1.append([Fraction(_falling(i, d)) for i in range(2 * k)])
+    return np.array(rows_at_0 + rows_at_1)
 
 
 def _monomial_cost(k: int) -> _Rational:
     n = 2 * k
-    return np.array(
-        [
-            [Fraction(_falling(i, k) * _falling(j, k), max(i + j - n + 1, 1)) for j in range(n)]
-            for i in range(n)
-        ]
-    )
+    rows = []
+    for i in range(n):
+        factors = [_falling(i, k) * _falling(j, k) for j in range(n)]
+        rows.append([Fraction(factors[j], max(i + j - n + 1, 1)) for j in range(n)])
+    return np.array(rows)
 
 
 def _inverse(matrix: _Rational) -> _Rational:
@@ -112,7 +115,7 @@ class Pieces:
     unit: float
     """[s] geometric mean of the durations."""
     durations: Array
-    """(n,) in units of ``unit``."""
+    """(n,) durations in units of ``unit``."""
     node_times: Array
     """(n + 1,) scale of time at each node, in units of ``unit``."""
     scale: Array
@@ -217,8 +220,8 @@ def cost_curvature(pieces: Pieces) -> Array:
     """
     k = pieces.k
     h = pieces.durations * pieces.unit
-    own = np.diag(hermite_cost(k))[:, None] * np.tile(_powers(h, k) ** 2, (2, 1))
-    return onto_nodes((2.0 * h ** (1 - 2 * k) * own)[:, :, None], k)
+    piece_curvature = np.diag(hermite_cost(k))[:, None] * np.tile(_powers(h, k) ** 2, (2, 1))
+    return onto_nodes((2.0 * h ** (1 - 2 * k) * piece_curvature)[:, :, None], k)
 
 
 def _powers(x: Array, k: int) -> Array:
@@ -229,14 +232,14 @@ def _powers(x: Array, k: int) -> Array:
     return rows
 
 
-def _relative(values: Array, left: Array, right: Array) -> Array:
-    """(2k, n, n_axes) values at both ends of each piece, scaled by left and right (k, n, 1), from
-    its start.
+def _relative(values: Array, start_scale: Array, end_scale: Array) -> Array:
+    """(2k, n, n_axes) values at both ends of each piece, scaled by start_scale and end_scale (k,
+    n, 1), from its start.
     """
     k, n_nodes, n_axes = values.shape
     data = np.empty((2 * k, n_nodes - 1, n_axes))
-    np.multiply(values[1:, :-1], left[1:], out=data[1:k])
-    np.multiply(values[1:, 1:], right[1:], out=data[k + 1 :])
+    np.multiply(values[1:, :-1], start_scale[1:], out=data[1:k])
+    np.multiply(values[1:, 1:], end_scale[1:], out=data[k + 1 :])
     np.subtract(values[0, 1:], values[0, :-1], out=data[k])
     data[0] = 0.0
     return data
@@ -272,17 +275,19 @@ def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
     k = pieces.k
     b = rows.size
     cost = hermite_cost(pieces.k)
-    left = pieces.scale[rows, :, 0] * free[:, :-1]
-    right = pieces.scale[rows + k, :, 0] * free[:, 1:]
-    weighted_left = left * pieces.weight[:, 0]
-    weighted_right = right * pieces.weight[:, 0]
+    start_scale = pieces.scale[rows, :, 0] * free[:, :-1]
+    end_scale = pieces.scale[rows + k, :, 0] * free[:, 1:]
+    weighted_left = start_scale * pieces.weight[:, 0]
+    weighted_right = end_scale * pieces.weight[:, 0]
     band = np.zeros((free.shape[1], b, 2 * b))
     for c in range(b):
         for a in range(c, b):
-            band[:-1, c, a - c] += cost[rows[a], rows[c]] * weighted_left[a] * left[c]
-            band[1:, c, a - c] += cost[k + rows[a], k + rows[c]] * weighted_right[a] * right[c]
+            band[:-1, c, a - c] += cost[rows[a], rows[c]] * weighted_left[a] * start_scale[c]
+            band[1:, c, a - c] += cost[k + rows[a], k + rows[c]] * weighted_right[a] * end_scale[c]
         for a in range(b):
-            band[:-1, c, b + a - c] = cost[k + rows[a], rows[c]] * weighted_right[a] * left[c]
+            band[:-1, c, b + a - c] = (
+                cost[k + rows[a], rows[c]] * weighted_right[a] * start_scale[c]
+            )
     band[:, :, 0] += ~free.T
     return band
 

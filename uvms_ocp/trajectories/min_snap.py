@@ -175,28 +175,28 @@ def checked_times(times: ArrayLike, n: int) -> Array:
     if not np.isfinite(knots).all():
         index = int(np.argmin(np.isfinite(knots)))
         raise InvalidInput(f"time {index} is {knots[index]}; it must be finite [s].")
-    wrong = knots[1:] <= knots[:-1]
-    if wrong.any():
-        index = int(np.argmax(wrong)) + 1
+    is_not_increasing = knots[1:] <= knots[:-1]
+    if is_not_increasing.any():
+        index = int(np.argmax(is_not_increasing)) + 1
         raise InvalidInput(
             f"time {index} is {knots[index]} after {knots[index - 1]}; times must increase [s]."
         )
     return knots
 
 
-def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> None:
-    if given is None:
+def _set_end(values: Array, fixed: Mask, boundary: ArrayLike | None, name: str) -> None:
+    if boundary is None:
         return
-    rows = np.asarray(given, dtype=float)
+    rows = np.asarray(boundary, dtype=float)
     n_given = values.shape[0] if rows.ndim == 0 else rows.shape[0]
     if (
         rows.ndim not in (0, 2)
         or n_given > values.shape[0]
         or (rows.ndim and rows.shape[1] != values.shape[1])
     ):
-        wrong = f"the {name} boundary has shape {rows.shape}"
+        problem = f"the {name} boundary has shape {rows.shape}"
         raise InvalidInput(
-            f"{wrong}; allowed is a number or (n_given, {values.shape[1]}) with n_given <="
+            f"{problem}; allowed is a number or (n_given, {values.shape[1]}) with n_given <="
             f" {values.shape[0]}."
         )
     values[:n_given] = rows
@@ -205,11 +205,12 @@ def _set_end(values: Array, fixed: Mask, given: ArrayLike | None, name: str) -> 
 
 def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: int) -> None:
     k, n_nodes, n_axes = values.shape
-    node, d = constraint.node, constraint.derivative
+    node = constraint.node
+    d = constraint.derivative
     if not -n_nodes <= node < n_nodes or not 1 <= d < k:
-        wrong = f"constraint {index} is on derivative {d} of way point {node}"
+        problem = f"constraint {index} is on derivative {d} of way point {node}"
         raise InvalidInput(
-            f"{wrong}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to"
+            f"{problem}; allowed are derivatives 1 to {k - 1} of way points {-n_nodes} to"
             f" {n_nodes - 1}."
         )
     axes = list(range(n_axes) if constraint.axes is None else constraint.axes)
@@ -217,16 +218,16 @@ def _set_constraint(values: Array, fixed: Mask, constraint: Constraint, index: i
         raise InvalidInput(
             f"constraint {index} is on axes {axes}; there are axes 0 to {n_axes - 1}."
         )
-    given = np.asarray(constraint.value, dtype=float)
-    if given.shape not in ((), (len(axes),)):
+    value = np.asarray(constraint.value, dtype=float)
+    if value.shape not in ((), (len(axes),)):
         raise InvalidInput(
-            f"constraint {index} has value {given}; allowed is a number or one per axis."
+            f"constraint {index} has value {value}; allowed is a number or one per axis."
         )
-    if np.any(fixed[d, node, axes] & (values[d, node, axes] != given)):
+    if np.any(fixed[d, node, axes] & (values[d, node, axes] != value)):
         raise InvalidInput(
             f"constraint {index} contradicts another on derivative {d} of way point {node}."
         )
-    values[d, node, axes] = given
+    values[d, node, axes] = value
     fixed[d, node, axes] = True
 
 
@@ -235,14 +236,14 @@ class CostGradients:
     """Derivatives of the optimal cost."""
 
     times: Array
-    """(n + 1,) [axis^2/s^2k] by the time of each way point."""
+    """(n + 1,) [axis^2/s^2k] slope by the time of each way point."""
     durations: Array
-    """(n,) [axis^2/s^2k] by the duration of each piece, the others unchanged."""
+    """(n,) [axis^2/s^2k] slope by the duration of each piece, the others unchanged."""
     waypoints: Array
-    """(n + 1, n_axes) [axis/s^(2k - 1)] by the position of each way point."""
+    """(n + 1, n_axes) [axis/s^(2k - 1)] slope by the position of each way point."""
     node_derivatives: Array
-    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] by every derivative at every way point; zero where
-    it is free.
+    """(k, n + 1, n_axes) [axis/s^(2k - 1 - d)] slope by every derivative at every way point; zero
+    where it is free.
     """
 
 
@@ -338,12 +339,12 @@ def _scale_of_cost(curve: MinSnap, problem: NodeProblem) -> float:
 def _rounding_decides(problem: NodeProblem) -> str:
     durations = np.diff(problem.times)
     short = int(np.argmin(durations))
-    wrong = (
+    cause = (
         f"way points {short} and {short + 1} are {durations[short]:.3g} s apart, of"
         f" {durations.sum():.3g} s in all"
     )
     return (
-        f"{wrong}: rounding decides the curve; merge way points that nearly coincide, or give"
+        f"{cause}: rounding decides the curve; merge way points that nearly coincide, or give"
         " them more time."
     )
 
@@ -428,10 +429,10 @@ def min_snap_qp(
     lower = np.stack([low for low, _ in limits], axis=2)
     upper = np.stack([high for _, high in limits], axis=2)
     solved = [qp.solve(problem, axis, *limits[axis]) for axis in range(len(limits))]
-    found = solution_of(problem.times, pieces, np.stack(solved, axis=2))
-    slopes = free_derivatives.cost_slopes(pieces, found.node_derivatives)[1]
-    _require_proven(found, problem, pieces, lower, upper, slopes)
-    return found
+    solution = solution_of(problem.times, pieces, np.stack(solved, axis=2))
+    slopes = free_derivatives.cost_slopes(pieces, solution.node_derivatives)[1]
+    _require_proven(solution, problem, pieces, lower, upper, slopes)
+    return solution
 
 
 class _Qp:
@@ -477,21 +478,24 @@ class _Qp:
         """Derivatives 0 .. k - 1 at every node (end of the last piece for the last), then their
         continuity.
         """
-        rows = [
-            ca.DM(
-                np.stack([free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)])
-            )
-            for u in (0.0, 1.0)
-        ]
-        starts, ends = (
-            [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ own) for t in self.tau] for own in rows
-        )
+        starts = self._end_rows(0.0)
+        ends = self._end_rows(1.0)
         nodes = ca.diagcat(*starts[:-1], ca.vertcat(starts[-1], ends[-1]))
         if self.n == 1:
             return nodes
-        before = ca.horzcat(ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k))
-        after = ca.horzcat(ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:]))
-        return ca.vertcat(nodes, before - after)
+        end_rows_of_piece = ca.horzcat(
+            ca.diagcat(*ends[:-1]), ca.DM(self.k * (self.n - 1), 2 * self.k)
+        )
+        start_rows_of_next = ca.horzcat(
+            ca.DM(self.k * (self.n - 1), 2 * self.k), ca.diagcat(*starts[1:])
+        )
+        return ca.vertcat(nodes, end_rows_of_piece - start_rows_of_next)
+
+    def _end_rows(self, u: float) -> list[ca.DM]:
+        """Derivatives 0 .. k - 1 at unit time u of each piece, by its coefficients."""
+        rows = [free_derivatives.monomial_row(u, d, 2 * self.k) for d in range(self.k)]
+        matrix = ca.DM(np.stack(rows))
+        return [ca.sparsify(ca.diag(t ** -np.arange(self.k)) @ matrix) for t in self.tau]
 
     def limits(self, problem: NodeProblem, axis: int) -> tuple[Array, Array]:
         """Bounds (k, n + 1) [axis/s^d] on the node derivatives of one axis."""
@@ -501,11 +505,11 @@ class _Qp:
         upper = np.where(fixed, values, np.inf)
         for index, bound in enumerate(self.bounds):
             if not 0 <= bound.derivative < self.k or not -self.n - 1 <= bound.node <= self.n:
-                wrong = (
+                mismatch = (
                     f"bound {index} is on derivative {bound.derivative} of way point {bound.node}"
                 )
                 raise InvalidInput(
-                    f"{wrong}; allowed are derivatives 0 to {self.k - 1} of way points 0 to"
+                    f"{mismatch}; allowed are derivatives 0 to {self.k - 1} of way points 0 to"
                     f" {self.n}."
                 )
             lower[bound.derivative, bound.node] = max(
@@ -555,13 +559,13 @@ class MotionLimits:
         """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
         they are of other shape.
         """
-        given = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
-        for name, limit in zip(("velocity", "acceleration", "jerk"), given, strict=True):
+        limits = (np.asarray(self.velocity), np.asarray(self.acceleration), np.asarray(self.jerk))
+        for name, limit in zip(("velocity", "acceleration", "jerk"), limits, strict=True):
             if limit.shape not in ((), (n_axes,)):
                 raise InvalidInput(
                     f"the {name} limit has shape {limit.shape}; allowed is () or ({n_axes},)."
                 )
-        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in given])
+        return np.stack([np.broadcast_to(limit, (n_axes,)) for limit in limits])
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
         """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
@@ -646,10 +650,10 @@ def optimal_times(
         return start + np.concatenate([[0.0], np.cumsum(np.exp(log_durations))])
 
     def objective(log_durations: Array) -> tuple[float, Array]:
-        found = _least(waypoints, knots(log_durations), specification)[0]
+        curve = _least(waypoints, knots(log_durations), specification)[0]
         h = np.exp(log_durations)
-        return float(time_weight * h.sum() + found.cost), (
-            time_weight + found.gradients().durations
+        return float(time_weight * h.sum() + curve.cost), (
+            time_weight + curve.gradients().durations
         ) * h
 
     guess = min_snap(waypoints, times, specification)

@@ -233,8 +233,8 @@ class PiecewisePolynomial(FieldTable):
 
 @checked
 def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
-    """One curve after the other, each shifted to begin where the one before ends; lower degrees are
-    padded.
+    """Join one curve after the other, each shifted to begin where the one before ends; lower
+    degrees are padded.
 
     Raises `InvalidInput` for no curve, or numbers of axes that differ (the offending index is
     named).
@@ -260,10 +260,10 @@ def _check_breaks(breaks: Array) -> None:
         raise InvalidInput(
             f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1."
         )
-    wrong = ~(np.diff(breaks) > 0.0)
-    if wrong.any() or not np.isfinite(breaks).all():
-        if wrong.any():
-            index = int(np.argmax(wrong)) + 1
+    is_not_increasing = ~(np.diff(breaks) > 0.0)
+    if is_not_increasing.any() or not np.isfinite(breaks).all():
+        if is_not_increasing.any():
+            index = int(np.argmax(is_not_increasing)) + 1
         else:
             index = int(np.argmin(np.isfinite(breaks)))
         raise InvalidInput(

@@ -30,14 +30,22 @@ SCENARIOS: dict[str, Callable[..., Scenario]] = {scenario.__name__: scenario for
 
 
 def _signature_of(scenario: Callable[..., Any]) -> Signature:
-    """With the options of all scenarios in the place of ``**options``, for help and completion."""
-    own = signature(scenario)
+    """Return the signature with the options of all scenarios in the place of ``**options``, for
+    help and completion.
+    """
+    declared_signature = signature(scenario)
     shared = signature(RunOptions).parameters
-    kept = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    more = [
-        each.replace(default=None) for name, each in shared.items() if name not in own.parameters
+    parameters = [
+        parameter
+        for parameter in declared_signature.parameters.values()
+        if parameter.kind is not parameter.VAR_KEYWORD
     ]
-    return own.replace(parameters=[*kept, *more])
+    shared_parameters = [
+        parameter.replace(default=None)
+        for name, parameter in shared.items()
+        if name not in declared_signature.parameters
+    ]
+    return declared_signature.replace(parameters=[*parameters, *shared_parameters])
 
 
 for _scenario in _ALL:

@@ -68,8 +68,10 @@ def reach(
     way_point = pose_facing(origin, point, Kinematics(robot, q0))
     posture = VehiclePose(goal=way_point), JointTracking(joints=robot.joint_names, goal=robot.home)
     tasks = [*SAFETY, ToolPosition(goal=pin.SE3(np.eye(3), point)), *posture]
-    there = Below(quantity="TP.position_error", limit=tolerance)
-    reaching = phase_of("B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, there, hold=1.0)
+    tool_condition = Below(quantity="TP.position_error", limit=tolerance)
+    reaching = phase_of(
+        "B", "reach", ("JL", "MAC", "HA", "TP", "PC", "MP"), DONE, tool_condition, hold=1.0
+    )
     return run.scenario(
         name="reach",
         mission=mission_of(
@@ -101,14 +103,14 @@ class Circle:
     """
 
     centre: np.ndarray
-    """(3,) [m] in W."""
+    """(3,) [m] centre in W."""
     across: np.ndarray
     """(3,) horizontal unit vector in the plane of the circle."""
     radius: float
     """[m]"""
     turns: float
     duration: float
-    """[s] of all turns."""
+    """[s] duration of all turns."""
 
     @property
     def end(self) -> float:
@@ -168,11 +170,11 @@ def bluerov_inspection(
         ToolPosition(goal=circle(0.0)[0]),
         *posture,
     ]
-    there = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
+    outer_condition = Below(quantity="TP.position_error", limit=0.06 if run.noise else 0.02)
     on = ("JL", "MAC", "HA", "FV", "TP", "PC", "MP")
-    near = replace(there, limit=there.limit / 2)
-    turn = phase_of("C", "turn", on, DONE, there, hold=turning + 1.0, TP=circle)
-    phases = (approach_phase(), phase_of("B", "hold", on, "C", near, hold=1.0), turn)
+    inner_condition = replace(outer_condition, limit=outer_condition.limit / 2)
+    turn = phase_of("C", "turn", on, DONE, outer_condition, hold=turning + 1.0, TP=circle)
+    phases = (approach_phase(), phase_of("B", "hold", on, "C", inner_condition, hold=1.0), turn)
     return run.scenario(
         name="bluerov_inspection",
         mission=mission_of(run.robot, tasks, phases, abort=abort_phase("JL", "MAC", "HA", "MP")),

@@ -60,13 +60,13 @@ class Thresholds:
     landing_altitude: Magnitude = 0.17
     """[m] C to D."""
     landing_hold: Magnitude = 0.2
-    """[s] for which the landing altitude is held."""
+    """[s] time for which the landing altitude is held."""
     tool_position: Magnitude = 1e-3
     """[m] end of D."""
     tool_orientation: Magnitude = 1e-3
     """[rad] end of D."""
     tool_hold: Magnitude = 1.0
-    """[s] for which the tool is held."""
+    """[s] time for which the tool is held."""
 
     @staticmethod
     def suggested(*, plant: str, noise: bool) -> Thresholds:
@@ -168,23 +168,23 @@ def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
     posture = robot.home.copy()
     bearing = 0.0
     height = float(places[0][2])
-    near = [robot.home]
+    postures = [robot.home]
     if share < 1.0:
         arm = ArmReach(robot, "tool", rotation_weight=0.0)
-        own = [robot.joint_names.index(joint) for joint in joints]
-        found: dict[float, ReachResult] = {}
+        arm_joints = [robot.joint_names.index(joint) for joint in joints]
+        reaches: dict[float, ReachResult] = {}
         for angle in (0.0, _ASIDE, -_ASIDE):
             ahead = share * _DISTANCE * np.array([np.cos(angle), np.sin(angle)])
-            found[angle] = arm.solve(pin.SE3.Identity(), pose_at((*ahead, height)), near)
-            near.append(found[angle].joints)
+            reaches[angle] = arm.solve(pin.SE3.Identity(), pose_at((*ahead, height)), postures)
+            postures.append(reaches[angle].joints)
         bearing = max(
-            found,
+            reaches,
             key=lambda angle: (
-                found[angle].reached,
-                min(_spare(robot, found[angle].joints)[own[0]], _ASIDE),
+                reaches[angle].reached,
+                min(_spare(robot, reaches[angle].joints)[arm_joints[0]], _ASIDE),
             ),
         )
-        posture[own] = found[bearing].joints[own]
+        posture[arm_joints] = reaches[bearing].joints[arm_joints]
     return np.array([share, share, 1.0]), posture, bearing
 
 
@@ -228,7 +228,7 @@ def case1_tasks(
         tool = ToolPose(goal=tool_goal)
     else:
         tool = ToolPosition(name="T", goal=tool_goal)
-    held = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
+    posture_task = JointTracking(joints=wrist, goal=posture[-_N_POSTURE_JOINTS:])
     return [
         NullVelocity(),
         *SAFETY,
@@ -236,7 +236,7 @@ def case1_tasks(
         LandingAltitude(),
         VehiclePose(goal=way_point),
         tool,
-        held,
+        posture_task,
     ]
 
 

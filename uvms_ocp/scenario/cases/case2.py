@@ -100,7 +100,8 @@ def plan_arm(scenario: Scenario, clearance: float = 0.05) -> soft_collision.Coll
             " lands"
         )
     velocity, acceleration = (
-        _SHARE * own[robot.joint_v] for own in (robot.limits.velocity, robot.limits.acceleration)
+        _SHARE * axis_limits[robot.joint_v]
+        for axis_limits in (robot.limits.velocity, robot.limits.acceleration)
     )
     limits = MotionLimits(velocity=velocity, acceleration=acceleration)
     options = soft_collision.SoftCollisionOptions(
@@ -139,7 +140,8 @@ class ToolPath:
         """X_WT and its rate (6,) in W, linear rows first, at time t [s]."""
         value, rate = self.joints(t)
         q = self.base.copy()
-        lower, upper = self.robot.limits.position_lower, self.robot.limits.position_upper
+        lower = self.robot.limits.position_lower
+        upper = self.robot.limits.position_upper
         q[self.robot.joint_q] = np.clip(value, lower, upper)
         kinematics = Kinematics(self.robot, q)
         return kinematics.pose(self.frame), kinematics.jacobian(self.frame)[

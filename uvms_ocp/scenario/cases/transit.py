@@ -52,9 +52,9 @@ def transit(
     """A transit of length [m] towards a way point near the floor, held up by the minimum altitude
     alone.
 
-    relief: a name in `uvms_ocp.sim.rough_seafloor.RELIEFS`. min_altitude [m]: h_min. The floor is drawn
-    from `seed`. The altimeter looks straight down and sees a slope only when above it: over steep
-    protuberances a low minimum is not safe. options: those of `RunOptions`.
+    relief: a name in `uvms_ocp.sim.rough_seafloor.RELIEFS`. min_altitude [m]: h_min. The floor is
+    drawn from `seed`. The altimeter looks straight down and sees a slope only when above it: over
+    steep protuberances a low minimum is not safe. options: those of `RunOptions`.
     """
     run = run_options(options)
     floor = HeightField.random(
@@ -126,8 +126,9 @@ def obstacle_field(
         "PC",
         "MP",
         *(task.name for task in sc),
-        *(("CL",) if with_clearance else ()),
     )
+    if with_clearance:
+        on = (*on, "CL")
     phase = phase_of("A", "transit", on, DONE, Below(quantity="PC.position_error", limit=0.1))
     return run.scenario(
         name="obstacle_field",

@@ -60,7 +60,11 @@ def check_echo(setup: Setup) -> Iterator[Finding]:
     """
     tasks = {task.name for task in setup.mission.hierarchy.tasks if task.needs_altimeter}
     blind = setup.altimeter_frame is None or setup.sensors.altimeter_range is None
-    for index in main_path(setup.mission.phases) if blind else [0]:
+    if blind:
+        indices = main_path(setup.mission.phases)
+    else:
+        indices = [0]
+    for index in indices:
         phase = setup.mission.phases[index]
         on = sorted(tasks.intersection(phase.on))
         awaited = {
@@ -125,10 +129,10 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
                     )
 
 
-def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
+def _start(setup: Setup, visit: Visit) -> Iterator[Finding]:
     X_WS = setup.altimeter_pose(setup.start)
     altitude = float(X_WS.translation[2]) - setup.floor_at(X_WS.translation[0], X_WS.translation[1])
-    minimum = first.active(MinimumAltitude)
+    minimum = visit.active(MinimumAltitude)
     if altitude <= 0:
         text = f"the altimeter starts {-altitude:.2f} m inside the floor; raise the start"
         yield Severity.ERROR.finding("start", text, altitude_m=altitude)
@@ -138,7 +142,7 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
             f" {minimum.threshold:g} m"
         )
         yield Severity.WARNING.finding("start", text, altitude_m=altitude)
-    attitude = first.active(HorizontalAttitude)
+    attitude = visit.active(HorizontalAttitude)
     tilt = math.acos(min(1.0, float(pin.Quaternion(setup.start[3:7]).matrix()[2, 2])))
     if attitude is not None and tilt > attitude.activation.end:
         text = (
@@ -151,19 +155,19 @@ def _start(setup: Setup, first: Visit) -> Iterator[Finding]:
 def _way_point(
     setup: Setup, visit: Visit, task: VehiclePose, minimum: MinimumAltitude
 ) -> Iterator[Finding]:
-    """How far the minimum altitude holds the vehicle above its way point."""
+    """Find how far the minimum altitude holds the vehicle above its way point."""
     goal, _ = goals.evaluate_pose(task.name, task.goal, 0.0)
     radius = threshold_of(visit.phase, f"{task.name}.position_error")
     gap = minimum.threshold - _altitude(setup, goal)
     if gap <= 0:
         return
-    first = next(t.name for t in visit.tasks if t in (task, minimum))
+    higher_task = next(t.name for t in visit.tasks if t in (task, minimum))
     figures = {
         "kept_away_m": gap,
         "ball_m": radius,
         "altitude_at_way_point_m": minimum.threshold - gap,
     }
-    if first == task.name:
+    if higher_task == task.name:
         text = (
             f"{task.name} ranks above {minimum.name} and breaks the minimum altitude by {gap:.2f} m"
             " at its way point"
@@ -173,12 +177,15 @@ def _way_point(
     shut = radius is not None and _least_gap(setup, goal, minimum, radius) > 0
     altitudes = f"altitude {minimum.threshold - gap:.2f} m, minimum {minimum.threshold:g} m"
     text = f"{minimum.name} keeps the vehicle {gap:.2f} m above its way point ({altitudes})"
-    outside = (
-        f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by"
-        f" {gap:.2f} m"
-    )
-    severity = Severity.ERROR if shut else Severity.WARNING
-    yield severity.finding(MINIMUM_ALTITUDE, text + outside * shut, visit.phase.name, **figures)
+    if shut:
+        severity = Severity.ERROR
+        text += (
+            f", outside the ball of {radius or 0:g} m that ends the phase; raise the way point by"
+            f" {gap:.2f} m"
+        )
+    else:
+        severity = Severity.WARNING
+    yield severity.finding(MINIMUM_ALTITUDE, text, visit.phase.name, **figures)
 
 
 def _altitude(setup: Setup, X_WB: pin.SE3) -> float:

@@ -96,9 +96,9 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
                     " in it"
                 )
                 yield Severity.WARNING.finding(CHECK, text, phase.name)
-    used = {name for phase in mission.all_phases for name in phase.on}
+    names_on = {name for phase in mission.all_phases for name in phase.on}
     for name in mission.hierarchy.names:
-        if name not in used:
+        if name not in names_on:
             yield Severity.WARNING.finding(
                 CHECK, f"task {name} is never switched on; use it or drop it"
             )
@@ -146,12 +146,12 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
             sigma = allowed.get(condition.quantity, 0.0)
             if isinstance(condition, Below) and condition.limit < sigma:
-                known = (
+                limitation = (
                     f"the sensors tell it to {sigma:.2g} only (one standard deviation): the phase"
                     " may end early, or never"
                 )
-                asked = f"{condition.quantity} < {condition.limit:g} is asked for"
-                text = f"{asked}, but {known}; raise the limit or take better sensors"
+                request = f"{condition.quantity} < {condition.limit:g} is asked for"
+                text = f"{request}, but {limitation}; raise the limit or take better sensors"
                 yield Severity.WARNING.finding(
                     "accuracy", text, phase.name, limit=condition.limit, sensors_allow=sigma
                 )
@@ -233,12 +233,13 @@ def check_energy(setup: Setup) -> Iterator[Finding]:
     silent = [
         thruster.name for thruster in setup.robot.description.thrusters if thruster.power is None
     ]
-    if silent:
+    if not setup.with_forces:
+        why = "the kinematic plant uses none; use the dynamic plant"
+    elif silent:
         why = f"no power is given for thruster {', '.join(silent)}; give it in hydrodynamics.yaml"
     else:
-        why = ""
-    why = why if setup.with_forces else "the kinematic plant uses none; use the dynamic plant"
-    for phase in setup.mission.all_phases if why else ():
+        return
+    for phase in setup.mission.all_phases:
         for condition in phase.conditions:
             if condition.quantity in ENERGIES:
                 text = f"phase {phase.name!r} waits for {condition.quantity}, but {why}"
@@ -252,9 +253,9 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     fastest = float(np.linalg.norm(setup.robot.limits.velocity[:3]))
     place = setup.start[:3]
     nearby = 0.0
-    least = 0.0
+    shortest = 0.0
     for visit in visits:
-        least += _shortest_stay(visit.phase)
+        shortest += _shortest_stay(visit.phase)
         pose = visit.active(VehiclePose)
         if pose is None or callable(pose.goal):
             continue
@@ -263,15 +264,15 @@ def check_time(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
             continue
         goal, _ = evaluate_pose(pose.name, pose.goal, 0.0)
         way = float(np.linalg.norm(goal.translation - place))
-        least += max(way - nearby - threshold, 0.0) / fastest
+        shortest += max(way - nearby - threshold, 0.0) / fastest
         place = goal.translation
         nearby = threshold
-    if least > setup.duration:
+    if shortest > setup.duration:
         text = (
-            f"the phases take {least:.3g} s at least, at {fastest:.3g} m/s along straight ways; the"
-            f" time limit is {setup.duration:.3g} s: give a longer duration"
+            f"the phases take {shortest:.3g} s at least, at {fastest:.3g} m/s along straight ways;"
+            f" the time limit is {setup.duration:.3g} s: give a longer duration"
         )
-        yield Severity.WARNING.finding("time", text, least_s=least, duration_s=setup.duration)
+        yield Severity.WARNING.finding("time", text, least_s=shortest, duration_s=setup.duration)
 
 
 def _shortest_stay(phase: Phase) -> float:
@@ -290,19 +291,19 @@ def _shortest_stay(phase: Phase) -> float:
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
-        for whose in loading.joints_without_inertia(
+        for joint in loading.joints_without_inertia(
             setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)
         ):
             text = (
-                f"no inertia about its axis: {whose}; give an <inertial>, or make the joint fixed"
+                f"no inertia about its axis: {joint}; give an <inertial>, or make the joint fixed"
             )
             yield Severity.ERROR.finding("inertia", text)
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:
     """A note on each part that is not the toolkit's."""
-    for what, name in setup.own_parts.items():
-        yield Severity.NOTE.finding("parts", f"{what} {name} is your own: {_ASSUMPTIONS[what]}")
+    for part, name in setup.own_parts.items():
+        yield Severity.NOTE.finding("parts", f"{part} {name} is your own: {_ASSUMPTIONS[part]}")
 
 
 def check_freedom(
@@ -320,7 +321,9 @@ def check_freedom(
             rows = J[task.name]
             if task.task_class < TaskClass.OPTIMIZATION and _rank(rows) and not _rank(rows @ N):
                 names = ", ".join(
-                    other.name for other in visit.tasks if other.equality and other is not task
+                    competitor.name
+                    for competitor in visit.tasks
+                    if competitor.equality and competitor is not task
                 )
                 text = (
                     f"{task.name} is on but has no freedom left below the other equality tasks"

@@ -67,9 +67,9 @@ class DriveLoad:
     torque: float
     """Largest share of a limit; above 1 the torque is not there."""
     missing: float
-    """[N, N m] of the wrench."""
+    """[N, N m] norm of the part of the wrench that is missing."""
     axes: str
-    """What of it is missing on each axis."""
+    """Text that says what is missing on each axis."""
     drifts: bool
     """The vehicle gives way faster than `_GIVES_WAY` until its drag makes up for it."""
 
@@ -113,8 +113,8 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
 def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
     if load.missing > _SHORT or load.torque > 1.0:
-        more = f"{load.axes or 'nothing'} more than the thrusters give"
-        text = f"to hold still takes {more} and {100 * load.torque:.0f} % of the joint torque"
+        excess = f"{load.axes or 'nothing'} more than the thrusters give"
+        text = f"to hold still takes {excess} and {100 * load.torque:.0f} % of the joint torque"
         slowly = (
             f"; the vehicle gives way by at most {1e3 * _GIVES_WAY:.0f} mm/s or mrad/s, until its"
             " drag makes up for that"
@@ -180,9 +180,9 @@ def _load(
         missing = 0.0
     v[actuated] = -_GIVES_WAY * result.unreachable[actuated] / max(missing, 1e-9)
     if missing > _SHORT:
-        left = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
+        remainder = allocation.allocate(forces(v)[robot.vehicle_v]).unreachable
     else:
-        left = result.unreachable
+        remainder = result.unreachable
     if result.saturated:
         shares = [(abs(result.unreachable[k]), k) for k in actuated]
     else:
@@ -201,7 +201,7 @@ def _load(
         torque=float(np.max(np.abs(tau[robot.joint_v]) / robot.limits.effort, initial=0.0)),
         missing=missing,
         axes=", ".join(axes),
-        drifts=missing > _SHORT and bool(np.linalg.norm(left[actuated]) > _SHORT),
+        drifts=missing > _SHORT and bool(np.linalg.norm(remainder[actuated]) > _SHORT),
     )
 
 
@@ -392,20 +392,22 @@ def check_delays(setup: Setup, visits: Sequence[Visit] = ()) -> Iterator[Finding
 
     A DVL may be as late as it will: it tells of nothing that weight or buoyancy depends on.
     """
-    late = [one for one in _late(setup) if one.delay > 0.0]
+    late = [source for source in _late(setup) if source.delay > 0.0]
     if not (late and setup.with_forces) or "controller" in setup.own_parts:
         return
-    own = CONTROLLER_DEAD_TIME * setup.dt
+    controller_delay = CONTROLLER_DEAD_TIME * setup.dt
     stiffness = [(phase, _stiffness(setup, q)) for phase, q in _postures(setup, visits)]
-    found = [
-        (largest_dead_time(S[one.axes, one.axes], **one.loop), phase, one)
+    bounds = [
+        (largest_dead_time(S[source.axes, source.axes], **source.loop), phase, source)
         for phase, S in stiffness
-        for one in late
+        for source in late
     ]
-    borne, phase, worst = min(found, key=lambda entry: entry[0] / (entry[2].delay + own))
-    if worst.delay + own > borne / _SPARE:
-        bears = max(borne - own, 0.0)
-        allowed = max(borne / _SPARE - own, 0.0)
+    borne, phase, worst = min(
+        bounds, key=lambda entry: entry[0] / (entry[2].delay + controller_delay)
+    )
+    if worst.delay + controller_delay > borne / _SPARE:
+        bears = max(borne - controller_delay, 0.0)
+        allowed = max(borne / _SPARE - controller_delay, 0.0)
         text = (
             f"{worst.what} {worst.delay:.3g} s late, allowed {allowed:.2g} s: loops that carry the"
             " weight by where it was"

@@ -98,8 +98,8 @@ class ArmReach:
     def of_task(
         cls, setup: Setup, task: ToolPose | ToolPosition, *, turned: bool = False
     ) -> ArmReach:
-        """For the frame of a task, with its orientation free where the task, or `turned`, leaves
-        it.
+        """Build it for the frame of a task, with its orientation free where the task, or `turned`,
+        leaves it.
         """
         leans = setup.with_forces and bool(swinging_axes(setup.robot))
         return cls(
@@ -123,23 +123,29 @@ class ArmReach:
         """
         best: ReachResult | None = None
         for start in (*near, *self._starts[:n_random]):
-            found = self._from(X_WB, goal, start)
-            if best is None or found.cost < best.cost:
-                best = found
+            candidate = self._from(X_WB, goal, start)
+            if best is None or candidate.cost < best.cost:
+                best = candidate
+            if self._weight:
+                is_reached = best.reached
             else:
-                best = best
-            if best.reached if self._weight else best.position < REACHED:
+                is_reached = best.position < REACHED
+            if is_reached:
                 break
         if best is None:
             return self._reach(X_WB, goal, 0.5 * (self._lower + self._upper))
         return best
 
     def _from(self, X_WB: pin.SE3, goal: pin.SE3, start: np.ndarray) -> ReachResult:
-        """With the rotation weighed lightly first: it finds its way around more obstacles than the
-        full error.
+        """Search with the rotation weighed lightly first: that finds its way around more obstacles
+        than the full error.
         """
         x = start
-        for weight in (0.1 * self._weight, self._weight) if self._weight else (0.0,):
+        if self._weight:
+            weights = [0.1 * self._weight, self._weight]
+        else:
+            weights = [0.0]
+        for weight in weights:
             x = self._minimise(X_WB, goal, x, weight)
         return self._reach(X_WB, goal, x)
 
@@ -160,20 +166,23 @@ class ArmReach:
             r = weights * error
             J = weights[:, None] * slope
             gradient = J.T @ r
-            free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
-            if not free.any():
+            is_free = ~(((x <= lower) & (gradient > 0.0)) | ((x >= upper) & (gradient < 0.0)))
+            if not is_free.any():
                 break
-            H = J[:, free].T @ J[:, free]
+            H = J[:, is_free].T @ J[:, is_free]
             step = np.zeros(len(x))
-            step[free] = np.linalg.solve(H + damping * np.eye(len(H)), -gradient[free])
-            tried = np.clip(x + step, lower, upper)
-            error, slope, before = *self._error(X_WB, goal, tried), (error, slope)
+            step[is_free] = np.linalg.solve(H + damping * np.eye(len(H)), -gradient[is_free])
+            candidate = np.clip(x + step, lower, upper)
+            previous_error = error
+            previous_slope = slope
+            error, slope = self._error(X_WB, goal, candidate)
             gained = r @ r - (weights * error) @ (weights * error)
             if gained <= 0.0:
-                (error, slope) = before
+                error = previous_error
+                slope = previous_slope
                 damping = 4.0 * damping
             else:
-                x = tried
+                x = candidate
                 damping = max(0.2 * damping, _CONVERGED)
             if abs(gained) < _CONVERGED * (r @ r) or np.abs(step).max() < _CONVERGED:
                 break
@@ -233,9 +242,11 @@ class ReachShortfall:
     likely: ReachResult
 
     def figures(self) -> dict[str, float]:
-        found = {"best": self.best, "worst": self.worst, "likely": self.likely}
-        lengths = {f"missing_{name}_m": value.position for name, value in found.items()}
-        return lengths | {f"missing_{name}_rad": value.orientation for name, value in found.items()}
+        reaches = {"best": self.best, "worst": self.worst, "likely": self.likely}
+        lengths = {f"missing_{name}_m": value.position for name, value in reaches.items()}
+        return lengths | {
+            f"missing_{name}_rad": value.orientation for name, value in reaches.items()
+        }
 
 
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -261,21 +272,24 @@ def distances_missing(
     stop_at: float = np.inf,
 ) -> ReachShortfall:
     """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
-    found: list[ReachResult] = []
+    reaches: list[ReachResult] = []
     likely: list[ReachResult] = []
     for stance in stances:
         for goal in goals:
-            near = [reach.joints for reach in sorted(found, key=_cost)[:_N_NEAR]]
-            found.append(
-                robot_reach.solve(stance.X_WB, goal, near, n_random=_N_FEW if near else None)
+            postures = [reach.joints for reach in sorted(reaches, key=_cost)[:_N_NEAR]]
+            reaches.append(
+                robot_reach.solve(
+                    stance.X_WB, goal, postures, n_random=_N_FEW if postures else None
+                )
             )
-            likely += found[-1:] if stance.likely else []
-        if found[-1].position > stop_at:
+            if stance.likely:
+                likely.append(reaches[-1])
+        if reaches[-1].position > stop_at:
             break
     return ReachShortfall(
-        best=min(found, key=_cost),
-        worst=max(found, key=_cost),
-        likely=max(likely or found, key=_cost),
+        best=min(reaches, key=_cost),
+        worst=max(reaches, key=_cost),
+        likely=max(likely or reaches, key=_cost),
     )
 
 
@@ -308,8 +322,8 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
             " joints"
         )
     best, worst = (
-        f"{one.position:.3f} m ({one.orientation:.2f} rad)"
-        for one in (distances.best, distances.worst)
+        f"{reach.position:.3f} m ({reach.orientation:.2f} rad)"
+        for reach in (distances.best, distances.worst)
     )
     from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
     missed = (
@@ -324,9 +338,9 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
     """The goal; where it comes to rest if it moves; samples of it if it never rests."""
-    last, rate = evaluate_pose(name, goal, setup.duration)
+    last_pose, rate = evaluate_pose(name, goal, setup.duration)
     if not callable(goal) or not rate.any():
-        return [last]
+        return [last_pose]
     return [evaluate_pose(name, goal, t)[0] for t in np.linspace(0.0, setup.duration, _N_TIMES)]
 
 
@@ -340,11 +354,11 @@ def _suggestion(
     if source is None:
         return None
     phase, task = source
-    here, _ = evaluate_pose(task.name, task.goal, 0.0)
-    direction = (goals[0].translation - here.translation) * [1.0, 1.0, 0.0]
+    way_point, _ = evaluate_pose(task.name, task.goal, 0.0)
+    direction = (goals[0].translation - way_point.translation) * [1.0, 1.0, 0.0]
     distance = float(np.linalg.norm(direction))
     for step in np.arange(_STEP, min(distance, _FARTHEST), _STEP):
-        shifted = pin.SE3(here.rotation, here.translation + direction * (step / distance))
+        shifted = pin.SE3(way_point.rotation, way_point.translation + direction * (step / distance))
         phases = list(setup.mission.phases)
         phases[phase] = replace(phases[phase], goals={**phases[phase].goals, task.name: shifted})
         moved = replace(setup, mission=replace(setup.mission, phases=tuple(phases)))
@@ -356,18 +370,20 @@ def _suggestion(
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
     """Index of the last phase before `visit` with a way point, and its task."""
     before = takewhile(lambda earlier: earlier.index != visit.index, forecast(setup))
-    found = [
-        (one.index, task)
-        for one in before
-        if (task := one.active(VehiclePose)) is not None and not callable(task.goal)
+    way_points = [
+        (preceding.index, task)
+        for preceding in before
+        if (task := preceding.active(VehiclePose)) is not None and not callable(task.goal)
     ]
-    if found:
-        return found[-1]
+    if way_points:
+        return way_points[-1]
     return None
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
-    stances = next(later.stances for later in forecast(setup) if later.index == visit.index)
+    stances = next(
+        foreseen.stances for foreseen in forecast(setup) if foreseen.index == visit.index
+    )
     goal = goals[0].translation
     farthest_first = sorted(
         stances, key=lambda stance: -float(np.linalg.norm(goal - stance.position))

@@ -68,29 +68,31 @@ class RobotReport:
 
     @property
     def usable(self) -> bool:
-        """True where nothing found would make results wrong."""
+        """True where no finding would make results wrong."""
         return all(finding.verdict is not RobotVerdict.ERROR for finding in self.findings)
 
     @property
     def advice(self) -> str:
         """Advice for the next step."""
-        number = {
+        counts = {
             verdict: sum(finding.verdict is verdict for finding in self.findings)
             for verdict in RobotVerdict
         }
-        errors = number[RobotVerdict.ERROR]
+        errors = counts[RobotVerdict.ERROR]
         if errors:
             return f"not usable: mend what is called error ({errors}), and check again"
-        begin = (
+        next_step = (
             "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp"
             " show` draws it"
         )
-        warnings = number[RobotVerdict.WARNING]
+        warnings = counts[RobotVerdict.WARNING]
         if warnings:
-            more = f", with {warnings} to look at: what is called warning says how to mend it"
+            warning_advice = (
+                f", with {warnings} to look at: what is called warning says how to mend it"
+            )
         else:
-            more = ""
-        return f"usable{more}; {begin}"
+            warning_advice = ""
+        return f"usable{warning_advice}; {next_step}"
 
 
 @checked
@@ -119,8 +121,8 @@ def check_robot(robot: Robot) -> RobotReport:
         _mass_matrix(robot),
         *_limits(robot),
         *(
-            (_good if good else _warning)("frames", text)
-            for good, text in roles.role_notes(robot.model, robot.description)
+            (_good if is_good else _warning)("frames", text)
+            for is_good, text in roles.role_notes(robot.model, robot.description)
         ),
         *_shapes(robot),
         *_water(robot),
@@ -146,9 +148,11 @@ def _inertias(robot: Robot) -> Iterator[RobotFinding]:
     moving = range(1, robot.model.njoints)
     massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
     principal = {i: np.linalg.eigvalsh(inertias[i].inertia) for i in moving}
-    most = 1.0 + _TRIANGLE_TOLERANCE
+    factor = 1.0 + _TRIANGLE_TOLERANCE
     impossible = [
-        i for i, (a, b, c) in principal.items() if not (a >= -1e-12 and c <= (a + b) * most + 1e-12)
+        i
+        for i, (a, b, c) in principal.items()
+        if not (a >= -1e-12 and c <= (a + b) * factor + 1e-12)
     ]
     if massless:
         yield _warning(
@@ -176,13 +180,13 @@ def _body(robot: Robot, joint: int) -> str:
         if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
     ]
     if names[1:]:
-        more = (
+        fixed_parts = (
             f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})"
         )
     else:
-        more = ""
+        fixed_parts = ""
     if names:
-        return f"{names[0]!r}{more}"
+        return f"{names[0]!r}{fixed_parts}"
     return f"behind joint {robot.model.names[joint]!r}"
 
 
@@ -191,12 +195,12 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
     M = np.triu(M) + np.triu(M, 1).T
     empty = list(joints_without_inertia(robot.model, M))
     if empty:
-        whose = "; ".join(empty)
-        fixed = (
+        joints = "; ".join(empty)
+        advice = (
             "fix the joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT"
         )
         return _error(
-            "mass matrix", f"no inertia about its axis: {whose}; give an <inertial>, or {fixed}"
+            "mass matrix", f"no inertia about its axis: {joints}; give an <inertial>, or {advice}"
         )
     smallest = float(np.linalg.eigvalsh(M).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
@@ -206,14 +210,14 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
-    named = {
+    limits_by_name = {
         "velocity": robot.limits.velocity,
         "acceleration": robot.limits.acceleration,
         "effort": robot.limits.effort,
     }
     unlimited = [
         f"{np.isinf(values).sum()} of {len(values)} {name}"
-        for name, values in named.items()
+        for name, values in limits_by_name.items()
         if np.isinf(values).any()
     ]
     if unlimited:
@@ -262,27 +266,28 @@ def _trim(robot: Robot) -> RobotFinding:
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
     bodies = trim_bodies(robot, force, moment)
-    own = robot.description.trim
+    present_trim = robot.description.trim
     parts = [
         f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y ="
         f" {body.position[1]:.3g} m"
         for body, lift in bodies
     ]
+    linked_bodies = [body.model_copy(update={"link": link}) for body, _ in bodies]
     entries = [
         {key: _rounded(value) for key, value in body.model_dump().items()}
-        for body in (*own, *(body.model_copy(update={"link": link}) for body, _ in bodies))
+        for body in (*present_trim, *linked_bodies)
     ]
     text = yaml.safe_dump(
         entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
     ).strip()
-    more = " in place of what stands there" if own else ""
-    return f"{' and '.join(parts)} of {link} would trim it{more}; trim: {text}"
+    replacement = " in place of what stands there" if present_trim else ""
+    return f"{' and '.join(parts)} of {link} would trim it{replacement}; trim: {text}"
 
 
 def _rounded(value: Any) -> Any:
     """A part of an entry with numbers of five digits."""
     if isinstance(value, tuple):
-        return [_rounded(one) for one in value]
+        return [_rounded(part) for part in value]
     if isinstance(value, float):
         return float(f"{value:.5g}")
     return value
@@ -299,13 +304,12 @@ def trim_bodies(
     lift = -force
     lever = np.array([moment[1], -moment[0]])
     low, high = _hull(robot)
-    taken = [body.name for body in robot.description.trim]
+    used_names = [body.name for body in robot.description.trim]
 
     def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
         name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
-        name = next(
-            free for free in chain([name], (f"{name}_{k}" for k in count(1))) if free not in taken
-        )
+        candidates = chain([name], (f"{name}_{k}" for k in count(1)))
+        name = next(candidate for candidate in candidates if candidate not in used_names)
         x, y = place + 0.0  # no zero with a sign
         return assembly.trim_body(name, float(x), float(y), lift, robot), lift
 
@@ -317,9 +321,12 @@ def trim_bodies(
         return [body("", place, lift)]
     along = lever / np.linalg.norm(lever)
     reach = [_reach(way, low, high) for way in (along, -along)]
-    first = (float(np.linalg.norm(lever)) + lift * reach[1]) / sum(reach)
-    pair = (body("_1", reach[0] * along, first), body("_2", -reach[1] * along, lift - first))
-    return [one for one in pair if abs(one[1]) > 0.0]
+    first_lift = (float(np.linalg.norm(lever)) + lift * reach[1]) / sum(reach)
+    pair = (
+        body("_1", reach[0] * along, first_lift),
+        body("_2", -reach[1] * along, lift - first_lift),
+    )
+    return [entry for entry in pair if abs(entry[1]) > 0.0]
 
 
 def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:

@@ -80,22 +80,21 @@ class PreflightReport(TableDisplay):
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
-        before = [(item.severity.value, item.phase, item.check) for item in self.findings]
+        labels = [(item.severity.value, item.phase, item.check) for item in self.findings]
         head = ("severity", "phase", "check")
         width = max(
             WIDTH
-            - sum(2 + max(map(len, column)) for column in zip(head, *before, strict=True))
+            - sum(2 + max(map(len, column)) for column in zip(head, *labels, strict=True))
             - 2,
             30,
         )
         texts = [textwrap.wrap(item.text, width) or [""] for item in self.findings]
-        pairs = zip(before, texts, strict=True)
-        rows = tuple(
-            (*(cells if k == 0 else ("", "", "")), line)
-            for cells, text in pairs
-            for k, line in enumerate(text)
-        )
-        return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=rows)
+        pairs = zip(labels, texts, strict=True)
+        rows = []
+        for cells, lines in pairs:
+            rows.append((*cells, lines[0]))
+            rows += [("", "", "", line) for line in lines[1:]]
+        return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=tuple(rows))
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -118,13 +117,13 @@ class PreflightReport(TableDisplay):
         """JSON values only."""
         rows = [
             {
-                "severity": one.severity.value,
-                "check": one.check,
-                "phase": one.phase,
-                "text": one.text,
+                "severity": finding.severity.value,
+                "check": finding.check,
+                "phase": finding.phase,
+                "text": finding.text,
             }
-            | {"figures": dict(one.figures)}
-            for one in self.findings
+            | {"figures": dict(finding.figures)}
+            for finding in self.findings
         ]
         return {"accepted": self.accepted, "findings": rows}
 
@@ -314,10 +313,8 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     if landing is not None:
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or landing.rest_altitude
         height = setup.altimeter_height()
-        places = [
-            (x, y, setup.floor_at(x, y) + altitude - height)
-            for x, y, _ in (s.position for s in stances)
-        ]
+        positions = [stance.position for stance in stances]
+        places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in positions]
         stances = tuple(
             replace(stance, position=np.array(place))
             for stance, place in zip(stances, places, strict=True)
