@@ -123,8 +123,8 @@ def _energy(record: Record, axis: Axes) -> None:
 def figure_tracking(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """How well the vehicle follows its reference velocity, and the force that the observer holds
-    responsible.
+    """Draw how well the vehicle follows its reference velocity, and the force that the observer
+    holds responsible.
     """
     if "disturbance" not in record.series or not has_vehicle(record):
         return None
@@ -139,7 +139,7 @@ def figure_tracking(
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
         axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
     velocity, rate = (
-        axis_label(f"{what} error", "v", part, "m") for what, part in _TRACKED.items()
+        axis_label(f"{subject} error", "v", part, "m") for subject, part in _TRACKED.items()
     )
     labels = (velocity, rate, axis_label("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
@@ -196,7 +196,7 @@ def _zooms(
     grid = parent.subplots(2, len(changes), sharex="col", squeeze=False)
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
-            _velocity_lines(axis, record, part, names, around=change)
+            _velocity_lines(axis, record, part, names, center=change)
             style.mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
             # Without it a velocity of rounding size would fill its panel.
@@ -205,32 +205,32 @@ def _zooms(
                 axis.set_ylim((low + high - _LEAST_SPAN) / 2, (low + high + _LEAST_SPAN) / 2)
             if column == 0:
                 axis.set_ylabel(label)
-        shown = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
-        grid[0, column].set_title(f"{shown} at {change:.2f} s", fontsize=style.points(8))
+        phases = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
+        grid[0, column].set_title(f"{phases} at {change:.2f} s", fontsize=style.points(8))
         grid[1, column].set_xlabel(axis_label("time", "t"))
 
 
 def _velocity_lines(
-    axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None
+    axis: Axes, record: Record, part: slice, names: Sequence[str], center: float | None = None
 ) -> None:
     t = record["t"]
     v = record["v"][:, part]
-    if around is None:
-        shown = np.ones(len(t), dtype=bool)
+    if center is None:
+        is_shown = np.ones(len(t), dtype=bool)
     else:
-        shown = np.abs(t - around) <= _ZOOM
+        is_shown = np.abs(t - center) <= _ZOOM
     for values, name, color, dashes in zip(
-        v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
+        v[is_shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
     ):
-        axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
+        axis.plot(t[is_shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
 @style.styled
 def figure_joints(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Joint positions and velocities, with limits where the record gives them; one small panel per
-    joint.
+    """Draw joint positions and velocities, with limits where the record gives them; one small panel
+    per joint.
     """
     names = record.meta.joints
     values = run_meta.joint_positions(record.series, record.meta)
@@ -244,9 +244,9 @@ def figure_joints(
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
+    for axis, title, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
         axis.set_title(
-            axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n["),
+            axis_label(title, name, "joints", meta=record.meta).replace(" [", "\n["),
             pad=1 + style.space_above(record),
         )
     for axis in grid[-1]:
