@@ -167,8 +167,8 @@ def common(
 
 
 def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
-    """The words of a command line with every such option followed by its numbers one by one, as the
-    parser takes them.
+    """Return the words of a command line with every such option followed by its numbers one by one,
+    as the parser takes them.
     """
     command: Any = typer.main.get_command(app)
     for word in words:

@@ -158,7 +158,7 @@ class NewMission:
             yield f"thrusters: none for {lost}; {way}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:
-        """(n_q,) at the way point, with the arm stowed."""
+        """Return the configuration (n_q,) at the way point, with the arm stowed."""
         robot = self.robot
         if not robot.n_vehicle:
             return np.asarray(robot.configuration())
@@ -166,8 +166,8 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Way point to which all axes lead; straight ahead where some are missing and the robot
-        cannot turn there first.
+        """Return the way point to which all axes lead; straight ahead where some are missing and
+        the robot cannot turn there first.
         """
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:
@@ -177,7 +177,7 @@ class NewMission:
         return (_WAY_POINT, _YAW)
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
-        """Positions [m] in W that the tools can reach."""
+        """Return positions [m] in W that the tools can reach."""
         robot = self.robot
         if robot.n_vehicle:
             poses = [Kinematics(robot, goal).pose(tool).translation for tool in self.tools]
@@ -186,11 +186,12 @@ class NewMission:
             return [tuple(np.round(pose + ahead, 2).tolist()) for pose in poses]
         values = np.zeros(robot.n_v)
         for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
-            here = float(goal[joint.idx_q])
-            room = max(low, here - np.pi), min(up, here + np.pi)  # rails may be as long as a tank
-            values[joint.v] = (
-                _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
-            )
+            position = float(goal[joint.idx_q])
+            # Rails may be as long as a tank.
+            lower = max(low, position - np.pi)
+            upper = min(up, position + np.pi)
+            direction = 1.0 if upper - position > position - lower else -1.0
+            values[joint.v] = _SMALL * (upper - lower) * direction
         moved = pin.integrate(robot.model, goal, values)
         return [
             tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist())
@@ -222,13 +223,13 @@ class NewMission:
         return float(np.floor(lowest - 1.0))
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
-        """Names of what there is one of for each tool: the name itself for a single tool."""
+        """Return names of what there is one of for each tool: the name itself for a single tool."""
         if len(self.tools) == 1:
             return [name]
         return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
-        """Lines, each with the name of its task, if it is one."""
+        """Return lines, each with the name of its task, if it is one."""
         robot = self.robot
         if robot.n_joints:
             yield "JointLimits(),", "JL"
@@ -315,7 +316,7 @@ class NewMission:
         return f"{{{', '.join(items)}}}"
 
     def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
-        made = sorted({line.partition("(")[0] for line, name in tasks if name})
+        kinds = sorted({line.partition("(")[0] for line, name in tasks if name})
         options = [
             *(["abort_phase"] if self.robot.n_vehicle else []),
             "activate",
@@ -326,7 +327,7 @@ class NewMission:
             yield "import numpy as np\n"
         yield "import uvms_ocp as uo"
         yield f"from uvms_ocp.scenario.options import {', '.join(options)}"
-        yield f"from uvms_ocp.tasks import {', '.join(made)}"
+        yield f"from uvms_ocp.tasks import {', '.join(kinds)}"
 
 
 def _phase(name: str, title: str, on: list[str], to: str, when: str, comment: str = "") -> str:
@@ -350,28 +351,30 @@ def loading_line(
 ) -> tuple[str, str]:
     """Return the expression for ROBOT and the statement that loads it, for a mission's file."""
 
-    def beside(path: Path) -> str:
+    def relative_path(path: Path) -> str:
         return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
 
-    found = files_of(robot, hydrodynamics)
-    urdf = Path(found["urdf"])
-    water = found["hydrodynamics"]
+    files = files_of(robot, hydrodynamics)
+    urdf = Path(files["urdf"])
+    water = files["hydrodynamics"]
     parts = [f'urdf=ROBOT / "{urdf.name}"']
     if water is not None:
         inside = Path(water).resolve().parent == urdf.resolve().parent
         if inside:
-            where = f"ROBOT / {_quoted(Path(water).name)}"
+            location = f"ROBOT / {_quoted(Path(water).name)}"
         else:
-            where = f"HERE / {_quoted(beside(Path(water)))}"
-        parts.append(f"hydrodynamics={where}")
+            location = f"HERE / {_quoted(relative_path(Path(water)))}"
+        parts.append(f"hydrodynamics={location}")
     for key, value in loading.items():
         if key == "package_dirs":
-            parts.append(
-                f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]"
-            )
+            folders = [f"HERE / {_quoted(relative_path(Path(folder)))}" for folder in value]
+            parts.append(f"{key}=[{', '.join(folders)}]")
         else:
             parts.append(f"{key}={value!r}")
-    return f"HERE / {_quoted(beside(urdf.parent))}", f"return uo.load_robot({', '.join(parts)})"
+    return (
+        f"HERE / {_quoted(relative_path(urdf.parent))}",
+        f"return uo.load_robot({', '.join(parts)})",
+    )
 
 
 def variations_text(mission: NewMission) -> str:

@@ -67,27 +67,27 @@ Json = Annotated[
 
 
 def expand_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command some of whose parameters are dataclasses, as one that has the fields of them as
-    options of its own.
+    """Return a command some of whose parameters are dataclasses as one that has the fields of them
+    as options of its own.
 
     typer reads the options of a command from its signature.
     """
-    own = signature(command, eval_str=True).parameters.values()
-    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    declared = signature(command, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in declared if is_dataclass(p.annotation)}
     shared = {name: _fields_as_parameters(group) for name, group in groups.items()}
 
     @wraps(command)
     def spread(**options: Any) -> None:
-        made = {
+        arguments = {
             name: groups[name](
                 **{parameter.name: options.pop(parameter.name) for parameter in parameters}
             )
             for name, parameters in shared.items()
         }
-        command(**made, **options)
+        command(**arguments, **options)
 
     parameters = [
-        q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
+        q for p in declared for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
     ]
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -103,7 +103,7 @@ def _fields_as_parameters(group: Any) -> list[Parameter]:
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
-    """Defaults of the fields of a dataclass that have one, for options that are to have the
+    """Return defaults of the fields of a dataclass that have one, for options that are to have the
     same.
     """
     return {field.name: field.default for field in fields(kind) if field.default is not MISSING}
@@ -113,7 +113,7 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 
 def folder(words: str | Path) -> Path:
-    """The folder of that name.
+    """Return the folder of that name.
 
     Raises `OutputError` for no name, which would mean the working directory, and for line breaks
     and the like, which would be refused only when results are written.
@@ -295,12 +295,12 @@ Out = Annotated[
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """The options that were given on the command line."""
+    """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
-    """The scenario with the options of the command line.
+    """Build the scenario with the options of the command line.
 
     Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is
     wrong.
@@ -311,8 +311,8 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:
-    """The options with the solver of that name, if one is given. Raises `NameNotFound` for an
-    unknown one.
+    """Return the options with the solver of that name, if one is given. Raises `NameNotFound` for
+    an unknown one.
     """
     if solver is None:
         return options
@@ -324,7 +324,7 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
 
 
 def solver_name(solver: HierarchySolver) -> str:
-    """The name by which the command line knows a solver of that kind."""
+    """Return the name by which the command line knows a solver of that kind."""
     return next(
         (name for name, kind in SOLVERS.items() if kind is type(solver)),
         label(type(solver).__name__),
@@ -332,8 +332,8 @@ def solver_name(solver: HierarchySolver) -> str:
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
-    """Folder of the results unless one is given: what was asked for is part of its name, so that
-    nothing else is there.
+    """Return the folder of the results unless one is given: what was asked for is part of its name,
+    so that nothing else is there.
     """
     return Path(
         "uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items())))
@@ -359,7 +359,7 @@ def _word(name: str, value: Any) -> str:
 
 
 def label(words: str) -> str:
-    """A name for folders, of a name, a file or code of one's own."""
+    """Return a name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
     plain = re.sub(
         r"[^\w.]+",

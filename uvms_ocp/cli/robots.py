@@ -60,7 +60,7 @@ def schema() -> None:
 
 
 def _files(robot: str) -> Path:
-    """The path as it is where there is one, or else the folder of the robot of that name."""
+    """Return the path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
     if robot == path.name and not path.suffix and not path.exists():
         return robot_folder(robot)
@@ -83,17 +83,17 @@ def _print_robot(report: robot_check.RobotReport) -> None:
 
 def list_all(as_json: _Json = False) -> None:
     """List scenarios, robots, plants and solvers."""
-    known = {
+    names_by_kind = {
         "scenarios": list(SCENARIOS),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
         "solvers": list(opt.SOLVERS),
     }
     if as_json:
-        print_json(known)
+        print_json(names_by_kind)
         return
     table = Table("kind", "names", box=None)
-    for kind, names in known.items():
+    for kind, names in names_by_kind.items():
         table.add_row(kind, ", ".join(names))
     console_of().print(table)
 
@@ -143,7 +143,7 @@ def new_robot(
     }
     if files.meshes is not None:
         loading["meshes"] = "yes" if files.meshes else "no"
-    found = proposal.propose(
+    proposed = proposal.propose(
         urdf,
         base=files.base,
         package_dirs=folders,
@@ -154,15 +154,15 @@ def new_robot(
     )
     text, meshes = with_own_meshes(urdf, folders)
     _write(
-        {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text},
+        {out / "robot.urdf": text, out / "hydrodynamics.yaml": proposed.text},
         {out / to: at for to, at in meshes.items()},
     )
     wrong = (
         f
-        for f in robot_check.check_robot(found.robot).findings
+        for f in robot_check.check_robot(proposed.robot).findings
         if f.verdict is robot_check.RobotVerdict.ERROR
     )
-    _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
+    _say([*proposed.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
 
 
 def new_mission(
@@ -209,7 +209,7 @@ def _say(lines: Iterable[str]) -> None:
 
 
 def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) -> None:
-    """All of them, or none where one is there already. copies: of other files."""
+    """Write all of them, or none where one is there already. copies: of other files."""
     for path in files:
         if path.exists():
             raise InvalidInput(f"{path}: is there already; choose another name, or move it away")

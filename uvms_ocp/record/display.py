@@ -38,23 +38,21 @@ class SmallTable:
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are
-        counted.
+        """Return lines of at most 80 characters; what is longer is cut, and rows beyond the first
+        are counted.
         """
         lines = [row for row in (self.head, *self._shown()) if row]
         widths = [
             max(len(row[k]) for row in lines if k < len(row))
             for k in range(max(map(len, lines), default=0))
         ]
-        text = [
-            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip()
-            for row in lines
-        ]
+        text = list[str]()
+        for row in lines:
+            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=False))
+            text.append(_GAP.join(cells).rstrip())
         words = wrap(plain_line(self.words), WIDTH - len(_GAP))
-        return "\n".join(
-            _cut(line)
-            for line in (self.title, *(f"{_GAP}{line}" for line in (*words, *text)), *self._rest())
-        )
+        indented = (f"{_GAP}{line}" for line in (*words, *text))
+        return "\n".join(_cut(line) for line in (self.title, *indented, *self._rest()))
 
     def html(self) -> str:
         """Return a table in HTML; names are text, whatever they hold."""
@@ -81,12 +79,12 @@ class SmallTable:
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """A row for each value, numbers in four digits."""
+    """Return a row for each value, numbers in four digits."""
     return tuple((name.replace("_", " "), cell(value)) for name, value in values.items())
 
 
 def cell(value: Any) -> str:
-    """A value as a table shows it: a number in four digits, a dash for none."""
+    """Format a value as a table shows it: a number in four digits, a dash for none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, float):

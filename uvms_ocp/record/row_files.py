@@ -49,20 +49,20 @@ def append_rows(folder: Path, rows: Mapping[str, np.ndarray], first: int) -> Non
 
 
 def read_row_files(folder: Path) -> dict[str, np.ndarray]:
-    """Series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError` and
-    `ValueError`.
+    """Read series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError`
+    and `ValueError`.
     """
-    found = {
+    series = {
         unquote(path.stem.partition(".")[2]): np.load(path, "r")
         for path in sorted(folder.glob("*.npy"))
     }
-    n = min(map(len, found.values()), default=0)
-    return {name: array[:n] for name, array in found.items()}
+    n = min(map(len, series.values()), default=0)
+    return {name: array[:n] for name, array in series.items()}
 
 
 def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]]:
-    """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped arrays
-    no other rows stay in memory.
+    """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped
+    arrays no other rows stay in memory.
     """
     rows = rows or max(1, _PART // max(1, *(array[:1].nbytes for array in arrays)))
     for first in range(0, len(arrays[0]), rows):

@@ -195,11 +195,11 @@ def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[st
         return f"<p>{escape(empty)}</p>"
     columns = list(dict.fromkeys(name for row in rows for name in row))
     head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
-    body = "".join(
-        f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>"
-        for row in rows
-    )
-    return f"<table><tr>{head}</tr>{body}</table>"
+    lines = []
+    for row in rows:
+        cells = "".join(_cell(row.get(name), name in code) for name in columns)
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
 
 
 def _cell(value: Any, is_code: bool) -> str:

@@ -128,29 +128,17 @@ def figure_left_out(recordings: Sequence[HeldOutRecording]) -> Figure:
 def _bars(
     axis: Axes, recordings: Sequence[HeldOutRecording], horizons: Sequence[float], i: int
 ) -> None:
-    names = list(
-        next((prediction.by for recording in recordings for prediction in recording.horizons), ())
-    )
-    if not names:
+    predictions = [prediction for recording in recordings for prediction in recording.horizons]
+    if not predictions or not predictions[0].by:
         return
-    chosen = [
-        [
-            prediction
-            for recording in recordings
-            for prediction in recording.horizons
-            if prediction.asked == horizon
-        ]
-        for horizon in horizons
-    ]
-    heights = np.array(
-        [
-            [
-                np.median([errors(prediction.by[name])[i] for prediction in predictions])
-                for predictions in chosen
-            ]
-            for name in names
-        ]
-    )
+    names = list(predictions[0].by)
+    heights = np.empty((len(names), len(horizons)))
+    for column, horizon in enumerate(horizons):
+        chosen = [prediction for prediction in predictions if prediction.asked == horizon]
+        for k, name in enumerate(names):
+            heights[k, column] = np.median(
+                [errors(prediction.by[name])[i] for prediction in chosen]
+            )
     for k, name in enumerate(names):
         axis.bar(
             np.arange(len(horizons)) + 0.2 * (k - 1.5),

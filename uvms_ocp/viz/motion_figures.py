@@ -50,8 +50,8 @@ _DIRECTIONS = 48  # that an outline is found in
 def figure_efforts(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken
-    so far.
+    """Draw thrust of every thruster, or the planned wrench, torque of every joint, and the energy
+    taken so far.
     """
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
@@ -161,7 +161,7 @@ def figure_tracking(
 def figure_velocities(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
+    """Draw linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
     phase.
     """
     if not has_vehicle(record):
@@ -258,7 +258,7 @@ def figure_joints(
 
 
 def _joint_bounds(record: Record, n: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Bounds (n,) of positions and of velocities; none where the record tells no limits."""
+    """Return bounds (n,) of positions and of velocities; none where the record tells no limits."""
     limits = record.meta.limits
     if limits is None:
         return [], []
@@ -286,7 +286,7 @@ def _joint_column(
 def figure_path(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """The vehicle's path from above and from the side, coloured by phase, with the markers and
+    """Draw the vehicle's path from above and from the side, coloured by phase, with the markers and
     obstacles of the scenario.
     """
     if not has_vehicle(record):
@@ -311,7 +311,7 @@ def figure_path(
 
 
 def _draw_floor(axis: Axes, record: Record) -> None:
-    """A line for a flat floor, else the floor below the path."""
+    """Draw a line for a flat floor, else the floor below the path."""
     below = floor_heights(record, record["q"][:, :2])
     if below is not None and record.meta.surroundings.floor is None:
         axis.axhline(below[0], color=_SAND, lw=2, label="floor")
@@ -357,8 +357,8 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
 
 
 def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor
-    j; of a mesh its hull.
+    """Return corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is
+    neither i nor j; of a mesh its hull.
     """
     from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
@@ -367,11 +367,12 @@ def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarr
 
 
 def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes
-    i and j among them.
+    """Return points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane
+    of axes i and j among them.
     """
     item = build_obstacle(data)
-    R, p = item.X_WO.rotation, item.X_WO.translation
+    R = item.X_WO.rotation
+    p = item.X_WO.translation
     if data.vertices:
         return np.asarray(np.array(data.vertices) @ R.T + p)
     angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)

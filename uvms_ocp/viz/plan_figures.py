@@ -32,7 +32,7 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 def figure_vehicle_motion(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Planned vehicle axes from position to snap; `None` where none is planned."""
+    """Draw planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(
         record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle", (fig, width)
     )
@@ -57,8 +57,10 @@ def figure_clearance(
     """
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
-    d, meta = record["clearance"], record.plan_meta
-    clearance, link_clearance = meta.clearance_wanted, meta.link_clearance_wanted
+    d = record["clearance"]
+    meta = record.plan_meta
+    clearance = meta.clearance_wanted
+    link_clearance = meta.link_clearance_wanted
     figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path", fig, width)
     for k, name in enumerate(meta.clearance_groups):
         axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
@@ -82,7 +84,8 @@ def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
     """Draw a dot at the smallest distance, with the two shapes, written towards the middle of the
     panel.
     """
-    t, distance = nearest.t, nearest.distance
+    t = nearest.t
+    distance = nearest.distance
     is_early = t < axis.get_xlim()[1] / 2.0
     axis.plot(t, distance, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
     offset = (5 if is_early else -5, -4)

@@ -66,8 +66,8 @@ _Names = str | Sequence[str]
 def figure_estimate(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Errors of position, attitude and joints, estimate less truth, within two standard deviations
-    that the filter gives.
+    """Draw errors of position, attitude and joints, estimate less truth, within two standard
+    deviations that the filter gives.
     """
     if {"q", "q_estimated", "q_std"} <= record.series.keys():
         panels = _panels(record)
@@ -116,8 +116,8 @@ def _panels(record: Record) -> list[_Panel]:
 
 
 def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions
-    (n, 4) xyzw.
+    """Return (n, 3) [rad], the small rotation in B from the true attitude to the measured one;
+    quaternions (n, 4) xyzw.
     """
     v = true[:, :3]
     w = true[:, 3:]
@@ -156,7 +156,7 @@ def _draw(
 def figure_health(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """One bar over time per channel, green where it was good, and below the bars what was said
+    """Draw one bar over time per channel, green where it was good, and below the bars what was said
     against channels.
     """
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
@@ -315,7 +315,7 @@ def plot(
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure | style.Figures:
-    """Every figure that a run or a plan can fill, or one with a panel for each of the names.
+    """Draw every figure that a run or a plan can fill, or one with a panel for each of the names.
 
     names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as
     ``q.z``, or lists of them; see `figure_of`, which tells what it raises. Raises `InvalidInput`

@@ -237,7 +237,8 @@ def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
     """Return the height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record
     knows no floor.
     """
-    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
+    relief = record.meta.surroundings.floor
+    plane = record.meta.surroundings.floor_z
     if relief is not None:
         from scipy.interpolate import RegularGridInterpolator
 

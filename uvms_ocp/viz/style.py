@@ -136,7 +136,7 @@ class RecordFigure(Figure):
         FigureCanvasAgg(self)
 
     def draw(self, renderer: RendererBase) -> None:
-        """Draw it, when ticks get their labels; letters that the font has not are drawn as boxes."""
+        """Draw it, when ticks get their labels; letters that the font has not become boxes."""
         with context(_STYLE), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from")
             super().draw(renderer)
@@ -200,7 +200,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def by_name(draws: Sequence[Callable[..., R]]) -> Mapping[str, Callable[..., R]]:
-    """Functions ``figure_NAME`` by their names."""
+    """Return functions ``figure_NAME`` by their names."""
     return MappingProxyType({draw.__name__.removeprefix("figure_"): draw for draw in draws})
 
 
@@ -309,7 +309,7 @@ def titled(height: float, title: str, fig: Given = None, width: Width = "page") 
 
 
 def abreast(figure: Figure) -> list[Axes]:
-    """The two `VIEWS` beside each other, in a column one below the other; of one scale in both
+    """Add the two `VIEWS` beside each other, in a column one below the other; of one scale in both
     directions.
     """
     wide = inches(figure) > NARROW
@@ -336,7 +336,7 @@ def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look:
 def stacked(
     n_rows: int, height: float, title: str, fig: Given = None, width: Width = "page"
 ) -> tuple[Figure, list[Axes]]:
-    """`n_rows` panels over one time axis; `height` [in] of one panel."""
+    """Add `n_rows` panels over one time axis; `height` [in] of one panel."""
     figure = titled(height * n_rows + 0.55, title, fig, width)
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel(axis_label("time", "t"))
@@ -344,7 +344,7 @@ def stacked(
 
 
 def _flat(ax: Panels) -> list[Axes]:
-    """All of them. Raises `InvalidInput` where something else is among them."""
+    """Return all axes in a list. Raises `InvalidInput` where something else is among them."""
     axes = list(np.ravel(np.array(ax, dtype=object)))
     if not axes or not all(isinstance(axis, Axes) for axis in axes):
         raise InvalidInput(f"ax = {short(ax)}; give an Axes of Matplotlib, or several")
