@@ -212,20 +212,20 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     from uvms_ocp.viz.style import png_of
 
     rate = report["success"]
-    good = table["success"].to_numpy(dtype=bool)
-    drawn = {
-        "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
+    success = table["success"].to_numpy(dtype=bool)
+    figures_by_title = {
+        "success rate": figures.figure_rate(success, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
         "distributions": figures.figure_spread(
-            {name: metric_values(table, name) for name in metrics_among(table)}, good
+            {name: metric_values(table, name) for name in metrics_among(table)}, success
         ),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
-            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(
+            figures_by_title[f"sensitivity of {name}"] = figures.figure_sensitivity(
                 report["sensitivity"], name
             )
-    return {name: png_of(figure, _DPI) for name, figure in drawn.items()}
+    return {name: png_of(figure, _DPI) for name, figure in figures_by_title.items()}
 
 
 def _print_report(report: dict[str, Any], console: Console) -> None:

@@ -30,14 +30,14 @@ def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
             show(record.getMessage())
         return True
 
-    before = _LOGGER.level
+    former_level = _LOGGER.level
     _LOGGER.addFilter(look)
     _LOGGER.setLevel(logging.INFO)
     try:
         yield
     finally:
         _LOGGER.removeFilter(look)
-        _LOGGER.setLevel(before)
+        _LOGGER.setLevel(former_level)
 
 
 def _warns(record: logging.LogRecord) -> bool:

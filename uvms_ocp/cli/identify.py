@@ -153,7 +153,7 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
     kind = CHANNEL_KINDS[name]
     values = channel.values
     t = channel.t
-    about = (
+    facts = (
         name,
         values.shape[1],
         kind.unit,
@@ -163,7 +163,7 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
         float(t[0]),
         float(t[-1]),
     )
-    return dict(zip(_COLUMNS, (*about, channel.rate, channel.missing, channel.delay), strict=True))
+    return dict(zip(_COLUMNS, (*facts, channel.rate, channel.missing, channel.delay), strict=True))
 
 
 # ``identify``: a robot's own numbers, from its own recordings.

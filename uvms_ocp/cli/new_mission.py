@@ -134,28 +134,28 @@ class NewMission:
         """Yield what is left out, one line each, with how to have it."""
         yield from (
             text
-            for good, text in roles.role_notes(self.robot.model, self.robot.description)
-            if not good
+            for is_good, text in roles.role_notes(self.robot.model, self.robot.description)
+            if not is_good
         )
         if not self.has_forces:
             yield (
                 "thrusters: none, so that the mission flies on the kinematic plant; write them into"
                 " hydrodynamics.yaml"
             )
-        loose = [joint.name for joint in self.robot.joints if joint.name not in self.held]
-        if loose:
+        free_joints = [joint.name for joint in self.robot.joints if joint.name not in self.held]
+        if free_joints:
             yield (
-                f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds;"
-                " --lock JOINT fixes it"
+                f"joint {', '.join(free_joints)}: has several degrees of freedom, which no posture"
+                " holds; --lock JOINT fixes it"
             )
         if self.missing:
-            lost = ", ".join(thrusters.AXES[axis] for axis in self.missing)
-            way = (
+            axis_names = ", ".join(thrusters.AXES[axis] for axis in self.missing)
+            way_text = (
                 "it turns to the way point first"
                 if self.turns_first
                 else "the way point lies where the others lead"
             )
-            yield f"thrusters: none for {lost}; {way}, and these axes are left free"
+            yield f"thrusters: none for {axis_names}; {way_text}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:
         """Return the configuration (n_q,) at the way point, with the arm stowed."""
@@ -182,19 +182,19 @@ class NewMission:
         if robot.n_vehicle:
             poses = [Kinematics(robot, goal).pose(tool).translation for tool in self.tools]
             R = pin.rpy.rpyToMatrix(0.0, 0.0, self._way_point()[1])
-            ahead = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
-            return [tuple(np.round(pose + ahead, 2).tolist()) for pose in poses]
+            offset = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
+            return [tuple(np.round(pose + offset, 2).tolist()) for pose in poses]
         values = np.zeros(robot.n_v)
-        for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
+        for joint, lower_limit, upper_limit in limits.bounded_joints(robot.joints, robot.limits):
             position = float(goal[joint.idx_q])
             # Rails may be as long as a tank.
-            lower = max(low, position - np.pi)
-            upper = min(up, position + np.pi)
+            lower = max(lower_limit, position - np.pi)
+            upper = min(upper_limit, position + np.pi)
             direction = 1.0 if upper - position > position - lower else -1.0
             values[joint.v] = _SMALL * (upper - lower) * direction
-        moved = pin.integrate(robot.model, goal, values)
+        configuration = pin.integrate(robot.model, goal, values)
         return [
-            tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist())
+            tuple(np.round(Kinematics(robot, configuration).pose(tool).translation, 3).tolist())
             for tool in self.tools
         ]
 
@@ -286,11 +286,20 @@ class NewMission:
     def _phases(self, names: list[str]) -> Iterator[str]:
         tools = set(self._numbered("TP", ""))
         if self.robot.n_vehicle:
-            to = '"B"' if self.tools else "uo.DONE"
-            on = [name for name in names if name not in tools]
+            next_phase = '"B"' if self.tools else "uo.DONE"
+            vehicle_tasks = [name for name in names if name not in tools]
             if self.turns_first:
-                yield _phase("T", "turn", [name for name in on if name != "PC"], '"A"', "turned")
-            yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
+                yield _phase(
+                    "T", "turn", [name for name in vehicle_tasks if name != "PC"], '"A"', "turned"
+                )
+            yield _phase(
+                "A",
+                "way point",
+                vehicle_tasks,
+                next_phase,
+                "arrived",
+                "  # [s]: noise alone ends no phase",
+            )
         if self.tools:
             yield _phase(
                 "B",
@@ -303,14 +312,12 @@ class NewMission:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 
     def _markers(self) -> str:
-        named = dict(
-            zip(
-                ["target"] if len(self.tools) == 1 else self.tools,
-                self._numbered("TARGET"),
-                strict=True,
-            )
-        )
-        items = [f"{_quoted(name)}: {value}" for name, value in named.items()]
+        if len(self.tools) == 1:
+            names = ["target"]
+        else:
+            names = [*self.tools]
+        values = dict(zip(names, self._numbered("TARGET"), strict=True))
+        items = [f"{_quoted(name)}: {value}" for name, value in values.items()]
         if self.robot.n_vehicle:
             items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
         return f"{{{', '.join(items)}}}"
@@ -330,13 +337,16 @@ class NewMission:
         yield f"from uvms_ocp.tasks import {', '.join(kinds)}"
 
 
-def _phase(name: str, title: str, on: list[str], to: str, when: str, comment: str = "") -> str:
+def _phase(
+    name: str, title: str, tasks: list[str], next_phase: str, condition: str, comment: str = ""
+) -> str:
     lines = [
         "uo.Phase(",
         f'    name="{name}",',
         f'    title="{title}",',
-        f"    activations=activate({', '.join(map(_quoted, on))}),",
-        f"    transitions=(uo.Transition(to={to}, when=({when},), hold=1.0),),{comment}",
+        f"    activations=activate({', '.join(map(_quoted, tasks))}),",
+        f"    transitions=(uo.Transition(to={next_phase}, when=({condition},), hold=1.0),),"
+        f"{comment}",
         "),",
     ]
     return "\n".join(f"        {line}" for line in lines)
@@ -356,14 +366,14 @@ def loading_line(
 
     files = files_of(robot, hydrodynamics)
     urdf = Path(files["urdf"])
-    water = files["hydrodynamics"]
+    hydrodynamics_file = files["hydrodynamics"]
     parts = [f'urdf=ROBOT / "{urdf.name}"']
-    if water is not None:
-        inside = Path(water).resolve().parent == urdf.resolve().parent
-        if inside:
-            location = f"ROBOT / {_quoted(Path(water).name)}"
+    if hydrodynamics_file is not None:
+        is_inside = Path(hydrodynamics_file).resolve().parent == urdf.resolve().parent
+        if is_inside:
+            location = f"ROBOT / {_quoted(Path(hydrodynamics_file).name)}"
         else:
-            location = f"HERE / {_quoted(relative_path(Path(water)))}"
+            location = f"HERE / {_quoted(relative_path(Path(hydrodynamics_file)))}"
         parts.append(f"hydrodynamics={location}")
     for key, value in loading.items():
         if key == "package_dirs":
@@ -383,11 +393,11 @@ def variations_text(mission: NewMission) -> str:
     """
     robot = mission.robot
     text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
-    lacks = [
+    conditions = [
         ("payload.", bool(mission.tools and mission.has_forces)),
         ("start.yaw", bool(robot.n_vehicle)),
         ("water.", bool(robot.description.links and mission.has_forces)),
         ("current.", mission.has_forces),
     ]
-    absent = [f'Variation("{word}' for word, there in lacks if not there]
+    absent = [f'Variation("{word}' for word, is_met in conditions if not is_met]
     return "\n".join(line for line in text.split("\n") if not any(word in line for word in absent))

@@ -78,16 +78,16 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def spread(**options: Any) -> None:
-        arguments = {
-            name: groups[name](
-                **{parameter.name: options.pop(parameter.name) for parameter in parameters}
-            )
-            for name, parameters in shared.items()
-        }
+        arguments = dict[str, Any]()
+        for name, parameters in shared.items():
+            values = {parameter.name: options.pop(parameter.name) for parameter in parameters}
+            arguments[name] = groups[name](**values)
         command(**arguments, **options)
 
     parameters = [
-        q for p in declared for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
+        expanded
+        for p in declared
+        for expanded in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
     ]
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -97,8 +97,10 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
 def _fields_as_parameters(group: Any) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
     return [
-        Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])
-        for f in fields(group)
+        Parameter(
+            field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in fields(group)
     ]
 
 
@@ -361,9 +363,9 @@ def _word(name: str, value: Any) -> str:
 def label(words: str) -> str:
     """Return a name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    plain = re.sub(
+    name = re.sub(
         r"[^\w.]+",
         "_",
         "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))),
     )
-    return plain.strip("_") or "run"
+    return name.strip("_") or "run"

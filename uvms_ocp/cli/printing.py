@@ -144,10 +144,12 @@ def print_findings(console: Console, preflight: PreflightReport, *, notes: bool 
     styles = {"error": "red", "warning": "yellow"}
     for finding in preflight.findings:
         if notes or finding.severity.value in styles:
-            where = f" (phase {finding.phase})" if finding.phase else ""
+            phase_text = f" (phase {finding.phase})" if finding.phase else ""
             style = styles.get(finding.severity.value, "")
             print_line(
-                console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", style
+                console,
+                f"{finding.severity.value}: {finding.check}{phase_text}: {finding.text}",
+                style,
             )
     if notes:
         console.print(

@@ -191,15 +191,15 @@ def ros_definition(kind: str) -> str:
     types in it.
     """
     texts = {kind: ROS_MESSAGES[kind]}
-    todo = [kind]
-    while todo:
+    pending = [kind]
+    while pending:
         inside = [
             word
-            for word in re.split(r"[\s\[\]]+", texts[todo.pop()])
+            for word in re.split(r"[\s\[\]]+", texts[pending.pop()])
             if word in ROS_MESSAGES and word not in texts
         ]
         texts |= {name: ROS_MESSAGES[name] for name in inside}
-        todo += inside
+        pending += inside
     return f"\n{_NEXT}".join(
         [texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())]
     )
@@ -341,11 +341,11 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
         n = len(meta.joints)
         arrays = (positions, series.get("v"), series.get("torque"))
         numbers = [np.empty(0) if array is None else array[:, -n:] for array in arrays]
-        listed = [part for values in numbers for part in (_count(values.shape[-1]), values)]
+        joint_parts = [part for values in numbers for part in (_count(values.shape[-1]), values)]
         yield Topic(
             name="/joint_states",
             kind="sensor_msgs/JointState",
-            parts=(*head, _count(n), *meta.joints, *listed),
+            parts=(*head, _count(n), *meta.joints, *joint_parts),
         )
     for name in _WRENCHES:
         if floating and name in series:
@@ -356,10 +356,10 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
             )
 
 
-def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
+def _transforms(time_stamps: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
     return [
         _count(len(poses)),
-        *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose)),
+        *(part for frame, pose in poses.items() for part in (time_stamps, WORLD, frame, pose)),
     ]
 
 
@@ -386,9 +386,9 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
 
 
 def _log_message(t: float, level: int, text: str) -> bytes:
-    when = stamps(np.array([round(1e9 * t)]))
+    time_stamp = stamps(np.array([round(1e9 * t)]))
     return cdr_messages(
-        1, (when, np.array([level], dtype="u1"), "", text, "", "", _count(0))
+        1, (time_stamp, np.array([level], dtype="u1"), "", text, "", "", _count(0))
     ).tobytes()
 
 

@@ -259,12 +259,15 @@ class Replacement:
         require_own_files(self.target, names, manifest)
         after = Manifest(files={name: fingerprint(self.new / name) for name in names})
         # What the user removed is not ours any more.
-        before = manifest.model_copy(
-            update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}}
-        )
-        needed = parents_of(names)
-        new_folders = {folder for folder in needed if not self._is_there(folder)} | (
-            needed & before.folders
+        old_files = {
+            old_name: fingerprint_before
+            for old_name, fingerprint_before in manifest.files.items()
+            if self._is_there(old_name)
+        }
+        before = manifest.model_copy(update={"files": old_files})
+        parents = parents_of(names)
+        new_folders = {folder for folder in parents if not self._is_there(folder)} | (
+            parents & before.folders
         )
         sync_tree(self.new)
         journal = Journal(

@@ -151,23 +151,22 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
 
 
 def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
-    there = np.isfinite(array)
+    is_finite = np.isfinite(array)
     if name in _UNKNOWN:
         allowed = np.isnan(array)
+    elif name in _ENDLESS:
+        allowed = ~is_finite
     else:
-        if name in _ENDLESS:
-            allowed = ~there
-        else:
-            allowed = np.zeros_like(there)
-    if not (there | allowed).all():
+        allowed = np.zeros_like(is_finite)
+    if not (is_finite | allowed).all():
         raise InvalidInput(
-            f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s;"
-            " record it anew"
+            f"series {name!r} has NaN or infinity"
+            f" at t = {_first_wrong(t, is_finite | allowed):g} s; record it anew"
         )
-    small = ~there | (np.abs(array) <= LARGEST)
-    if not small.all():
+    is_small = ~is_finite | (np.abs(array) <= LARGEST)
+    if not is_small.all():
         raise InvalidInput(
-            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s;"
+            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, is_small):g} s;"
             " record it anew"
         )
 
@@ -179,13 +178,13 @@ def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
 def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
     """Return the fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
-    exact = {
+    widths = {
         "activations": len(meta.tasks),
         "activity": rows,
         "residual": rows,
         "quantities": len(meta.quantities),
     }
-    exact |= {
+    widths |= {
         "current": 3,
         **{
             name: len(SERIES[name].columns)
@@ -194,13 +193,13 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
         },
     }
     if isinstance(meta, PlanMeta):
-        exact |= {name: len(meta.axes) for name in PLANNED} | {
+        widths |= {name: len(meta.axes) for name in PLANNED} | {
             "clearance": len(meta.clearance_groups)
         }
     if meta.limits is not None:
         _check_limits(meta.limits, floating=is_floating(series, meta))
-        exact["torque"] = len(meta.limits.effort)
-    return {name: (n, n) for name, n in exact.items()} | _motion_widths(series, meta)
+        widths["torque"] = len(meta.limits.effort)
+    return {name: (n, n) for name, n in widths.items()} | _motion_widths(series, meta)
 
 
 def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
@@ -365,14 +364,14 @@ class Record(display.TableDisplay):
         """
         # Level 1 is the quickest: slower ones save one or two per cent.
         text = np.array(write_meta(self.meta))
-        small = sum(array.nbytes for array in self.series.values()) <= SMALL
+        is_small = sum(array.nbytes for array in self.series.values()) <= SMALL
         with (
-            durable_files.replacing(Path(path)) as new,
-            ZipFile(new, "w", compresslevel=1) as archive,
+            durable_files.replacing(Path(path)) as new_path,
+            ZipFile(new_path, "w", compresslevel=1) as archive,
         ):
             for name, array in {_META_KEY: text, **self.series}.items():
                 values = np.atleast_1d(array)
-                if small and _packs_well(values):
+                if is_small and _packs_well(values):
                     archive.compression = ZIP_DEFLATED
                 else:
                     archive.compression = ZIP_STORED
@@ -482,10 +481,10 @@ class Record(display.TableDisplay):
         for series that do not fit each other, their times or the metadata.
         """
         try:
-            if (described := Path(path, META)).is_file():
+            if (meta_path := Path(path, META)).is_file():
                 with as_input_errors(Path(path)):
                     return _fitting(
-                        meta=read_text(described, 16 << 20), series=read_row_files(Path(path))
+                        meta=read_text(meta_path, 16 << 20), series=read_row_files(Path(path))
                     )  # which may grow
             record_path = Path(path, output.RECORD)
             path = record_path if record_path.is_file() else path
@@ -496,7 +495,7 @@ class Record(display.TableDisplay):
                     "t",
                     _META_KEY,
                     *only,
-                    *(old for old, new in _RENAMED.items() if new in only),
+                    *(old_name for old_name, new_name in _RENAMED.items() if new_name in only),
                 }
             arrays = _renamed(read_arrays(path, names))
             return _fitting(arrays, _text_of(arrays))
@@ -510,8 +509,8 @@ def _packs_well(array: np.ndarray) -> bool:
     """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits
     lose less, and take longest.
     """
-    some = array[:: 1 + len(array) // 64].tobytes()
-    return 6 * len(zlib.compress(some, 1)) < 5 * len(some)
+    sample = array[:: 1 + len(array) // 64].tobytes()
+    return 6 * len(zlib.compress(sample, 1)) < 5 * len(sample)
 
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:
@@ -650,10 +649,10 @@ class Recorder:
 
     def filled(self, n: int) -> None:
         """Add so many rows, at most `room`, that were written into the block."""
-        first = self._n == 0 and n > 0
+        is_first = self._n == 0 and n > 0
         self._n = self._n + n
         if self.place == self._capacity or (
-            first and self._every > 1
+            is_first and self._every > 1
         ):  # rows end spans of ticks, the first its own
             self._keep()
 
@@ -690,9 +689,9 @@ class Recorder:
         n = self._n - self._kept
         rows = {name: memory[:n] for name, memory in self._block.items() if n}
         if self._every > 1 and n:
-            due = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
-            ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
-            rows = row_rates.thinned_rows(rows, np.unique([*due, *ends, n - 1]))
+            kept_rows = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
+            phase_ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
+            rows = row_rates.thinned_rows(rows, np.unique([*kept_rows, *phase_ends, n - 1]))
         if self._folder:
             with output.as_output_errors(
                 self._folder, "make room; what was written before can be read"

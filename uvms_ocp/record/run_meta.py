@@ -340,24 +340,28 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     """
     if "completed" in values:
         kind = "run"
+    elif "min_clearance" in values:
+        kind = "plan"
     else:
-        kind = "plan" if "min_clearance" in values else "none"
-    named = {
+        kind = "none"
+    field_names = {
         "markers": "position",
         "frames": "pose",
         "true_quantities": "value",
         "versions": "version",
     }
-    lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
-    new = {**values, **lists, "kind": kind, "version": VERSION}
-    new["surroundings"] = {
-        key: new.pop(key) for key in meta_values.SurroundingsMeta.model_fields if key in new
+    lists = {key: _named(values[key], field) for key, field in field_names.items() if key in values}
+    converted = {**values, **lists, "kind": kind, "version": VERSION}
+    converted["surroundings"] = {
+        key: converted.pop(key)
+        for key in meta_values.SurroundingsMeta.model_fields
+        if key in converted
     }
-    if "versions" in new:
-        new["packages"] = new.pop("versions")
+    if "versions" in converted:
+        converted["packages"] = converted.pop("versions")
     if kind == "plan":
-        new["min_clearance"] = _nearest(values["min_clearance"])
-    return new
+        converted["min_clearance"] = _nearest(values["min_clearance"])
+    return converted
 
 
 def _named(values: Any, field: str) -> Any:

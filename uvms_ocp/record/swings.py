@@ -62,14 +62,14 @@ def swing_of(name: str, values: np.ndarray, dt: float) -> Swing | None:
     if n < 2 * _HALVES or not np.isfinite(values).all():
         return None
     parabolas = _parabolas(n)
-    rest = values - parabolas @ (parabolas.T @ values)
-    beyond = np.flatnonzero(np.abs(rest) > 0.5 * rest.std())
-    turns = beyond[1:][np.diff(np.sign(rest[beyond])) != 0]
+    deviations = values - parabolas @ (parabolas.T @ values)
+    large = np.flatnonzero(np.abs(deviations) > 0.5 * deviations.std())
+    turns = large[1:][np.diff(np.sign(deviations[large])) != 0]
     halves = np.diff(turns)
     if len(halves) < _HALVES:
         return None
     peaks = np.array(
-        [np.ptp(rest[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)]
+        [np.ptp(deviations[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)]
     )
     growth = float(
         np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0])
@@ -171,15 +171,15 @@ class SwingWatch:
         if self._count % (self._ticks * round(_ASKED / _EVERY)):
             return []
         past_errors = np.array(self._errors)
-        waiting = {name: (past_errors[:, k], limit) for k, (name, limit) in limits.items()}
+        awaited_errors = {name: (past_errors[:, k], limit) for k, (name, limit) in limits.items()}
         if self._floating:
             tilts = tilts_of(np.array(self._q))
         else:
             tilts = {}
-        new = [
+        new_swings = [
             swing
-            for swing in swings_among(waiting, tilts, self._dt)
+            for swing in swings_among(awaited_errors, tilts, self._dt)
             if swing.what not in self._known
         ]
-        self._known |= {swing.what for swing in new}
-        return new
+        self._known |= {swing.what for swing in new_swings}
+        return new_swings

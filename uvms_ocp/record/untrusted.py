@@ -252,14 +252,14 @@ def _array(
 ) -> np.ndarray:
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
-        read = {
+        header_readers = {
             (1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0,
         }
-        if version not in read:
+        if version not in header_readers:
             raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
-        shape, fortran, dtype = read[version](file)
-        first = file.tell()
+        shape, fortran, dtype = header_readers[version](file)
+        start = file.tell()
         n_bytes = member.file_size - file.tell()
         if dtype.kind not in _KINDS:
             raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
@@ -267,16 +267,17 @@ def _array(
             raise InvalidInput(
                 f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {n_bytes} bytes"
             )
-        mapped = (
+        is_mapped = (
             mapped_file is not None and member.compress_type == ZIP_STORED and n_bytes >= _LARGE
         )
-        while mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
+        while is_mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
             pass
         content: Any = file.read()
-    if mapped_file is not None and mapped:
-        head = member.header_offset + _LENGTHS
-        first += head + 4 + sum(struct.unpack("<HH", mapped_file[head : head + 4].tobytes()))
-        content = mapped_file[first : first + n_bytes]
+    if mapped_file is not None and is_mapped:
+        lengths_start = member.header_offset + _LENGTHS
+        lengths = mapped_file[lengths_start : lengths_start + 4].tobytes()
+        start += lengths_start + 4 + sum(struct.unpack("<HH", lengths))
+        content = mapped_file[start : start + n_bytes]
     numbers = np.frombuffer(content, dtype=dtype)
     if fortran:
         return numbers.reshape(shape[::-1]).T
@@ -387,7 +388,7 @@ class BoundedLoader(yaml.SafeLoader):
         """Compose one value with all that is in it. Raises `ComposerError` beyond the bounds."""
         alias = self.check_event(AliasEvent)
         event = self.peek_event()
-        before = self._values
+        n_before = self._values
         self._require(self._depth < DEEPEST_YAML, f"deeper than {DEEPEST_YAML} levels", event)
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -397,7 +398,7 @@ class BoundedLoader(yaml.SafeLoader):
             self._values += self._sizes[id(node)]
         else:
             self._values += 1
-            self._sizes[id(node)] = self._values - before
+            self._sizes[id(node)] = self._values - n_before
         self._require(
             self._values <= self.most_values, f"more than {self.most_values} values", event
         )

@@ -296,16 +296,18 @@ def figure_path(
     for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
         _path_panel(axis, record, i, j)
         axis.margins(0.14)
-    side = views[-1]
-    _draw_floor(side, record)
-    named = {
+    side_view = views[-1]
+    _draw_floor(side_view, record)
+    lines_by_label = {
         line.get_label(): line
-        for line in side.get_lines()
+        for line in side_view.get_lines()
         if not str(line.get_label()).startswith("_")
     }
-    abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
+    n_columns = max(1, int(style.inches(figure) / style.points(_ENTRY)))
     figure.legend(
-        handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast)
+        handles=list(lines_by_label.values()),
+        loc="outside lower center",
+        ncols=min(len(lines_by_label), n_columns),
     )
     return figure
 

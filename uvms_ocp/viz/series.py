@@ -172,8 +172,8 @@ def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
     """Yield stretches of equal codes (n,): where each begins, where the next one does, or the last
     row, and its code.
     """
-    first = np.flatnonzero(np.diff(codes, prepend=-1))
-    for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
+    starts = np.flatnonzero(np.diff(codes, prepend=-1))
+    for i, j in zip(starts, [*starts[1:], len(codes) - 1], strict=True):
         yield int(i), int(j), int(codes[i])
 
 

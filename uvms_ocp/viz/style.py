@@ -312,10 +312,10 @@ def abreast(figure: Figure) -> list[Axes]:
     """Add the two `VIEWS` beside each other, in a column one below the other; of one scale in both
     directions.
     """
-    wide = inches(figure) > NARROW
-    if not wide and isinstance(figure, RecordFigure):
+    is_wide = inches(figure) > NARROW
+    if not is_wide and isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
-    axes = list(figure.subplots(*((1, 2) if wide else (2, 1))))
+    axes = list(figure.subplots(*((1, 2) if is_wide else (2, 1))))
     for axis, (title, view) in zip(axes, VIEWS.items(), strict=True):
         x, y = (axis_label("xyz"[k], "q", "position") for k in view)
         axis.set(xlabel=x, ylabel=y, title=title)
@@ -357,9 +357,9 @@ def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
     """
     axes = _flat(ax)
     if len(axes) != n or fig is not None:
-        both = " and fig" if fig is not None else ""
+        fig_text = " and fig" if fig is not None else ""
         raise InvalidInput(
-            f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone"
+            f"ax of {len(axes)} axes{fig_text} for {n} names; give one for each name, or fig alone"
         )
     for axis in axes:
         axis.set_xlabel(axis_label("time", "t"))
