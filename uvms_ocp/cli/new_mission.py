@@ -340,13 +340,13 @@ class NewMission:
 def _phase(
     name: str, title: str, tasks: list[str], next_phase: str, condition: str, comment: str = ""
 ) -> str:
+    transition = f"uo.Transition(to={next_phase}, when=({condition},), hold=1.0)"
     lines = [
         "uo.Phase(",
         f'    name="{name}",',
         f'    title="{title}",',
         f"    activations=activate({', '.join(map(_quoted, tasks))}),",
-        f"    transitions=(uo.Transition(to={next_phase}, when=({condition},), hold=1.0),),"
-        f"{comment}",
+        f"    transitions=({transition},),{comment}",
         "),",
     ]
     return "\n".join(f"        {line}" for line in lines)

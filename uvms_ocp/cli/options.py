@@ -363,9 +363,10 @@ def _word(name: str, value: Any) -> str:
 def label(words: str) -> str:
     """Return a name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    name = re.sub(
-        r"[^\w.]+",
-        "_",
-        "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))),
-    )
-    return name.strip("_") or "run"
+    path = Path(place)
+    if "." in place:
+        name = path.stem
+    else:
+        name = path.name
+    parts = "-".join(filter(None, (name, attribute)))
+    return re.sub(r"[^\w.]+", "_", parts).strip("_") or "run"

@@ -315,7 +315,8 @@ def abreast(figure: Figure) -> list[Axes]:
     is_wide = inches(figure) > NARROW
     if not is_wide and isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
-    axes = list(figure.subplots(*((1, 2) if is_wide else (2, 1))))
+    n_rows = 1 if is_wide else 2
+    axes = list(figure.subplots(n_rows, 2 // n_rows))
     for axis, (title, view) in zip(axes, VIEWS.items(), strict=True):
         x, y = (axis_label("xyz"[k], "q", "position") for k in view)
         axis.set(xlabel=x, ylabel=y, title=title)
