@@ -209,14 +209,14 @@ class RobotFiles:
         """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a
         position that is none.
         """
+        folders = [str(Path(folder).resolve()) for folder in self.packages or ()]
+        positions = dict(map(_position, self.lock or ()))
         return given(
             base=self.base,
-            package_dirs=[str(Path(folder).resolve()) for folder in self.packages]
-            if self.packages
-            else None,
+            package_dirs=folders or None,
             meshes=self.meshes,
             mimic=self.mimic,
-            lock=dict(map(_position, self.lock)) if self.lock else None,
+            lock=positions or None,
             drop=self.drop or None,
             tool=self.tool_link or None,
             altimeter=self.altimeter,

@@ -148,14 +148,13 @@ class MotionOptions:
         )
 
     def _obstacles(self) -> tuple[Obstacle, ...]:
-        return (
-            *(read_obstacles(self.obstacles) if self.obstacles else ()),
-            *(
-                parse_obstacle("sphere", words, f"sphere{i}")
-                for i, words in enumerate(self.sphere or (), 1)
-            ),
-            *(parse_obstacle("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
-        )
+        obstacles = list[Obstacle]()
+        if self.obstacles:
+            obstacles += read_obstacles(self.obstacles)
+        for shape, texts in (("sphere", self.sphere), ("box", self.box)):
+            for i, words in enumerate(texts or (), 1):
+                obstacles.append(parse_obstacle(shape, words, f"{shape}{i}"))
+        return tuple(obstacles)
 
 
 def _joint_goal(words: str) -> tuple[str, float]:
@@ -325,13 +324,17 @@ def mission(
         plan, stopped = _or_best(
             lambda: plan_mission(scenario, duration=within, step=step, options=solver)
         )
+
+        def save(folder: Path) -> None:
+            plan.save(folder / "plan.npz")
+
         return PlanOutput(
             robot=scenario.robot,
             report=plan.summary(),
             record=None,
             good=plan.solved,
             stopped=stopped,
-            save=(lambda folder: plan.save(folder / "plan.npz")) if plan.status.usable else None,
+            save=save if plan.status.usable else None,
             show=_print_mission,
         )
 

@@ -179,7 +179,8 @@ def run(
     options = changes.chosen | opt.given(
         noise=noise, seed=seed, duration=duration, record_rate=record_rate
     )
-    options |= {"faults": parse_faults(fault)} if fault else {}
+    if fault:
+        options |= {"faults": parse_faults(fault)}
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 

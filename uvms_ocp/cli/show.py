@@ -137,9 +137,9 @@ def _record(words: str, source: Record | Scenario, console: Console) -> Record:
 
 
 def _percent(change: float | None) -> str | None:
-    return (
-        None if change is None else f"{round(change, 4) + 0.0:+.4g} %"
-    )  # without the noise of sums, and no -0
+    if change is None:
+        return None
+    return f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0
 
 
 # ``estimate``: what filter and health monitor make of a recording.
@@ -304,12 +304,11 @@ def _page(
     if len(ghost_motions) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
     motion = _motion(Path(what), used_robot)
-    return show(
-        motion,
-        None if isinstance(motion, Plan) else used_robot or recorded(motion, Path(what)),
-        ghosts=ghost_motions,
-        fps=fps,
-    )
+    if isinstance(motion, Plan):
+        shown_robot = None
+    else:
+        shown_robot = used_robot or recorded(motion, Path(what))
+    return show(motion, shown_robot, ghosts=ghost_motions, fps=fps)
 
 
 def _motion(path: Path, robot: Robot | None) -> Record | Plan:

@@ -212,11 +212,13 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
     blocks = [np.tile(_HEAD, (n, 1))]
     size = 0
     for part in parts:
+        arrays: tuple[np.ndarray, ...]
         if isinstance(part, str):
             text = np.frombuffer(part.encode() + b"\0", dtype="u1")
+            arrays = (_count(len(text)), text)
         else:
-            text = None
-        for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
+            arrays = (part,)
+        for values in arrays:
             rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
             gap = -size % rows.itemsize if rows.shape[1] else 0
             blocks += [

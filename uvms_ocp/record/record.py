@@ -237,10 +237,10 @@ def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
 
 
 def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
-    counted = {"phase": len(meta.phases)} | (
-        {"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {}
-    )
-    for name, n in counted.items():
+    counts = {"phase": len(meta.phases)}
+    if isinstance(meta, RunMeta):
+        counts["status"] = len(meta.statuses)
+    for name, n in counts.items():
         if name in series:
             values = series[name]
             if (
@@ -517,9 +517,9 @@ def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -
     """Return the record of a file. Raises `InvalidInput` for series that do not fit each other or
     the metadata, and no metadata.
     """
-    record = Record(
-        series=_renamed(series), meta=read_meta(meta) if isinstance(meta, str) else meta
-    )
+    if isinstance(meta, str):
+        meta = read_meta(meta)
+    record = Record(series=_renamed(series), meta=meta)
     check_series(record.series, record.meta)
     return record
 

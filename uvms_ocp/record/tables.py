@@ -221,11 +221,13 @@ def _part(column: str, units: Mapping[str, str]) -> str:
 
 def _joint_entries(meta: Any) -> list[str]:
     """Return what the entries of the joints in q are called: of an endless one there are two."""
-    return [
-        part
-        for name in meta.joints
-        for part in (_circle(name) if name in meta.endless else (name,))
-    ]
+    entries = list[str]()
+    for name in meta.joints:
+        if name in meta.endless:
+            entries += _circle(name)
+        else:
+            entries.append(name)
+    return entries
 
 
 def _circle(name: str) -> tuple[str, str]:
@@ -291,7 +293,9 @@ def flat_columns(
     of its array (n, ...) [unit of it].
     """
     flat = array.reshape(len(array), -1)
-    return column_names(name, flat.shape[1], meta) if array.ndim > 1 else [alone], flat
+    if array.ndim > 1:
+        return column_names(name, flat.shape[1], meta), flat
+    return [alone], flat
 
 
 def to_dataframe(series: Series, meta: Any) -> Any:

@@ -323,7 +323,10 @@ def plot(
     drawn on in the caller's style; by default a figure of our own, of the width of a page or a
     column of a journal, or [in].
     """
-    record = thinned(what if isinstance(what, Record) else what.to_record())
+    if isinstance(what, Record):
+        record = thinned(what)
+    else:
+        record = thinned(what.to_record())
     if names or ax is not None or fig is not None:
         return tasks.figure_of(record, *_flattened(names), ax=ax, fig=fig, width=width)
     draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
@@ -334,9 +337,12 @@ def plot(
 
 def _flattened(names: Sequence[_Names]) -> list[str]:
     """Return the names one by one. Raises `InvalidInput` for what is no name."""
-    flat_names: list[Any] = [
-        item for name in names for item in (name if isinstance(name, tuple | list) else [name])
-    ]
+    flat_names = list[Any]()
+    for name in names:
+        if isinstance(name, tuple | list):
+            flat_names += name
+        else:
+            flat_names.append(name)
     wrong = [repr(item) for item in flat_names if not isinstance(item, str)]
     if wrong or not flat_names:
         raise InvalidInput(

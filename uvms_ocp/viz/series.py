@@ -84,15 +84,17 @@ class FaultSpan:
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
     """Return faults of a run that began before its end; none of a plan."""
     last = float(record["t"][-1])
-    ends = (
-        (fault, last if fault.end is None else min(fault.end, last))
-        for fault in getattr(record.meta, "faults", ())
-        if fault.t <= last
-    )
-    return tuple(
-        FaultSpan(name=fault.text.partition("@")[0], start=fault.t, end=end, ended=end < last)
-        for fault, end in ends
-    )
+    spans = list[FaultSpan]()
+    for fault in getattr(record.meta, "faults", ()):
+        if fault.t > last:
+            continue
+        if fault.end is None:
+            end = last
+        else:
+            end = min(fault.end, last)
+        name = fault.text.partition("@")[0]
+        spans.append(FaultSpan(name=name, start=fault.t, end=end, ended=end < last))
+    return tuple(spans)
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any = None) -> str:

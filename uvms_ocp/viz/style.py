@@ -230,7 +230,11 @@ def _make_legible(figure: Figure, former_artists: set[Artist]) -> None:
 
 def _artists(parent: Artist) -> Iterator[Artist]:
     """Yield all artists within it but the ticks of axes, which nobody has asked for yet."""
-    for child in [parent.label] if isinstance(parent, Axis) else parent.get_children():
+    if isinstance(parent, Axis):
+        children = [parent.label]
+    else:
+        children = parent.get_children()
+    for child in children:
         yield child
         yield from _artists(child)
 
