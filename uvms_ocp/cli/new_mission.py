@@ -52,6 +52,10 @@ class NewMission:
         names = [name for _, name in tasks if name]
         safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
         template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
+        if robot.n_vehicle:
+            abort = f", abort=abort_phase({', '.join(map(_quoted, safe))})"
+        else:
+            abort = ""
         return template.format(
             title=self.title,
             file=file.name,
@@ -66,9 +70,7 @@ class NewMission:
             conditions="\n".join(f"    {line}" for line in self._conditions()),
             phases="\n".join(self._phases(names)),
             name=file.stem if file.stem.isidentifier() else "my_mission",
-            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})"
-            if robot.n_vehicle
-            else "",
+            abort=abort,
             start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
             markers=self._markers(),
         )
@@ -150,11 +152,10 @@ class NewMission:
             )
         if self.missing:
             axis_names = ", ".join(thrusters.AXES[axis] for axis in self.missing)
-            way_text = (
-                "it turns to the way point first"
-                if self.turns_first
-                else "the way point lies where the others lead"
-            )
+            if self.turns_first:
+                way_text = "it turns to the way point first"
+            else:
+                way_text = "the way point lies where the others lead"
             yield f"thrusters: none for {axis_names}; {way_text}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:

@@ -175,15 +175,15 @@ class PlanOutput:
     robot: Robot
     report: dict[str, Any]
     record: Record | None
-    """The motion; None where there is none."""
+    """Record of the motion; None where there is none."""
     good: bool
-    """The goal is reached and nothing touches."""
+    """True where the goal is reached and nothing touches."""
     stopped: bool = False
     """True where Ctrl-C ended the search: the best plan so far is written."""
     save: Callable[[Path], object] | None
-    """Writes what only this method has into a folder; None where there is nothing."""
+    """Function that writes what only this method has into a folder; None where there is nothing."""
     show: Callable[[Console, PlanOutput], object]
-    """Prints the figures of the plan."""
+    """Function that prints the figures of the plan."""
 
     def write(self, folder: Path) -> list[str]:
         """Write the report always, the rest where there is any, but for drawings; returns names of

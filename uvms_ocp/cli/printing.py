@@ -76,7 +76,7 @@ class FoldingTable:
     title: str
     head: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
-    """Column by column."""
+    """Texts of the cells, column by column."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
         """Give Rich the tables that fit its width."""

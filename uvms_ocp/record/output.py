@@ -58,7 +58,7 @@ class Fingerprint(FileModel, strict=True):
     """Digest of a file's contents."""
 
     size: int
-    """[bytes]."""
+    """Size [bytes]."""
     sha256: str
 
 

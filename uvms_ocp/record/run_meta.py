@@ -116,7 +116,7 @@ class RunMeta(RecordMeta):
     floating: bool
     """True where q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=MIN_TICK, le=meta_values.LARGEST)]
-    """[s] control period; the mean one of its rows where not every tick was kept."""
+    """Control period [s]; the mean one of its rows where not every tick was kept."""
     completed: bool
     """True where every phase came to its end."""
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
@@ -134,7 +134,7 @@ class RunMeta(RecordMeta):
     channels: tuple[str, ...] = ()
     """Names of the sensors, one per column of the series ``health``; empty in older records."""
     true_quantities: tuple[meta_values.QuantityMeta, ...] = ()
-    """At the true state at the end."""
+    """Quantities at the true state at the end."""
     sensors_allow: tuple[meta_values.QuantityMeta, ...] = ()
     """Standard deviations of the estimate at the end, as far as the noise of the sensors tells;
     none with ideal sensors.
@@ -148,9 +148,10 @@ class RunMeta(RecordMeta):
     seed: int = 0
     noise: bool = False
     planned_energy: meta_values.Number | None = None
-    """[J] that the plan takes which was followed; `None` where none was, or it is not known."""
+    """Energy [J] that the plan takes which was followed; `None` where none was, or it is not known.
+    """
     wall_s: meta_values.Number = 0.0
-    """[s] that the simulation took."""
+    """Time [s] that the simulation took."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> RunMeta:
@@ -206,11 +207,11 @@ class PlanMeta(RecordMeta):
     """Planned axes, one per column of the series ``x``."""
     axis_limits: meta_values.AxisLimitsMeta
     breaks: tuple[meta_values.Number, ...]
-    """[s] where the pieces of the trajectory meet, both ends included."""
+    """Times [s] where the pieces of the trajectory meet, both ends included."""
     clearance_wanted: meta_values.Number
-    """[m]"""
+    """Clearance [m] that was wanted."""
     link_clearance_wanted: meta_values.Number | None = None
-    """[m] between two links; `None`: the same."""
+    """Clearance [m] between two links; `None`: the same."""
     clearance_groups: tuple[str, ...] = ()
     """Obstacles from which the columns of the series ``clearance`` are the distance."""
     min_clearance: meta_values.ClearanceMeta | None = None

@@ -32,13 +32,13 @@ class Swing:
     what: str
     """Quantity, or roll or pitch of the vehicle."""
     period: float
-    """[s]"""
+    """Period [s]."""
     amplitude: float
-    """[unit of the quantity, or rad] half of what it covers, at the end."""
+    """Half of what it covers at the end [unit of the quantity, or rad]."""
     growth: float
-    """Amplitude over that one period before."""
+    """Ratio of the amplitude to that of one period before [-]."""
     regular: bool = True
-    """Its periods are alike."""
+    """True where its periods are alike."""
 
     def __str__(self) -> str:
         if self.growth > 1.02:

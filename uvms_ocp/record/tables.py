@@ -45,10 +45,10 @@ class SeriesKind:
 
     meaning: str
     shape: str
-    """After the first axis, which is time."""
+    """Shape after the first axis, which is time."""
     units: Mapping[str, str]
-    """By part, such as position, attitude and joints; of the part ``""`` where all columns have
-    one.
+    """Units by part, such as position, attitude and joints; of the part ``""`` where all columns
+    have one.
     """
     frame: str = "-"
     """Frame in which it is expressed."""

@@ -58,9 +58,9 @@ class PhaseSpan:
     name: str
     title: str
     start: float
-    """[s]"""
+    """Time at which it begins [s]."""
     end: float
-    """[s]"""
+    """Time at which it ends [s]."""
 
     @property
     def label(self) -> str:
@@ -72,11 +72,11 @@ class FaultSpan:
     """How long something was wrong on purpose."""
 
     name: str
-    """Contact of two bodies."""
+    """The fault without its times, ``TARGET:KIND=VALUES``."""
     start: float
-    """[s]"""
+    """Time at which it begins [s]."""
     end: float
-    """[s] no later than the record's."""
+    """Time at which it ends [s], no later than the record."""
     ended: bool
     """True where it was over before the record was."""
 

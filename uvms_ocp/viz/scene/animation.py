@@ -50,8 +50,8 @@ class Frames:
 
 
 def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
-    """The frames of an animation of `fps` frames per second [Hz], fewer where the page would grow
-    too large.
+    """Return the frames of an animation of `fps` frames per second [Hz], fewer where the page would
+    grow too large.
     """
     t = record["t"] - record["t"][0]
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
@@ -59,21 +59,21 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
     data = robot.model.createData()
     names = dict.fromkeys((*robot.tools, *([ALTIMETER] if robot.has_frame(ALTIMETER) else [])))
     placements = list[Any]()
-    seen = {name: list[Any]() for name in names}
+    poses_by_frame = {name: list[Any]() for name in names}
     for q in record["q"][row]:
         pin.framesForwardKinematics(robot.model, data, q)
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
-        for name, poses in seen.items():
+        for name, poses in poses_by_frame.items():
             poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
     return Frames(
         row=row,
         t=t[row],
         placements=np.array(placements),
         tools={
-            name if len(robot.tools) > 1 else TOOL: np.array(seen[name])[:, :3]
+            name if len(robot.tools) > 1 else TOOL: np.array(poses_by_frame[name])[:, :3]
             for name in robot.tools
         },
-        altimeter=np.array(seen[ALTIMETER]) if ALTIMETER in seen else None,
+        altimeter=np.array(poses_by_frame[ALTIMETER]) if ALTIMETER in poses_by_frame else None,
     )
 
 
@@ -218,8 +218,8 @@ def require_fit(record: Record, robot: Robot) -> None:
     """Raise `InvalidInput` where the record is not of that robot, or has nothing to draw."""
     require_rows(record)
     if record["q"].shape[1] != robot.n_q:
-        given = record["q"].shape[1]
+        n_values = record["q"].shape[1]
         raise InvalidInput(
-            f"record has {given} configuration values, {robot.name} has {robot.n_q}; give its own"
-            " robot"
+            f"record has {n_values} configuration values, {robot.name} has {robot.n_q}; give its"
+            " own robot"
         )

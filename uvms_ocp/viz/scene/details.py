@@ -156,9 +156,9 @@ def readouts(record: Record, frames: Frames) -> dict[str, Any]:
 
 
 def readout(name: str, values: np.ndarray, meta: RecordMeta) -> dict[str, Any]:
-    """JSON values: the row of a quantity with its values (n,) [its unit]."""
-    task, _, what = name.rpartition(".")
-    label = f"{task} {what.replace('_', ' ')}".strip()
+    """Return JSON values: the row of a quantity with its values (n,) [its unit]."""
+    task, _, quantity = name.rpartition(".")
+    label = f"{task} {quantity.replace('_', ' ')}".strip()
     return {
         "task": task,
         "label": label,

@@ -224,20 +224,20 @@ class LiveView(AbstractContextManager["LiveView"]):
         self.on_change(self)
 
 
-def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str, Any]:
-    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase
-    and quantities.
+def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[str, Any]:
+    """Return JSON values: time, a pose for each joint of the model, and what the controller tells
+    of phase and quantities.
 
     The values of the sliders alone where there is nothing but q (n_q,) [m, rad].
     """
-    if isinstance(now, np.ndarray):
+    if isinstance(moment, np.ndarray):
         return {
             "joints": [
-                show.joint_motion(robot, joint, now)["values"]
+                show.joint_motion(robot, joint, moment)["values"]
                 for joint in range(1, robot.model.njoints)
             ]
         }
-    t, state, command = now
+    t, state, command = moment
     pin.forwardKinematics(robot.model, data, state.q)
     telemetry = command.telemetry
     return {
@@ -267,9 +267,11 @@ def live(
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
     if isinstance(what, Robot):
-        robot, q = (what, what.configuration())
+        robot = what
+        q = what.configuration()
     else:
-        robot, q = (what.robot, what.start)
+        robot = what.robot
+        q = what.start
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     if robot.tools:

@@ -133,9 +133,9 @@ class ScenePage:
         """
         head, _, rest = self.html.partition(_VIEWER_MARK)
         viewer, _, tail = rest.partition(_VIEWER_MARK)
-        whole = not _viewer_in_notebook()
+        with_viewer = not _viewer_in_notebook()
         style = f"width:100%;height:{self.height:d}px;border:none"
-        if whole:
+        if with_viewer:
             page = f'srcdoc="{html.escape(self.html)}"'
             script = ""
         else:
@@ -210,17 +210,17 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     right = np.array([-y, x, 0.0])
     up = np.array([-x * z, -y * z, x * x + y * y])
     plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
-    seen = [line @ plane for line in lines]
-    (left, top) = np.vstack(seen).min(axis=0) - 0.2
-    (right_end, bottom) = np.vstack(seen).max(axis=0) + 0.2
-    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
-    width = right_end - left
-    height = bottom - top
+    projected = [line @ plane for line in lines]
+    (x_min, y_min) = np.vstack(projected).min(axis=0) - 0.2
+    (x_max, y_max) = np.vstack(projected).max(axis=0) + 0.2
+    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in projected)
+    width = x_max - x_min
+    height = y_max - y_min
     style = (
         f'fill="none" stroke="#3a7ca5" stroke-width="{0.005 * (width + height):.3f}"'
         ' stroke-linecap="round"'
     )
-    box = f'width="480" height="270" viewBox="{left:.2f} {top:.2f} {width:.2f} {height:.2f}"'
+    box = f'width="480" height="270" viewBox="{x_min:.2f} {y_min:.2f} {width:.2f} {height:.2f}"'
     image = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><path d="{path}" {style}/></svg>'
     return (
         '<img alt="the robot from its side"'
@@ -328,22 +328,22 @@ def _handler_of(
 
         def do_GET(self) -> None:
             # A name that another site has led here is no loopback address.
-            known = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
-            if known and self.path == FRAMES and frames is not None:
+            is_local = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
+            if is_local and self.path == FRAMES and frames is not None:
                 self._send(frames())
                 return
-            found = known and self.path == "/"
-            if found:
+            is_page = is_local and self.path == "/"
+            if is_page:
                 status = 200
-            elif known:
+            elif is_local:
                 status = 404
             else:
                 status = 403
             self.send_response(status)
             self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(body) if found else 0))
+            self.send_header("Content-Length", str(len(body) if is_page else 0))
             self.end_headers()
-            if found:
+            if is_page:
                 self.wfile.write(body)
 
         def _send(self, lines: Iterator[str]) -> None:
