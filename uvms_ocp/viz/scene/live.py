@@ -47,8 +47,8 @@ _Moment = tuple[float, State, Command]
 
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
-    """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises
-    `InvalidInput` as `show`.
+    """Return the page of a live view; record: how a run of `robot` begins. height [px] of its frame
+    in a notebook. Raises `InvalidInput` as `show`.
     """
     animation.require_fit(record, robot)
     frames = animation.frames_of(record, robot, _FPS)
@@ -129,15 +129,15 @@ class LiveView(AbstractContextManager["LiveView"]):
         """For a browser of this machine."""
 
     def __call__(self, t: float, state: State, command: Command) -> None:
-        """The newest tick, at t [s]; returns when the clock has come there, too."""
+        """Take the newest tick, at t [s]; returns when the clock has come there, too."""
         if isinstance(self._now, np.ndarray) or t < self._now[0]:
             self._began = time.monotonic() - t / self._speed
         self._now = (t, state, command)
         if time.monotonic() >= self._due:
             self._hand_on(1.0 / _NOTEBOOK_RATE)
-        early = self._began + t / self._speed - time.monotonic()
-        if early > 0.0:
-            time.sleep(early)
+        lead = self._began + t / self._speed - time.monotonic()
+        if lead > 0.0:
+            time.sleep(lead)
 
     @property
     def q(self) -> np.ndarray:
@@ -252,8 +252,8 @@ def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[s
 def live(
     what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520
 ) -> LiveView:
-    """A page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or a
-    robot that Python moves.
+    """Return a page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``,
+    or a robot that Python moves.
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
     wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is

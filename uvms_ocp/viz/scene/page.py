@@ -98,7 +98,7 @@ class CommandLog:
         self.blobs.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
     def visualizer(self) -> Visualizer:
-        """A meshcat visualizer that writes into this log."""
+        """Return a meshcat visualizer that writes into this log."""
         return Visualizer(window=self)
 
     def animate(self, clips: Mapping[ScenePath, Any]) -> None:
@@ -112,12 +112,12 @@ class ScenePage:
 
     html: str = field(repr=False)
     height: AtLeastOne = 520
-    """[px] in a notebook."""
+    """Height in a notebook [px]."""
     still: str = field(default="", repr=False)
     """An image, as HTML, for where scripts do not run."""
 
     def write(self, path: Path | str) -> Path:
-        """Raises `OutputError` where `path` cannot be written."""
+        """Write the page. Raises `OutputError` where `path` cannot be written."""
         path = Path(path)
         with as_output_errors(path, "choose another place"):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -163,9 +163,9 @@ def _viewer_in_notebook() -> bool:
     cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
     message = run.get("header", {}).get("msg_id", "")
     stood = bool(_shown)
-    before = _shown.get(cell, message)
+    former_run = _shown.get(cell, message)
     _shown[cell] = message
-    return stood and before == message
+    return stood and former_run == message
 
 
 def build_page(
@@ -229,8 +229,8 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """Content security policy of the page; meshcat's panels make style sheets, and its textures are
-    data.
+    """Return the content security policy of the page; meshcat's panels make style sheets, and its
+    textures are data.
     """
     hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts)
     none = "base-uri 'none'; form-action 'none'"
@@ -245,7 +245,7 @@ def _digest(text: str) -> str:
 
 
 def asset(name: str) -> str:
-    """The text of a part of the page."""
+    """Return the text of a part of the page."""
     return (files("uvms_ocp.viz.scene") / "assets" / name).read_text(encoding="utf-8")
 
 
@@ -256,7 +256,7 @@ def _viewer_source() -> str:
 
 
 def _data_block(value: object) -> str:
-    """JSON that nothing in it can end early; numbers that JSON has not are null."""
+    """Return JSON that nothing in it can end early; numbers that JSON has not are null."""
     finite = json.loads(json.dumps(value), parse_constant=lambda name: None)
     return json.dumps(finite, allow_nan=False).replace("<", "\\u003c")
 
@@ -356,7 +356,7 @@ def _handler_of(
             self.wfile.write(b"event: end\ndata: end\n\n")
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Nobody reads it."""
+            """Drop the message, which nobody reads."""
 
     return Handler
 
@@ -384,10 +384,10 @@ def _chromium() -> str | None:
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """A Chromium without a window. Raises `InvalidInput` with what is missing."""
-    lacking = missing()
-    if lacking:
-        raise InvalidInput(lacking)
+    """Yield a Chromium without a window. Raises `InvalidInput` with what is missing."""
+    advice = missing()
+    if advice:
+        raise InvalidInput(advice)
     from playwright.sync_api import sync_playwright
 
     flags = [

@@ -48,8 +48,8 @@ _MOST_FPS = 1000  # [Hz]
 def posed_page(
     robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None
 ) -> ScenePage:
-    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a
-    notebook. live: JSON values.
+    """Return the page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame
+    in a notebook. live: JSON values.
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
@@ -71,7 +71,7 @@ def posed_page(
 
 
 def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
-    """Lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
+    """Return lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
     return [places[[parent, joint]] for joint, parent in enumerate(robot.model.parents) if parent]
 
 
@@ -191,7 +191,7 @@ def show(
     fps: float = 25,
     height: int = 520,
 ) -> ScenePage:
-    """A record or a plan as an animation, a robot with sliders for its joints: a page that
+    """Return a record or a plan as an animation, a robot with sliders for its joints: a page that
     notebooks display `height` [px] high.
 
     robot_or_q: the robot of a record, by default the one of its files or name, or the configuration
@@ -226,7 +226,7 @@ def show(
 
 
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
-    """A checked q (n_q,) [m, rad]; at home where none is given."""
+    """Return a checked q (n_q,) [m, rad]; at home where none is given."""
     try:
         if q is None:
             return robot.configuration()
@@ -236,11 +236,13 @@ def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
 
 
 def robot_of(record: Record, folder: Path | None = None) -> Robot:
-    """The robot of one's own of a record in that folder, or the one of that name in the library.
+    """Return the robot of one's own of a record in that folder, or the one of that name in the
+    library.
 
     Raises `InvalidInput` where there is none, or its files have been moved.
     """
-    name, files = record.meta.robot, record.meta.robot_files
+    name = record.meta.robot
+    files = record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
     if files is None:
@@ -248,9 +250,11 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     else:
         robot = loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
-        where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
+        location = (
+            f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
+        )
         raise InvalidInput(
-            f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)"
+            f"a record of {name}, {location}; give it: --robot DIR, or show(record, robot)"
         )
     return robot
 
@@ -309,7 +313,9 @@ def _draw(
     ghosts: list[Ghost],
     fps: float,
 ) -> tuple[list[dict[str, Any]], bool]:
-    """Everything that meshcat draws and moves; returns the trails, and whether there is a beam."""
+    """Draw everything that meshcat draws and moves; returns the trails, and whether there is a
+    beam.
+    """
     draw_robot(root["robot"], robot)
     for ghost in ghosts:
         draw_robot(root[ghost.node], robot, (*ghost.rgb, animation.OPACITY))
@@ -318,10 +324,10 @@ def _draw(
     clips: dict[Any, Any] = {
         root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)
     }
-    for node, moved in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
+    for node, placements in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
         clips |= {
             root[node][joint_node(robot.model, j)].path: clip
-            for j, clip in animation.joint_clips(robot, moved, fps)
+            for j, clip in animation.joint_clips(robot, placements, fps)
         }
     beam = frames.altimeter is not None and "altimeter_range" in record.series
     if beam:

@@ -50,7 +50,7 @@ _MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at 
 
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
-    """Points (n, 3) [m] that the camera must see."""
+    """Return points (n, 3) [m] that the camera must see."""
     markers = np.array([marker.position for marker in record.meta.surroundings.markers]).reshape(
         -1, 3
     )
@@ -61,7 +61,7 @@ def extent(record: Record, frames: Frames) -> np.ndarray:
 
 
 def middle(record: Record, frames: Frames) -> np.ndarray:
-    """Middle (3,) [m] of all that moves and all goals, on the floor where there is one."""
+    """Return the middle (3,) [m] of all that moves and all goals, on the floor if there is one."""
     points = extent(record, frames)
     x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
     floor = record.meta.surroundings.floor_z
@@ -167,29 +167,29 @@ class ArrowKind:
     """Usual length in sizes of the robot."""
     series: str
     draw: Draw
-    """Places the arrows."""
+    """Function that places the arrows."""
     shown: bool = True
-    """Before anyone asks for it."""
+    """True where it is shown before anyone asks for it."""
 
 
 def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> list[dict[str, Any]]:
-    """JSON values, a group for each kind that the record has; size [m] of the robot, which lengths
-    go by; peaks are cut.
+    """Return JSON values, a group for each kind that the record has; size [m] of the robot, which
+    lengths go by; peaks are cut.
 
     Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of
     the group] in B at the frames.
     """
     kinds = [kind for kind in _KINDS if kind.series in record.series and robot.n_vehicle]
-    drawn = [
+    groups = [
         (kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size)))
         for kind in kinds
     ]
     norms = [
-        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in drawn
+        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in groups
     ]
     return [
         _group(kind, arrows, norm, kind.share * size)
-        for (kind, arrows), norm in zip(drawn, norms, strict=True)
+        for (kind, arrows), norm in zip(groups, norms, strict=True)
         if norm.size and norm.max() > _LEAST
     ]
 
@@ -197,14 +197,16 @@ def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> l
 def _group(
     kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float
 ) -> dict[str, Any]:
-    """The values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
-    usual = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
+    """Return the values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
+    usual_norm = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
     return {
         **{name: getattr(kind, name) for name in ("label", "unit", "colour", "shown")},
         "largest": float(norms.max()),
-        "scale": length / usual,
+        "scale": length / usual_norm,
         "longest": length * _MOST,
-        "arrows": [{"at": rounded(at), "vectors": rounded(vectors)} for at, vectors in arrows],
+        "arrows": [
+            {"at": rounded(positions), "vectors": rounded(vectors)} for positions, vectors in arrows
+        ],
     }
 
 
@@ -226,12 +228,12 @@ def _current(velocity: np.ndarray, robot: Robot, frames: Frames, size: float) ->
     yield np.array([0.0, 0.0, 0.75 * size]), _in_vehicle(velocity, frames)
 
 
-def _disturbance(first: int, values: np.ndarray, *_: object) -> Iterator[Arrow]:
-    yield np.zeros(3), values[:, first : first + 3]
+def _disturbance(column: int, values: np.ndarray, *_: object) -> Iterator[Arrow]:
+    yield np.zeros(3), values[:, column : column + 3]
 
 
 def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
-    """Vectors (n, 3) in W, in the frame of the vehicle at each frame."""
+    """Return vectors (n, 3) in W, in the frame of the vehicle at each frame."""
     turns = (pin.XYZQUATToSE3(pose).rotation for pose in frames.placements[:, 1])
     return np.array([R_WB.T @ vector for R_WB, vector in zip(turns, vectors, strict=True)])
 
@@ -307,7 +309,8 @@ def witness_lines(
 
 
 def _nearest(scene: collision_model.CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(n_obstacles, 7) [m] distance and both points in W, the robot's first, at q (n_q,) [m, rad].
+    """Return (n_obstacles, 7) [m], distance and both points in W, the robot's first, at q (n_q,)
+    [m, rad].
 
     shape: numbers of obstacles and links.
     """
