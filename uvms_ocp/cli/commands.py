@@ -185,8 +185,8 @@ def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
 def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
     previous = ""
     for word in words:
-        name, equals, value = word.partition("=")
-        if equals and name in vectors:
+        name, separator, value = word.partition("=")
+        if separator and name in vectors:
             yield from (name, *value.split(","))
         elif previous in vectors and word.count(",") == _SIZE - 1:
             yield from word.split(",")

@@ -226,12 +226,12 @@ def identify(
     subject = calibrated_robot(calibration_settings, settings.parent)
     subject.coefficients()  # or it is refused
     sections = split_at_gaps(read_recordings(recordings, mapping))
-    others = read_recordings(predict or [], mapping)
+    predicted_recordings = read_recordings(predict or [], mapping)
     console = console_of()
-    names = _names(len(sections), profiles, leave_one_out, predicted=bool(others))
+    names = _names(len(sections), profiles, leave_one_out, predicted=bool(predicted_recordings))
     with claim_folder(out, names) as claim:
         with busy(console, "identifying") as show:
-            voices = {
+            callbacks = {
                 "progress": show,
                 "warn": lambda doubt: print_line(console, f"doubtful: {doubt}"),
             }
@@ -241,9 +241,9 @@ def identify(
                 sections,
                 profiled=profiles,
                 leave_one_out=leave_one_out,
-                predict=others,
+                predict=predicted_recordings,
                 bounds=bounds,
-                **voices,
+                **callbacks,
             )
         with claim.staged() as staging:
             _write(result, [section.name for section in sections], staging)

@@ -108,7 +108,7 @@ class MotionOptions:
     ] = None
 
     def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
-        """The fields that requests of all methods have.
+        """Return the fields that requests of all methods have.
 
         Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is
         not valid and obstacles that cannot be read, and `NameNotFound` for an unknown robot.

@@ -152,17 +152,17 @@ def new_robot(
         altimeter=files.altimeter,
         dvl=files.dvl,
     )
-    text, meshes = with_own_meshes(urdf, folders)
+    urdf_text, meshes = with_own_meshes(urdf, folders)
     _write(
-        {out / "robot.urdf": text, out / "hydrodynamics.yaml": proposed.text},
-        {out / to: at for to, at in meshes.items()},
+        {out / "robot.urdf": urdf_text, out / "hydrodynamics.yaml": proposed.text},
+        {out / target: origin for target, origin in meshes.items()},
     )
-    wrong = (
+    errors = (
         f
         for f in robot_check.check_robot(proposed.robot).findings
         if f.verdict is robot_check.RobotVerdict.ERROR
     )
-    _say([*proposed.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
+    _say([*proposed.questions, *(f"{finding.subject}: {finding.text}" for finding in errors)])
 
 
 def new_mission(
@@ -208,8 +208,8 @@ def _say(lines: Iterable[str]) -> None:
         print_line(console_of(stderr=True), line, "yellow")
 
 
-def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) -> None:
-    """Write all of them, or none where one is there already. copies: of other files."""
+def _write(files: dict[Path, str], originals: Mapping[Path, Path] | None = None) -> None:
+    """Write all of them, or none where one is there already; originals: of copies to make."""
     for path in files:
         if path.exists():
             raise InvalidInput(f"{path}: is there already; choose another name, or move it away")
@@ -217,7 +217,7 @@ def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) ->
         for path, text in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        for path, original in (copies or {}).items():
+        for path, original in (originals or {}).items():
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(original, path)
     print_paths(console_of(), list(files))

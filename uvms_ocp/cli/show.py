@@ -324,19 +324,19 @@ def _motion(path: Path, robot: Robot | None) -> Record | Plan:
         Record.load,
         partial(Plan.load, robot=robot),
     )
-    wrong: list[str] = []
+    messages: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:
         try:
             return read(file)
         except InvalidInput as error:
-            wrong.append(str(error))
+            messages.append(str(error))
     with suppress(InvalidInput):
         MissionPlan.load(file)
-        wrong[0] = (
+        messages[0] = (
             f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME"
             " --follow PLAN`"
         )
-    raise InvalidInput(wrong[0])
+    raise InvalidInput(messages[0])
 
 
 def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
@@ -360,5 +360,5 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
 def _name_of(path: Path) -> str:
     """Return the name of a run: that of its folder."""
     is_file_of_run = not path.is_dir() and path.stem in ("record", "plan")
-    named = path.parent if is_file_of_run else path
-    return named.resolve().name
+    folder = path.parent if is_file_of_run else path
+    return folder.resolve().name

@@ -72,9 +72,9 @@ class SmallTable:
         return self.rows[:_MOST_ROWS]
 
     def _rest(self) -> tuple[str, ...]:
-        more = len(self.rows) - _MOST_ROWS
-        if more > 0:
-            return (f"{_GAP}and {more} more",)
+        n_more = len(self.rows) - _MOST_ROWS
+        if n_more > 0:
+            return (f"{_GAP}and {n_more} more",)
         return ()
 
 
@@ -173,22 +173,21 @@ def format_value(value: Any) -> str:
         if any(isinstance(item, Mapping) for item in value):
             return f"{len(value)} rows"
         if len(value) > _FEW:
-            more = f" and {len(value) - _FEW} more"
+            more_text = f" and {len(value) - _FEW} more"
         else:
-            more = ""
-        return (", ".join(map(format_value, value[:_FEW])) or "none") + more
+            more_text = ""
+        return (", ".join(map(format_value, value[:_FEW])) or "none") + more_text
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
     # Describe it by its own words, where these are few; else by its kind.
     if isinstance(value, float):
-        words = f"{value:.4g}"
+        text = f"{value:.4g}"
+    elif isinstance(value, str):
+        text = str(value)
     else:
-        if isinstance(value, str):
-            words = str(value)
-        else:
-            words = repr(value)
-    if "\n" in words or " at 0x" in words or len(words) > _LONGEST:
+        text = repr(value)
+    if "\n" in text or " at 0x" in text or len(text) > _LONGEST:
         return type(value).__name__
-    return words
+    return text

@@ -193,13 +193,13 @@ def ros_definition(kind: str) -> str:
     texts = {kind: ROS_MESSAGES[kind]}
     pending = [kind]
     while pending:
-        inside = [
+        inner_kinds = [
             word
             for word in re.split(r"[\s\[\]]+", texts[pending.pop()])
             if word in ROS_MESSAGES and word not in texts
         ]
-        texts |= {name: ROS_MESSAGES[name] for name in inside}
-        pending += inside
+        texts |= {name: ROS_MESSAGES[name] for name in inner_kinds}
+        pending += inner_kinds
     return f"\n{_NEXT}".join(
         [texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())]
     )

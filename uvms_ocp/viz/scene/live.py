@@ -170,13 +170,13 @@ class LiveView(AbstractContextManager["LiveView"]):
         too, until all is closed.
         """
         data = self._robot.model.createData()
-        shown = self._now
+        sent_moment = self._now
         closed = False
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
-            if self._now is not shown:
-                shown = self._now
-                yield json.dumps(_frame(self._robot, data, shown), allow_nan=False)
+            if self._now is not sent_moment:
+                sent_moment = self._now
+                yield json.dumps(_frame(self._robot, data, sent_moment), allow_nan=False)
 
     def close(self) -> None:
         """Serve no longer; pages that are open keep what they show."""

@@ -159,13 +159,13 @@ def _viewer_in_notebook() -> bool:
         not hasattr(kernel, "get_parent") or "google.colab" in sys.modules
     ):  # where each cell is a page of its own
         return False
-    run = kernel.get_parent()
-    cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
-    message = run.get("header", {}).get("msg_id", "")
-    stood = bool(_shown)
-    former_run = _shown.get(cell, message)
+    request = kernel.get_parent()
+    cell = request.get("metadata", {}).get("cellId") or request.get("content", {}).get("code", "")
+    message = request.get("header", {}).get("msg_id", "")
+    is_held = bool(_shown)
+    former_message = _shown.get(cell, message)
     _shown[cell] = message
-    return stood and former_run == message
+    return is_held and former_message == message
 
 
 def build_page(

@@ -129,7 +129,7 @@ def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
     One name for each place; goals that move have none.
     """
     surroundings = record.meta.surroundings
-    texts: list[dict[str, Any]] = []
+    shown_labels: list[dict[str, Any]] = []
     places = [(item.name, item.position, "marker") for item in surroundings.markers]
     places += [(item.name, item.pose[:3], "frame") for item in surroundings.frames if not item.way]
     places += [(item.name, item.position, "obstacle") for item in surroundings.obstacles]
@@ -137,10 +137,10 @@ def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
         position = (np.array(place) - centre).round(4).tolist()
         if all(
             np.linalg.norm(np.subtract(position, label["position"])) > _SAME_PLACE
-            for label in texts
+            for label in shown_labels
         ):
-            texts.append({"text": text, "position": position, "kind": kind})
-    return texts
+            shown_labels.append({"text": text, "position": position, "kind": kind})
+    return shown_labels
 
 
 def draw_obstacles(node: Visualizer, record: Record) -> None:
