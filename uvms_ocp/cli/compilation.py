@@ -88,12 +88,12 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
     else:
         paths = cached_libraries(folder)
     statuses = paths.values()
-    n = sum(path.suffix == ".so" for path in paths)
-    days = (
-        time.time() - min((status.st_mtime for status in statuses), default=time.time())
-    ) / 86400.0
-    text = (
-        f"{'removed ' if clear else ''}libraries: {n},"
-        f" {sum(status.st_size for status in statuses) / 1e6:.1f} MB"
-    )
-    typer.echo(f"{folder}: {text}{f', the oldest used {days:.1f} days ago' if statuses else ''}")
+    n_libraries = sum(path.suffix == ".so" for path in paths)
+    size = sum(status.st_size for status in statuses)
+    text = f"libraries: {n_libraries}, {size / 1e6:.1f} MB"
+    if clear:
+        text = f"removed {text}"
+    if statuses:
+        days = (time.time() - min(status.st_mtime for status in statuses)) / 86400.0
+        text = f"{text}, the oldest used {days:.1f} days ago"
+    typer.echo(f"{folder}: {text}")

@@ -210,7 +210,11 @@ class NewMission:
             )
             yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
         for name, target, tool in zip(self._numbered("TARGET"), targets, self.tools, strict=True):
-            yield f"{name} = {target}  # [m] where {'the tool' if len(targets) == 1 else tool} goes"
+            if len(targets) == 1:
+                subject = "the tool"
+            else:
+                subject = tool
+            yield f"{name} = {target}  # [m] where {subject} goes"
 
     def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
         data = self.robot.model.createData()
@@ -230,8 +234,12 @@ class NewMission:
         return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
-        """Return lines, each with the name of its task, if it is one."""
+        """Yield lines, each with the name of its task, if it is one."""
         robot = self.robot
+        if self.level_frame:
+            frame_argument = f", {self.level_frame}"
+        else:
+            frame_argument = ""
         if robot.n_joints:
             yield "JointLimits(),", "JL"
         if robot.n_vehicle:
@@ -242,25 +250,17 @@ class NewMission:
             if not {3, 4} & set(self.missing):
                 yield f"HorizontalAttitude({self.level_frame}),", "HA"
         if self.turns_first:
-            yield (
-                (
-                    f"Alignment(goal=WAY_POINT.translation{', ' if self.level_frame else ''}{self.level_frame}),"
-                ),
-                "AT",
-            )
+            yield f"Alignment(goal=WAY_POINT.translation{frame_argument}),", "AT"
         for name, tool, target in zip(
             self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
         ):
             if len(self.tools) == 1:
-                which = ""
+                tool_arguments = ""
             else:
-                which = f'name="{name}", frame={_quoted(tool)}, '
-            yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
+                tool_arguments = f'name="{name}", frame={_quoted(tool)}, '
+            yield f"ToolPosition({tool_arguments}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
-            yield (
-                f"VehiclePose(goal=WAY_POINT{', ' if self.level_frame else ''}{self.level_frame}),",
-                "PC",
-            )
+            yield f"VehiclePose(goal=WAY_POINT{frame_argument}),", "PC"
         if len(self.held) == len(robot.joints) > 0:
             yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
         elif self.held:
@@ -272,10 +272,8 @@ class NewMission:
         if self.robot.n_vehicle:
             # The axes that nothing drives drift as weight and buoyancy have it.
             error = "horizontal_error" if 2 in self.missing else "position_error"
-            yield (
-                f'arrived = uo.Below(quantity="PC.{error}",'
-                f" limit={'0.1' if not self.missing else '0.3'})  # [m]"
-            )
+            limit = 0.3 if self.missing else 0.1
+            yield f'arrived = uo.Below(quantity="PC.{error}", limit={limit})  # [m]'
         if self.turns_first:
             yield 'turned = uo.Below(quantity="AT.misalignment", limit=0.07)  # [rad]'
         for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):

@@ -212,9 +212,8 @@ def estimate(
     for columns in (_AGREEMENT, _DOUBTS):
         console.print(table_of(result.record.meta.scenario, result.channels, columns))
     if result.same is not None:
-        print_line(
-            console, f"the estimate {'is' if result.same else 'differs from'} that of the run"
-        )
+        relation = "is" if result.same else "differs from"
+        print_line(console, f"the estimate {relation} that of the run")
     print_paths(console, written)
     if as_json:
         print_json(report)

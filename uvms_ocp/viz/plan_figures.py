@@ -132,9 +132,8 @@ def _motion(
                 **style.line_style(k),
                 label=style.label_text(planned[i], 10),
             )
-        row.set_ylabel(
-            f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]"
-        )
+        units = [tables.unit_of(series, part, record.meta) for part in parts]
+        row.set_ylabel(f"{label}\n[{', '.join(units)}]")
         _draw_limits(row, record, series, indices)
     axes[0].legend(
         ncols=len(indices), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7)

@@ -103,10 +103,8 @@ def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any
 
     meta: of the record, as in `unit_of`.
     """
-    return (
-        f"{text}"
-        f" [{' or '.join(prefix + unit for unit in tables.unit_of(name, part, meta).split(' or '))}]"
-    )
+    units = tables.unit_of(name, part, meta).split(" or ")
+    return f"{text} [{' or '.join(prefix + unit for unit in units)}]"
 
 
 def estimate_suffix(record: Record) -> str:
