@@ -236,7 +236,7 @@ class NewMission:
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Yield lines, each with the name of its task, if it is one."""
         robot = self.robot
-        if self.level_frame:
+        if robot.n_vehicle and self.level_frame:
             frame_argument = f", {self.level_frame}"
         else:
             frame_argument = ""
