@@ -113,23 +113,23 @@ def campaign(
         noise=noise, duration=duration, faults=tuple(fault) if fault else None
     )
     folder = Path(what)
-    found: Any
+    output: Any
     if (folder / FILE).is_file():
         if rerun is not None:
-            found = _repeat(folder, rerun, out or folder / "reruns" / f"run-{rerun}", console)
+            output = _repeat(folder, rerun, out or folder / "reruns" / f"run-{rerun}", console)
         elif against is not None:
-            found = compare_campaigns(folder, against, bounds)
-            _print_comparison(found, console)
+            output = compare_campaigns(folder, against, bounds)
+            _print_comparison(output, console)
         else:
-            found = _write_report(folder, bounds, console)
+            output = _write_report(folder, bounds, console)
     elif report or rerun is not None or against is not None:
         raise InvalidInput(
             f"{what}: no campaign is there; --report, --rerun and --against need the folder of one"
         )
     elif parameters:
-        found = _list_parameters(what, options, console)
+        output = _list_parameters(what, options, console)
     else:
-        wanted = Campaign(
+        new_campaign = Campaign(
             scenario=what,
             variations=vary or (),
             runs=100 if runs is None else runs,
@@ -142,31 +142,33 @@ def campaign(
             records=records,
         )
         folder = out or opt.default_folder(("campaign", opt.label(what)), options)
-        _require_fit(wanted, force, console)
+        _require_fit(new_campaign, force, console)
         with _interruptible(folder, console):
-            wanted.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit)
-        found = _write_report(folder, bounds, console)
+            new_campaign.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit)
+        output = _write_report(folder, bounds, console)
     if as_json:
-        printing.print_json(found)
+        printing.print_json(output)
 
 
 def _repeat(folder: Path, run: int, out: Path, console: Console) -> dict[str, Any]:
-    kept = kept_campaign(folder)
-    scenario = kept.scenario_of(run)
-    values = [{"parameter": name, "value": value} for name, value in kept.work.head(run).items()]
+    past_campaign = kept_campaign(folder)
+    scenario = past_campaign.scenario_of(run)
+    values = [
+        {"parameter": name, "value": value} for name, value in past_campaign.work.head(run).items()
+    ]
     console.print(printing.table_of(f"run {run}", values, ("parameter", "value")))
     return run_and_write(scenario, out, console)
 
 
-def _require_fit(wanted: Campaign, force: bool, console: Console) -> None:
+def _require_fit(new_campaign: Campaign, force: bool, console: Console) -> None:
     with printing.busy(console, "looking over the mission"):
-        preflight = wanted.work.base().check()
+        preflight = new_campaign.work.base().check()
     printing.require_accepted(preflight, "the mission itself", console, force=force)
 
 
 def _list_parameters(what: str, options: dict[str, Any], console: Console) -> list[dict[str, str]]:
-    known = available_parameters(opt.build_scenario(what, options)).values()
-    rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in known]
+    parameters = available_parameters(opt.build_scenario(what, options)).values()
+    rows = [{"parameter": p.name, "unit": p.unit, "meaning": p.meaning} for p in parameters]
     console.print(
         printing.table_of(f"what can be varied of {what}", rows, ("parameter", "unit", "meaning"))
     )
@@ -175,7 +177,7 @@ def _list_parameters(what: str, options: dict[str, Any], console: Console) -> li
 
 @contextmanager
 def _interruptible(folder: Path, console: Console) -> Iterator[None]:
-    """Ctrl-C says how to go on."""
+    """Let Ctrl-C say how to go on."""
     try:
         yield
     except KeyboardInterrupt:
@@ -210,20 +212,20 @@ def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
     from uvms_ocp.viz.style import png_of
 
     rate = report["success"]
-    good = table["success"].to_numpy(dtype=bool)
-    drawn = {
-        "success rate": figures.figure_rate(good, (rate["lower"], rate["upper"])),
+    success = table["success"].to_numpy(dtype=bool)
+    figures_by_title = {
+        "success rate": figures.figure_rate(success, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
         "distributions": figures.figure_spread(
-            {name: metric_values(table, name) for name in metrics_among(table)}, good
+            {name: metric_values(table, name) for name in metrics_among(table)}, success
         ),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):
-            drawn[f"sensitivity of {name}"] = figures.figure_sensitivity(
+            figures_by_title[f"sensitivity of {name}"] = figures.figure_sensitivity(
                 report["sensitivity"], name
             )
-    return {name: png_of(figure, _DPI) for name, figure in drawn.items()}
+    return {name: png_of(figure, _DPI) for name, figure in figures_by_title.items()}
 
 
 def _print_report(report: dict[str, Any], console: Console) -> None:
@@ -242,9 +244,9 @@ def _print_report(report: dict[str, Any], console: Console) -> None:
         console, "distributions", report["distributions"], spread, len(report["distributions"])
     )
     ranked = sorted(report["sensitivity"], key=lambda row: row["pawn_floor"] - row["pawn"])
-    own = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
-    _print_table(console, "sensitivity", own, _SENSITIVITY)
-    if not own:
+    rows = [row for row in ranked if row["figure"] in ("success", "tool_position_error_m")]
+    _print_table(console, "sensitivity", rows, _SENSITIVITY)
+    if not rows:
         console.print(f"sensitivity: {report['sensitivity_silent']}", highlight=False)
     worst = f"worst runs: {report['worst_first']}"
     _print_table(
@@ -257,32 +259,32 @@ def _print_table(
     title: str,
     rows: Sequence[dict[str, Any]],
     columns: tuple[str, ...],
-    most: int = _SHOWN,
+    n_shown: int = _SHOWN,
 ) -> None:
     if rows:
-        if len(rows) > most:
-            part = f" (the first {most} of {len(rows)}; report.html has all)"
+        if len(rows) > n_shown:
+            part = f" (the first {n_shown} of {len(rows)}; report.html has all)"
         else:
             part = ""
-        console.print(printing.table_of(title + part, rows[:most], columns))
+        console.print(printing.table_of(title + part, rows[:n_shown], columns))
 
 
-def _print_comparison(found: dict[str, Any], console: Console) -> None:
-    """Both rates, and pairs of runs where there are any."""
-    for place, text in zip(found["campaigns"], found["success_text"], strict=True):
+def _print_comparison(comparison: dict[str, Any], console: Console) -> None:
+    """Print both rates, and pairs of runs where there are any."""
+    for place, text in zip(comparison["campaigns"], comparison["success_text"], strict=True):
         console.print(plain_line(f"{place}: success {text}"), highlight=False)
-    if not found["paired"]:
+    if not comparison["paired"]:
         console.print(
             "not paired: other parameters, seeds, sampler or numbers of runs", highlight=False
         )
         return
     text = (
-        f"of {found['pairs']} pairs the first alone succeeds in {found['first_only']}, the second"
-        " alone in"
+        f"of {comparison['pairs']} pairs the first alone succeeds in {comparison['first_only']},"
+        " the second alone in"
     )
     text = (
-        f"{text} {found['second_only']}; p = {found['p_value']:.3g} (McNemar, exact): how likely so"
-        " uneven a share would be"
+        f"{text} {comparison['second_only']}; p = {comparison['p_value']:.3g} (McNemar, exact): how"
+        " likely so uneven a share would be"
     )
     console.print(f"{text} of two campaigns that succeed equally often", highlight=False)
     columns = ("figure", "pairs", "mean_change", "lower", "upper", "median_change")
@@ -290,4 +292,4 @@ def _print_comparison(found: dict[str, Any], console: Console) -> None:
         "second less first: mean over the pairs with its 95 % interval (lower, upper) by the"
         " bootstrap, and median"
     )
-    _print_table(console, title, found["figures"], columns, len(found["figures"]))
+    _print_table(console, title, comparison["figures"], columns, len(comparison["figures"]))

@@ -67,11 +67,11 @@ def _made(name: str, place: Place) -> Any:
     from uvms_ocp.cli.options import expand_options
 
     module, function = place.split(".")
-    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name=name)(
+    app = typer.Typer(add_completion=False, rich_markup_mode=None)
+    app.command(name=name)(
         expand_options(getattr(import_module(f"uvms_ocp.cli.{module}"), function))
     )
-    return typer.main.get_command(alone)
+    return typer.main.get_command(app)
 
 
 def _summary(place: Place) -> str:
@@ -167,8 +167,8 @@ def common(
 
 
 def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
-    """The words of a command line with every such option followed by its numbers one by one, as the
-    parser takes them.
+    """Return the words of a command line with every such option followed by its numbers one by one,
+    as the parser takes them.
     """
     command: Any = typer.main.get_command(app)
     for word in words:
@@ -183,16 +183,16 @@ def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
 
 
 def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:
-    before = ""
+    previous = ""
     for word in words:
-        name, equals, value = word.partition("=")
-        if equals and name in vectors:
+        name, separator, value = word.partition("=")
+        if separator and name in vectors:
             yield from (name, *value.split(","))
-        elif before in vectors and word.count(",") == _SIZE - 1:
+        elif previous in vectors and word.count(",") == _SIZE - 1:
             yield from word.split(",")
         else:
             yield word
-        before = word
+        previous = word
 
 
 def main() -> None:

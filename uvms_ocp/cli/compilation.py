@@ -23,21 +23,21 @@ _LINES = cast(logging.Handler, logging.lastResort)
 
 @contextmanager
 def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
-    """Inside, `show` is given what is being compiled, in a few words."""
+    """Give `show`, inside, what is being compiled, in a few words."""
 
     def look(record: logging.LogRecord) -> bool:
         if record.levelno < logging.WARNING:
             show(record.getMessage())
         return True
 
-    before = _LOGGER.level
+    former_level = _LOGGER.level
     _LOGGER.addFilter(look)
     _LOGGER.setLevel(logging.INFO)
     try:
         yield
     finally:
         _LOGGER.removeFilter(look)
-        _LOGGER.setLevel(before)
+        _LOGGER.setLevel(former_level)
 
 
 def _warns(record: logging.LogRecord) -> bool:
@@ -87,11 +87,13 @@ def cache(clear: Annotated[bool, typer.Option("--clear", help="Remove them all."
         paths = shrink_cache(folder, 0.0)
     else:
         paths = cached_libraries(folder)
-    found = paths.values()
-    n = sum(path.suffix == ".so" for path in paths)
-    days = (time.time() - min((one.st_mtime for one in found), default=time.time())) / 86400.0
-    what = (
-        f"{'removed ' if clear else ''}libraries: {n},"
-        f" {sum(one.st_size for one in found) / 1e6:.1f} MB"
-    )
-    typer.echo(f"{folder}: {what}{f', the oldest used {days:.1f} days ago' if found else ''}")
+    statuses = paths.values()
+    n_libraries = sum(path.suffix == ".so" for path in paths)
+    size = sum(status.st_size for status in statuses)
+    text = f"libraries: {n_libraries}, {size / 1e6:.1f} MB"
+    if clear:
+        text = f"removed {text}"
+    if statuses:
+        days = (time.time() - min(status.st_mtime for status in statuses)) / 86400.0
+        text = f"{text}, the oldest used {days:.1f} days ago"
+    typer.echo(f"{folder}: {text}")

@@ -105,14 +105,14 @@ _NEWTONS = UNITS["N"]
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
     """Check recordings: channels, rates, delays, frames, and what is doubtful."""
-    found = read_recordings(paths, mapping)
+    recordings = read_recordings(paths, mapping)
     if as_json:
-        print_json({one.name: _recording_data(one) for one in found})
+        print_json({recording.name: _recording_data(recording) for recording in recordings})
         return
     console = console_of()
-    for one in found:
-        data = _recording_data(one)
-        console.print(table_of(one.name, data["channels"], _COLUMNS))
+    for recording in recordings:
+        data = _recording_data(recording)
+        console.print(table_of(recording.name, data["channels"], _COLUMNS))
         for line in (*data["read as"], *(f"doubtful: {doubt}" for doubt in data["doubts"])):
             print_line(console, line)
 
@@ -131,14 +131,14 @@ def map_recording(
 
 
 def read_recordings(paths: list[Path], mapping: Path | None) -> list[Recording]:
-    """All of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and
+    """Read all of them, by one mapping where they need one. Raises InvalidInput, NameNotFound and
     NotInstalled.
     """
     if mapping is None:
-        given = None
+        file_mapping = None
     else:
-        given = read_mapping(mapping)
-    return [read_recording(path, given) for path in paths]
+        file_mapping = read_mapping(mapping)
+    return [read_recording(path, file_mapping) for path in paths]
 
 
 def _recording_data(recording: Recording) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
     kind = CHANNEL_KINDS[name]
     values = channel.values
     t = channel.t
-    about = (
+    facts = (
         name,
         values.shape[1],
         kind.unit,
@@ -163,7 +163,7 @@ def _row(name: str, channel: Channel) -> dict[str, Any]:
         float(t[0]),
         float(t[-1]),
     )
-    return dict(zip(_COLUMNS, (*about, channel.rate, channel.missing, channel.delay), strict=True))
+    return dict(zip(_COLUMNS, (*facts, channel.rate, channel.missing, channel.delay), strict=True))
 
 
 # ``identify``: a robot's own numbers, from its own recordings.
@@ -218,37 +218,40 @@ def identify(
     robot's file with these in their places, for --hydrodynamics of other commands. Where the search
     does not converge neither is written. report.json has numbers and verdicts of report.md.
     """
-    given = read_settings(settings)
+    calibration_settings = read_settings(settings)
     if axes:
-        given = CalibrationSettings(**given.model_dump(exclude_unset=True) | {"axes": axes})
-    subject = calibrated_robot(given, settings.parent)
+        calibration_settings = CalibrationSettings(
+            **calibration_settings.model_dump(exclude_unset=True) | {"axes": axes}
+        )
+    subject = calibrated_robot(calibration_settings, settings.parent)
     subject.coefficients()  # or it is refused
-    found = split_at_gaps(read_recordings(recordings, mapping))
-    others = read_recordings(predict or [], mapping)
+    sections = split_at_gaps(read_recordings(recordings, mapping))
+    predicted_recordings = read_recordings(predict or [], mapping)
     console = console_of()
-    names = _names(len(found), profiles, leave_one_out, predicted=bool(others))
+    names = _names(len(sections), profiles, leave_one_out, predicted=bool(predicted_recordings))
     with claim_folder(out, names) as claim:
         with busy(console, "identifying") as show:
-            voices = {
+            callbacks = {
                 "progress": show,
                 "warn": lambda doubt: print_line(console, f"doubtful: {doubt}"),
             }
             result = calibrate(
                 subject,
-                given,
-                found,
+                calibration_settings,
+                sections,
                 profiled=profiles,
                 leave_one_out=leave_one_out,
-                predict=others,
+                predict=predicted_recordings,
                 bounds=bounds,
-                **voices,
+                **callbacks,
             )
         with claim.staged() as staging:
-            _write(result, [one.name for one in found], staging)
+            _write(result, [section.name for section in sections], staging)
         written = claim.written()
-    known = sum(one.determined for one in result.numbers)
+    n_determined = sum(number.determined for number in result.numbers)
     console.print(
-        f"{result.estimate.status.value}; {known} of {len(result.numbers)} numbers determined"
+        f"{result.estimate.status.value};"
+        f" {n_determined} of {len(result.numbers)} numbers determined"
     )
     for line in [*result.verdicts, *map(str, (*result.worse_than_still, *result.disagreed))]:
         print_line(console, line)
@@ -264,7 +267,7 @@ def _names(n: int, profiles: bool, leave_one_out: bool, predicted: bool) -> list
         *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals")),
     ]
     optional = {"profiles": profiles, "left_out": leave_one_out, "predicted_others": predicted}
-    pictures += [name for name, wanted in optional.items() if wanted]
+    pictures += [name for name, is_written in optional.items() if is_written]
     return [
         VARIANT,
         WHOLE,
@@ -310,52 +313,55 @@ def excite(
     excitation.csv has what each thruster is told and when; report.md what a recording of it is
     expected to determine.
     """
-    given = read_settings(settings)
-    subject = calibrated_robot(given, settings.parent)
+    calibration_settings = read_settings(settings)
+    subject = calibrated_robot(calibration_settings, settings.parent)
     console = console_of()
     subject.coefficients()  # or it is refused, rather than after it was driven
-    thrust = thrust_within(subject, given, share)
+    thrust = thrust_within(subject, calibration_settings, share)
     limits = ExperimentLimits(
         thrust=thrust,
         pool=np.outer([-0.5, 0.5], pool),
-        hull=subject.hull_in_body(given.hull),
+        hull=subject.hull_in_body(calibration_settings.hull),
         slew=slew,
     )
-    noise = Noise(**given.noise.model_dump())
+    noise = Noise(**calibration_settings.noise.model_dump())
     joints = tuple(subject.robot.home.tolist())
-    wanted = ExperimentTask(
+    task = ExperimentTask(
         vehicle=subject.vehicle, limits=limits, duration=duration, noise=noise, joints=joints
     )
     with claim_folder(out, [COMMANDS, EXCITE_REPORT]) as claim:
         with busy(console, "designing"):
-            found = design_experiment(
-                wanted, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed)
+            experiment = design_experiment(
+                task, Rollout(stage_of(subject.vehicle)), DesignSettings(seed=seed)
             )
         with claim.staged() as staging:
             write_recording(
-                Recording(name="excitation", channels={"thrust": found.commands}),
+                Recording(name="excitation", channels={"thrust": experiment.commands}),
                 staging / COMMANDS,
             )
             (staging / EXCITE_REPORT).write_text(
-                excitation_text(found, subject.vehicle.actuators.names), encoding="utf-8"
+                excitation_text(experiment, subject.vehicle.actuators.names), encoding="utf-8"
             )
         written = claim.written()
-    known = sum(one.determined for one in found.numbers)
+    n_determined = sum(number.determined for number in experiment.numbers)
     console.print(
-        f"{found.status.value}; {known} of {len(found.numbers)} numbers will be determined"
+        f"{experiment.status.value};"
+        f" {n_determined} of {len(experiment.numbers)} numbers will be determined"
     )
     print_paths(console, written)
-    if found.status is not DesignStatus.INSIDE:
+    if experiment.status is not DesignStatus.INSIDE:
         raise typer.Exit(NOT_COMPLETED)
 
 
-def thrust_within(subject: CalibratedRobot, given: CalibrationSettings, share: float) -> np.ndarray:
-    """(n_u, 2) [N] a share of what thrusters can do. Raises InvalidInput for wrenches, and for no
-    share.
+def thrust_within(
+    subject: CalibratedRobot, settings: CalibrationSettings, share: float
+) -> np.ndarray:
+    """Return (n_u, 2) [N], a share of what thrusters can do. Raises InvalidInput for wrenches, and
+    for no share.
     """
-    if given.commands != "thrust":
+    if settings.commands != "thrust":
         raise InvalidInput(
-            f"commands: {given.commands} given; thrust alone has limits: give commands: thrust"
+            f"commands: {settings.commands} given; thrust alone has limits: give commands: thrust"
         )
     if not 0.0 < share <= 1.0:
         raise InvalidInput(f"--share {share} given; allowed: more than 0, at most 1")
@@ -406,13 +412,13 @@ def thruster_curve(
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
     columns = [pwm, thrust, *([voltage] if voltage else [])]
     require_known("unit", unit or "N", _NEWTONS)
-    read = [read_table(table, columns, TextFormat(sheet=one)) for one in sheet or [""]]
-    said = unit or unit_named(read[0].units[1]) or read[0].units[1] or "N"
-    require_known("unit", said, _NEWTONS)
-    rows = np.concatenate([one.values for one in read])
+    tables = [read_table(table, columns, TextFormat(sheet=name)) for name in sheet or [""]]
+    unit_name = unit or unit_named(tables[0].units[1]) or tables[0].units[1] or "N"
+    require_known("unit", unit_name, _NEWTONS)
+    rows = np.concatenate([part.values for part in tables])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    curve, off = curve_of_table(
-        rows[:, 0], _NEWTONS[said] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0
+    curve, correction = curve_of_table(
+        rows[:, 0], _NEWTONS[unit_name] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0
     )
     points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
     typer.echo(
@@ -422,8 +428,13 @@ def thruster_curve(
     print_line(
         stderr,
         "; ".join(
-            [f"thrust in {said}", *(f"{table.name}: {one.layout}" for one in read if one.layout)]
+            [
+                f"thrust in {unit_name}",
+                *(f"{table.name}: {part.layout}" for part in tables if part.layout),
+            ]
         ),
     )
-    if off > 0.0:
-        print_line(stderr, f"levelled by up to {off:.2g} N, where thrust fell as the signal rose")
+    if correction > 0.0:
+        print_line(
+            stderr, f"levelled by up to {correction:.2g} N, where thrust fell as the signal rose"
+        )

@@ -13,7 +13,7 @@ _OUTPUT: list[TextIO] = []
 
 
 def print_json(value: Any) -> None:
-    """One JSON value on stdout."""
+    """Print one JSON value on stdout."""
     (_OUTPUT[-1:] or [sys.stdout])[0].write(json.dumps(value, indent=2) + "\n")
 
 

@@ -52,6 +52,10 @@ class NewMission:
         names = [name for _, name in tasks if name]
         safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
         template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
+        if robot.n_vehicle:
+            abort = f", abort=abort_phase({', '.join(map(_quoted, safe))})"
+        else:
+            abort = ""
         return template.format(
             title=self.title,
             file=file.name,
@@ -66,9 +70,7 @@ class NewMission:
             conditions="\n".join(f"    {line}" for line in self._conditions()),
             phases="\n".join(self._phases(names)),
             name=file.stem if file.stem.isidentifier() else "my_mission",
-            abort=f", abort=abort_phase({', '.join(map(_quoted, safe))})"
-            if robot.n_vehicle
-            else "",
+            abort=abort,
             start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
             markers=self._markers(),
         )
@@ -134,31 +136,30 @@ class NewMission:
         """Yield what is left out, one line each, with how to have it."""
         yield from (
             text
-            for good, text in roles.role_notes(self.robot.model, self.robot.description)
-            if not good
+            for is_good, text in roles.role_notes(self.robot.model, self.robot.description)
+            if not is_good
         )
         if not self.has_forces:
             yield (
                 "thrusters: none, so that the mission flies on the kinematic plant; write them into"
                 " hydrodynamics.yaml"
             )
-        loose = [joint.name for joint in self.robot.joints if joint.name not in self.held]
-        if loose:
+        free_joints = [joint.name for joint in self.robot.joints if joint.name not in self.held]
+        if free_joints:
             yield (
-                f"joint {', '.join(loose)}: has several degrees of freedom, which no posture holds;"
-                " --lock JOINT fixes it"
+                f"joint {', '.join(free_joints)}: has several degrees of freedom, which no posture"
+                " holds; --lock JOINT fixes it"
             )
         if self.missing:
-            lost = ", ".join(thrusters.AXES[axis] for axis in self.missing)
-            way = (
-                "it turns to the way point first"
-                if self.turns_first
-                else "the way point lies where the others lead"
-            )
-            yield f"thrusters: none for {lost}; {way}, and these axes are left free"
+            axis_names = ", ".join(thrusters.AXES[axis] for axis in self.missing)
+            if self.turns_first:
+                way_text = "it turns to the way point first"
+            else:
+                way_text = "the way point lies where the others lead"
+            yield f"thrusters: none for {axis_names}; {way_text}, and these axes are left free"
 
     def _goal(self) -> np.ndarray:
-        """(n_q,) at the way point, with the arm stowed."""
+        """Return the configuration (n_q,) at the way point, with the arm stowed."""
         robot = self.robot
         if not robot.n_vehicle:
             return np.asarray(robot.configuration())
@@ -166,8 +167,8 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Way point to which all axes lead; straight ahead where some are missing and the robot
-        cannot turn there first.
+        """Return the way point to which all axes lead; straight ahead where some are missing and
+        the robot cannot turn there first.
         """
         x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
         if self.turns_first:
@@ -177,23 +178,24 @@ class NewMission:
         return (_WAY_POINT, _YAW)
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
-        """Positions [m] in W that the tools can reach."""
+        """Return positions [m] in W that the tools can reach."""
         robot = self.robot
         if robot.n_vehicle:
             poses = [Kinematics(robot, goal).pose(tool).translation for tool in self.tools]
             R = pin.rpy.rpyToMatrix(0.0, 0.0, self._way_point()[1])
-            ahead = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
-            return [tuple(np.round(pose + ahead, 2).tolist()) for pose in poses]
+            offset = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
+            return [tuple(np.round(pose + offset, 2).tolist()) for pose in poses]
         values = np.zeros(robot.n_v)
-        for joint, low, up in limits.bounded_joints(robot.joints, robot.limits):
-            here = float(goal[joint.idx_q])
-            room = max(low, here - np.pi), min(up, here + np.pi)  # rails may be as long as a tank
-            values[joint.v] = (
-                _SMALL * (room[1] - room[0]) * (1.0 if room[1] - here > here - room[0] else -1.0)
-            )
-        moved = pin.integrate(robot.model, goal, values)
+        for joint, lower_limit, upper_limit in limits.bounded_joints(robot.joints, robot.limits):
+            position = float(goal[joint.idx_q])
+            # Rails may be as long as a tank.
+            lower = max(lower_limit, position - np.pi)
+            upper = min(upper_limit, position + np.pi)
+            direction = 1.0 if upper - position > position - lower else -1.0
+            values[joint.v] = _SMALL * (upper - lower) * direction
+        configuration = pin.integrate(robot.model, goal, values)
         return [
-            tuple(np.round(Kinematics(robot, moved).pose(tool).translation, 3).tolist())
+            tuple(np.round(Kinematics(robot, configuration).pose(tool).translation, 3).tolist())
             for tool in self.tools
         ]
 
@@ -208,7 +210,11 @@ class NewMission:
             )
             yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
         for name, target, tool in zip(self._numbered("TARGET"), targets, self.tools, strict=True):
-            yield f"{name} = {target}  # [m] where {'the tool' if len(targets) == 1 else tool} goes"
+            if len(targets) == 1:
+                subject = "the tool"
+            else:
+                subject = tool
+            yield f"{name} = {target}  # [m] where {subject} goes"
 
     def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
         data = self.robot.model.createData()
@@ -222,14 +228,18 @@ class NewMission:
         return float(np.floor(lowest - 1.0))
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
-        """Names of what there is one of for each tool: the name itself for a single tool."""
+        """Return names of what there is one of for each tool: the name itself for a single tool."""
         if len(self.tools) == 1:
             return [name]
         return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
-        """Lines, each with the name of its task, if it is one."""
+        """Yield lines, each with the name of its task, if it is one."""
         robot = self.robot
+        if robot.n_vehicle and self.level_frame:
+            frame_argument = f", {self.level_frame}"
+        else:
+            frame_argument = ""
         if robot.n_joints:
             yield "JointLimits(),", "JL"
         if robot.n_vehicle:
@@ -240,25 +250,17 @@ class NewMission:
             if not {3, 4} & set(self.missing):
                 yield f"HorizontalAttitude({self.level_frame}),", "HA"
         if self.turns_first:
-            yield (
-                (
-                    f"Alignment(goal=WAY_POINT.translation{', ' if self.level_frame else ''}{self.level_frame}),"
-                ),
-                "AT",
-            )
+            yield f"Alignment(goal=WAY_POINT.translation{frame_argument}),", "AT"
         for name, tool, target in zip(
             self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
         ):
             if len(self.tools) == 1:
-                which = ""
+                tool_arguments = ""
             else:
-                which = f'name="{name}", frame={_quoted(tool)}, '
-            yield f"ToolPosition({which}goal=uo.pose_at({target})),", name
+                tool_arguments = f'name="{name}", frame={_quoted(tool)}, '
+            yield f"ToolPosition({tool_arguments}goal=uo.pose_at({target})),", name
         if robot.n_vehicle:
-            yield (
-                f"VehiclePose(goal=WAY_POINT{', ' if self.level_frame else ''}{self.level_frame}),",
-                "PC",
-            )
+            yield f"VehiclePose(goal=WAY_POINT{frame_argument}),", "PC"
         if len(self.held) == len(robot.joints) > 0:
             yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
         elif self.held:
@@ -270,10 +272,8 @@ class NewMission:
         if self.robot.n_vehicle:
             # The axes that nothing drives drift as weight and buoyancy have it.
             error = "horizontal_error" if 2 in self.missing else "position_error"
-            yield (
-                f'arrived = uo.Below(quantity="PC.{error}",'
-                f" limit={'0.1' if not self.missing else '0.3'})  # [m]"
-            )
+            limit = 0.3 if self.missing else 0.1
+            yield f'arrived = uo.Below(quantity="PC.{error}", limit={limit})  # [m]'
         if self.turns_first:
             yield 'turned = uo.Below(quantity="AT.misalignment", limit=0.07)  # [rad]'
         for reached, name in zip(self._numbered("reached"), self._numbered("TP", ""), strict=True):
@@ -285,11 +285,20 @@ class NewMission:
     def _phases(self, names: list[str]) -> Iterator[str]:
         tools = set(self._numbered("TP", ""))
         if self.robot.n_vehicle:
-            to = '"B"' if self.tools else "uo.DONE"
-            on = [name for name in names if name not in tools]
+            next_phase = '"B"' if self.tools else "uo.DONE"
+            vehicle_tasks = [name for name in names if name not in tools]
             if self.turns_first:
-                yield _phase("T", "turn", [name for name in on if name != "PC"], '"A"', "turned")
-            yield _phase("A", "way point", on, to, "arrived", "  # [s]: noise alone ends no phase")
+                yield _phase(
+                    "T", "turn", [name for name in vehicle_tasks if name != "PC"], '"A"', "turned"
+                )
+            yield _phase(
+                "A",
+                "way point",
+                vehicle_tasks,
+                next_phase,
+                "arrived",
+                "  # [s]: noise alone ends no phase",
+            )
         if self.tools:
             yield _phase(
                 "B",
@@ -302,20 +311,18 @@ class NewMission:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 
     def _markers(self) -> str:
-        named = dict(
-            zip(
-                ["target"] if len(self.tools) == 1 else self.tools,
-                self._numbered("TARGET"),
-                strict=True,
-            )
-        )
-        items = [f"{_quoted(name)}: {value}" for name, value in named.items()]
+        if len(self.tools) == 1:
+            names = ["target"]
+        else:
+            names = [*self.tools]
+        values = dict(zip(names, self._numbered("TARGET"), strict=True))
+        items = [f"{_quoted(name)}: {value}" for name, value in values.items()]
         if self.robot.n_vehicle:
             items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
         return f"{{{', '.join(items)}}}"
 
     def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
-        made = sorted({line.partition("(")[0] for line, name in tasks if name})
+        kinds = sorted({line.partition("(")[0] for line, name in tasks if name})
         options = [
             *(["abort_phase"] if self.robot.n_vehicle else []),
             "activate",
@@ -326,16 +333,19 @@ class NewMission:
             yield "import numpy as np\n"
         yield "import uvms_ocp as uo"
         yield f"from uvms_ocp.scenario.options import {', '.join(options)}"
-        yield f"from uvms_ocp.tasks import {', '.join(made)}"
+        yield f"from uvms_ocp.tasks import {', '.join(kinds)}"
 
 
-def _phase(name: str, title: str, on: list[str], to: str, when: str, comment: str = "") -> str:
+def _phase(
+    name: str, title: str, tasks: list[str], next_phase: str, condition: str, comment: str = ""
+) -> str:
+    transition = f"uo.Transition(to={next_phase}, when=({condition},), hold=1.0)"
     lines = [
         "uo.Phase(",
         f'    name="{name}",',
         f'    title="{title}",',
-        f"    activations=activate({', '.join(map(_quoted, on))}),",
-        f"    transitions=(uo.Transition(to={to}, when=({when},), hold=1.0),),{comment}",
+        f"    activations=activate({', '.join(map(_quoted, tasks))}),",
+        f"    transitions=({transition},),{comment}",
         "),",
     ]
     return "\n".join(f"        {line}" for line in lines)
@@ -350,28 +360,30 @@ def loading_line(
 ) -> tuple[str, str]:
     """Return the expression for ROBOT and the statement that loads it, for a mission's file."""
 
-    def beside(path: Path) -> str:
+    def relative_path(path: Path) -> str:
         return os.path.relpath(path.resolve(), file.resolve().parent).replace(os.sep, "/")
 
-    found = files_of(robot, hydrodynamics)
-    urdf = Path(found["urdf"])
-    water = found["hydrodynamics"]
+    files = files_of(robot, hydrodynamics)
+    urdf = Path(files["urdf"])
+    hydrodynamics_file = files["hydrodynamics"]
     parts = [f'urdf=ROBOT / "{urdf.name}"']
-    if water is not None:
-        inside = Path(water).resolve().parent == urdf.resolve().parent
-        if inside:
-            where = f"ROBOT / {_quoted(Path(water).name)}"
+    if hydrodynamics_file is not None:
+        is_inside = Path(hydrodynamics_file).resolve().parent == urdf.resolve().parent
+        if is_inside:
+            location = f"ROBOT / {_quoted(Path(hydrodynamics_file).name)}"
         else:
-            where = f"HERE / {_quoted(beside(Path(water)))}"
-        parts.append(f"hydrodynamics={where}")
+            location = f"HERE / {_quoted(relative_path(Path(hydrodynamics_file)))}"
+        parts.append(f"hydrodynamics={location}")
     for key, value in loading.items():
         if key == "package_dirs":
-            parts.append(
-                f"{key}=[{', '.join(f'HERE / {_quoted(beside(Path(folder)))}' for folder in value)}]"
-            )
+            folders = [f"HERE / {_quoted(relative_path(Path(folder)))}" for folder in value]
+            parts.append(f"{key}=[{', '.join(folders)}]")
         else:
             parts.append(f"{key}={value!r}")
-    return f"HERE / {_quoted(beside(urdf.parent))}", f"return uo.load_robot({', '.join(parts)})"
+    return (
+        f"HERE / {_quoted(relative_path(urdf.parent))}",
+        f"return uo.load_robot({', '.join(parts)})",
+    )
 
 
 def variations_text(mission: NewMission) -> str:
@@ -380,11 +392,11 @@ def variations_text(mission: NewMission) -> str:
     """
     robot = mission.robot
     text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
-    lacks = [
+    conditions = [
         ("payload.", bool(mission.tools and mission.has_forces)),
         ("start.yaw", bool(robot.n_vehicle)),
         ("water.", bool(robot.description.links and mission.has_forces)),
         ("current.", mission.has_forces),
     ]
-    absent = [f'Variation("{word}' for word, there in lacks if not there]
+    absent = [f'Variation("{word}' for word, is_met in conditions if not is_met]
     return "\n".join(line for line in text.split("\n") if not any(word in line for word in absent))

@@ -67,27 +67,27 @@ Json = Annotated[
 
 
 def expand_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command some of whose parameters are dataclasses, as one that has the fields of them as
-    options of its own.
+    """Return a command some of whose parameters are dataclasses as one that has the fields of them
+    as options of its own.
 
     typer reads the options of a command from its signature.
     """
-    own = signature(command, eval_str=True).parameters.values()
-    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    declared = signature(command, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in declared if is_dataclass(p.annotation)}
     shared = {name: _fields_as_parameters(group) for name, group in groups.items()}
 
     @wraps(command)
     def spread(**options: Any) -> None:
-        made = {
-            name: groups[name](
-                **{parameter.name: options.pop(parameter.name) for parameter in parameters}
-            )
-            for name, parameters in shared.items()
-        }
-        command(**made, **options)
+        arguments = dict[str, Any]()
+        for name, parameters in shared.items():
+            values = {parameter.name: options.pop(parameter.name) for parameter in parameters}
+            arguments[name] = groups[name](**values)
+        command(**arguments, **options)
 
     parameters = [
-        q for p in own for q in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
+        expanded
+        for p in declared
+        for expanded in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
     ]
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
@@ -97,13 +97,15 @@ def expand_options(command: Callable[..., None]) -> Callable[..., None]:
 def _fields_as_parameters(group: Any) -> list[Parameter]:
     hints = get_type_hints(group, include_extras=True)
     return [
-        Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])
-        for f in fields(group)
+        Parameter(
+            field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
+        )
+        for field in fields(group)
     ]
 
 
 def defaults_of(kind: type[Any]) -> dict[str, Any]:
-    """Defaults of the fields of a dataclass that have one, for options that are to have the
+    """Return defaults of the fields of a dataclass that have one, for options that are to have the
     same.
     """
     return {field.name: field.default for field in fields(kind) if field.default is not MISSING}
@@ -113,7 +115,7 @@ def defaults_of(kind: type[Any]) -> dict[str, Any]:
 
 
 def folder(words: str | Path) -> Path:
-    """The folder of that name.
+    """Return the folder of that name.
 
     Raises `OutputError` for no name, which would mean the working directory, and for line breaks
     and the like, which would be refused only when results are written.
@@ -207,14 +209,14 @@ class RobotFiles:
         """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a
         position that is none.
         """
+        folders = [str(Path(folder).resolve()) for folder in self.packages or ()]
+        positions = dict(map(_position, self.lock or ()))
         return given(
             base=self.base,
-            package_dirs=[str(Path(folder).resolve()) for folder in self.packages]
-            if self.packages
-            else None,
+            package_dirs=folders or None,
             meshes=self.meshes,
             mimic=self.mimic,
-            lock=dict(map(_position, self.lock)) if self.lock else None,
+            lock=positions or None,
             drop=self.drop or None,
             tool=self.tool_link or None,
             altimeter=self.altimeter,
@@ -295,12 +297,12 @@ Out = Annotated[
 
 
 def given(**options: Any) -> dict[str, Any]:
-    """The options that were given on the command line."""
+    """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = None) -> Scenario:
-    """The scenario with the options of the command line.
+    """Build the scenario with the options of the command line.
 
     Raises `NameNotFound` for an unknown scenario or solver, and `UvmsError` where an option is
     wrong.
@@ -311,8 +313,8 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:
-    """The options with the solver of that name, if one is given. Raises `NameNotFound` for an
-    unknown one.
+    """Return the options with the solver of that name, if one is given. Raises `NameNotFound` for
+    an unknown one.
     """
     if solver is None:
         return options
@@ -324,7 +326,7 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
 
 
 def solver_name(solver: HierarchySolver) -> str:
-    """The name by which the command line knows a solver of that kind."""
+    """Return the name by which the command line knows a solver of that kind."""
     return next(
         (name for name, kind in SOLVERS.items() if kind is type(solver)),
         label(type(solver).__name__),
@@ -332,8 +334,8 @@ def solver_name(solver: HierarchySolver) -> str:
 
 
 def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
-    """Folder of the results unless one is given: what was asked for is part of its name, so that
-    nothing else is there.
+    """Return the folder of the results unless one is given: what was asked for is part of its name,
+    so that nothing else is there.
     """
     return Path(
         "uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items())))
@@ -359,11 +361,12 @@ def _word(name: str, value: Any) -> str:
 
 
 def label(words: str) -> str:
-    """A name for folders, of a name, a file or code of one's own."""
+    """Return a name for folders, of a name, a file or code of one's own."""
     place, _, attribute = words.partition(":")
-    plain = re.sub(
-        r"[^\w.]+",
-        "_",
-        "-".join(filter(None, (Path(place).stem if "." in place else Path(place).name, attribute))),
-    )
-    return plain.strip("_") or "run"
+    path = Path(place)
+    if "." in place:
+        name = path.stem
+    else:
+        name = path.name
+    parts = "-".join(filter(None, (name, attribute)))
+    return re.sub(r"[^\w.]+", "_", parts).strip("_") or "run"

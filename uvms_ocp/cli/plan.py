@@ -108,7 +108,7 @@ class MotionOptions:
     ] = None
 
     def asked(self, files: opt.RobotFiles) -> dict[str, Any]:
-        """The fields that requests of all methods have.
+        """Return the fields that requests of all methods have.
 
         Raises `InvalidInput` for goals that are none, several or not the robot's, a start that is
         not valid and obstacles that cannot be read, and `NameNotFound` for an unknown robot.
@@ -134,7 +134,7 @@ class MotionOptions:
                 )
 
     def _goal(self) -> Goal:
-        """The one goal that was given."""
+        """Return the one goal that was given."""
         has_posture = bool(self.joint or self.to or self.to_rpy)
         if (self.tool is None) != has_posture or (self.tool is None and self.tool_rpy is not None):
             raise InvalidInput(
@@ -148,14 +148,13 @@ class MotionOptions:
         )
 
     def _obstacles(self) -> tuple[Obstacle, ...]:
-        return (
-            *(read_obstacles(self.obstacles) if self.obstacles else ()),
-            *(
-                parse_obstacle("sphere", words, f"sphere{i}")
-                for i, words in enumerate(self.sphere or (), 1)
-            ),
-            *(parse_obstacle("box", words, f"box{i}") for i, words in enumerate(self.box or (), 1)),
-        )
+        obstacles = list[Obstacle]()
+        if self.obstacles:
+            obstacles += read_obstacles(self.obstacles)
+        for shape, texts in (("sphere", self.sphere), ("box", self.box)):
+            for i, words in enumerate(texts or (), 1):
+                obstacles.append(parse_obstacle(shape, words, f"{shape}{i}"))
+        return tuple(obstacles)
 
 
 def _joint_goal(words: str) -> tuple[str, float]:
@@ -176,19 +175,19 @@ class PlanOutput:
     robot: Robot
     report: dict[str, Any]
     record: Record | None
-    """The motion; None where there is none."""
+    """Record of the motion; None where there is none."""
     good: bool
-    """The goal is reached and nothing touches."""
+    """True where the goal is reached and nothing touches."""
     stopped: bool = False
     """True where Ctrl-C ended the search: the best plan so far is written."""
     save: Callable[[Path], object] | None
-    """Writes what only this method has into a folder; None where there is nothing."""
+    """Function that writes what only this method has into a folder; None where there is nothing."""
     show: Callable[[Console, PlanOutput], object]
-    """Prints the figures of the plan."""
+    """Function that prints the figures of the plan."""
 
     def write(self, folder: Path) -> list[str]:
-        """The report always, the rest where there is any, but for drawings; returns names of what
-        was written.
+        """Write the report always, the rest where there is any, but for drawings; returns names of
+        what was written.
         """
         (folder / "report.json").write_text(json.dumps(self.report, indent=2) + "\n")
         if self.save is not None:
@@ -211,28 +210,30 @@ def make_and_write_plan(make: Callable[[Progress], PlanOutput], out: Path, as_js
         drawer() as draw,
     ):
         with busy(console, "planning") as show:
-            made = make(lambda text: show(plain_line(f"planning: {text}")))
+            output = make(lambda text: show(plain_line(f"planning: {text}")))
         with claim.staged() as staging:
-            kept = made.write(staging)
-        if made.record is not None:
-            with claim.staged(keep=kept) as staging:
-                missing = draw(drawings_of(made.record, made.robot, staging, (SCENE, *PLAN_NAMES)))
+            files = output.write(staging)
+        if output.record is not None:
+            with claim.staged(keep=files) as staging:
+                missing = draw(
+                    drawings_of(output.record, output.robot, staging, (SCENE, *PLAN_NAMES))
+                )
         written = claim.written()
-    _print_plan(console, made, written)
+    _print_plan(console, output, written)
     for line in missing:
         console.print(line, style="yellow", markup=False)
     if as_json:
-        print_json(made.report)
-    if made.stopped or not made.good:
-        raise typer.Exit(INTERRUPTED if made.stopped else NOT_COMPLETED)
+        print_json(output.report)
+    if output.stopped or not output.good:
+        raise typer.Exit(INTERRUPTED if output.stopped else NOT_COMPLETED)
 
 
-def _print_plan(console: Console, made: PlanOutput, paths: list[Path]) -> None:
-    reason = f" ({made.report['reason']})" if "reason" in made.report else ""
+def _print_plan(console: Console, output: PlanOutput, paths: list[Path]) -> None:
+    reason = f" ({output.report['reason']})" if "reason" in output.report else ""
     console.print(
-        plain_line(f"plan: {made.report['status']}{reason}; advice: {made.report['advice']}")
+        plain_line(f"plan: {output.report['status']}{reason}; advice: {output.report['advice']}")
     )
-    made.show(console, made)
+    output.show(console, output)
     print_paths(console, paths)
 
 
@@ -246,23 +247,25 @@ def _or_best(search: Callable[[], Any]) -> tuple[Any, bool]:
         return stop.result, True
 
 
-def _print_motion(console: Console, made: PlanOutput) -> None:
-    report = made.report
-    if made.record is not None:
-        least = report["min_clearance_m"]
-        if least is None:
-            near = ""
+def _print_motion(console: Console, output: PlanOutput) -> None:
+    report = output.report
+    if output.record is not None:
+        clearance = report["min_clearance_m"]
+        if clearance is None:
+            clearance_text = ""
         else:
-            near = f", {least:.3g} m between {report['min_clearance_between']} "
-        near += "" if least is None else f"at {report['min_clearance_at_s']:.2f} s"
-        each = [
-            f"{d:.3g} m to {name}"
-            for d, name in sorted((d, name) for name, d in (report["clearances_m"] or {}).items())
-        ]
-        near += f" ({', '.join(each[:4])})" if len(each) > 1 else ""
+            clearance_text = (
+                f", {clearance:.3g} m between {report['min_clearance_between']}"
+                f" at {report['min_clearance_at_s']:.2f} s"
+            )
+        clearances = sorted((d, name) for name, d in (report["clearances_m"] or {}).items())
+        if len(clearances) > 1:
+            parts = ", ".join(f"{d:.3g} m to {name}" for d, name in clearances[:4])
+            clearance_text += f" ({parts})"
         console.print(
             plain_line(
-                f"{report['duration_s']:.1f} s long{near}; found in {report['solve_time_s']:.2f} s"
+                f"{report['duration_s']:.1f} s long{clearance_text};"
+                f" found in {report['solve_time_s']:.2f} s"
             )
         )
     unshaped = report["links_without_shape"]
@@ -318,25 +321,29 @@ def mission(
     target = out or opt.default_folder(("plan", "mission", opt.label(name)), options)
 
     def by_mission(_: Progress) -> PlanOutput:
-        found, stopped = _or_best(
+        plan, stopped = _or_best(
             lambda: plan_mission(scenario, duration=within, step=step, options=solver)
         )
+
+        def save(folder: Path) -> None:
+            plan.save(folder / "plan.npz")
+
         return PlanOutput(
             robot=scenario.robot,
-            report=found.summary(),
+            report=plan.summary(),
             record=None,
-            good=found.solved,
+            good=plan.solved,
             stopped=stopped,
-            save=(lambda folder: found.save(folder / "plan.npz")) if found.status.usable else None,
+            save=save if plan.status.usable else None,
             show=_print_mission,
         )
 
     make_and_write_plan(by_mission, target, as_json)
 
 
-def _print_mission(console: Console, made: PlanOutput) -> None:
-    report = made.report
-    if made.save is not None:
+def _print_mission(console: Console, output: PlanOutput) -> None:
+    report = output.report
+    if output.save is not None:
         console.print(table_of(f"{report['scenario']} as one problem", report["phases"], _COLUMNS))
         if report["energy_j"] is None:
             energy = "- J (not known)"
@@ -464,9 +471,9 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
 
 
 def _words(moment: IterationReport) -> str:
-    """Ctrl-C keeps the best plan so far."""
-    found = (
+    """Describe an iteration in a line; Ctrl-C keeps the best plan so far."""
+    progress = (
         f"iteration {moment.iteration}, residual {moment.residual:.3g}, constraints broken by"
         f" {moment.violation:.1e}"
     )
-    return f"level {moment.level!r}, {found} (Ctrl-C stops)"
+    return f"level {moment.level!r}, {progress} (Ctrl-C stops)"

@@ -26,7 +26,7 @@ _BESIDE = 3  # that a column takes beside its own
 
 
 def console_of(*, stderr: bool = False) -> Console:
-    """A console that takes names for text: no markup, no emoji."""
+    """Return a console that takes names for text: no markup, no emoji."""
     return Console(stderr=stderr, markup=False, emoji=False)
 
 
@@ -40,13 +40,13 @@ def busy(console: Console, text: str) -> Iterator[Callable[[str], None]]:
 
 
 def print_paths(console: Console, paths: Iterable[Path]) -> None:
-    """One path per line, as it is."""
+    """Print one path per line, as it is."""
     for path in paths:
         console.print(str(path), highlight=False, soft_wrap=True)
 
 
 def print_line(console: Console, text: str, style: str = "") -> None:
-    """A text, whatever it holds, as one line, which goes on below between two words where the
+    """Print a text, whatever it holds, as one line, which goes on below between two words where the
     console is narrower.
     """
     lines = textwrap.wrap(
@@ -62,7 +62,7 @@ def print_line(console: Console, text: str, style: str = "") -> None:
 def table_of(
     title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]
 ) -> FoldingTable:
-    """A table of the given columns of all rows."""
+    """Return a table of the given columns of all rows."""
     cells = tuple(tuple(cell(row[column]) for row in rows) for column in columns)
     return FoldingTable(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
 
@@ -76,7 +76,7 @@ class FoldingTable:
     title: str
     head: tuple[str, ...]
     cells: tuple[tuple[str, ...], ...]
-    """Column by column."""
+    """Texts of the cells, column by column."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Table]:
         """Give Rich the tables that fit its width."""
@@ -89,14 +89,14 @@ class FoldingTable:
     def _table(self, title: str | None, part: Sequence[int], needs: Sequence[int]) -> Table:
         table = Table(title=title)
         for k in part:
-            whole = max(map(len, (self.head[k], *self.cells[k]))) <= needs[k]
-            table.add_column(self.head[k], overflow="fold", no_wrap=whole or self.head[k] in _TYPED)
+            fits = max(map(len, (self.head[k], *self.cells[k]))) <= needs[k]
+            table.add_column(self.head[k], overflow="fold", no_wrap=fits or self.head[k] in _TYPED)
         for row in zip(*(self.cells[k] for k in part), strict=True):
             table.add_row(*row)
         return table
 
     def _need(self, k: int) -> int:
-        """Letters of what is not broken of a column."""
+        """Return letters of what is not broken of a column."""
         texts = (self.head[k], *self.cells[k])
         if self.head[k] in _TYPED:
             return max(map(len, texts))
@@ -106,21 +106,21 @@ class FoldingTable:
 
 
 def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
-    """Columns of tables that fit side by side, each with the first one."""
+    """Return columns of tables that fit side by side, each with the first one."""
     room = width - needs[0] - _BESIDE - 1
     parts = [[0]]
-    left = room
+    free = room
     for k, need in enumerate(needs[1:], 1):
-        if need + _BESIDE > left and len(parts[-1]) > 1:
+        if need + _BESIDE > free and len(parts[-1]) > 1:
             parts.append([0])
-            left = room
+            free = room
         parts[-1].append(k)
-        left -= need + _BESIDE
+        free -= need + _BESIDE
     return parts
 
 
 def require_accepted(
-    preflight: PreflightReport, what: str, console: Console, *, force: bool
+    preflight: PreflightReport, subject: str, console: Console, *, force: bool
 ) -> None:
     """Print what pre-flight has found of a mission.
 
@@ -133,21 +133,23 @@ def require_accepted(
     if refused:
         n = len(preflight.errors)
         text = (
-            f"pre-flight refuses {what} ({n} error{'s' if n > 1 else ''}):"
+            f"pre-flight refuses {subject} ({n} error{'s' if n > 1 else ''}):"
             f" {preflight.errors[0].text}"
         )
         raise InvalidInput(f"{text}; mend that, or --force runs it all the same")
 
 
 def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
-    """Errors and warnings of pre-flight, one per line, and notes if wanted."""
+    """Print errors and warnings of pre-flight, one per line, and notes if wanted."""
     styles = {"error": "red", "warning": "yellow"}
     for finding in preflight.findings:
         if notes or finding.severity.value in styles:
-            where = f" (phase {finding.phase})" if finding.phase else ""
+            phase_text = f" (phase {finding.phase})" if finding.phase else ""
             style = styles.get(finding.severity.value, "")
             print_line(
-                console, f"{finding.severity.value}: {finding.check}{where}: {finding.text}", style
+                console,
+                f"{finding.severity.value}: {finding.check}{phase_text}: {finding.text}",
+                style,
             )
     if notes:
         console.print(

@@ -60,7 +60,7 @@ def schema() -> None:
 
 
 def _files(robot: str) -> Path:
-    """The path as it is where there is one, or else the folder of the robot of that name."""
+    """Return the path as it is where there is one, or else the folder of the robot of that name."""
     path = Path(robot)
     if robot == path.name and not path.suffix and not path.exists():
         return robot_folder(robot)
@@ -83,17 +83,17 @@ def _print_robot(report: robot_check.RobotReport) -> None:
 
 def list_all(as_json: _Json = False) -> None:
     """List scenarios, robots, plants and solvers."""
-    known = {
+    names_by_kind = {
         "scenarios": list(SCENARIOS),
         "robots": list(list_robots()),
         "plants": list(PLANTS),
         "solvers": list(opt.SOLVERS),
     }
     if as_json:
-        print_json(known)
+        print_json(names_by_kind)
         return
     table = Table("kind", "names", box=None)
-    for kind, names in known.items():
+    for kind, names in names_by_kind.items():
         table.add_row(kind, ", ".join(names))
     console_of().print(table)
 
@@ -143,7 +143,7 @@ def new_robot(
     }
     if files.meshes is not None:
         loading["meshes"] = "yes" if files.meshes else "no"
-    found = proposal.propose(
+    proposed = proposal.propose(
         urdf,
         base=files.base,
         package_dirs=folders,
@@ -152,17 +152,17 @@ def new_robot(
         altimeter=files.altimeter,
         dvl=files.dvl,
     )
-    text, meshes = with_own_meshes(urdf, folders)
+    urdf_text, meshes = with_own_meshes(urdf, folders)
     _write(
-        {out / "robot.urdf": text, out / "hydrodynamics.yaml": found.text},
-        {out / to: at for to, at in meshes.items()},
+        {out / "robot.urdf": urdf_text, out / "hydrodynamics.yaml": proposed.text},
+        {out / target: origin for target, origin in meshes.items()},
     )
-    wrong = (
+    errors = (
         f
-        for f in robot_check.check_robot(found.robot).findings
+        for f in robot_check.check_robot(proposed.robot).findings
         if f.verdict is robot_check.RobotVerdict.ERROR
     )
-    _say([*found.questions, *(f"{finding.subject}: {finding.text}" for finding in wrong)])
+    _say([*proposed.questions, *(f"{finding.subject}: {finding.text}" for finding in errors)])
 
 
 def new_mission(
@@ -208,8 +208,8 @@ def _say(lines: Iterable[str]) -> None:
         print_line(console_of(stderr=True), line, "yellow")
 
 
-def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) -> None:
-    """All of them, or none where one is there already. copies: of other files."""
+def _write(files: dict[Path, str], originals: Mapping[Path, Path] | None = None) -> None:
+    """Write all of them, or none where one is there already; originals: of copies to make."""
     for path in files:
         if path.exists():
             raise InvalidInput(f"{path}: is there already; choose another name, or move it away")
@@ -217,7 +217,7 @@ def _write(files: dict[Path, str], copies: Mapping[Path, Path] | None = None) ->
         for path, text in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        for path, original in (copies or {}).items():
+        for path, original in (originals or {}).items():
             path.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(original, path)
     print_paths(console_of(), list(files))

@@ -65,7 +65,7 @@ SCENE = "scene"
 
 
 @contextmanager
-def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
+def drawer(*, needed: bool = True) -> Iterator[Callable[..., list[str]]]:
     """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a
     line that says why.
 
@@ -74,17 +74,17 @@ def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
     copies of this process write: until then the first imports what draws, which takes half a
     second, and the others are copied from it.
     """
-    apart = wanted and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES
+    in_copies = needed and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES
     pool = ProcessPoolExecutor(
-        1, get_context("fork" if apart else None), _load_drawing, (os.getpid(),)
+        1, get_context("fork" if in_copies else None), _load_drawing, (os.getpid(),)
     )
-    before = active_children()
+    earlier_children = active_children()
     with warnings.catch_warnings(
         action="ignore", category=DeprecationWarning
     ):  # of threads of libraries, which wait for work
-        if apart:
+        if in_copies:
             pool.submit(int)  # which begins it
-    copies = set(active_children()).difference(before)
+    copies = set(active_children()).difference(earlier_children)
 
     def draw(
         drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None
@@ -93,7 +93,7 @@ def drawer(*, wanted: bool = True) -> Iterator[Callable[..., list[str]]]:
             status or nullcontext(),
             suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError),
         ):
-            if apart:
+            if in_copies:
                 return pool.submit(_draw_in_copies, drawings).result()
         return [
             *filter(None, map(_attempt, drawings, drawings.values()))
@@ -131,7 +131,7 @@ def _draw_in_copies(drawings: Mapping[str, Job]) -> list[str]:
 
 
 def _attempt(name: str, draw: Job | None = None) -> str:
-    """Why it failed; nothing where it is drawn."""
+    """Draw a file; returns why it failed, nothing where it is drawn."""
     try:
         (draw or _DRAWINGS[name])()
     except (OSError, OutputError):
@@ -179,7 +179,8 @@ def run(
     options = changes.chosen | opt.given(
         noise=noise, seed=seed, duration=duration, record_rate=record_rate
     )
-    options |= {"faults": parse_faults(fault)} if fault else {}
+    if fault:
+        options |= {"faults": parse_faults(fault)}
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 
@@ -238,10 +239,10 @@ def run_and_write(
     """
     running = out / RUNNING
     names = (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
-    wanted: tuple[str, ...] = (SCENE, *RUN_NAMES)
+    drawing_names: tuple[str, ...] = (SCENE, *RUN_NAMES)
     if drawn is not None:
-        wanted = tuple(drawn)
-    with claim_folder(out, names) as claim, drawer(wanted=bool(wanted)) as draw:
+        drawing_names = tuple(drawn)
+    with claim_folder(out, names) as claim, drawer(needed=bool(drawing_names)) as draw:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
         if (running / row_files.META).is_file():
@@ -256,11 +257,11 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
-            if plan is not None and SCENE in wanted:
+            if plan is not None and SCENE in drawing_names:
                 ghosts = {"plan": plan.to_record(scenario)}
             else:
                 ghosts = None
-            drawings = drawings_of(record, scenario.robot, staging, wanted, ghosts)
+            drawings = drawings_of(record, scenario.robot, staging, drawing_names, ghosts)
             missing = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
@@ -270,7 +271,9 @@ def run_and_write(
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
-    """A plan of that scenario, from its file or the folder that holds it. Raises `InvalidInput`."""
+    """Return a plan of that scenario, from its file or the folder that holds it. Raises
+    `InvalidInput`.
+    """
     from uvms_ocp.mission_plan.mission_plan import MissionPlan  # a tenth of a second
 
     plan = MissionPlan.load(place / "plan.npz" if place.is_dir() else place)
@@ -313,11 +316,18 @@ def _simulate(
 
 
 def _drawn(names: str) -> list[str]:
-    """All of them, none, or those whose names, with commas, are given. Raises `NameNotFound`."""
-    known = [SCENE, *RUN_NAMES]
-    chosen = {"all": known, "none": []}.get(names, [name.strip() for name in names.split(",")])
+    """Return all figures, none, or those whose names, with commas, are given. Raises
+    `NameNotFound`.
+    """
+    figure_names = [SCENE, *RUN_NAMES]
+    listed = [name.strip() for name in names.split(",")]
+    chosen = {"all": figure_names, "none": []}.get(names, listed)
+    if len(chosen) == 1:
+        allowed = ["all", "none", *figure_names]
+    else:
+        allowed = figure_names
     for name in chosen:
-        require_known("figure", name, ["all", "none", *known] if len(chosen) == 1 else known)
+        require_known("figure", name, allowed)
     return chosen
 
 
@@ -333,38 +343,39 @@ def drawings_of(
     ghosts: drawn in the scene, too, which is among the figures by its name. A record that stands in
     the folder, and may be larger than memory, is read from there by what draws the scene.
     """
-    few = thinned(record)
-    into = folder / "figures"
-    kept = folder / RECORD
-    given = kept if kept.is_file() else record
+    thin_record = thinned(record)
+    figure_folder = folder / "figures"
+    path = folder / RECORD
+    source = path if path.is_file() else record
     scene = partial(
         _write,
         "scene.show",
         "write_scene",
-        given,
+        source,
         robot,
         folder / "scene.html",
         ghosts=ghosts or {},
     )
-    drawn = {
-        name: partial(_write, "run_figures", "write_figure", few, name, into)
+    figure_jobs = {
+        name: partial(_write, "run_figures", "write_figure", thin_record, name, figure_folder)
         for name in figures
         if name != SCENE
     }
-    return ({"scene.html": scene} if SCENE in figures else {}) | {
-        f"figures/{name}.png": draw for name, draw in drawn.items()
-    }
+    files = {f"figures/{name}.png": draw for name, draw in figure_jobs.items()}
+    if SCENE in figures:
+        return {"scene.html": scene} | files
+    return files
 
 
 def _write(
-    module: str, function: str, record: Record | Path, *given: object, **named: object
+    module: str, function: str, record: Record | Path, *arguments: object, **options: object
 ) -> None:
     """Load what draws, and a record of which the path is given, where it is called."""
     if isinstance(record, Path):
-        whole = Record.load(record)
+        loaded = Record.load(record)
     else:
-        whole = record
-    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(whole, *given, **named)
+        loaded = record
+    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(loaded, *arguments, **options)
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
@@ -396,7 +407,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     resources = _transposed(report["resources"])
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
     times = report["controller_us"]
-    whole = f", whole controller {times['p50']:.0f} us" if times else ""
+    controller_text = f", whole controller {times['p50']:.0f} us" if times else ""
     ending = report["cause"]["kind"]
     if not report["completed"]:
         verdict = plain_line(f"not completed: {report['pending']}")
@@ -405,7 +416,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
     else:
         verdict = "complete by the estimate alone"
     tick = (
-        f"tick p50 {report['tick_us']['p50']:.0f} us{whole}, largest tilt"
+        f"tick p50 {report['tick_us']['p50']:.0f} us{controller_text}, largest tilt"
         f" {printing.cell(report['largest_tilt_rad'])} rad"
     )
     console.print(
@@ -418,7 +429,7 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
 
 
 def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
-    """Faults that were asked for, and what the robot said; a line each."""
+    """Print faults that were asked for, and what the robot said; a line each."""
     for fault in report["faults"]:
         if fault["end"] is None:
             until = ""
@@ -446,8 +457,8 @@ def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
-    """Errors of the tasks that the phase had turned on: as estimated, and where sensors are noisy
-    the truth beside it.
+    """Yield errors of the tasks that the phase had turned on: as estimated, and where sensors are
+    noisy the truth beside it.
     """
     for name, value in phase["final_errors"].items():
         task, _, quantity = name.rpartition(".")
@@ -455,22 +466,23 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
             allowed = phase["sensors_allow"].get(name)
             true = printing.cell(phase["true_errors"].get(name))
             if allowed is None:
-                beside = ""
+                truth = ""
             else:
-                beside = f", true {true}, sensors allow {allowed:.2g}"
-            yield f"{name} {printing.cell(value)}{beside}"
+                truth = f", true {true}, sensors allow {allowed:.2g}"
+            yield f"{name} {printing.cell(value)}{truth}"
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """One row per figure that some phase has, one column per visit to a phase; energy that is not
-    known has its row too.
+    """Return one row per figure that some phase has, one column per visit to a phase; energy that
+    is not known has its row too.
     """
     names = [*(f"{k + 1} {row['phase']}" for k, row in enumerate(rows[:-1])), rows[-1]["phase"]]
-    had = {name for name in rows[0] if any(row[name] is not None for row in rows)}
-    if "joint_energy_j" in had:
-        had |= {"thruster_energy_j", "energy_j"}
-    figures = [name for name in rows[0] if name != "phase" and name in had]
-    return [
-        {"figure": figure, **dict(zip(names, (row[figure] for row in rows), strict=True))}
-        for figure in figures
-    ]
+    nonempty = {name for name in rows[0] if any(row[name] is not None for row in rows)}
+    if "joint_energy_j" in nonempty:
+        nonempty |= {"thruster_energy_j", "energy_j"}
+    figures = [name for name in rows[0] if name != "phase" and name in nonempty]
+    transposed = list[dict[str, Any]]()
+    for figure in figures:
+        values = [row[figure] for row in rows]
+        transposed.append({"figure": figure, **dict(zip(names, values, strict=True))})
+    return transposed

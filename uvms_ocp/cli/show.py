@@ -104,9 +104,10 @@ def compare_runs(
     Raises `InvalidInput` for a folder without a record.
     """
     console = console_of(stderr=as_json)
-    given = [_given(words) for words in (first, second)]  # both, before either is run
+    sources = [_given(words) for words in (first, second)]  # both, before either is run
     records = [
-        _record(words, one, console) for words, one in zip((first, second), given, strict=True)
+        _record(words, source, console)
+        for words, source in zip((first, second), sources, strict=True)
     ]
     rows = compare(records[0], records[1])
     shown = [row | {"change": _percent(row["change"])} for row in rows]
@@ -118,7 +119,7 @@ def compare_runs(
 
 
 def _given(words: str) -> Record | Scenario:
-    """A record of a folder or a file, or a scenario to be run."""
+    """Return a record of a folder or a file, or a scenario to be run."""
     if (Path(words).exists() and own_code(words) is None) or not (
         own_code(words) or words in SCENARIOS
     ):
@@ -128,17 +129,17 @@ def _given(words: str) -> Record | Scenario:
     return opt.build_scenario(words, {})
 
 
-def _record(words: str, given: Record | Scenario, console: Console) -> Record:
-    if isinstance(given, Record):
-        return given
+def _record(words: str, source: Record | Scenario, console: Console) -> Record:
+    if isinstance(source, Record):
+        return source
     with busy(console, f"running {plain_line(words, 60)}"):
-        return given.run()
+        return source.run()
 
 
 def _percent(change: float | None) -> str | None:
-    return (
-        None if change is None else f"{round(change, 4) + 0.0:+.4g} %"
-    )  # without the noise of sums, and no -0
+    if change is None:
+        return None
+    return f"{round(change, 4) + 0.0:+.4g} %"  # without the noise of sums, and no -0
 
 
 # ``estimate``: what filter and health monitor make of a recording.
@@ -174,17 +175,17 @@ def estimate(
     from uvms_ocp.viz.series import thinned
 
     console = console_of(stderr=as_json)
-    own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    used_robot = with_robot(opt.given(robot=robot, **files.options)).get("robot")
     is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
-    given: Record | Recording
+    recording: Record | Recording
     if is_run:
-        given = Record.load(_file_at(path, (RECORD,), "the folder of a run"))
+        recording = Record.load(_file_at(path, (RECORD,), "the folder of a run"))
     else:
-        given = read_recordings([path], mapping)[0]
-    if own is None:
-        if not isinstance(given, Record):
+        recording = read_recordings([path], mapping)[0]
+    if used_robot is None:
+        if not isinstance(recording, Record):
             raise InvalidInput(f"{path} does not say of which robot it is; give --robot")
-        own = recorded(given, path)
+        used_robot = recorded(recording, path)
     names = ("estimate", "health")
     rows = out / STORE / "estimate"
     with claim_folder(
@@ -192,26 +193,27 @@ def estimate(
     ) as claim:
         durable_files.discard(rows)
         with busy(console, "estimating"):
-            found = estimate_recording(given, own, faults=parse_faults(fault or ()), folder=rows)
+            result = estimate_recording(
+                recording, used_robot, faults=parse_faults(fault or ()), folder=rows
+            )
         report = {
             "recording": str(path),
-            "robot": own.name,
-            "same_as_run": found.same,
-            "channels": list(found.channels),
+            "robot": used_robot.name,
+            "same_as_run": result.same,
+            "channels": list(result.channels),
         }
         with claim.staged() as staging:
-            found.record.save(staging / RECORD)
+            result.record.save(staging / RECORD)
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             for name in names:
-                write_figure(thinned(found.record), name, staging / "figures")
+                write_figure(thinned(result.record), name, staging / "figures")
         durable_files.discard(rows)
         written = claim.written()
     for columns in (_AGREEMENT, _DOUBTS):
-        console.print(table_of(found.record.meta.scenario, found.channels, columns))
-    if found.same is not None:
-        print_line(
-            console, f"the estimate {'is' if found.same else 'differs from'} that of the run"
-        )
+        console.print(table_of(result.record.meta.scenario, result.channels, columns))
+    if result.same is not None:
+        relation = "is" if result.same else "differs from"
+        print_line(console, f"the estimate {relation} that of the run")
     print_paths(console, written)
     if as_json:
         print_json(report)
@@ -266,7 +268,7 @@ def show_scene(
 
 
 def _serve(console: Console, page: ScenePage, port: int, what: str, browser: bool) -> None:
-    """Until Ctrl-C."""
+    """Serve a page until Ctrl-C."""
     from uvms_ocp.viz.scene.page import served
 
     with suppress(KeyboardInterrupt), served(page, port) as address:
@@ -296,22 +298,21 @@ def _page(
     is_name = what in list_robots() and not Path(what).exists()
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
         return show(loading.robot_called(what, files.hydrodynamics, files.loading))
-    own = with_robot(opt.given(robot=robot, **files.options)).get("robot")
-    others = {_name_of(path): _motion(path, own) for path in ghosts}
-    if len(others) < len(ghosts):
+    used_robot = with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    ghost_motions = {_name_of(path): _motion(path, used_robot) for path in ghosts}
+    if len(ghost_motions) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")
-    shown = _motion(Path(what), own)
-    return show(
-        shown,
-        None if isinstance(shown, Plan) else own or recorded(shown, Path(what)),
-        ghosts=others,
-        fps=fps,
-    )
+    motion = _motion(Path(what), used_robot)
+    if isinstance(motion, Plan):
+        shown_robot = None
+    else:
+        shown_robot = used_robot or recorded(motion, Path(what))
+    return show(motion, shown_robot, ghosts=ghost_motions, fps=fps)
 
 
 def _motion(path: Path, robot: Robot | None) -> Record | Plan:
-    """The record of a folder or file, or else the plan, of that robot unless it is one of the
-    library.
+    """Return the record of a folder or file, or else the plan, of that robot unless it is one of
+    the library.
     """
     file = _file_at(
         path,
@@ -322,24 +323,24 @@ def _motion(path: Path, robot: Robot | None) -> Record | Plan:
         Record.load,
         partial(Plan.load, robot=robot),
     )
-    wrong: list[str] = []
+    messages: list[str] = []
     for read in readers[1:] if file.suffix == ".json" else readers:
         try:
             return read(file)
         except InvalidInput as error:
-            wrong.append(str(error))
+            messages.append(str(error))
     with suppress(InvalidInput):
         MissionPlan.load(file)
-        wrong[0] = (
+        messages[0] = (
             f"{file}: a plan of a mission, which is shown once flown; give the folder of `run NAME"
             " --follow PLAN`"
         )
-    raise InvalidInput(wrong[0])
+    raise InvalidInput(messages[0])
 
 
 def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
-    """A file itself, or the first of these that a folder holds; what a command left unfinished
-    there is ended before.
+    """Return a file itself, or the first of these that a folder holds; what a command left
+    unfinished there is ended before.
 
     Of a run that goes on, or that was cut off, the folder of its rows so far.
     """
@@ -347,16 +348,16 @@ def _file_at(path: Path, names: tuple[str, ...], advice: str) -> Path:
     if (path / RUNNING / row_files.META).is_file():
         return path / RUNNING
     if path.is_dir():
-        found = [path / name for name in names if (path / name).is_file()]
+        files = [path / name for name in names if (path / name).is_file()]
     else:
-        found = [path]
-    if not found:
+        files = [path]
+    if not files:
         raise InvalidInput(f"{path}: holds no {' or '.join(names)}; give {advice}")
-    return found[0]
+    return files[0]
 
 
 def _name_of(path: Path) -> str:
     """Return the name of a run: that of its folder."""
     is_file_of_run = not path.is_dir() and path.stem in ("record", "plan")
-    named = path.parent if is_file_of_run else path
-    return named.resolve().name
+    folder = path.parent if is_file_of_run else path
+    return folder.resolve().name

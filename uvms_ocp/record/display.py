@@ -38,23 +38,21 @@ class SmallTable:
     rows: tuple[tuple[str, ...], ...]
 
     def text(self) -> str:
-        """Lines of at most 80 characters; what is longer is cut, and rows beyond the first are
-        counted.
+        """Return lines of at most 80 characters; what is longer is cut, and rows beyond the first
+        are counted.
         """
         lines = [row for row in (self.head, *self._shown()) if row]
         widths = [
             max(len(row[k]) for row in lines if k < len(row))
             for k in range(max(map(len, lines), default=0))
         ]
-        text = [
-            _GAP.join(cell.ljust(width) for cell, width in zip(row, widths, strict=False)).rstrip()
-            for row in lines
-        ]
+        text = list[str]()
+        for row in lines:
+            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=False))
+            text.append(_GAP.join(cells).rstrip())
         words = wrap(plain_line(self.words), WIDTH - len(_GAP))
-        return "\n".join(
-            _cut(line)
-            for line in (self.title, *(f"{_GAP}{line}" for line in (*words, *text)), *self._rest())
-        )
+        indented = (f"{_GAP}{line}" for line in (*words, *text))
+        return "\n".join(_cut(line) for line in (self.title, *indented, *self._rest()))
 
     def html(self) -> str:
         """Return a table in HTML; names are text, whatever they hold."""
@@ -74,19 +72,19 @@ class SmallTable:
         return self.rows[:_MOST_ROWS]
 
     def _rest(self) -> tuple[str, ...]:
-        more = len(self.rows) - _MOST_ROWS
-        if more > 0:
-            return (f"{_GAP}and {more} more",)
+        n_more = len(self.rows) - _MOST_ROWS
+        if n_more > 0:
+            return (f"{_GAP}and {n_more} more",)
         return ()
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    """A row for each value, numbers in four digits."""
+    """Return a row for each value, numbers in four digits."""
     return tuple((name.replace("_", " "), cell(value)) for name, value in values.items())
 
 
 def cell(value: Any) -> str:
-    """A value as a table shows it: a number in four digits, a dash for none."""
+    """Format a value as a table shows it: a number in four digits, a dash for none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
     if isinstance(value, float):
@@ -175,22 +173,21 @@ def format_value(value: Any) -> str:
         if any(isinstance(item, Mapping) for item in value):
             return f"{len(value)} rows"
         if len(value) > _FEW:
-            more = f" and {len(value) - _FEW} more"
+            more_text = f" and {len(value) - _FEW} more"
         else:
-            more = ""
-        return (", ".join(map(format_value, value[:_FEW])) or "none") + more
+            more_text = ""
+        return (", ".join(map(format_value, value[:_FEW])) or "none") + more_text
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
     # Describe it by its own words, where these are few; else by its kind.
     if isinstance(value, float):
-        words = f"{value:.4g}"
+        text = f"{value:.4g}"
+    elif isinstance(value, str):
+        text = str(value)
     else:
-        if isinstance(value, str):
-            words = str(value)
-        else:
-            words = repr(value)
-    if "\n" in words or " at 0x" in words or len(words) > _LONGEST:
+        text = repr(value)
+    if "\n" in text or " at 0x" in text or len(text) > _LONGEST:
         return type(value).__name__
-    return words
+    return text

@@ -20,8 +20,8 @@ _BEGIN_ANEW = 1000
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """An empty file that takes the place of `path` as the block ends, on the disk: it is found
-    whole, old or new, at any moment.
+    """Yield an empty file that takes the place of `path` as the block ends, on the disk: it is
+    found whole, old or new, at any moment.
 
     Raises `OSError`, with the old file in place.
     """

@@ -82,7 +82,8 @@ _BLOCK = 4096
 def mcap_messages(
     path: Path, topics: Collection[str] | None = None
 ) -> Iterator[tuple[Any, Any, Any]]:
-    """Schema (none for messages that need none), channel and message, of these topics or of all.
+    """Yield schema (none for messages that need none), channel and message, of these topics or of
+    all.
 
     Raises `InvalidInput` for a file that unpacks to far more than it is, and what the library
     raises for a damaged one.
@@ -104,7 +105,9 @@ def mcap_messages(
 
 
 def mcap_topics(path: Path) -> tuple[str, ...]:
-    """All of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages` does."""
+    """Return all topics of a file, sorted. Raises `InvalidInput` and others, as `mcap_messages`
+    does.
+    """
     require_mcap()
     from mcap.records import Channel
 
@@ -146,25 +149,25 @@ def _unpacked(path: Path, chunk: Any) -> bytes:
     states.
     """
     size = chunk.uncompressed_size
-    found = _first(chunk, size + 1)
-    if len(found) != size:
+    content = _first(chunk, size + 1)
+    if len(content) != size:
         raise InvalidInput(
             f"{path}: a chunk does not hold the {size} bytes that it declares; mcap recover may"
             " help"
         )
-    return found
+    return content
 
 
-def _first(chunk: Any, most: int) -> bytes:
+def _first(chunk: Any, size: int) -> bytes:
     if chunk.compression == "lz4":
         from lz4.frame import LZ4FrameDecompressor
 
-        return bytes(LZ4FrameDecompressor().decompress(chunk.data, max_length=most))
+        return bytes(LZ4FrameDecompressor().decompress(chunk.data, max_length=size))
     if chunk.compression == "zstd":
         from zstandard import ZstdDecompressor
 
         stream: IO[bytes] = ZstdDecompressor(max_window_size=_WINDOW).stream_reader(chunk.data)
-        return stream.read(most)
+        return stream.read(size)
     if chunk.compression:
         raise InvalidInput(f"a chunk packed by {chunk.compression[:20]!r}; lz4 and zstd are read")
     return bytes(chunk.data)
@@ -184,19 +187,19 @@ def require_mcap() -> None:
 
 
 def ros_definition(kind: str) -> str:
-    """Text by which a reader knows a message of that type: its fields, then those of all types in
-    it.
+    """Return the text by which a reader knows a message of that type: its fields, then those of all
+    types in it.
     """
     texts = {kind: ROS_MESSAGES[kind]}
-    todo = [kind]
-    while todo:
-        inside = [
+    pending = [kind]
+    while pending:
+        inner_kinds = [
             word
-            for word in re.split(r"[\s\[\]]+", texts[todo.pop()])
+            for word in re.split(r"[\s\[\]]+", texts[pending.pop()])
             if word in ROS_MESSAGES and word not in texts
         ]
-        texts |= {name: ROS_MESSAGES[name] for name in inside}
-        todo += inside
+        texts |= {name: ROS_MESSAGES[name] for name in inner_kinds}
+        pending += inner_kinds
     return f"\n{_NEXT}".join(
         [texts.pop(kind), *(f"{name}\n{text}" for name, text in texts.items())]
     )
@@ -209,11 +212,13 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
     blocks = [np.tile(_HEAD, (n, 1))]
     size = 0
     for part in parts:
+        arrays: tuple[np.ndarray, ...]
         if isinstance(part, str):
             text = np.frombuffer(part.encode() + b"\0", dtype="u1")
+            arrays = (_count(len(text)), text)
         else:
-            text = None
-        for values in (part,) if text is None else (np.array([len(text)], dtype="u4"), text):
+            arrays = (part,)
+        for values in arrays:
             rows = np.broadcast_to(values, (n, np.shape(values)[-1]))
             gap = -size % rows.itemsize if rows.shape[1] else 0
             blocks += [
@@ -225,7 +230,7 @@ def cdr_messages(n: int, parts: Iterable[Part]) -> np.ndarray:
 
 
 def _count(n: int) -> np.ndarray:
-    """Length of a sequence, which stands before it."""
+    """Return the length of a sequence, which stands before it."""
     return np.array([n], dtype="u4")
 
 
@@ -234,28 +239,26 @@ def _count(n: int) -> np.ndarray:
 
 
 def field_names(columns: Sequence[str]) -> list[str]:
-    """Names that a message may have, each once."""
-    found: list[str] = []
+    """Return names that a message may have, each once."""
+    names: list[str] = []
     for column in columns:
         plain = re.sub(r"\W+|__+", "_", column, flags=re.ASCII).strip("_")
-        if plain[:1].isalpha():
-            plain = plain
-        else:
+        if not plain[:1].isalpha():
             plain = f"c{plain}"
-        found.append(plain if plain not in found else f"{plain}_{len(found) + 1}")
-    return found
+        names.append(plain if plain not in names else f"{plain}_{len(names) + 1}")
+    return names
 
 
 def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
-    """The series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it. Raises
-    `ValueError` for another.
+    """Return the series (n, k), or (n,) with one axis, of its messages; dtype: as numpy writes it.
+    Raises `ValueError` for another.
 
     messages: in CDR, or decoded ones of a file of version 1.
     """
-    wanted = np.dtype(dtype)
-    if wanted.kind not in _KINDS:
+    numpy_type = np.dtype(dtype)
+    if numpy_type.kind not in _KINDS:
         raise ValueError(f"a series of {dtype[:20]!r}")
-    stored = np.dtype(_KINDS[wanted.kind][1]).newbyteorder("<")
+    stored = np.dtype(_KINDS[numpy_type.kind][1]).newbyteorder("<")
     if isinstance(messages[0], bytes):
         rows: Any = [
             np.frombuffer(message, dtype=stored, offset=len(_HEAD)) for message in messages
@@ -263,10 +266,10 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
     else:
         fields = [field.name for field in messages[0].DESCRIPTOR.fields]
         rows = [[getattr(message, field) for field in fields] for message in messages]
-    found = np.array(rows, dtype=stored).astype(wanted)
+    values = np.array(rows, dtype=stored).astype(numpy_type)
     if n_axes == 1:
-        return found[:, 0]
-    return found
+        return values[:, 0]
+    return values
 
 
 # What ROS 2 and Foxglove know by themselves: poses as transforms and odometry, states of joints,
@@ -295,12 +298,14 @@ class Topic:
 
 
 def stamps(t: np.ndarray) -> np.ndarray:
-    """Time stamps (n, 2) [s, ns] of times t (n,) [ns]."""
+    """Return time stamps (n, 2) [s, ns] of times t (n,) [ns]."""
     return np.stack([t // 10**9, t % 10**9], axis=1).astype("u4")
 
 
 def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterator[Topic]:
-    """All topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's description."""
+    """Yield all topics that a record can fill, at t (n,) [ns]; urdf: text of the robot's
+    description.
+    """
     floating = run_meta.is_floating(series, meta)
     head = (stamps(t), WORLD)
     if urdf is not None:
@@ -327,22 +332,22 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
     for name, (q, v, std) in _ODOMETRY.items():
         if floating and q in series and v in series:
             pose = series[q][:, :_POSE]
-            known = series.get(std)
-            if known is None:
+            spread_series = series.get(std)
+            if spread_series is None:
                 spread = np.zeros(_SIX**2)
             else:
-                spread = _covariance(pose, known)
+                spread = _covariance(pose, spread_series)
             states = (*head, VEHICLE, pose, spread, series[v][:, :_SIX], np.zeros(_SIX**2))
             yield Topic(name=f"/{name}", kind="nav_msgs/Odometry", parts=states)
     if meta.joints and (positions := run_meta.joint_positions(series, meta)) is not None:
         n = len(meta.joints)
-        given = (positions, series.get("v"), series.get("torque"))
-        numbers = [np.empty(0) if one is None else one[:, -n:] for one in given]
-        listed = [part for values in numbers for part in (_count(values.shape[-1]), values)]
+        arrays = (positions, series.get("v"), series.get("torque"))
+        numbers = [np.empty(0) if array is None else array[:, -n:] for array in arrays]
+        joint_parts = [part for values in numbers for part in (_count(values.shape[-1]), values)]
         yield Topic(
             name="/joint_states",
             kind="sensor_msgs/JointState",
-            parts=(*head, _count(n), *meta.joints, *listed),
+            parts=(*head, _count(n), *meta.joints, *joint_parts),
         )
     for name in _WRENCHES:
         if floating and name in series:
@@ -353,16 +358,16 @@ def topics(series: Series, meta: Any, t: np.ndarray, urdf: str | None) -> Iterat
             )
 
 
-def _transforms(when: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
+def _transforms(time_stamps: np.ndarray, poses: Mapping[str, np.ndarray]) -> list[Part]:
     return [
         _count(len(poses)),
-        *(part for frame, pose in poses.items() for part in (when, WORLD, frame, pose)),
+        *(part for frame, pose in poses.items() for part in (time_stamps, WORLD, frame, pose)),
     ]
 
 
 def _covariance(poses: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(n, 36) along the axes of W, of deviations (n, 6...) along those of W, and for the attitude
-    of B, at poses (n, 7).
+    """Return covariances (n, 36) along the axes of W, of deviations (n, 6...) along those of W, and
+    for the attitude of B, at poses (n, 7).
     """
     from scipy.spatial.transform import Rotation
 
@@ -383,9 +388,9 @@ def log_messages(meta: Any) -> list[tuple[float, bytes]]:
 
 
 def _log_message(t: float, level: int, text: str) -> bytes:
-    when = stamps(np.array([round(1e9 * t)]))
+    time_stamp = stamps(np.array([round(1e9 * t)]))
     return cdr_messages(
-        1, (when, np.array([level], dtype="u1"), "", text, "", "", _count(0))
+        1, (time_stamp, np.array([level], dtype="u1"), "", text, "", "", _count(0))
     ).tobytes()
 
 
@@ -404,29 +409,29 @@ def to_mcap(
 
     t = series["t"]
     times = np.rint(1e9 * (t - min(t[0], 0.0))).astype(np.int64)
-    said = log_messages(meta)
+    log_entries = log_messages(meta)
     with output.whole_file(path) as file:
         writer = Writer(file)
         writer.start(profile="ros2", library=f"uvms_ocp {VERSION}")
         writer.add_metadata(_KEY, {"version": VERSION, "meta": run_meta.write_meta(meta)})
-        found = [
+        all_topics = [
             *(_of_series(name, array, meta) for name, array in series.items()),
             *topics(series, meta, times, urdf),
         ]
-        channels = [(_channel(writer, topic), topic) for topic in found]
-        if said:
+        channels = [(_channel(writer, topic), topic) for topic in all_topics]
+        if log_entries:
             log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=()))
         else:
             log = 0
         for first in range(0, len(t), _BLOCK):
             rows = slice(first, first + _BLOCK)
             encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
-            for k, now in enumerate(times[rows].tolist()):
+            for k, stamp in enumerate(times[rows].tolist()):
                 for channel, messages in encoded:
                     if k < len(messages):
-                        writer.add_message(channel, now, messages[k].tobytes(), now, first + k)
-                while said and said[0][0] <= t[first + k]:
-                    writer.add_message(log, now, said.pop(0)[1], now, first + k)
+                        writer.add_message(channel, stamp, messages[k].tobytes(), stamp, first + k)
+                while log_entries and log_entries[0][0] <= t[first + k]:
+                    writer.add_message(log, stamp, log_entries.pop(0)[1], stamp, first + k)
         writer.finish()
 
 
@@ -442,7 +447,7 @@ def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
     names, flat = flat_columns(name, array, meta, alone="value")
     kind, stored = _KINDS[array.dtype.kind]
     fields = field_names([column.removeprefix(f"{name}.") for column in names])
-    about = {
+    description = {
         "dtype": array.dtype.str,
         "columns": "\n".join(names),
         "units": "\n".join(column_units(name, flat.shape[1], meta)),
@@ -451,14 +456,14 @@ def _of_series(name: str, array: np.ndarray, meta: Any) -> Topic:
         name=f"{_SERIES}{name}",
         kind=f"uvms_ocp/{field_names([name])[0]}",
         parts=(flat.astype(stored, copy=False),),
-        definition="\n".join(f"{kind} {one}" for one in fields),
-        metadata=series_description(name, array) | about,
+        definition="\n".join(f"{kind} {field}" for field in fields),
+        metadata=series_description(name, array) | description,
     )
 
 
 def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
-    """Series by name and metadata of a file of `to_mcap`. Raises `InvalidInput` for another file,
-    and `NotInstalled`.
+    """Read series by name and metadata of a file of `to_mcap`. Raises `InvalidInput` for another
+    file, and `NotInstalled`.
     """
     require_mcap()
     from google.protobuf.message import DecodeError
@@ -484,14 +489,14 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
 def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     from mcap_protobuf.decoder import DecoderFactory
 
-    own = _metadata(path)
-    version = own.get("version")
+    file_metadata = _metadata(path)
+    version = file_metadata.get("version")
     if version not in (VERSION, _WITH_PROTOBUF):
         raise InvalidInput(
             f"{path}: no record of version {VERSION} or {_WITH_PROTOBUF}; give a file that"
             " Record.to_mcap wrote"
         )
-    found = defaultdict(list)
+    messages = defaultdict(list)
     metadata = {}
     decoders = DecoderFactory()
     for schema, channel, message in mcap_messages(path):
@@ -501,12 +506,12 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
                 decode = bytes
             else:
                 decode = decoders.decoder_for(channel.message_encoding, schema)
-            found[channel.metadata["series"]].append(decode(message.data))
+            messages[channel.metadata["series"]].append(decode(message.data))
     series = {
         name: values_of(rows, metadata[name]["dtype"], int(metadata[name]["axes"]))
-        for name, rows in found.items()
+        for name, rows in messages.items()
     }
-    return series, run_meta.read_meta(own["meta"])
+    return series, run_meta.read_meta(file_metadata["meta"])
 
 
 def _metadata(path: Path) -> Mapping[str, str]:

@@ -69,13 +69,13 @@ class ObstacleMeta(FileModel):
     of a box, half axes of an ellipsoid; a capsule's length is that of its straight part.
     """
     vertices: tuple[Point, ...] = ()
-    """(n, 3) [m] of a mesh, in its own frame."""
+    """Vertices (n, 3) [m] of a mesh, in its own frame."""
     triangles: tuple[tuple[int, int, int], ...] = ()
-    """(m, 3) indices of vertices."""
+    """Indices of the vertices of triangles (m, 3)."""
     position: Point
-    """(3,) [m] of the middle in W."""
+    """Position of the middle (3,) [m] in W."""
     rpy: Triple = (0.0, 0.0, 0.0)
-    """(3,) [rad], R = Rz Ry Rx."""
+    """Roll, pitch and yaw (3,) [rad], R = Rz Ry Rx."""
 
     @model_validator(mode="after")
     def _has_its_sizes(self) -> ObstacleMeta:
@@ -118,18 +118,18 @@ class QuantityMeta(MetaValue):
     """One value of a measured quantity."""
 
     name: str
-    """``task.quantity``"""
+    """Name, ``task.quantity``."""
     value: float
-    """[m] or [rad]; NaN where it was not known"""
+    """Value [m] or [rad]; NaN where it was not known."""
 
 
 class ConditionMeta(MetaValue):
     """A limit on a measured quantity."""
 
     quantity: str
-    """``task.quantity``"""
+    """Name, ``task.quantity``."""
     limit: Number
-    """[m] or [rad], as the quantity."""
+    """Limit [m] or [rad], as the quantity."""
     sign: Literal["<", ">"]
 
 
@@ -143,7 +143,7 @@ class MetConditionMeta(ConditionMeta):
     """A condition that came true."""
 
     estimated: float
-    """[m] or [rad], what the mission went by."""
+    """Estimated value [m] or [rad], by which the mission went."""
     release: Number | None = None
     """[m] or [rad] up to where it stayed true once it was; `None`: the limit, and in older records.
     """
@@ -153,16 +153,17 @@ class EventMeta(MetaValue):
     """Why a phase ended."""
 
     t: Number
-    """[s]"""
+    """Time of the event [s]."""
     source: str
     target: str
     """The phase that began, or ``done``, or ``abort``."""
     reason: str
     """The conditions, as estimated, in words, or why the mission is given up."""
     conditions: tuple[MetConditionMeta, ...] = ()
-    """All of them; empty where the mission is given up, and in older records."""
+    """All conditions of the transition; empty where the mission is given up, and in older records.
+    """
     true_quantities: tuple[QuantityMeta, ...] = ()
-    """At the true state at that moment; empty in older records."""
+    """Quantities at the true state at that moment; empty in older records."""
 
     @property
     def truth(self) -> dict[str, float]:
@@ -174,7 +175,7 @@ class AlarmMeta(MetaValue):
     """Alarm of the watchdog, or of the monitor of the sensors, which names the channel first."""
 
     t: Number
-    """[s]"""
+    """Time of the alarm [s]."""
     text: str
 
 
@@ -186,9 +187,9 @@ class FaultMeta(MetaValue):
     target: str
     kind: str
     t: Annotated[Number, Field(ge=0.0)]
-    """[s] from which it was there."""
+    """Time [s] from which it was there."""
     end: Number | None = None
-    """[s] until which it was there; `None`: for ever."""
+    """Time [s] until which it was there; `None`: for ever."""
 
     @model_validator(mode="after")
     def _lasts(self) -> FaultMeta:
@@ -205,7 +206,7 @@ class PhaseMeta(MetaValue):
     name: str
     title: str = ""
     tasks: tuple[str, ...] = ()
-    """Names of those that are on."""
+    """Names of the tasks that are on."""
 
 
 class TaskMeta(MetaValue):
@@ -231,15 +232,15 @@ class LimitsMeta(MetaValue):
     """
 
     position_lower: tuple[float, ...]
-    """(n_joints,) [rad or m]"""
+    """Lower limits of position (n_joints,) [rad or m]."""
     position_upper: tuple[float, ...]
-    """(n_joints,) [rad or m]"""
+    """Upper limits of position (n_joints,) [rad or m]."""
     velocity: tuple[float, ...]
-    """(n_v,) [m/s, rad/s]"""
+    """Limits of velocity (n_v,) [m/s, rad/s]."""
     acceleration: tuple[float, ...]
-    """(n_v,) [m/s2, rad/s2]"""
+    """Limits of acceleration (n_v,) [m/s2, rad/s2]."""
     effort: tuple[float, ...]
-    """(n_joints,) [N m or N]"""
+    """Limits of torque or force (n_joints,) [N m or N]."""
 
     @model_validator(mode="after")
     def _are_limits(self) -> LimitsMeta:
@@ -262,9 +263,11 @@ class AxisLimitsMeta(MetaValue):
     """
 
     x_rate: tuple[float, ...]
-    """(n_axes,) [m/s, rad/s]"""
+    """Limits of velocity (n_axes,) [m/s, rad/s]."""
     x_acceleration: tuple[float, ...] | None = None
-    """(n_axes,) [m/s2, rad/s2]; `None` where the method limits forces instead."""
+    """Limits of acceleration (n_axes,) [m/s2, rad/s2]; `None` where the method limits forces
+    instead.
+    """
 
 
 class FrameMeta(MetaValue):
@@ -276,7 +279,7 @@ class FrameMeta(MetaValue):
     phase: str | None = None
     """Phase with whose beginning its way begins; `None`: with the run."""
     way: tuple[tuple[Number, Number, Number, Number, Number, Number, Number, Number], ...] = ()
-    """t [s] since then, and the pose; empty where it stays."""
+    """Times t [s] since then, and poses; empty where it stays."""
 
     @model_validator(mode="after")
     def _turns(self) -> FrameMeta:
@@ -293,7 +296,7 @@ class MarkerMeta(MetaValue):
 
     name: str
     position: Point
-    """(3,) [m] in W."""
+    """Position (3,) [m] in W."""
 
 
 class PackageMeta(MetaValue):
@@ -307,22 +310,22 @@ class ClearanceMeta(MetaValue):
     """The smallest distance along a plan."""
 
     t: Number
-    """[s]"""
+    """Time [s]."""
     distance: Number
-    """[m]; negative in collision."""
+    """Distance [m]; negative in collision."""
     between: str
-    """The two shapes."""
+    """Names of the two shapes."""
 
 
 class FloorRelief(MetaValue):
     """Heights of a rectangle of the floor, on a grid."""
 
     x: tuple[Number, ...]
-    """(n,) [m] in W, ascending."""
+    """Positions of the columns (n,) [m] in W, ascending."""
     y: tuple[Number, ...]
-    """(m,) [m] in W, ascending."""
+    """Positions of the rows (m,) [m] in W, ascending."""
     z: tuple[tuple[Number, ...], ...]
-    """(m, n) [m] in W."""
+    """Heights (m, n) [m] in W."""
 
     @model_validator(mode="after")
     def _is_a_grid(self) -> FloorRelief:
@@ -338,11 +341,11 @@ class SurroundingsMeta(MetaValue):
     """Surroundings of the robot that are drawn."""
 
     frames: tuple[FrameMeta, ...] = ()
-    """Such as goals."""
+    """Frames such as goals."""
     markers: tuple[MarkerMeta, ...] = ()
     obstacles: tuple[ObstacleMeta, ...] = ()
     floor_z: Number | None = None
-    """[m] height of the floor in W, below the start."""
+    """Height of the floor [m] in W, below the start."""
     floor: FloorRelief | None = None
     """The floor around the way where it is not flat."""
 

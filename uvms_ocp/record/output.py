@@ -58,7 +58,7 @@ class Fingerprint(FileModel, strict=True):
     """Digest of a file's contents."""
 
     size: int
-    """[bytes]."""
+    """Size [bytes]."""
     sha256: str
 
 
@@ -71,8 +71,8 @@ class Manifest(FileModel, strict=True):
 
 
 def read_as(kind: type[Model], path: Path) -> Model | None:
-    """A file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did not
-    write so, `OutputError` for one that cannot be read.
+    """Read a file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did
+    not write so, `OutputError` for one that cannot be read.
     """
     try:
         return kind.model_validate_json(path.read_bytes())
@@ -83,19 +83,19 @@ def read_as(kind: type[Model], path: Path) -> Model | None:
             f"{path}: cannot read it ({error.strerror}); choose another folder"
         ) from error
     except ValidationError as error:
-        given = f"{path}: damaged ({one_line(error, kind)})"
+        text = f"{path}: damaged ({one_line(error, kind)})"
         raise InvalidInput(
-            f"{given}; move its folder {STORE} and the results beside it away"
+            f"{text}; move its folder {STORE} and the results beside it away"
         ) from error
 
 
 def parents_of(names: Iterable[str]) -> set[str]:
-    """Folders that files of these names need."""
+    """Return folders that files of these names need."""
     return {str(parent) for name in names for parent in PurePosixPath(name).parents if parent.name}
 
 
 def names_below(root: Path) -> list[str]:
-    """Files, as a manifest names them."""
+    """Return files, as a manifest names them."""
     return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
 
 
@@ -105,19 +105,19 @@ def fingerprint(path: Path) -> Fingerprint:
         return Fingerprint(sha256=hashlib.file_digest(file, "sha256").hexdigest(), size=file.tell())
 
 
-def is_same(path: Path, known: Fingerprint | None) -> bool:
+def is_same(path: Path, expected: Fingerprint | None) -> bool:
     """Return whether a regular file with those contents is there. Raises `OSError` where it cannot
     be read.
     """
     status = _status(path)
     if (
         status is None
-        or known is None
+        or expected is None
         or not stat.S_ISREG(status.st_mode)
-        or status.st_size != known.size
+        or status.st_size != expected.size
     ):
         return False
-    return fingerprint(path) == known
+    return fingerprint(path) == expected
 
 
 # What stands in the way of writing: files of others, changed files, links that lead out of the
@@ -129,9 +129,9 @@ def require_own_files(target: Path, names: Iterable[str], manifest: Manifest) ->
 
     All that the manifest lists has to be as we left it, as what is not written anew is removed.
     """
-    wanted = {*names, *manifest.files}
-    require_inside(target, wanted)
-    for name in sorted(wanted):
+    paths = {*names, *manifest.files}
+    require_inside(target, paths)
+    for name in sorted(paths):
         _require_free(target / name, manifest.files.get(name))
 
 
@@ -164,13 +164,13 @@ def _require_writable(folder: Path) -> None:
         )
 
 
-def _require_free(place: Path, known: Fingerprint | None) -> None:
+def _require_free(place: Path, expected: Fingerprint | None) -> None:
     status = _status(place)
     if status is None:
         return
-    if known is None:
+    if expected is None:
         raise InvalidInput(f"{place}: not written by an earlier command; {_ADVICE}")
-    if not is_same(place, known):
+    if not is_same(place, expected):
         raise InvalidInput(f"{place}: changed since an earlier command wrote it; {_ADVICE}")
     if not status.st_mode & stat.S_IWUSR:
         raise InvalidInput(f"{place}: read-only; make it writable, {_ADVICE}")
@@ -237,7 +237,7 @@ class Replacement:
             raise
 
     def written(self) -> list[Path]:
-        """The files of ours that are there. Raises `InvalidInput` for a damaged manifest."""
+        """Return the files of ours that are there. Raises `InvalidInput` for a damaged manifest."""
         return [self.target / name for name in sorted(self.manifest().files)]
 
     def is_unfinished(self) -> bool:
@@ -259,16 +259,19 @@ class Replacement:
         require_own_files(self.target, names, manifest)
         after = Manifest(files={name: fingerprint(self.new / name) for name in names})
         # What the user removed is not ours any more.
-        before = manifest.model_copy(
-            update={"files": {n: f for n, f in manifest.files.items() if self._is_there(n)}}
-        )
-        needed = parents_of(names)
-        made = {folder for folder in needed if not self._is_there(folder)} | (
-            needed & before.folders
+        old_files = {
+            old_name: fingerprint_before
+            for old_name, fingerprint_before in manifest.files.items()
+            if self._is_there(old_name)
+        }
+        before = manifest.model_copy(update={"files": old_files})
+        parents = parents_of(names)
+        new_folders = {folder for folder in parents if not self._is_there(folder)} | (
+            parents & before.folders
         )
         sync_tree(self.new)
         journal = Journal(
-            before=before, after=after.model_copy(update={"folders": frozenset(made)})
+            before=before, after=after.model_copy(update={"folders": frozenset(new_folders)})
         )
         write_durably(self._journal, journal.model_dump_json())
         self._complete_or_undo(journal)
@@ -322,34 +325,34 @@ class Replacement:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 self._keep(name)
                 os.replace(self.new / name, place)
-        for name, known in before.files.items():
-            if name not in after.files and is_same(self.target / name, known):
+        for name, expected in before.files.items():
+            if name not in after.files and is_same(self.target / name, expected):
                 self._keep(name)
                 (self.target / name).unlink(missing_ok=True)
         sync_folders([self.target, *(self.target / name for name in parents_of(after.files))])
         write_durably(self._manifest, after.model_dump_json(indent=1))
 
     def _remove_folders(self, journal: Journal) -> None:
-        """Not earlier: to undo this could take room that a full disk does not have."""
+        """Remove folders last: to undo this could take room that a full disk does not have."""
         remove_empty(self.target / name for name in journal.before.folders - journal.after.folders)
 
     def _keep(self, name: str) -> None:
-        """A second name for the old file, or where the file system has no links, another."""
+        """Give the old file a second name, or where the file system has no links, another."""
         place = self.target / name
-        kept = self._old / name
-        if kept.exists() or not place.exists():
+        copy = self._old / name
+        if copy.exists() or not place.exists():
             return
-        kept.parent.mkdir(parents=True, exist_ok=True)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         try:
-            os.link(place, kept)
+            os.link(place, copy)
         except OSError:
-            os.replace(place, kept)
+            os.replace(place, copy)
 
     def _undo(self, journal: Journal) -> None:
         before, after = journal.before, journal.after
         require_inside(self.target, [*before.files, *after.files])
-        for name, known in after.files.items():
-            if name not in before.files and is_same(self.target / name, known):
+        for name, expected in after.files.items():
+            if name not in before.files and is_same(self.target / name, expected):
                 (self.target / name).unlink()
         for name in before.files:
             if (self._old / name).exists():
@@ -389,7 +392,7 @@ class Replacement:
 
 @contextmanager
 def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
-    """The folder `target` for one command that may write files of these `names`, such as
+    """Claim the folder `target` for one command that may write files of these `names`, such as
     ``figures/path.png``.
 
     Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what
@@ -412,7 +415,7 @@ def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
 
 @checked
 def recover_folder(folder: Path) -> None:
-    """Before `folder` is read: complete or undo what a command that was cut off left there.
+    """Complete or undo, before `folder` is read, what a command that was cut off left there.
 
     Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what
     stands in the way.
@@ -445,8 +448,8 @@ def as_output_errors(target: Path, advice: str = "choose another folder") -> Ite
 
 @contextmanager
 def whole_file(path: Path, advice: str = "choose another place") -> Iterator[BinaryIO]:
-    """An empty file that takes the place of `path` as `replacing` has it. Raises `OutputError`
-    where the disk refuses.
+    """Yield an empty file that takes the place of `path` as `replacing` has it. Raises
+    `OutputError` where the disk refuses.
     """
     with as_output_errors(path, advice), replacing(path) as file:
         yield file

@@ -87,15 +87,14 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
     _check_times(series["t"])
     for name, array in series.items():
         _check_kind(name, array, series["t"])
-    for name, (least, most) in _widths(series, meta).items():
-        if name in series and not least <= series[name].shape[1] <= most:
-            if most == least:
-                columns = f"{least}"
+    for name, (lower, upper) in _widths(series, meta).items():
+        if name in series and not lower <= series[name].shape[1] <= upper:
+            if upper == lower:
+                columns = f"{lower}"
+            elif upper == np.inf:
+                columns = f"{lower} or more"
             else:
-                if most == np.inf:
-                    columns = f"{least} or more"
-                else:
-                    columns = f"{least} to {most:g}"
+                columns = f"{lower} to {upper:g}"
             shape = series[name].shape
             raise InvalidInput(
                 f"series {name!r} has shape {shape}; its metadata allow {shape[0]} rows of"
@@ -104,12 +103,12 @@ def check_series(series: Series, meta: RunMeta | PlanMeta) -> None:
     _check_counts(series, meta)
     if "q" in series and is_floating(series, meta):
         for q, times in parts(series["q"], series["t"]):
-            right = np.abs(np.linalg.norm(q[:, 3:VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
-            if not right.all():
-                when = _first_wrong(times, right)
+            is_unit = np.abs(np.linalg.norm(q[:, 3:VEHICLE_Q], axis=1) - 1.0) <= UNIT_NORM_TOLERANCE
+            if not is_unit.all():
+                t = _first_wrong(times, is_unit)
                 raise InvalidInput(
                     "series 'q' has a quaternion, columns 3 to 6, whose norm is not 1 at t ="
-                    f" {when:g} s"
+                    f" {t:g} s"
                 )
     _check_health(series, meta)
     if isinstance(meta, RunMeta):
@@ -138,11 +137,11 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
         allowed = (1, 2)
     if array.ndim not in allowed or len(array) != len(t) or array.dtype.kind == "U":
         if allowed == (2,):
-            wanted = f"{len(t)} rows of numbers"
+            expected = f"{len(t)} rows of numbers"
         else:
-            wanted = f"numbers for {len(t)} times"
+            expected = f"numbers for {len(t)} times"
         raise InvalidInput(
-            f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {wanted}"
+            f"series {name!r} is {array.dtype} of shape {array.shape}; allowed: {expected}"
         )
     if name in _REAL and array.dtype != np.float64:
         raise InvalidInput(f"series {name!r} is {array.dtype}; allowed: float64")
@@ -152,23 +151,22 @@ def _check_kind(name: str, array: np.ndarray, t: np.ndarray) -> None:
 
 
 def _check_sizes(name: str, array: np.ndarray, t: np.ndarray) -> None:
-    there = np.isfinite(array)
+    is_finite = np.isfinite(array)
     if name in _UNKNOWN:
         allowed = np.isnan(array)
+    elif name in _ENDLESS:
+        allowed = ~is_finite
     else:
-        if name in _ENDLESS:
-            allowed = ~there
-        else:
-            allowed = np.zeros_like(there)
-    if not (there | allowed).all():
+        allowed = np.zeros_like(is_finite)
+    if not (is_finite | allowed).all():
         raise InvalidInput(
-            f"series {name!r} has NaN or infinity at t = {_first_wrong(t, there | allowed):g} s;"
-            " record it anew"
+            f"series {name!r} has NaN or infinity"
+            f" at t = {_first_wrong(t, is_finite | allowed):g} s; record it anew"
         )
-    small = ~there | (np.abs(array) <= LARGEST)
-    if not small.all():
+    is_small = ~is_finite | (np.abs(array) <= LARGEST)
+    if not is_small.all():
         raise InvalidInput(
-            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, small):g} s;"
+            f"series {name!r} is larger than {LARGEST:g} at t = {_first_wrong(t, is_small):g} s;"
             " record it anew"
         )
 
@@ -178,15 +176,15 @@ def _first_wrong(t: np.ndarray, right: np.ndarray) -> float:
 
 
 def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
-    """The fewest and the most columns of each series that has some."""
+    """Return the fewest and the most columns of each series that has some."""
     rows = sum(level.rows for level in meta.levels)
-    exact = {
+    widths = {
         "activations": len(meta.tasks),
         "activity": rows,
         "residual": rows,
         "quantities": len(meta.quantities),
     }
-    exact |= {
+    widths |= {
         "current": 3,
         **{
             name: len(SERIES[name].columns)
@@ -195,18 +193,18 @@ def _widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, 
         },
     }
     if isinstance(meta, PlanMeta):
-        exact |= {name: len(meta.axes) for name in PLANNED} | {
+        widths |= {name: len(meta.axes) for name in PLANNED} | {
             "clearance": len(meta.clearance_groups)
         }
     if meta.limits is not None:
         _check_limits(meta.limits, floating=is_floating(series, meta))
-        exact["torque"] = len(meta.limits.effort)
-    return {name: (n, n) for name, n in exact.items()} | _motion_widths(series, meta)
+        widths["torque"] = len(meta.limits.effort)
+    return {name: (n, n) for name, n in widths.items()} | _motion_widths(series, meta)
 
 
 def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[float, float]]:
-    """Columns of q and of series with one for each velocity; q has more than v where a turn takes
-    several numbers.
+    """Return columns of q and of series with one for each velocity; q has more than v where a turn
+    takes several numbers.
     """
     joints = len(meta.joints)
     floating = is_floating(series, meta)
@@ -215,34 +213,34 @@ def _motion_widths(series: Series, meta: RunMeta | PlanMeta) -> dict[str, tuple[
         n_v = (max(n_v[0], len(meta.limits.velocity)), len(meta.limits.velocity))
     elif "v" in series and series["v"].shape[1] >= n_v[0]:
         n_v = (series["v"].shape[1],) * 2
-    least = n_v[0] + (VEHICLE_Q - VEHICLE_V if floating else 0)
-    found = {"q": (least, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
+    n_q = n_v[0] + (VEHICLE_Q - VEHICLE_V if floating else 0)
+    widths = {"q": (n_q, np.inf)} | dict.fromkeys(("v", "command", "disturbance", "q_std"), n_v)
     for rate, name, vehicle in (
         ("v", "joint_velocities", VEHICLE_V),
         ("q", "joint_positions", VEHICLE_Q),
     ):
         if rate in series:  # and the time
-            found[f"measured_{name}"] = (
+            widths[f"measured_{name}"] = (
                 series[rate].shape[1] - (vehicle if floating else 0) + 1,
             ) * 2
-    return found
+    return widths
 
 
 def _check_limits(limits: LimitsMeta, *, floating: bool) -> None:
     vehicle = VEHICLE_V if floating else 0
     if len(limits.velocity) - len(limits.position_lower) != vehicle:
-        given = (
+        counts = (
             f"{len(limits.velocity)} limits of velocity and {len(limits.position_lower)} of"
             " position"
         )
-        raise InvalidInput(f"{given}; allowed: {vehicle} more of velocity, those of the vehicle")
+        raise InvalidInput(f"{counts}; allowed: {vehicle} more of velocity, those of the vehicle")
 
 
 def _check_counts(series: Series, meta: RunMeta | PlanMeta) -> None:
-    counted = {"phase": len(meta.phases)} | (
-        {"status": len(meta.statuses)} if isinstance(meta, RunMeta) else {}
-    )
-    for name, n in counted.items():
+    counts = {"phase": len(meta.phases)}
+    if isinstance(meta, RunMeta):
+        counts["status"] = len(meta.statuses)
+    for name, n in counts.items():
         if name in series:
             values = series[name]
             if (
@@ -267,9 +265,9 @@ def _check_health(series: Series, meta: RunMeta | PlanMeta) -> None:
         n = 0
     columns = values.ndim == 2 and values.shape[1] == n and values.dtype.kind in "iu"
     if not columns or (values.size and not 0 <= values.min() <= values.max() <= _WORST_HEALTH):
-        given = f"series 'health' is {values.dtype} of shape {values.shape}"
+        shape = f"series 'health' is {values.dtype} of shape {values.shape}"
         raise InvalidInput(
-            f"{given}; allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n}"
+            f"{shape}; allowed: whole numbers from 0 to {_WORST_HEALTH}, a column for each of {n}"
             " channels"
         )
 
@@ -324,7 +322,8 @@ class Record(display.TableDisplay):
 
     @checked_on_failure
     def __getitem__(self, name: str) -> np.ndarray:
-        """The series `name` (n, ...), or that of a measured quantity such as ``T.position_error``.
+        """Return the series `name` (n, ...), or that of a measured quantity such as
+        ``T.position_error``.
 
         Raises `NameNotFound` with the names there are.
         """
@@ -365,14 +364,14 @@ class Record(display.TableDisplay):
         """
         # Level 1 is the quickest: slower ones save one or two per cent.
         text = np.array(write_meta(self.meta))
-        small = sum(array.nbytes for array in self.series.values()) <= SMALL
+        is_small = sum(array.nbytes for array in self.series.values()) <= SMALL
         with (
-            durable_files.replacing(Path(path)) as new,
-            ZipFile(new, "w", compresslevel=1) as archive,
+            durable_files.replacing(Path(path)) as new_path,
+            ZipFile(new_path, "w", compresslevel=1) as archive,
         ):
             for name, array in {_META_KEY: text, **self.series}.items():
-                whole = np.atleast_1d(array)
-                if small and _packs_well(whole):
+                values = np.atleast_1d(array)
+                if is_small and _packs_well(values):
                     archive.compression = ZIP_DEFLATED
                 else:
                     archive.compression = ZIP_STORED
@@ -381,12 +380,12 @@ class Record(display.TableDisplay):
                         "fortran_order": False
                     }
                     np.lib.format.write_array_header_1_0(file, header)
-                    for (rows,) in parts(whole):
+                    for (rows,) in parts(values):
                         file.write(rows.tobytes())
 
     def to_dataframe(self) -> Any:
-        """A pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what the
-        columns are.
+        """Return a pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what
+        the columns are.
 
         Raises `NotInstalled` without pandas, as do the files below.
         """
@@ -436,15 +435,15 @@ class Record(display.TableDisplay):
         for name in series or ():
             require_known("series", name, self.series)
         t = self.series["t"]
-        wanted = self.series if series is None else ("t", *series)
+        names = self.series if series is None else ("t", *series)
         if rate is None:
-            due = np.arange(len(t))
+            periods = np.arange(len(t))
         else:
-            due = np.floor((t - t[:1]) * rate + _ROUNDING)
+            periods = np.floor((t - t[:1]) * rate + _ROUNDING)
         rows = np.unique(
-            [*np.unique(due, return_index=True)[1], len(t) - 1]
+            [*np.unique(periods, return_index=True)[1], len(t) - 1]
         )  # the last has what the run came to
-        chosen = {name: array[rows] for name, array in self.series.items() if name in wanted}
+        chosen = {name: array[rows] for name, array in self.series.items() if name in names}
         chosen |= {
             name: row_rates.newest_readings(self.series[name], rows)
             for name in chosen.keys() & {*MEASURED}
@@ -482,23 +481,23 @@ class Record(display.TableDisplay):
         for series that do not fit each other, their times or the metadata.
         """
         try:
-            if (described := Path(path, META)).is_file():
+            if (meta_path := Path(path, META)).is_file():
                 with as_input_errors(Path(path)):
                     return _fitting(
-                        meta=read_text(described, 16 << 20), series=read_row_files(Path(path))
+                        meta=read_text(meta_path, 16 << 20), series=read_row_files(Path(path))
                     )  # which may grow
-            held = Path(path, output.RECORD)
-            path = held if held.is_file() else path
+            record_path = Path(path, output.RECORD)
+            path = record_path if record_path.is_file() else path
             if only is None:
-                wanted = None
+                names = None
             else:
-                wanted = {
+                names = {
                     "t",
                     _META_KEY,
                     *only,
-                    *(old for old, new in _RENAMED.items() if new in only),
+                    *(old_name for old_name, new_name in _RENAMED.items() if new_name in only),
                 }
-            arrays = _renamed(read_arrays(path, wanted))
+            arrays = _renamed(read_arrays(path, names))
             return _fitting(arrays, _text_of(arrays))
         except InvalidInput as error:
             raise InvalidInput(
@@ -510,17 +509,17 @@ def _packs_well(array: np.ndarray) -> bool:
     """Check whether packing saves a sixth of rows sampled from end to end: numbers of many digits
     lose less, and take longest.
     """
-    some = array[:: 1 + len(array) // 64].tobytes()
-    return 6 * len(zlib.compress(some, 1)) < 5 * len(some)
+    sample = array[:: 1 + len(array) // 64].tobytes()
+    return 6 * len(zlib.compress(sample, 1)) < 5 * len(sample)
 
 
 def _fitting(series: Mapping[str, np.ndarray], meta: RunMeta | PlanMeta | str) -> Record:
-    """The record of a file. Raises `InvalidInput` for series that do not fit each other or the
-    metadata, and no metadata.
+    """Return the record of a file. Raises `InvalidInput` for series that do not fit each other or
+    the metadata, and no metadata.
     """
-    record = Record(
-        series=_renamed(series), meta=read_meta(meta) if isinstance(meta, str) else meta
-    )
+    if isinstance(meta, str):
+        meta = read_meta(meta)
+    record = Record(series=_renamed(series), meta=meta)
     check_series(record.series, record.meta)
     return record
 
@@ -531,7 +530,7 @@ def _renamed(series: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _text_of(arrays: dict[str, np.ndarray]) -> str:
-    """The metadata, taken out of the arrays."""
+    """Return the metadata, taken out of the arrays."""
     if _META_KEY not in arrays:
         if {"breaks", "coefficients"} <= arrays.keys() or "summary" in arrays:
             raise InvalidInput("a plan's trajectory; give the record.npz beside it")
@@ -548,8 +547,8 @@ def _text_of(arrays: dict[str, np.ndarray]) -> str:
 
 @checked
 def quantity(record: Record, name: str, of: str = "quantities") -> np.ndarray | None:
-    """The series (n,) of a measured quantity such as ``T.position_error``; `None` where no task
-    measures it.
+    """Return the series (n,) of a measured quantity such as ``T.position_error``; `None` where no
+    task measures it.
 
     of: which series of the record has it, such as ``quantities_most``.
     """
@@ -629,8 +628,8 @@ class Recorder:
         self.filled(1)
 
     def block(self, row: Mapping[str, Any]) -> Mapping[str, np.ndarray]:
-        """Memory (capacity, ...) of series, for rows such as this, to be written to from `place`
-        on.
+        """Return memory (capacity, ...) of series, for rows such as this, to be written to from
+        `place` on.
         """
         if not self._block:
             self._begin(row)
@@ -650,10 +649,10 @@ class Recorder:
 
     def filled(self, n: int) -> None:
         """Add so many rows, at most `room`, that were written into the block."""
-        first = self._n == 0 and n > 0
+        is_first = self._n == 0 and n > 0
         self._n = self._n + n
         if self.place == self._capacity or (
-            first and self._every > 1
+            is_first and self._every > 1
         ):  # rows end spans of ticks, the first its own
             self._keep()
 
@@ -662,23 +661,25 @@ class Recorder:
         return name in self._block
 
     def last(self, name: str) -> Any:
-        """The newest value of the series `name`."""
+        """Return the newest value of the series `name`."""
         return np.array(self.series()[name][-1])[()]
 
     def freeze(self, meta: RunMeta | PlanMeta) -> Record:
-        """The rows so far as a `Record`."""
+        """Return the rows so far as a `Record`."""
         self._news = lambda: meta
         return Record(series=self.series(), meta=meta)
 
     def series(self) -> dict[str, np.ndarray]:
-        """The rows so far by name, read-only, (n, ...) each; those in files are mapped."""
+        """Return the rows so far by name, read-only, (n, ...) each; those in files are mapped."""
         self._keep()
         if self._folder:
             return read_row_files(self._folder)
-        found = ((name, kind, memory.getvalue()) for name, (kind, memory) in self._memory.items())
+        contents = (
+            (name, kind, memory.getvalue()) for name, (kind, memory) in self._memory.items()
+        )
         return {
             name: np.frombuffer(data, kind.dtype).reshape(self._written, *kind.shape[1:])
-            for name, kind, data in found
+            for name, kind, data in contents
         }
 
     def _keep(self) -> None:
@@ -688,9 +689,9 @@ class Recorder:
         n = self._n - self._kept
         rows = {name: memory[:n] for name, memory in self._block.items() if n}
         if self._every > 1 and n:
-            due = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
-            ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
-            rows = row_rates.thinned_rows(rows, np.unique([*due, *ends, n - 1]))
+            kept_rows = np.flatnonzero(np.arange(self._kept, self._n) % self._every == 0)
+            phase_ends = np.flatnonzero(np.diff(rows.get("phase", np.zeros(n))))
+            rows = row_rates.thinned_rows(rows, np.unique([*kept_rows, *phase_ends, n - 1]))
         if self._folder:
             with output.as_output_errors(
                 self._folder, "make room; what was written before can be read"

@@ -23,50 +23,50 @@ META = "meta.json"
 _PART = 16 << 20  # [bytes] of rows that are looked at together
 
 
-def append_rows(folder: Path, rows: Mapping[str, np.ndarray], first: int) -> None:
-    """Write rows (n, ...) of every series after the first ones, or make the files. Raises
+def append_rows(folder: Path, rows: Mapping[str, np.ndarray], n_rows: int) -> None:
+    """Write rows (n, ...) of every series after the first `n_rows`, or make the files. Raises
     `OSError`.
     """
     for k, (name, part) in enumerate(rows.items()):
         path = folder / f"{k:03d}.{quote(name, safe='')}.npy"
-        if not first:
+        if not n_rows:
             np.save(path, part)
             continue
         with FileIO(path, "r+") as file:
             file.seek(0, 2)
-            rest = memoryview(part.tobytes())
-            while rest:
-                rest = rest[
-                    file.write(rest) :
+            unwritten = memoryview(part.tobytes())
+            while unwritten:
+                unwritten = unwritten[
+                    file.write(unwritten) :
                 ]  # which writes less on a full disk, and refuses the rest
             file.seek(0)  # last, so that a header never says more than there is
-            head = {
+            header = {
                 "descr": part.dtype.str,
                 "fortran_order": False,
-                "shape": (first + len(part), *part.shape[1:]),
+                "shape": (n_rows + len(part), *part.shape[1:]),
             }
-            np.lib.format.write_array_header_1_0(file, head)
+            np.lib.format.write_array_header_1_0(file, header)
 
 
 def read_row_files(folder: Path) -> dict[str, np.ndarray]:
-    """Series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError` and
-    `ValueError`.
+    """Read series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError`
+    and `ValueError`.
     """
-    found = {
+    series = {
         unquote(path.stem.partition(".")[2]): np.load(path, "r")
         for path in sorted(folder.glob("*.npy"))
     }
-    n = min(map(len, found.values()), default=0)
-    return {name: array[:n] for name, array in found.items()}
+    n = min(map(len, series.values()), default=0)
+    return {name: array[:n] for name, array in series.items()}
 
 
 def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]]:
-    """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped arrays
-    no other rows stay in memory.
+    """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped
+    arrays no other rows stay in memory.
     """
     rows = rows or max(1, _PART // max(1, *(array[:1].nbytes for array in arrays)))
-    for first in range(0, len(arrays[0]), rows):
-        yield tuple(array[first : first + rows] for array in arrays)
+    for start in range(0, len(arrays[0]), rows):
+        yield tuple(array[start : start + rows] for array in arrays)
         forget(arrays)
 
 

@@ -29,8 +29,8 @@ WORST = ("status", "health", "saturated", "freshness")
 
 
 def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Newest of readings (n, ...), NaN without one, of the ticks up to each of the `last` (k,) and
-    after the one before.
+    """Return the newest of readings (n, ...), NaN without one, of the ticks up to each of the
+    `last` (k,) and after the one before.
     """
     newest = np.maximum.accumulate(np.where(np.isfinite(rows[:, -1]), np.arange(len(rows)), -1))[
         last
@@ -39,21 +39,21 @@ def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, np.ndarray]:
-    """One row for the ticks up to each of the `last` (k,), in order, after the one before; rows (n,
-    ...) of ticks by series.
+    """Return one row for the ticks up to each of the `last` (k,), in order, after the one before;
+    rows (n, ...) of ticks by series.
     """
     first = np.r_[0, last[:-1] + 1]
-    found = dict[str, np.ndarray]()
+    series = dict[str, np.ndarray]()
     for name, part in rows.items():
-        found[name] = part[last]
+        series[name] = part[last]
         if name in WORST:
-            found[name] = np.maximum.reduceat(part, first)
+            series[name] = np.maximum.reduceat(part, first)
         if name.startswith("measured_"):
-            found[name] = newest_readings(part, last)
+            series[name] = newest_readings(part, last)
         if name in EXTREMES:
-            found[f"{name}_least"] = np.fmin.reduceat(part, first)
-            found[f"{name}_most"] = np.fmax.reduceat(part, first)
+            series[f"{name}_least"] = np.fmin.reduceat(part, first)
+            series[f"{name}_most"] = np.fmax.reduceat(part, first)
         if name in MEANS:
             sums = np.add.reduceat(np.abs(part * 1.0), first)
-            found[f"{name}_mean"] = (sums.T / (last - first + 1)).T
-    return found
+            series[f"{name}_mean"] = (sums.T / (last - first + 1)).T
+    return series

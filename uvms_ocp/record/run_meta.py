@@ -93,7 +93,7 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
 
 
 def _by_name(value: Any) -> Any:
-    """Values of many fields by their names; those without one are counted."""
+    """Return values of many fields by their names; those without one are counted."""
     if not (
         isinstance(value, tuple) and any(isinstance(item, meta_values.MetaValue) for item in value)
     ):
@@ -116,7 +116,7 @@ class RunMeta(RecordMeta):
     floating: bool
     """True where q begins with the pose of a vehicle."""
     dt: Annotated[float, Field(ge=MIN_TICK, le=meta_values.LARGEST)]
-    """[s] control period; the mean one of its rows where not every tick was kept."""
+    """Control period [s]; the mean one of its rows where not every tick was kept."""
     completed: bool
     """True where every phase came to its end."""
     stopped: Literal["", "stopped", "diverged", "cut off"] = ""
@@ -134,7 +134,7 @@ class RunMeta(RecordMeta):
     channels: tuple[str, ...] = ()
     """Names of the sensors, one per column of the series ``health``; empty in older records."""
     true_quantities: tuple[meta_values.QuantityMeta, ...] = ()
-    """At the true state at the end."""
+    """Quantities at the true state at the end."""
     sensors_allow: tuple[meta_values.QuantityMeta, ...] = ()
     """Standard deviations of the estimate at the end, as far as the noise of the sensors tells;
     none with ideal sensors.
@@ -148,33 +148,37 @@ class RunMeta(RecordMeta):
     seed: int = 0
     noise: bool = False
     planned_energy: meta_values.Number | None = None
-    """[J] that the plan takes which was followed; `None` where none was, or it is not known."""
+    """Energy [J] that the plan takes which was followed; `None` where none was, or it is not known.
+    """
     wall_s: meta_values.Number = 0.0
-    """[s] that the simulation took."""
+    """Time [s] that the simulation took."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> RunMeta:
-        """Channels have names of one meaning, and events lead from phase to phase."""
+        """Check that channels have one meaning by name, and events lead from phase to phase."""
         meta_values.require_unique("channels", self.channels)
-        known = {phase.name for phase in self.phases}
-        here = self.phases[0].name
+        phase_names = {phase.name for phase in self.phases}
+        source = self.phases[0].name
         t = -meta_values.LARGEST
         ended = {meta_values.DONE, meta_values.ABORT}
         for event in self.events:
-            if event.source != here or here in ended or event.target not in known | ended:
+            if event.source != source or source in ended or event.target not in phase_names | ended:
                 way = f"from {event.source[:60]!r} to {event.target[:60]!r}"
                 raise ValueError(
-                    f"an event at {event.t:g} s leads {way}; the mission was in {here[:60]!r}"
+                    f"an event at {event.t:g} s leads {way}; the mission was in {source[:60]!r}"
                 )
             if event.t <= t:
                 raise ValueError(
                     f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time"
                 )
-            here, t = event.target, event.t
-        is_done = here == meta_values.DONE
+            source = event.target
+            t = event.t
+        is_done = source == meta_values.DONE
         if self.events and self.completed != is_done:
-            said = "completed" if self.completed else "not completed"
-            raise ValueError(f"a mission that is {said}; its last event leads to {here[:60]!r}")
+            verdict = "completed" if self.completed else "not completed"
+            raise ValueError(
+                f"a mission that is {verdict}; its last event leads to {source[:60]!r}"
+            )
         return self
 
     @property
@@ -183,14 +187,14 @@ class RunMeta(RecordMeta):
         return {item.name: item.value for item in self.sensors_allow}
 
     def spread(self, name: str) -> float | None:
-        """The standard deviation [m] or [rad] of ``task.quantity`` at the end, by the estimator;
-        `None` if it gave none.
+        """Return the standard deviation [m] or [rad] of ``task.quantity`` at the end, by the
+        estimator; `None` if it gave none.
         """
         return next((item.value for item in self.spreads if item.name == name), None)
 
     def true_quantity(self, name: str) -> float | None:
-        """The value of ``task.quantity`` at the true state at the end, in its unit [m] or [rad];
-        `None` if not measured.
+        """Return the value of ``task.quantity`` at the true state at the end, in its unit [m] or
+        [rad]; `None` if not measured.
         """
         return next((item.value for item in self.true_quantities if item.name == name), None)
 
@@ -203,11 +207,11 @@ class PlanMeta(RecordMeta):
     """Planned axes, one per column of the series ``x``."""
     axis_limits: meta_values.AxisLimitsMeta
     breaks: tuple[meta_values.Number, ...]
-    """[s] where the pieces of the trajectory meet, both ends included."""
+    """Times [s] where the pieces of the trajectory meet, both ends included."""
     clearance_wanted: meta_values.Number
-    """[m]"""
+    """Clearance [m] that was wanted."""
     link_clearance_wanted: meta_values.Number | None = None
-    """[m] between two links; `None`: the same."""
+    """Clearance [m] between two links; `None`: the same."""
     clearance_groups: tuple[str, ...] = ()
     """Obstacles from which the columns of the series ``clearance`` are the distance."""
     min_clearance: meta_values.ClearanceMeta | None = None
@@ -235,7 +239,7 @@ def is_floating(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> bool:
 
 
 def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: str = "q") -> Any:
-    """One number per joint (n, n_joints) [rad or m], without jumps, from the series ``q``
+    """Return one number per joint (n, n_joints) [rad or m], without jumps, from the series ``q``
     or ``q_estimated`` of a record.
 
     `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
@@ -246,18 +250,18 @@ def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: s
     columns = []
     place = first
     for joint in meta.joints:
-        one = series[name][:, place]
+        position = series[name][:, place]
         place = place + 1
         if joint in meta.endless:
-            one = np.unwrap(np.arctan2(series[name][:, place], one))
+            position = np.unwrap(np.arctan2(series[name][:, place], position))
             place = place + 1
-        columns.append(one)
+        columns.append(position)
     return np.array(columns).reshape(len(columns), len(series[name])).T
 
 
 def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
-    """Estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`; endless
-    ones the shorter way.
+    """Return estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`;
+    endless ones the shorter way.
     """
     true, measured = (joint_positions(series, meta, name) for name in ("q", "q_estimated"))
     if true is None or measured is None:
@@ -282,25 +286,27 @@ _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": Pla
 
 @cache
 def packages() -> tuple[meta_values.PackageMeta, ...]:
-    """This package, Python and what the numbers depend on."""
-    found = {"uvms_ocp": __version__, "python": platform.python_version()} | {
+    """Return this package, Python and what the numbers depend on."""
+    version_texts = {"uvms_ocp": __version__, "python": platform.python_version()} | {
         name: version(name) for name in _DEPENDENCIES
     }
-    return tuple(meta_values.PackageMeta(name=name, version=text) for name, text in found.items())
+    return tuple(
+        meta_values.PackageMeta(name=name, version=text) for name, text in version_texts.items()
+    )
 
 
-def versions(found: tuple[meta_values.PackageMeta, ...]) -> dict[str, str]:
-    """Versions by package, for reports."""
-    return {package.name: package.version for package in found}
+def versions(installed: tuple[meta_values.PackageMeta, ...]) -> dict[str, str]:
+    """Return versions by package, for reports."""
+    return {package.name: package.version for package in installed}
 
 
 def write_meta(meta: RunMeta | PlanMeta) -> str:
-    """The JSON text that `read_meta` reads."""
+    """Return the JSON text that `read_meta` reads."""
     return meta.model_dump_json()
 
 
 def read_meta(text: str) -> RunMeta | PlanMeta:
-    """The metadata in a JSON text of this format or of 0.1.
+    """Read the metadata in a JSON text of this format or of 0.1.
 
     Raises `InvalidInput`, in one line, for what is neither, and names the keys that are wrong.
     """
@@ -335,35 +341,39 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
     """
     if "completed" in values:
         kind = "run"
+    elif "min_clearance" in values:
+        kind = "plan"
     else:
-        kind = "plan" if "min_clearance" in values else "none"
-    named = {
+        kind = "none"
+    field_names = {
         "markers": "position",
         "frames": "pose",
         "true_quantities": "value",
         "versions": "version",
     }
-    lists = {key: _named(values[key], field) for key, field in named.items() if key in values}
-    new = {**values, **lists, "kind": kind, "version": VERSION}
-    new["surroundings"] = {
-        key: new.pop(key) for key in meta_values.SurroundingsMeta.model_fields if key in new
+    lists = {key: _named(values[key], field) for key, field in field_names.items() if key in values}
+    converted = {**values, **lists, "kind": kind, "version": VERSION}
+    converted["surroundings"] = {
+        key: converted.pop(key)
+        for key in meta_values.SurroundingsMeta.model_fields
+        if key in converted
     }
-    if "versions" in new:
-        new["packages"] = new.pop("versions")
+    if "versions" in converted:
+        converted["packages"] = converted.pop("versions")
     if kind == "plan":
-        new["min_clearance"] = _nearest(values["min_clearance"])
-    return new
+        converted["min_clearance"] = _nearest(values["min_clearance"])
+    return converted
 
 
 def _named(values: Any, field: str) -> Any:
-    """Entries with a name, from a mapping."""
+    """Return entries with a name, from a mapping."""
     if isinstance(values, dict):
         return [{"name": name, field: value} for name, value in values.items()]
     return values
 
 
 def _nearest(values: Any) -> Any:
-    """Time, distance, infinite where nothing can meet, and pair by name."""
+    """Return time, distance, infinite where nothing can meet, and pair by name."""
     if not (isinstance(values, list) and len(values) == 3):
         return values
     nearest = dict(zip(("t", "distance", "between"), values, strict=True))

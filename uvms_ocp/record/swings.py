@@ -32,27 +32,29 @@ class Swing:
     what: str
     """Quantity, or roll or pitch of the vehicle."""
     period: float
-    """[s]"""
+    """Period [s]."""
     amplitude: float
-    """[unit of the quantity, or rad] half of what it covers, at the end."""
+    """Half of what it covers at the end [unit of the quantity, or rad]."""
     growth: float
-    """Amplitude over that one period before."""
+    """Ratio of the amplitude to that of one period before [-]."""
     regular: bool = True
-    """Its periods are alike."""
+    """True where its periods are alike."""
 
     def __str__(self) -> str:
         if self.growth > 1.02:
-            how = "growing"
+            trend = "growing"
+        elif self.growth < 0.98:
+            trend = "dying away"
         else:
-            how = "dying away" if self.growth < 0.98 else "neither growing nor dying away"
+            trend = "neither growing nor dying away"
         if self.regular:
-            every = f"every {self.period:.2g} s"
+            rhythm = f"every {self.period:.2g} s"
         else:
-            every = f"irregularly, every {self.period:.2g} s or so"
-        return f"{self.what} swings by +-{self.amplitude:.2g} {every}, {how}"
+            rhythm = f"irregularly, every {self.period:.2g} s or so"
+        return f"{self.what} swings by +-{self.amplitude:.2g} {rhythm}, {trend}"
 
 
-def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
+def swing_of(name: str, values: np.ndarray, dt: float) -> Swing | None:
     """Return the oscillation of values (n,) about their trend at the period dt [s]; `None` for
     none.
     """
@@ -60,21 +62,21 @@ def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
     if n < 2 * _HALVES or not np.isfinite(values).all():
         return None
     parabolas = _parabolas(n)
-    rest = values - parabolas @ (parabolas.T @ values)
-    beyond = np.flatnonzero(np.abs(rest) > 0.5 * rest.std())
-    turns = beyond[1:][np.diff(np.sign(rest[beyond])) != 0]
+    deviations = values - parabolas @ (parabolas.T @ values)
+    large = np.flatnonzero(np.abs(deviations) > 0.5 * deviations.std())
+    turns = large[1:][np.diff(np.sign(deviations[large])) != 0]
     halves = np.diff(turns)
     if len(halves) < _HALVES:
         return None
     peaks = np.array(
-        [np.ptp(rest[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)]
+        [np.ptp(deviations[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)]
     )
     growth = float(
         np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0])
     )
     regular = bool(halves.std() <= _REGULAR * halves.mean())
     return Swing(
-        what=what,
+        what=name,
         period=float(2 * dt * halves.mean()),
         amplitude=float(peaks[-1]),
         growth=growth,
@@ -84,8 +86,8 @@ def swing_of(what: str, values: np.ndarray, dt: float) -> Swing | None:
 
 @lru_cache(maxsize=8)
 def _parabolas(n: int) -> np.ndarray:
-    """Orthonormal columns (n, 3) whose sums are all parabolas over n points: what is kept, as this
-    is asked every second.
+    """Return orthonormal columns (n, 3) whose sums are all parabolas over n points: what is kept,
+    as this is asked every second.
     """
     return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 3))[0]
 
@@ -109,14 +111,14 @@ def swings_among(
     limit and it grows again by half of that, so that one that only falls, now slower and now
     faster, is none; a tilt by more than 2 deg, or by more than 9 deg with whatever periods.
     """
-    for what, (values, limit) in errors.items():
-        swing = swing_of(what, values, dt)
+    for name, (values, limit) in errors.items():
+        swing = swing_of(name, values, dt)
         if swing is None or not swing.regular or swing.amplitude <= limit / 2:
             continue
         if np.max(values - np.minimum.accumulate(values)) > swing.amplitude / 2:
             yield swing
-    for what, values in tilts.items():
-        swing = swing_of(what, values, dt)
+    for name, values in tilts.items():
+        swing = swing_of(name, values, dt)
         if swing is not None and swing.amplitude > (_TILT if swing.regular else _TUMBLE):
             yield swing
 
@@ -151,8 +153,8 @@ class SwingWatch:
         limits: Mapping[int, tuple[str, float]],
         ticks: int = 1,
     ) -> list[Swing]:
-        """What is seen to swing for the first time in a phase at q (n_q,) [m, rad] with errors (n,)
-        [in their units].
+        """Return what is seen to swing for the first time in a phase at q (n_q,) [m, rad] with
+        errors (n,) [in their units].
 
         limits: of the errors that the phase waits for, by index, with their names. ticks: since the
         last call, at most `due`.
@@ -168,16 +170,16 @@ class SwingWatch:
         self._errors.append(errors.copy())
         if self._count % (self._ticks * round(_ASKED / _EVERY)):
             return []
-        known = np.array(self._errors)
-        waiting = {name: (known[:, k], limit) for k, (name, limit) in limits.items()}
+        past_errors = np.array(self._errors)
+        awaited_errors = {name: (past_errors[:, k], limit) for k, (name, limit) in limits.items()}
         if self._floating:
             tilts = tilts_of(np.array(self._q))
         else:
             tilts = {}
-        new = [
+        new_swings = [
             swing
-            for swing in swings_among(waiting, tilts, self._dt)
+            for swing in swings_among(awaited_errors, tilts, self._dt)
             if swing.what not in self._known
         ]
-        self._known |= {swing.what for swing in new}
-        return new
+        self._known |= {swing.what for swing in new_swings}
+        return new_swings

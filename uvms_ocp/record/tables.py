@@ -45,10 +45,10 @@ class SeriesKind:
 
     meaning: str
     shape: str
-    """After the first axis, which is time."""
+    """Shape after the first axis, which is time."""
     units: Mapping[str, str]
-    """By part, such as position, attitude and joints; of the part ``""`` where all columns have
-    one.
+    """Units by part, such as position, attitude and joints; of the part ``""`` where all columns
+    have one.
     """
     frame: str = "-"
     """Frame in which it is expressed."""
@@ -63,31 +63,32 @@ class SeriesKind:
 
 def _units(text: str) -> Mapping[str, str]:
     """Parse units by part from a text such as ``position: m; attitude: -``, or one unit for all."""
-    return MappingProxyType(
-        {part: unit for part, _, unit in (one.rpartition(": ") for one in text.split("; "))}
-    )
+    fields = [item.rpartition(": ") for item in text.split("; ")]
+    return MappingProxyType({part: unit for part, _, unit in fields})
 
 
 def _rows(table: str) -> list[list[str]]:
-    """Rows of a table beside this file, without its head."""
+    """Return rows of a table beside this file, without its head."""
     return [
         *csv.reader((files("uvms_ocp.record") / table).read_text(encoding="utf-8").splitlines())
     ][1:]
 
 
 def _described() -> Iterator[list[str]]:
-    """Rows of the table, with those of the series that only records of fewer rows than ticks
+    """Yield rows of the table, with those of the series that only records of fewer rows than ticks
     have.
     """
     for name, meaning, *rest in _rows("series.csv"):
         yield [name, meaning, *rest]
-        whats = {"_least": "least", "_most": "largest"} if name in row_rates.EXTREMES else {}
-        for suffix, what in (
-            whats | ({"_mean": "mean size"} if name in row_rates.MEANS else {})
-        ).items():
+        statistics = dict[str, str]()
+        if name in row_rates.EXTREMES:
+            statistics |= {"_least": "least", "_most": "largest"}
+        if name in row_rates.MEANS:
+            statistics["_mean"] = "mean size"
+        for suffix, statistic in statistics.items():
             yield [
                 name + suffix,
-                f"{what} since the row before, where not every tick has one: {meaning}",
+                f"{statistic} since the row before, where not every tick has one: {meaning}",
                 *rest,
             ]
 
@@ -121,10 +122,10 @@ def unit_of(name: str, part: str = "", meta: Any = None) -> str:
         return of_joints(QUANTITIES.get(name.rpartition(".")[2], "-"), _slides(meta))
     units = SERIES[name].units
     if part in units:
-        found = [units[part]]
+        chosen = [units[part]]
     else:
-        found = [*units.values()]
-    return ", ".join(of_joints(unit, _slides(meta)) for unit in found)
+        chosen = [*units.values()]
+    return ", ".join(of_joints(unit, _slides(meta)) for unit in chosen)
 
 
 def of_joints(unit: str, slides: Sequence[bool]) -> str:
@@ -140,7 +141,7 @@ def of_joints(unit: str, slides: Sequence[bool]) -> str:
 
 
 def _slides(meta: Any, *joints: str) -> list[bool]:
-    """Whether each of the joints slides, by default of all; empty where a record does not say."""
+    """Tell which of the joints slide, by default of all; empty where a record does not say."""
     sliding = None if meta is None else meta.sliding
     if sliding is None:
         return []
@@ -155,8 +156,8 @@ def meaning_of(name: str) -> str:
 
 
 def column_names(name: str, width: int, meta: Any) -> list[str]:
-    """Names of the columns of a series of that name with so many columns (width); meta: of its
-    record.
+    """Return names of the columns of a series of that name with so many columns (width); meta: of
+    its record.
     """
     if name == "quantities":
         return [*meta.quantities]
@@ -164,46 +165,48 @@ def column_names(name: str, width: int, meta: Any) -> list[str]:
 
 
 def column_units(name: str, width: int, meta: Any) -> list[str]:
-    """Units of the same columns."""
+    """Return units of the same columns."""
     if name == "quantities":
         return [unit_of(quantity, meta=meta) for quantity in meta.quantities]
     units = SERIES[name].units if name in SERIES else {"": "-"}
     columns = _columns(name, width, meta)
     unitless = {part for joint in meta.endless for part in _circle(joint)}
-    own = {joint: _slides(meta, joint) for joint in meta.joints}
-    found = [of_joints(units[_part(column, units)], own.get(column, [])) for column in columns]
+    slides = {joint: _slides(meta, joint) for joint in meta.joints}
+    all_units = [
+        of_joints(units[_part(column, units)], slides.get(column, [])) for column in columns
+    ]
     return [
         "-" if name in _OF_Q and column in unitless else unit
-        for column, unit in zip(columns, found, strict=True)
+        for column, unit in zip(columns, all_units, strict=True)
     ]
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
-    found = list[str]()
+    names = list[str]()
     words = SERIES[name].columns if name in SERIES else ()
     for word in words:
-        several: Iterable[Any]
+        entries: Iterable[Any]
         if word == "@entries":
-            several = _joint_entries(meta)
+            entries = _joint_entries(meta)
         elif word.startswith("@"):
-            several = getattr(meta, word[1:], ())
+            entries = getattr(meta, word[1:], ())
         else:
-            several = [word]
-        found += [getattr(one, "name", one) for one in several]
-    if len(found) != width:  # such as a fixed base, whose configuration is its joints
+            entries = [word]
+        names += [getattr(entry, "name", entry) for entry in entries]
+    if len(names) != width:  # such as a fixed base, whose configuration is its joints
         if name in _OF_Q:
             joints = _joint_entries(meta)
         else:
             joints = [*meta.joints]
         if len(joints) == width:
-            found = joints
+            names = joints
         else:
-            found = [str(k + 1) for k in range(width)]
-    return found
+            names = [str(k + 1) for k in range(width)]
+    return names
 
 
 def _part(column: str, units: Mapping[str, str]) -> str:
-    """The part of a series that a column of that name is of."""
+    """Return the part of a series that a column of that name is of."""
     if "" in units:
         return ""
     family: tuple[str, ...]
@@ -217,12 +220,14 @@ def _part(column: str, units: Mapping[str, str]) -> str:
 
 
 def _joint_entries(meta: Any) -> list[str]:
-    """What the entries of the joints in q are called: of an endless one there are two."""
-    return [
-        part
-        for name in meta.joints
-        for part in (_circle(name) if name in meta.endless else (name,))
-    ]
+    """Return what the entries of the joints in q are called: of an endless one there are two."""
+    entries = list[str]()
+    for name in meta.joints:
+        if name in meta.endless:
+            entries += _circle(name)
+        else:
+            entries.append(name)
+    return entries
 
 
 def _circle(name: str) -> tuple[str, str]:
@@ -230,10 +235,10 @@ def _circle(name: str) -> tuple[str, str]:
 
 
 def series_markdown() -> str:
-    """The table, for documentation."""
+    """Return the table, for documentation."""
     rows = (
-        f"| `{name}` | {one.meaning} | {one.shape} | {one.unit} | {one.frame} |"
-        for name, one in SERIES.items()
+        f"| `{name}` | {row.meaning} | {row.shape} | {row.unit} | {row.frame} |"
+        for name, row in SERIES.items()
     )
     return "\n".join(
         ("| series | meaning | shape | unit | frame |", "|---|---|---|---|---|", *rows)
@@ -263,8 +268,8 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
             raise InvalidInput(f"{path}: column {name} holds {str(kind)[:60]}; numbers are read")
     size = 8 * file.metadata.num_rows * len(columns)
     if size > max(SMALL, DENSEST * path.stat().st_size):
-        given = f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB"
-        raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
+        sizes = f"{path}: {size / 1e9:.3g} GB of numbers in {path.stat().st_size / 1e6:.3g} MB"
+        raise InvalidInput(f"{sizes}; at most {DENSEST} times a file are read")
 
 
 # A record as a table that other programs read: pandas, Parquet, CSV; Parquet has all of it, and
@@ -272,7 +277,7 @@ def require_numbers(file: Any, path: Path, columns: Sequence[str]) -> None:
 
 
 def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
-    """All columns (n,) [unit of their series] by name, in the order of the series."""
+    """Return all columns (n,) [unit of their series] by name, in the order of the series."""
     flat = (flat_columns(name, array, meta, alone=name) for name, array in series.items())
     return {
         name: values
@@ -284,20 +289,22 @@ def columns(series: Series, meta: Any) -> dict[str, np.ndarray]:
 def flat_columns(
     name: str, array: np.ndarray, meta: Any, *, alone: str
 ) -> tuple[list[str], np.ndarray]:
-    """Names of the columns of a series, `alone` of one without any, and the columns (n, k) of its
-    array (n, ...) [unit of it].
+    """Return names of the columns of a series, `alone` of one without any, and the columns (n, k)
+    of its array (n, ...) [unit of it].
     """
     flat = array.reshape(len(array), -1)
-    return column_names(name, flat.shape[1], meta) if array.ndim > 1 else [alone], flat
+    if array.ndim > 1:
+        return column_names(name, flat.shape[1], meta), flat
+    return [alone], flat
 
 
 def to_dataframe(series: Series, meta: Any) -> Any:
-    """A pandas.DataFrame with one row per tick. Raises `NotInstalled` without pandas."""
+    """Return a pandas.DataFrame with one row per tick. Raises `NotInstalled` without pandas."""
     return optional_module("pandas", "a table", CAMPAIGN_EXTRA).DataFrame(columns(series, meta))
 
 
 def to_csv(series: Series, meta: Any, path: Path) -> None:
-    """One line of names, then one per tick, every number in full. Raises `NotInstalled`, and
+    """Write one line of names, then one per tick, every number in full. Raises `NotInstalled`, and
     `OutputError` where it cannot.
     """
     table = to_dataframe(series, meta)
@@ -306,8 +313,8 @@ def to_csv(series: Series, meta: Any, path: Path) -> None:
 
 
 def to_parquet(series: Series, meta: Any, path: Path) -> None:
-    """Columns with unit, frame and meaning, and the metadata of the run: `from_parquet` gives the
-    same record again.
+    """Write columns with unit, frame and meaning, and the metadata of the run: `from_parquet` gives
+    the same record again.
 
     Raises `NotInstalled` without pyarrow, and `OutputError` where it cannot be written.
     """
@@ -326,28 +333,28 @@ def to_parquet(series: Series, meta: Any, path: Path) -> None:
                     metadata={**series_description(name, array), "unit": unit},
                 )
             )
-    own = {_KEY: VERSION.encode(), b"meta": run_meta.write_meta(meta).encode()}
-    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=own))
+    file_metadata = {_KEY: VERSION.encode(), b"meta": run_meta.write_meta(meta).encode()}
+    table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=file_metadata))
     with output.whole_file(path) as file:
         pa.parquet.write_table(table, file)
 
 
 def from_parquet(path: Path) -> tuple[dict[str, np.ndarray], Any]:
-    """Series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another
+    """Read series by name and metadata of a file of `to_parquet`. Raises `InvalidInput` for another
     file, `NotInstalled`.
     """
     pa = arrow()
     with as_input_errors(path, OSError, KeyError, ValueError, pa.ArrowException):
         require_regular_file(path)
         with pa.parquet.ParquetFile(path) as file:
-            own = file.schema_arrow.metadata or {}
-            if own.get(_KEY) != VERSION.encode():
+            file_metadata = file.schema_arrow.metadata or {}
+            if file_metadata.get(_KEY) != VERSION.encode():
                 raise InvalidInput(
                     f"{path}: no record of version {VERSION}; give a file that Record.to_parquet"
                     " wrote"
                 )
             require_numbers(file, path, file.schema_arrow.names)
-            return _series(file.read()), run_meta.read_meta(own[b"meta"].decode())
+            return _series(file.read()), run_meta.read_meta(file_metadata[b"meta"].decode())
 
 
 def _series(table: Any) -> dict[str, np.ndarray]:
@@ -360,7 +367,8 @@ def _series(table: Any) -> dict[str, np.ndarray]:
         if metadata[b"axes"] == b"1":
             flat.add(name)
     return {
-        name: found[0] if name in flat else np.stack(found, axis=1) for name, found in parts.items()
+        name: columns[0] if name in flat else np.stack(columns, axis=1)
+        for name, columns in parts.items()
     }
 
 
@@ -374,8 +382,8 @@ def series_description(name: str, array: np.ndarray) -> dict[str, str]:
 
 
 def arrow(what: str = "a Parquet file", package: str = CAMPAIGN_EXTRA) -> Any:
-    """The library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it, and
-    which package brings it.
+    """Return the library pyarrow with its Parquet. Raises `NotInstalled` without it: what needs it,
+    and which package brings it.
     """
     optional_module("pyarrow.parquet", what, package)
     return optional_module("pyarrow", what, package)

@@ -130,22 +130,22 @@ def as_input_errors(
 
 @contextmanager
 def record_files_read() -> Iterator[list[Path]]:
-    """Inside, the list that is given grows by every file that is read here: what the results depend
+    """Yield a list that grows, inside, by every file that is read here: what the results depend
     on.
     """
-    found: list[Path] = []
-    token = _READ.set(found)
+    paths: list[Path] = []
+    token = _READ.set(paths)
     try:
-        yield found
+        yield paths
     finally:
         _READ.reset(token)
 
 
 def note_file_read(path: Path) -> None:
     """Flags to read a file, also one that others open."""
-    found = _READ.get()
-    if found is not None:
-        found.append(path.resolve())
+    paths = _READ.get()
+    if paths is not None:
+        paths.append(path.resolve())
 
 
 def require_regular_file(path: Path) -> None:
@@ -157,7 +157,7 @@ def require_regular_file(path: Path) -> None:
 
 
 def read_text(path: Path, largest: int) -> str:
-    """The text of a file of at most ``largest`` [B].
+    """Read the text of a file of at most ``largest`` [B].
 
     Raises `OSError`, and `InvalidInput` in one line for what is no file, larger, or no text in
     UTF-8.
@@ -190,10 +190,8 @@ def _decoded(content: bytes, encoding: str) -> str:
 # nothing is executed.
 
 
-def read_arrays(
-    path: Path | str, wanted: Collection[str] | None = None
-) -> Mapping[str, np.ndarray]:
-    """Every array of the file by its name, or those that are wanted, read-only.
+def read_arrays(path: Path | str, names: Collection[str] | None = None) -> Mapping[str, np.ndarray]:
+    """Read every array of the file by its name, or those that are wanted, read-only.
 
     Raises `InvalidInput` in one line for what is no such file, is damaged, declares more than it
     holds or, for its size, more than is ever written, or holds objects.
@@ -205,18 +203,21 @@ def read_arrays(
             warnings.simplefilter("error")  # numpy's, of headers that it has to guess at
             members = _members(archive, source.stat().st_size)
             chosen = {
-                name: one for name, one in members.items() if wanted is None or name in wanted
+                name: member for name, member in members.items() if names is None or name in names
             }
             large = any(
-                one.compress_type == ZIP_STORED and one.file_size > _LARGE
-                for one in chosen.values()
+                member.compress_type == ZIP_STORED and member.file_size > _LARGE
+                for member in chosen.values()
             )
             if large:
-                whole = np.memmap(file, np.uint8, "r")
+                mapped_file = np.memmap(file, np.uint8, "r")
             else:
-                whole = None
+                mapped_file = None
             return MappingProxyType(
-                {name: _array(archive, member, name, whole) for name, member in chosen.items()}
+                {
+                    name: _array(archive, member, name, mapped_file)
+                    for name, member in chosen.items()
+                }
             )
     except InvalidInput:
         raise
@@ -238,40 +239,45 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
             raise InvalidInput(f"{member.filename[:60]!r} in it is no array")
     total = sum(member.file_size for member in listed)
     if total > max(SMALL, DENSEST * size):
-        given = f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB"
-        raise InvalidInput(f"{given}; at most {DENSEST} times a file are read")
+        sizes = f"{total / 1e9:.3g} GB of arrays in {size / 1e6:.3g} MB"
+        raise InvalidInput(f"{sizes}; at most {DENSEST} times a file are read")
     members = {member.filename.removesuffix(_SUFFIX): member for member in listed}
     if len(members) < len(listed):
         raise InvalidInput("two arrays of one name")
     return members
 
 
-def _array(archive: ZipFile, member: ZipInfo, name: str, whole: np.ndarray | None) -> np.ndarray:
+def _array(
+    archive: ZipFile, member: ZipInfo, name: str, mapped_file: np.ndarray | None
+) -> np.ndarray:
     with archive.open(member) as file:
         version = np.lib.format.read_magic(file)
-        read = {
+        header_readers = {
             (1, 0): np.lib.format.read_array_header_1_0,
             (2, 0): np.lib.format.read_array_header_2_0,
         }
-        if version not in read:
+        if version not in header_readers:
             raise InvalidInput(f"arrays of format {version}; 1.0 and 2.0 are read")
-        shape, fortran, dtype = read[version](file)
-        first = file.tell()
-        there = member.file_size - file.tell()
+        shape, fortran, dtype = header_readers[version](file)
+        start = file.tell()
+        n_bytes = member.file_size - file.tell()
         if dtype.kind not in _KINDS:
             raise InvalidInput(f"{name!r} holds {dtype}; numbers and text are read")
-        if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != there:
+        if min(shape, default=1) < 0 or math.prod(shape) * dtype.itemsize != n_bytes:
             raise InvalidInput(
-                f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {there} bytes"
+                f"{name!r} declares {dtype} of shape {_short(shape)}, but holds {n_bytes} bytes"
             )
-        mapped = whole is not None and member.compress_type == ZIP_STORED and there >= _LARGE
-        while mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
+        is_mapped = (
+            mapped_file is not None and member.compress_type == ZIP_STORED and n_bytes >= _LARGE
+        )
+        while is_mapped and file.read(_LARGE):  # to its end, where its checksum is looked at
             pass
         content: Any = file.read()
-    if whole is not None and mapped:
-        head = member.header_offset + _LENGTHS
-        first += head + 4 + sum(struct.unpack("<HH", whole[head : head + 4].tobytes()))
-        content = whole[first : first + there]
+    if mapped_file is not None and is_mapped:
+        lengths_start = member.header_offset + _LENGTHS
+        lengths = mapped_file[lengths_start : lengths_start + 4].tobytes()
+        start += lengths_start + 4 + sum(struct.unpack("<HH", lengths))
+        content = mapped_file[start : start + n_bytes]
     numbers = np.frombuffer(content, dtype=dtype)
     if fortran:
         return numbers.reshape(shape[::-1]).T
@@ -328,12 +334,12 @@ class _Bounded(ElementTree.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> NoReturn:
-        """Entities are defined here, and a few lines of them stand for gigabytes."""
+        """Refuse entities, which are defined here, as a few lines of them stand for gigabytes."""
         raise InvalidInput("a <!DOCTYPE> is not read; remove it")
 
 
 def read_xml_text(path: Path) -> str:
-    """The text of an XML file in the encoding that it declares, in UTF-8 or UTF-16 where it
+    """Read the text of an XML file in the encoding that it declares, in UTF-8 or UTF-16 where it
     declares none.
 
     Raises `OSError`, and `InvalidInput` in one line for what is no file, no text in that encoding
@@ -349,7 +355,7 @@ def read_xml_text(path: Path) -> str:
 
 
 def read_xml(path: Path | str) -> ElementTree.Element:
-    """The root element of a file.
+    """Read the root element of a file.
 
     Raises `OSError`, and `InvalidInput` in one line for what is no file, no XML or beyond the
     bounds.
@@ -379,10 +385,10 @@ class BoundedLoader(yaml.SafeLoader):
         """How many values a node with an anchor stands for."""
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
-        """One value with all that is in it. Raises `ComposerError` beyond the bounds."""
+        """Compose one value with all that is in it. Raises `ComposerError` beyond the bounds."""
         alias = self.check_event(AliasEvent)
         event = self.peek_event()
-        before = self._values
+        n_before = self._values
         self._require(self._depth < DEEPEST_YAML, f"deeper than {DEEPEST_YAML} levels", event)
         self._depth += 1
         node = super().compose_node(parent, index)
@@ -392,7 +398,7 @@ class BoundedLoader(yaml.SafeLoader):
             self._values += self._sizes[id(node)]
         else:
             self._values += 1
-            self._sizes[id(node)] = self._values - before
+            self._sizes[id(node)] = self._values - n_before
         self._require(
             self._values <= self.most_values, f"more than {self.most_values} values", event
         )
@@ -402,14 +408,14 @@ class BoundedLoader(yaml.SafeLoader):
         return node
 
     @staticmethod
-    def _require(kept: bool, text: str, event: Any) -> None:
-        if not kept:
+    def _require(is_allowed: bool, text: str, event: Any) -> None:
+        if not is_allowed:
             raise ComposerError(None, None, text, event.start_mark)
 
 
 def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
-    """The content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML or
-    beyond the bounds.
+    """Read the content of a file. Raises `OSError`, or `ValueError` in one line for what is no YAML
+    or beyond the bounds.
     """
     text = read_text(Path(path), LARGEST_YAML)
     try:
@@ -427,8 +433,8 @@ def read_yaml(path: Path | str, loader: Any = BoundedLoader) -> object:
 
 
 def read_yaml_as(path: Path, model: type[_M]) -> _M:
-    """The content of a file as a model. Raises `InvalidInput` in one line, with the file's name,
-    for what is none.
+    """Read the content of a file as a model. Raises `InvalidInput` in one line, with the file's
+    name, for what is none.
     """
     try:
         return model.model_validate(read_yaml(path))

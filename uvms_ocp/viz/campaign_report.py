@@ -65,7 +65,7 @@ def figure_rate(
 
 @style.styled
 def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
-    """Shares of all outcomes with their intervals; rows as the report has them."""
+    """Draw the shares of all outcomes with their intervals; rows as the report has them."""
     rows = list(outcomes)[:_MOST][::-1]
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.7 + 0.28 * len(rows)))
     axis = figure.subplots()
@@ -113,8 +113,8 @@ def figure_spread(
     """
     for name, column in values.items():
         if column.shape != success.shape:
-            given = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
-            raise InvalidInput(f"{given}; give one of each per run")
+            shapes = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
+            raise InvalidInput(f"{shapes}; give one of each per run")
     names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
     figure = style.titled(1.7, "", fig, width)
     n_columns = _COLUMNS if style.inches(figure) > style.NARROW else 1
@@ -123,9 +123,9 @@ def figure_spread(
         figure.set_figheight(1.7 * n_rows)
     axes = figure.subplots(n_rows, n_columns, squeeze=False).ravel()
     for axis, name in zip(axes, names, strict=False):
-        known = np.abs(values[name]) <= _LARGEST
-        edges = _bin_edges(values[name][known])
-        parts = [values[name][known & success], values[name][known & ~success]]
+        is_drawn = np.abs(values[name]) <= _LARGEST
+        edges = _bin_edges(values[name][is_drawn])
+        parts = [values[name][is_drawn & success], values[name][is_drawn & ~success]]
         axis.hist(
             parts,
             bins=edges,
@@ -142,22 +142,22 @@ def figure_spread(
 
 @style.styled
 def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> Figure:
-    """PAWN indices of one figure by parameter, beside what a number of no effect would have; rows
-    as the report has them.
+    """Draw PAWN indices of one figure by parameter, beside what a number of no effect would have;
+    rows as the report has them.
     """
-    own = sorted(
+    bars = sorted(
         (row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"]
     )[-_MOST:]
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(own)))
+    figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(bars)))
     axis = figure.subplots()
-    colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in own]
+    colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in bars]
     axis.barh(
-        [style.label_text(row["parameter"], _LONGEST) for row in own],
-        [row["pawn"] for row in own],
+        [style.label_text(row["parameter"], _LONGEST) for row in bars],
+        [row["pawn"] for row in bars],
         color=colors,
     )
-    if own:
-        axis.axvline(own[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
+    if bars:
+        axis.axvline(bars[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")
     return figure
 
@@ -166,7 +166,7 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
 
 
 def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
-    """A page of a report, with PNG figures by their titles."""
+    """Return the page of a report, with PNG figures by their titles."""
     parameters = [
         {"parameter": name, "distribution": text} for name, text in report["parameters"].items()
     ]
@@ -190,16 +190,16 @@ def report_page(report: Mapping[str, Any], figures: Mapping[str, bytes]) -> str:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[str] = ()) -> str:
-    """empty: why there is no row."""
+    """Return a table of HTML; empty: why there is no row."""
     if not rows:
         return f"<p>{escape(empty)}</p>"
     columns = list(dict.fromkeys(name for row in rows for name in row))
     head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
-    body = "".join(
-        f"<tr>{''.join(_cell(row.get(name), name in code) for name in columns)}</tr>"
-        for row in rows
-    )
-    return f"<table><tr>{head}</tr>{body}</table>"
+    lines = []
+    for row in rows:
+        cells = "".join(_cell(row.get(name), name in code) for name in columns)
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table><tr>{head}</tr>{''.join(lines)}</table>"
 
 
 def _cell(value: Any, is_code: bool) -> str:

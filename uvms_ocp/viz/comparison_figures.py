@@ -31,8 +31,8 @@ def figure_joint_comparison(
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure:
-    """Positions of all joints during the last stay in a phase, for runs by name, over time since
-    its start.
+    """Draw the positions of all joints during the last stay in a phase, for runs by name, over time
+    since its start.
 
     Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for
     runs that do not have the same joints, of one axis each.
@@ -61,25 +61,29 @@ def figure_joint_comparison(
 
 def _name_runs(figure: Figure, names: Iterable[str]) -> None:
     """Add the legend of runs, a colour each."""
-    shown = zip(names, _COLORS, strict=False)
+    colored_names = zip(names, _COLORS, strict=False)
     style.heading_legend(
-        figure, [Line2D([], [], color=color, label=style.label_text(name)) for name, color in shown]
+        figure,
+        [
+            Line2D([], [], color=color, label=style.label_text(name))
+            for name, color in colored_names
+        ],
     )
 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
-    """The names that all records have for the columns of their joints."""
-    shown = [
+    """Return the names that all records have for the columns of their joints."""
+    layouts = [
         (record.meta.joints, joint_positions(record.series, record.meta))
         for record in records.values()
     ]
-    named = {() if positions is None else joints for joints, positions in shown}
-    if len(named) != 1 or () in named:
+    joint_names = {() if positions is None else joints for joints, positions in layouts}
+    if len(joint_names) != 1 or () in joint_names:
         raise InvalidInput(
             f"records = {len(records)} runs; give one or more with the same joints, of one axis"
             " each"
         )
-    return named.pop()
+    return joint_names.pop()
 
 
 @style.styled
@@ -120,7 +124,7 @@ def figure_transitions(
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure:
-    """How smoothly runs change phase; thin lines: changes.
+    """Draw how smoothly runs change phase; thin lines: changes.
 
     runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that
     `uvms_ocp.report.transition_series` gives.
@@ -131,10 +135,10 @@ def figure_transitions(
             axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=0.8)
             for time in run["changes"]:
                 axis.axvline(time, color=color, lw=0.6, alpha=0.6)
-    for axis, (label, least) in zip(axes, _SMOOTHNESS.values(), strict=True):
+    for axis, (label, floor) in zip(axes, _SMOOTHNESS.values(), strict=True):
         style.logarithmic(axis)
         axis.set_ylabel(label)
-        axis.set_ylim(bottom=least)
+        axis.set_ylim(bottom=floor)
     axes[0].axhline(1.0, color=style.BLACK, lw=0.6, ls="--")
     _name_runs(figure, runs)
     return figure

@@ -50,8 +50,8 @@ _DIRECTIONS = 48  # that an outline is found in
 def figure_efforts(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Thrust of every thruster, or the planned wrench, torque of every joint, and the energy taken
-    so far.
+    """Draw thrust of every thruster, or the planned wrench, torque of every joint, and the energy
+    taken so far.
     """
     draw = next((drawn for name, drawn in _PUSHES.items() if name in record.series), None)
     if draw is None or "joint_energy" not in record.series:
@@ -123,8 +123,8 @@ def _energy(record: Record, axis: Axes) -> None:
 def figure_tracking(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """How well the vehicle follows its reference velocity, and the force that the observer holds
-    responsible.
+    """Draw how well the vehicle follows its reference velocity, and the force that the observer
+    holds responsible.
     """
     if "disturbance" not in record.series or not has_vehicle(record):
         return None
@@ -139,7 +139,7 @@ def figure_tracking(
         axes[1].plot(t, 1e3 * error[:, 3 + i], color=color, lw=0.9, label=angular)
         axes[2].plot(t, record["disturbance"][:, i], color=color, lw=0.9, label=linear)
     velocity, rate = (
-        axis_label(f"{what} error", "v", part, "m") for what, part in _TRACKED.items()
+        axis_label(f"{subject} error", "v", part, "m") for subject, part in _TRACKED.items()
     )
     labels = (velocity, rate, axis_label("disturbance", "disturbance", "force"))
     for axis, label in zip(axes, labels, strict=True):
@@ -161,7 +161,7 @@ def figure_tracking(
 def figure_velocities(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
+    """Draw linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
     phase.
     """
     if not has_vehicle(record):
@@ -196,7 +196,7 @@ def _zooms(
     grid = parent.subplots(2, len(changes), sharex="col", squeeze=False)
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
-            _velocity_lines(axis, record, part, names, around=change)
+            _velocity_lines(axis, record, part, names, center=change)
             style.mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
             # Without it a velocity of rounding size would fill its panel.
@@ -205,32 +205,32 @@ def _zooms(
                 axis.set_ylim((low + high - _LEAST_SPAN) / 2, (low + high + _LEAST_SPAN) / 2)
             if column == 0:
                 axis.set_ylabel(label)
-        shown = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
-        grid[0, column].set_title(f"{shown} at {change:.2f} s", fontsize=style.points(8))
+        phases = " to ".join(plain_line(span.name, _SHORT) for span in spans[column : column + 2])
+        grid[0, column].set_title(f"{phases} at {change:.2f} s", fontsize=style.points(8))
         grid[1, column].set_xlabel(axis_label("time", "t"))
 
 
 def _velocity_lines(
-    axis: Axes, record: Record, part: slice, names: Sequence[str], around: float | None = None
+    axis: Axes, record: Record, part: slice, names: Sequence[str], center: float | None = None
 ) -> None:
     t = record["t"]
     v = record["v"][:, part]
-    if around is None:
-        shown = np.ones(len(t), dtype=bool)
+    if center is None:
+        is_shown = np.ones(len(t), dtype=bool)
     else:
-        shown = np.abs(t - around) <= _ZOOM
+        is_shown = np.abs(t - center) <= _ZOOM
     for values, name, color, dashes in zip(
-        v[shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
+        v[is_shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
     ):
-        axis.plot(t[shown], values, color=color, ls=dashes, label=name, lw=1.2)
+        axis.plot(t[is_shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
 @style.styled
 def figure_joints(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Joint positions and velocities, with limits where the record gives them; one small panel per
-    joint.
+    """Draw joint positions and velocities, with limits where the record gives them; one small panel
+    per joint.
     """
     names = record.meta.joints
     values = run_meta.joint_positions(record.series, record.meta)
@@ -244,9 +244,9 @@ def figure_joints(
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    for axis, what, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
+    for axis, title, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
         axis.set_title(
-            axis_label(what, name, "joints", meta=record.meta).replace(" [", "\n["),
+            axis_label(title, name, "joints", meta=record.meta).replace(" [", "\n["),
             pad=1 + style.space_above(record),
         )
     for axis in grid[-1]:
@@ -258,7 +258,7 @@ def figure_joints(
 
 
 def _joint_bounds(record: Record, n: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Bounds (n,) of positions and of velocities; none where the record tells no limits."""
+    """Return bounds (n,) of positions and of velocities; none where the record tells no limits."""
     limits = record.meta.limits
     if limits is None:
         return [], []
@@ -286,7 +286,7 @@ def _joint_column(
 def figure_path(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """The vehicle's path from above and from the side, coloured by phase, with the markers and
+    """Draw the vehicle's path from above and from the side, coloured by phase, with the markers and
     obstacles of the scenario.
     """
     if not has_vehicle(record):
@@ -296,22 +296,24 @@ def figure_path(
     for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
         _path_panel(axis, record, i, j)
         axis.margins(0.14)
-    side = views[-1]
-    _draw_floor(side, record)
-    named = {
+    side_view = views[-1]
+    _draw_floor(side_view, record)
+    lines_by_label = {
         line.get_label(): line
-        for line in side.get_lines()
+        for line in side_view.get_lines()
         if not str(line.get_label()).startswith("_")
     }
-    abreast = max(1, int(style.inches(figure) / style.points(_ENTRY)))
+    n_columns = max(1, int(style.inches(figure) / style.points(_ENTRY)))
     figure.legend(
-        handles=list(named.values()), loc="outside lower center", ncols=min(len(named), abreast)
+        handles=list(lines_by_label.values()),
+        loc="outside lower center",
+        ncols=min(len(lines_by_label), n_columns),
     )
     return figure
 
 
 def _draw_floor(axis: Axes, record: Record) -> None:
-    """A line for a flat floor, else the floor below the path."""
+    """Draw a line for a flat floor, else the floor below the path."""
     below = floor_heights(record, record["q"][:, :2])
     if below is not None and record.meta.surroundings.floor is None:
         axis.axhline(below[0], color=_SAND, lw=2, label="floor")
@@ -357,8 +359,8 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
 
 
 def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is neither i nor
-    j; of a mesh its hull.
+    """Return corners (n, 2) [m] of what an obstacle covers, seen along the axis of W that is
+    neither i nor j; of a mesh its hull.
     """
     from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 
@@ -367,11 +369,12 @@ def obstacle_outline(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarr
 
 
 def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarray:
-    """Points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane of axes
-    i and j among them.
+    """Return points (n, 3) [m] in W, the farthest of the obstacle in every direction of the plane
+    of axes i and j among them.
     """
     item = build_obstacle(data)
-    R, p = item.X_WO.rotation, item.X_WO.translation
+    R = item.X_WO.rotation
+    p = item.X_WO.translation
     if data.vertices:
         return np.asarray(np.array(data.vertices) @ R.T + p)
     angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)

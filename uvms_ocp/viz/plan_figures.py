@@ -32,7 +32,7 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 def figure_vehicle_motion(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Planned vehicle axes from position to snap; `None` where none is planned."""
+    """Draw planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(
         record, _VEHICLE, ("position", "attitude"), "Planned motion of the vehicle", (fig, width)
     )
@@ -42,7 +42,7 @@ def figure_vehicle_motion(
 def figure_joint_motion(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Planned joints from position to snap; `None` where none is planned."""
+    """Draw planned joints from position to snap; `None` where none is planned."""
     return _motion(
         record, record.meta.joints, ("joints",), "Planned motion of the joints", (fig, width)
     )
@@ -52,24 +52,26 @@ def figure_joint_motion(
 def figure_clearance(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Distance from each obstacle and between links along the path, and the clearance that was
-    wanted.
+    """Draw the distance from each obstacle and between links along the path, and the clearance that
+    was wanted.
     """
     if "clearance" not in record.series or not record["clearance"].shape[1]:
         return None
-    d, meta = record["clearance"], record.plan_meta
-    wanted, of_links = meta.clearance_wanted, meta.link_clearance_wanted
+    d = record["clearance"]
+    meta = record.plan_meta
+    clearance = meta.clearance_wanted
+    link_clearance = meta.link_clearance_wanted
     figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path", fig, width)
     for k, name in enumerate(meta.clearance_groups):
         axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
-    style.threshold(axis, wanted, f"wanted {wanted:g} m")
-    if of_links is not None and of_links != wanted:
-        style.threshold(axis, of_links, f"wanted {of_links:g} m between links", 0.5)
+    style.threshold(axis, clearance, f"wanted {clearance:g} m")
+    if link_clearance is not None and link_clearance != clearance:
+        style.threshold(axis, link_clearance, f"wanted {link_clearance:g} m between links", 0.5)
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
-    top = min(float(d.max()), max(_FAR, 5.0 * wanted))
+    top = min(float(d.max()), max(_FAR, 5.0 * clearance))
     bottom = min(float(d.min()), 0.0)
-    top = max(top, wanted, of_links or 0.0)
+    top = max(top, clearance, link_clearance or 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
     axis.axhspan(axis.get_ylim()[0], 0.0, color=style.VERMILLION, alpha=0.15, lw=0)
     axis.set_ylabel(axis_label("distance", "clearance"))
@@ -79,16 +81,17 @@ def figure_clearance(
 
 
 def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
-    """A dot at the smallest distance, with the two shapes, written towards the middle of the
+    """Draw a dot at the smallest distance, with the two shapes, written towards the middle of the
     panel.
     """
-    when, least = nearest.t, nearest.distance
-    left = when < axis.get_xlim()[1] / 2.0
-    axis.plot(when, least, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
-    offset = (5 if left else -5, -4)
-    side = "left" if left else "right"
-    text = plain_line(f"{least:.3g} m, {nearest.between}", 80)
-    style.note(axis, text, (when, least), offset, ha=side, va="top", fontsize=style.points(7))
+    t = nearest.t
+    distance = nearest.distance
+    is_early = t < axis.get_xlim()[1] / 2.0
+    axis.plot(t, distance, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
+    offset = (5 if is_early else -5, -4)
+    side = "left" if is_early else "right"
+    text = plain_line(f"{distance:.3g} m, {nearest.between}", 80)
+    style.note(axis, text, (t, distance), offset, ha=side, va="top", fontsize=style.points(7))
 
 
 _ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, motion_figures.figure_efforts)
@@ -110,53 +113,52 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
 def _motion(
     record: Record, names: Collection[str], parts: Sequence[str], title: str, page: style.Page
 ) -> Figure | None:
-    """One row per derivative that is recorded, one line per axis; each with its limit where it has
-    one and comes near it.
+    """Draw one row per derivative that is recorded, one line per axis; each with its limit where it
+    has one and comes near it.
     """
     if "x" not in record.series:
         return None
     planned = record.plan_meta.axes
-    wanted = [i for i, name in enumerate(planned) if name in names]
-    if not wanted:
+    indices = [i for i, name in enumerate(planned) if name in names]
+    if not indices:
         return None
     rows = [(series, label) for series, label in _ROWS.items() if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title, *page)
     for row, (series, label) in zip(axes, rows, strict=True):
-        for k, i in enumerate(wanted):
+        for k, i in enumerate(indices):
             row.plot(
                 record["t"],
                 record[series][:, i],
                 **style.line_style(k),
                 label=style.label_text(planned[i], 10),
             )
-        row.set_ylabel(
-            f"{label}\n[{', '.join(tables.unit_of(series, part, record.meta) for part in parts)}]"
-        )
-        _draw_limits(row, record, series, wanted)
+        units = [tables.unit_of(series, part, record.meta) for part in parts]
+        row.set_ylabel(f"{label}\n[{', '.join(units)}]")
+        _draw_limits(row, record, series, indices)
     axes[0].legend(
-        ncols=len(wanted), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7)
+        ncols=len(indices), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=style.points(7)
     )
     _mark_breaks(axes, record)
     return figure
 
 
-def _draw_limits(row: Axes, record: Record, series: str, wanted: list[int]) -> None:
+def _draw_limits(row: Axes, record: Record, series: str, indices: list[int]) -> None:
     limits = record.plan_meta.axis_limits
     values = {"x_rate": limits.x_rate, "x_acceleration": limits.x_acceleration}.get(series)
     if values is None:
         return
     low, high = row.get_ylim()
-    for limit in sorted({values[i] for i in wanted if np.isfinite(values[i])}):
+    for limit in sorted({values[i] for i in indices if np.isfinite(values[i])}):
         # Dashes in turn in the colours of the lines that it bounds.
-        bound = [style.line_style(k)["color"] for k, i in enumerate(wanted) if values[i] == limit]
-        colors = [style.THRESHOLD] if len(bound) == len(wanted) else bound
+        bound = [style.line_style(k)["color"] for k, i in enumerate(indices) if values[i] == limit]
+        colors = [style.THRESHOLD] if len(bound) == len(indices) else bound
         for (n, color), side in itertools.product(enumerate(colors), (limit, -limit)):
             if low * 1.4 <= side <= high * 1.4:
                 row.axhline(side, color=color, lw=0.8, ls=(8 * n, (5, 8 * len(colors) - 5)))
 
 
 def _mark_breaks(axes: list[Axes], record: Record) -> None:
-    """Thin lines where the pieces of the trajectory meet. Raises `InvalidInput` where there is
+    """Draw thin lines where the pieces of the trajectory meet. Raises `InvalidInput` where there is
     nothing to draw.
     """
     require_rows(record)

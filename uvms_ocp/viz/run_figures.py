@@ -66,8 +66,8 @@ _Names = str | Sequence[str]
 def figure_estimate(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Errors of position, attitude and joints, estimate less truth, within two standard deviations
-    that the filter gives.
+    """Draw errors of position, attitude and joints, estimate less truth, within two standard
+    deviations that the filter gives.
     """
     if {"q", "q_estimated", "q_std"} <= record.series.keys():
         panels = _panels(record)
@@ -89,12 +89,12 @@ def _panels(record: Record) -> list[_Panel]:
     q = record["q"]
     measured = record["q_estimated"]
     spread = record["q_std"]
-    found: list[_Panel] = []
+    panels: list[_Panel] = []
     if has_vehicle(record):
-        position, attitude = (axis_label(what, name, what, "m") for what, name in _VEHICLE)
+        position, attitude = (axis_label(subject, name, subject, "m") for subject, name in _VEHICLE)
         place = 1e3 * (measured - q)[:, :3]
         turn = 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
-        found = [
+        panels = [
             (position, ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
             (attitude, ("roll", "pitch", "yaw"), style.AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
         ]
@@ -103,7 +103,7 @@ def _panels(record: Record) -> list[_Panel]:
     if n and spread.shape[1] >= n:
         names = [style.label_text(name, 10) for name in axis_names(record, n)]
         colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
-        found.append(
+        panels.append(
             (
                 axis_label("joints", "q", "joints", "m", record.meta),
                 names,
@@ -112,12 +112,12 @@ def _panels(record: Record) -> list[_Panel]:
                 1e3 * spread[:, -n:],
             )
         )
-    return found
+    return panels
 
 
 def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """(n, 3) [rad] the small rotation in B from the true attitude to the measured one; quaternions
-    (n, 4) xyzw.
+    """Return (n, 3) [rad], the small rotation in B from the true attitude to the measured one;
+    quaternions (n, 4) xyzw.
     """
     v = true[:, :3]
     w = true[:, 3:]
@@ -156,7 +156,7 @@ def _draw(
 def figure_health(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """One bar over time per channel, green where it was good, and below the bars what was said
+    """Draw one bar over time per channel, green where it was good, and below the bars what was said
     against channels.
     """
     if record.meta.kind != "run" or "health" not in record.series or not record.meta.channels:
@@ -179,14 +179,14 @@ def figure_health(
     axis.set_xlabel(axis_label("time", "t"))
     if alarms:
         figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=style.points(7))
-    style.shade_phases([axis], phase_spans(record), beside=12)
+    style.shade_phases([axis], phase_spans(record), letters_beside=12)
     patches = [Patch(color=color, label=name) for name, color in _COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
     return figure
 
 
 def _alarm_lines(record: Record) -> list[str]:
-    """The first alarms on channels, a line each."""
+    """Return the first alarms on channels, a line each."""
     alarms = [
         alarm
         for alarm in record.run_meta.alarms
@@ -195,9 +195,9 @@ def _alarm_lines(record: Record) -> list[str]:
     lines = [
         style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_WORDS]
     ]
-    rest = len(alarms) - len(lines)
-    if rest:
-        return [*lines, f"and {rest} more"]
+    n_more = len(alarms) - len(lines)
+    if n_more:
+        return [*lines, f"and {n_more} more"]
     return lines
 
 
@@ -208,7 +208,7 @@ def _alarm_lines(record: Record) -> list[str]:
 def figure_tick_time(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """How long one control tick took, over time and as a distribution."""
+    """Draw how long one control tick took, over time and as a distribution."""
     if "tick_time" not in record.series:
         return None
     tick = np.maximum(record["tick_time"] * 1e6, 1e-3)
@@ -315,7 +315,7 @@ def plot(
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure | style.Figures:
-    """Every figure that a run or a plan can fill, or one with a panel for each of the names.
+    """Draw every figure that a run or a plan can fill, or one with a panel for each of the names.
 
     names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as
     ``q.z``, or lists of them; see `figure_of`, which tells what it raises. Raises `InvalidInput`
@@ -323,24 +323,30 @@ def plot(
     drawn on in the caller's style; by default a figure of our own, of the width of a page or a
     column of a journal, or [in].
     """
-    record = thinned(what if isinstance(what, Record) else what.to_record())
+    if isinstance(what, Record):
+        record = thinned(what)
+    else:
+        record = thinned(what.to_record())
     if names or ax is not None or fig is not None:
-        return tasks.figure_of(record, *_each(names), ax=ax, fig=fig, width=width)
+        return tasks.figure_of(record, *_flattened(names), ax=ax, fig=fig, width=width)
     draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
     return style.Figures(
         figure for draw in draws.values() if (figure := draw(record, width=width)) is not None
     )
 
 
-def _each(names: Sequence[_Names]) -> list[str]:
-    """One by one. Raises `InvalidInput` for what is no name."""
-    found: list[Any] = [
-        one for name in names for one in (name if isinstance(name, tuple | list) else [name])
-    ]
-    wrong = [repr(one) for one in found if not isinstance(one, str)]
-    if wrong or not found:
+def _flattened(names: Sequence[_Names]) -> list[str]:
+    """Return the names one by one. Raises `InvalidInput` for what is no name."""
+    flat_names = list[Any]()
+    for name in names:
+        if isinstance(name, tuple | list):
+            flat_names += name
+        else:
+            flat_names.append(name)
+    wrong = [repr(item) for item in flat_names if not isinstance(item, str)]
+    if wrong or not flat_names:
         raise InvalidInput(
             f"plot of {', '.join(wrong) or 'no name on ax or fig'}; give names such as 'q',"
             " 'T.position_error'"
         )
-    return found
+    return flat_names

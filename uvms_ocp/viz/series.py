@@ -58,9 +58,9 @@ class PhaseSpan:
     name: str
     title: str
     start: float
-    """[s]"""
+    """Time at which it begins [s]."""
     end: float
-    """[s]"""
+    """Time at which it ends [s]."""
 
     @property
     def label(self) -> str:
@@ -72,27 +72,29 @@ class FaultSpan:
     """How long something was wrong on purpose."""
 
     name: str
-    """Contact of two bodies."""
+    """The fault without its times, ``TARGET:KIND=VALUES``."""
     start: float
-    """[s]"""
+    """Time at which it begins [s]."""
     end: float
-    """[s] no later than the record's."""
+    """Time at which it ends [s], no later than the record."""
     ended: bool
     """True where it was over before the record was."""
 
 
 def fault_spans(record: Record) -> tuple[FaultSpan, ...]:
-    """Faults of a run that began before its end; none of a plan."""
+    """Return faults of a run that began before its end; none of a plan."""
     last = float(record["t"][-1])
-    ends = (
-        (one, last if one.end is None else min(one.end, last))
-        for one in getattr(record.meta, "faults", ())
-        if one.t <= last
-    )
-    return tuple(
-        FaultSpan(name=one.text.partition("@")[0], start=one.t, end=end, ended=end < last)
-        for one, end in ends
-    )
+    spans = list[FaultSpan]()
+    for fault in getattr(record.meta, "faults", ()):
+        if fault.t > last:
+            continue
+        if fault.end is None:
+            end = last
+        else:
+            end = min(fault.end, last)
+        name = fault.text.partition("@")[0]
+        spans.append(FaultSpan(name=name, start=fault.t, end=end, ended=end < last))
+    return tuple(spans)
 
 
 def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any = None) -> str:
@@ -101,10 +103,8 @@ def axis_label(text: str, name: str, part: str = "", prefix: str = "", meta: Any
 
     meta: of the record, as in `unit_of`.
     """
-    return (
-        f"{text}"
-        f" [{' or '.join(prefix + unit for unit in tables.unit_of(name, part, meta).split(' or '))}]"
-    )
+    units = tables.unit_of(name, part, meta).split(" or ")
+    return f"{text} [{' or '.join(prefix + unit for unit in units)}]"
 
 
 def estimate_suffix(record: Record) -> str:
@@ -115,13 +115,13 @@ def estimate_suffix(record: Record) -> str:
 
 
 def require_rows(record: Record) -> None:
-    """Raises `InvalidInput` where there is nothing to draw."""
+    """Raise `InvalidInput` where there is nothing to draw."""
     if len(record) < 2:
         raise InvalidInput(f"record has {len(record)} rows; at least 2 are needed to draw it")
 
 
 def thinned(record: Record) -> Record:
-    """Two rows for each of 4,096 stretches of a record that has very many: the least and the
+    """Return two rows for each of 4,096 stretches of a record that has very many: the least and the
     largest value of every column.
 
     Of what is taken from one another, or counted, they are rows of the record: of state, estimate,
@@ -148,7 +148,7 @@ def thinned(record: Record) -> Record:
 
 @checked
 def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
-    """Stays in phases in order of time; a phase that the mission went back to comes again.
+    """Return stays in phases in order of time; a phase that the mission went back to comes again.
 
     Raises `InvalidInput` where there is nothing to draw.
     """
@@ -163,21 +163,22 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
         for i, j, code in intervals_of(codes)
     ]
     return tuple(
-        PhaseSpan(index=k, name=one.name, title=one.title, start=a, end=b) for one, k, a, b in spans
+        PhaseSpan(index=k, name=phase.name, title=phase.title, start=a, end=b)
+        for phase, k, a, b in spans
     )
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
-    """Stretches of equal codes (n,): where each begins, where the next one does, or the last row,
-    and its code.
+    """Yield stretches of equal codes (n,): where each begins, where the next one does, or the last
+    row, and its code.
     """
-    first = np.flatnonzero(np.diff(codes, prepend=-1))
-    for i, j in zip(first, [*first[1:], len(codes) - 1], strict=True):
+    starts = np.flatnonzero(np.diff(codes, prepend=-1))
+    for i, j in zip(starts, [*starts[1:], len(codes) - 1], strict=True):
         yield int(i), int(j), int(codes[i])
 
 
 def thresholds(record: Record, name: str) -> tuple[float, ...]:
-    """Limits that transitions set on a quantity, each once."""
+    """Return limits that transitions set on a quantity, each once."""
     return tuple(sorted({item.limit for item in record.meta.thresholds if item.quantity == name}))
 
 
@@ -186,10 +187,10 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     which of them is the abort.
     """
     meta = record.meta
-    found = {
+    ended_phases = {
         item.phase for item in meta.thresholds if item.quantity == name and item.limit == limit
     }
-    phases = [phase.name for phase in meta.phases if phase.name in found]
+    phases = [phase.name for phase in meta.phases if phase.name in ended_phases]
     abort = meta.abort_phase if meta.kind == "run" else None
     names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
     if names:
@@ -198,7 +199,7 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
 
 
 def task_gate(record: Record, task: str) -> np.ndarray | None:
-    """External activation (n,) of a task; `None` for an unknown one."""
+    """Return the external activation (n,) of a task; `None` for an unknown one."""
     names = [item.name for item in record.meta.tasks]
     if task in names:
         return record["activations"][:, names.index(task)]
@@ -206,7 +207,7 @@ def task_gate(record: Record, task: str) -> np.ndarray | None:
 
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
-    """Activation (n, rows) of a task's rows; `None` where the task has no level."""
+    """Return the activation (n, rows) of a task's rows; `None` where the task has no level."""
     return next(
         (
             record["activity"][:, rows]
@@ -218,8 +219,8 @@ def task_activity(record: Record, task: str) -> np.ndarray | None:
 
 
 def axis_names(record: Record, n: int) -> list[str]:
-    """Names of n rows or axes: the joints where there is one for each, which a joint of several
-    axes has not.
+    """Return names of n rows or axes: the joints where there is one for each, which a joint of
+    several axes has not.
     """
     joints = record.meta.joints
     if n == len(joints):
@@ -233,10 +234,11 @@ def has_vehicle(record: Record) -> bool:
 
 
 def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
-    """Height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record knows no
-    floor.
+    """Return the height (n,) [m] of the floor at points (n, 2) [m] in W; `None` where the record
+    knows no floor.
     """
-    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
+    relief = record.meta.surroundings.floor
+    plane = record.meta.surroundings.floor_z
     if relief is not None:
         from scipy.interpolate import RegularGridInterpolator
 

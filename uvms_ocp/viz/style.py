@@ -136,14 +136,14 @@ class RecordFigure(Figure):
         FigureCanvasAgg(self)
 
     def draw(self, renderer: RendererBase) -> None:
-        """Ticks get their labels only now; letters that the font has not are drawn as boxes."""
+        """Draw it, when ticks get their labels; letters that the font has not become boxes."""
         with context(_STYLE), warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Glyph .* missing from")
             super().draw(renderer)
 
     def savefig(self, *args: Any, **options: Any) -> None:
-        """Write a file as ``matplotlib.figure.Figure.savefig`` does, whatever the caller's style says
-        of files.
+        """Write a file as ``matplotlib.figure.Figure.savefig`` does, whatever the caller's style
+        says of files.
         """
         with context(_STYLE):
             super().savefig(*args, **options)
@@ -164,7 +164,7 @@ class Figures(tuple[Figure, ...]):
 
 
 def png_of(figure: Figure, dpi: int = DPI) -> bytes:
-    """The figure as a PNG file, of so many dots per inch."""
+    """Return the figure as a PNG file, of so many dots per inch."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
     return buffer.getvalue()
@@ -181,35 +181,36 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> R:
         ax = kwargs.get("ax")
-        given = cast(Given, kwargs.get("fig"))
-        if ax is not None and given is None:
-            given = _flat(ax)[0].figure
-        if given is None:
-            before = set()
+        canvas = cast(Given, kwargs.get("fig"))
+        if ax is not None and canvas is None:
+            canvas = _flat(ax)[0].figure
+        if canvas is None:
+            former_artists = set()
         else:
-            before = set(_artists(given))
-        with context(_STYLE if given is None else {}):
-            drawn: Any = draw(*args, **kwargs)
-            if drawn is not None:
-                _make_legible(drawn, before)
-        if given is None or drawn is None:
-            return drawn
-        return drawn.figure
+            former_artists = set(_artists(canvas))
+        with context(_STYLE if canvas is None else {}):
+            figure: Any = draw(*args, **kwargs)
+            if figure is not None:
+                _make_legible(figure, former_artists)
+        if canvas is None or figure is None:
+            return figure
+        return figure.figure
 
     return checked(wrapper)
 
 
 def by_name(draws: Sequence[Callable[..., R]]) -> Mapping[str, Callable[..., R]]:
-    """Functions ``figure_NAME`` by their names."""
+    """Return functions ``figure_NAME`` by their names."""
     return MappingProxyType({draw.__name__.removeprefix("figure_"): draw for draw in draws})
 
 
-def _make_legible(figure: Figure, before: set[Artist]) -> None:
+def _make_legible(figure: Figure, former_artists: set[Artist]) -> None:
     """Turn texts, and lines on dark paper, towards black or white as far as they need; names are no
     formulas.
     """
     sheet = _on(to_rgba(figure.figure.get_facecolor()), np.ones(3))
-    for artist in {one for one in _artists(figure) if isinstance(one, Text | Line2D)} - before:
+    artists = {artist for artist in _artists(figure) if isinstance(artist, Text | Line2D)}
+    for artist in artists - former_artists:
         if artist.axes is None:
             paper = sheet
         else:
@@ -228,8 +229,12 @@ def _make_legible(figure: Figure, before: set[Artist]) -> None:
 
 
 def _artists(parent: Artist) -> Iterator[Artist]:
-    """All within it but the ticks of axes, which nobody has asked for yet."""
-    for child in [parent.label] if isinstance(parent, Axis) else parent.get_children():
+    """Yield all artists within it but the ticks of axes, which nobody has asked for yet."""
+    if isinstance(parent, Axis):
+        children = [parent.label]
+    else:
+        children = parent.get_children()
+    for child in children:
         yield child
         yield from _artists(child)
 
@@ -239,21 +244,21 @@ def _on(color: tuple[float, float, float, float], paper: np.ndarray) -> np.ndarr
 
 
 def _luminance(rgb: np.ndarray) -> float:
-    """Relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
+    """Return the relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
     return float(
         np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ _TO_LUMINANCE
     )
 
 
-def contrast(one: np.ndarray, other: np.ndarray) -> float:
-    """Contrast of two colours in sRGB (3,), from 1 to 21, as WCAG 2 defines it."""
-    dark, light = sorted((_luminance(one), _luminance(other)))
+def contrast(color: np.ndarray, paper: np.ndarray) -> float:
+    """Return the contrast of two colours in sRGB (3,), from 1 to 21, as WCAG 2 defines it."""
+    dark, light = sorted((_luminance(color), _luminance(paper)))
     return (light + 0.05) / (dark + 0.05)
 
 
-def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarray:
-    """The colour (3,), or the nearest towards black or white whose contrast to papers in sRGB (3,)
-    is at least so much.
+def legible(color: Any, papers: Sequence[np.ndarray], lowest_contrast: float) -> np.ndarray:
+    """Return the colour (3,), or the nearest towards black or white that has the lowest contrast
+    [-] to papers in sRGB (3,), or more.
 
     A grey of too little contrast becomes as light as it is dark first, since what is fainter has to
     stay so.
@@ -267,23 +272,30 @@ def legible(color: Any, papers: Sequence[np.ndarray], least: float) -> np.ndarra
         *((1.0 - share) * rgb + share * end for share in np.linspace(0.05, 0.95, 19)),
     ]
     return next(
-        (one for one in shades if min(contrast(one, paper) for paper in papers) >= least), end
+        (
+            shade
+            for shade in shades
+            if min(contrast(shade, paper) for paper in papers) >= lowest_contrast
+        ),
+        end,
     )
 
 
 def points(size: float) -> float:
-    """A size of letters [points], in proportion to the size that the style in use gives text."""
+    """Return a size of letters [points], in proportion to the size that the style in use gives
+    text.
+    """
     return size * mpl.rcParams["font.size"] / _FONT
 
 
 def inches(figure: Figure) -> float:
-    """[in] width of a figure, or of a part of one."""
+    """Return the width [in] of a figure, or of a part of one."""
     return float(figure.bbox.width / figure.dpi)
 
 
 def titled(height: float, title: str, fig: Given = None, width: Width = "page") -> Figure:
-    """An empty figure of a height [in], on a page with its title on the left; or the caller's,
-    without.
+    """Return an empty figure of a height [in], on a page with its title on the left; or the
+    caller's, without.
 
     A caller's that is empty too gets the constrained layout, unless it has an engine or margins of
     its own.
@@ -301,13 +313,14 @@ def titled(height: float, title: str, fig: Given = None, width: Width = "page") 
 
 
 def abreast(figure: Figure) -> list[Axes]:
-    """The two `VIEWS` beside each other, in a column one below the other; of one scale in both
+    """Add the two `VIEWS` beside each other, in a column one below the other; of one scale in both
     directions.
     """
-    wide = inches(figure) > NARROW
-    if not wide and isinstance(figure, RecordFigure):
+    is_wide = inches(figure) > NARROW
+    if not is_wide and isinstance(figure, RecordFigure):
         figure.set_figheight(1.6 * figure.get_figheight())
-    axes = list(figure.subplots(*((1, 2) if wide else (2, 1))))
+    n_rows = 1 if is_wide else 2
+    axes = list(figure.subplots(n_rows, 2 // n_rows))
     for axis, (title, view) in zip(axes, VIEWS.items(), strict=True):
         x, y = (axis_label("xyz"[k], "q", "position") for k in view)
         axis.set(xlabel=x, ylabel=y, title=title)
@@ -328,7 +341,7 @@ def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look:
 def stacked(
     n_rows: int, height: float, title: str, fig: Given = None, width: Width = "page"
 ) -> tuple[Figure, list[Axes]]:
-    """`n_rows` panels over one time axis; `height` [in] of one panel."""
+    """Add `n_rows` panels over one time axis; `height` [in] of one panel."""
     figure = titled(height * n_rows + 0.55, title, fig, width)
     axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
     axes[-1].set_xlabel(axis_label("time", "t"))
@@ -336,7 +349,7 @@ def stacked(
 
 
 def _flat(ax: Panels) -> list[Axes]:
-    """All of them. Raises `InvalidInput` where something else is among them."""
+    """Return all axes in a list. Raises `InvalidInput` where something else is among them."""
     axes = list(np.ravel(np.array(ax, dtype=object)))
     if not axes or not all(isinstance(axis, Axes) for axis in axes):
         raise InvalidInput(f"ax = {short(ax)}; give an Axes of Matplotlib, or several")
@@ -344,14 +357,14 @@ def _flat(ax: Panels) -> list[Axes]:
 
 
 def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
-    """The caller's axes and their figure. Raises `InvalidInput` where there are not n, or there is
-    a figure besides.
+    """Return the caller's axes and their figure. Raises `InvalidInput` where there are not n, or
+    there is a figure besides.
     """
     axes = _flat(ax)
     if len(axes) != n or fig is not None:
-        both = " and fig" if fig is not None else ""
+        fig_text = " and fig" if fig is not None else ""
         raise InvalidInput(
-            f"ax of {len(axes)} axes{both} for {n} names; give one for each name, or fig alone"
+            f"ax of {len(axes)} axes{fig_text} for {n} names; give one for each name, or fig alone"
         )
     for axis in axes:
         axis.set_xlabel(axis_label("time", "t"))
@@ -359,8 +372,8 @@ def panels(ax: Panels, n: int, fig: Given) -> tuple[Figure, list[Axes]]:
 
 
 def label_text(name: str, longest: int = 32) -> str:
-    """A name as a label of at most so many letters, and not of the kind that Matplotlib keeps out
-    of legends.
+    """Return a name as a label of at most so many letters, and not of the kind that Matplotlib
+    keeps out of legends.
     """
     label = plain_line(name, longest)
     if label.startswith("_"):
@@ -388,13 +401,13 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def heading_legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """One legend for all panels, on the line of the title."""
+    """Add one legend for all panels, on the line of the title."""
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 
 def legend_beside(axis: Axes) -> None:
-    """One entry below the other to the right of the panel, where it covers nothing; none where
-    nothing is named.
+    """Add a legend, one entry below the other, to the right of the panel, where it covers nothing;
+    none where nothing is named.
     """
     n = len(axis.get_legend_handles_labels()[0])
     if not n:
@@ -408,10 +421,10 @@ def legend_beside(axis: Axes) -> None:
 
 
 def shade_phases(
-    axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, beside: int = 0
+    axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, letters_beside: int = 0
 ) -> None:
-    """Colour the phases behind every panel and name them above the first; beside: letters next to
-    panels, but for legends.
+    """Colour the phases behind every panel and name them above the first; letters_beside: number of
+    them next to panels, but for legends.
     """
     for axis in axes:
         for span in spans:
@@ -422,7 +435,7 @@ def shade_phases(
             axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
-        of_figure = (
+        figure_share = (
             axes[0].get_position().width / _LEFT
         )  # with what is beside it, before all is laid out
         texts = [
@@ -431,14 +444,16 @@ def shade_phases(
             if (legend := axis.get_legend())
             for text in legend.get_texts()
         ]
-        beside += max((len(text) + _HANDLE for text in texts), default=0)
+        letters_beside += max((len(text) + _HANDLE for text in texts), default=0)
         _name_phases(
-            axes[0], spans, 0.88 * inches(axes[0].figure) * of_figure - points(_LETTER) * beside
+            axes[0],
+            spans,
+            0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside,
         )
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
-    """Full labels where they fit, none where no letter does; `width` [in] of the panel."""
+    """Write full labels where they fit, none where no letter does; `width` [in] of the panel."""
     scale = width / (spans[-1].end - spans[0].start)
     for span in spans:
         room = scale * (span.end - span.start) / points(_LETTER)
@@ -460,15 +475,15 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
 
 
 def logarithmic(axis: Axes) -> None:
-    """Upwards; what is not positive is left out."""
+    """Make the upward axis logarithmic; what is not positive is left out."""
     axis.set_yscale("log", nonpositive="mask")
     axis.yaxis.set_major_formatter(_PlainPowers())
     axis.yaxis.set_minor_formatter(_PlainPowers(labelOnlyBase=False))
 
 
 def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
-    """A dashed line at `value` [unit of the axis], with its meaning written on it at that share of
-    its length.
+    """Draw a dashed line at `value` [unit of the axis], with its meaning written on it at that
+    share of its length.
     """
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
     paper = {
@@ -485,30 +500,32 @@ def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
 # wrong on purpose.
 
 
-def mark_time(axes: Sequence[Axes], record: Record, *, named: bool = True, beside: int = 0) -> None:
-    """Phases and faults on every panel, named on the first unless told otherwise; beside: as of
-    `shade_phases`.
+def mark_time(
+    axes: Sequence[Axes], record: Record, *, named: bool = True, letters_beside: int = 0
+) -> None:
+    """Mark phases and faults on every panel, named on the first unless told otherwise;
+    letters_beside: as of `shade_phases`.
     """
-    shade_phases(axes, phase_spans(record), named=named, beside=beside)
-    begun: dict[float, list[str]] = {}
+    shade_phases(axes, phase_spans(record), named=named, letters_beside=letters_beside)
+    names_by_start: dict[float, list[str]] = {}
     for fault in fault_spans(record):
-        begun.setdefault(fault.start, []).append(fault.name)
+        names_by_start.setdefault(fault.start, []).append(fault.name)
         for axis in axes:
             axis.axvline(fault.start, color=VERMILLION, lw=0.9, ls=(0, (4, 2)), zorder=1.4)
             if fault.ended:
                 axis.axvline(fault.end, color=VERMILLION, lw=0.9, ls=(0, (1, 2)), zorder=1.4)
-    for line, (start, names) in enumerate(begun.items() if named else ()):
+    for line, (start, names) in enumerate(names_by_start.items() if named else ()):
         _name(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
 
 
 def space_above(record: Record) -> float:
-    """[points] that the names of phases and faults take above a panel."""
+    """Return the height [points] that the names of phases and faults take above a panel."""
     return _ABOVE_PHASES + _LINE * len({fault.start for fault in fault_spans(record)})
 
 
 def _name(axis: Axes, start: float, text: str, line: int) -> None:
-    """Above the names of the phases, from its onset on or up to it; each a line higher than the one
-    before.
+    """Name a moment above the names of the phases, from its onset on or up to it; each a line
+    higher than the one before.
     """
     begin, end = axis.get_xlim()
     late = start - begin > 0.5 * (end - begin)

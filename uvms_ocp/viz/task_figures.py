@@ -33,8 +33,8 @@ _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 def figure_errors(
     record: Record, task: str = "PC", *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Position and orientation error of the vehicle to its way point; faded while the task is
-    off.
+    """Draw the position and orientation error of the vehicle to its way point; faded while the task
+    is off.
     """
     return _pose_error_figure(record, {task: ""}, "Vehicle: error to the way point", (fig, width))
 
@@ -43,8 +43,8 @@ def figure_errors(
 def figure_tool_error(
     record: Record, task: str | None = None, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Position and orientation error of the tool, of several by their names; faded while the task
-    is off.
+    """Draw the position and orientation error of the tool, of several by their names; faded while
+    the task is off.
 
     task: one of them; left out: all of the record.
     """
@@ -57,8 +57,8 @@ def figure_tool_error(
 
 
 def _tool_tasks(record: Record) -> dict[str, str]:
-    """The tool of each task of one, by the name of the task; without a name where there is one
-    alone.
+    """Return the tool of each task of one, by the name of the task; without a name where there is
+    one alone.
     """
     tools = {task.name: task.tool for task in record.meta.tasks if task.tool}
     first = record.meta.tool_task
@@ -72,11 +72,11 @@ def _tool_tasks(record: Record) -> dict[str, str]:
 def _pose_error_figure(
     record: Record, tasks: Mapping[str, str], title: str, page: style.Page
 ) -> Figure | None:
-    shown = (("position", style.BLUE), ("orientation", style.VERMILLION))
+    colors = (("position", style.BLUE), ("orientation", style.VERMILLION))
     rows = [
-        (f"{task}.{what}_error", f"{style.label_text(tool, 16)}\n{what} error".lstrip(), color)
+        (f"{task}.{part}_error", f"{style.label_text(tool, 16)}\n{part} error".lstrip(), color)
         for task, tool in tasks.items()
-        for what, color in shown
+        for part, color in colors
     ]
     return _quantity_figure(record, rows, title, _logarithmic_panel, page)
 
@@ -88,12 +88,14 @@ def _quantity_figure(
     panel: _Panel,
     page: style.Page,
 ) -> Figure | None:
-    """One panel per row (quantity, label, colour) that the record has."""
-    known = [row for row in rows if quantity(record, row[0]) is not None]
-    if not known:
+    """Draw one panel per row (quantity, label, colour) that the record has."""
+    drawn_rows = [row for row in rows if quantity(record, row[0]) is not None]
+    if not drawn_rows:
         return None
-    figure, axes = style.stacked(len(known), 1.75, title + recorded.estimate_suffix(record), *page)
-    for axis, (name, label, color) in zip(axes, known, strict=True):
+    figure, axes = style.stacked(
+        len(drawn_rows), 1.75, title + recorded.estimate_suffix(record), *page
+    )
+    for axis, (name, label, color) in zip(axes, drawn_rows, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
     style.mark_time(axes, record)
@@ -126,8 +128,8 @@ def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
-    """Logarithmic, because convergence is exponential; an exact start does not stretch the axis;
-    linear where all is 0.
+    """Draw on a logarithmic axis, because convergence is exponential; an exact start does not
+    stretch the axis; linear where all is 0.
     """
     if not (_required(record, name) > 0.0).any():
         _linear_panel(axis, record, name, color)
@@ -158,8 +160,8 @@ def _required(record: Record, name: str) -> np.ndarray:
 def figure_misalignment(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Angle between the vehicle's x axis and the horizontal direction to the target (AT), and tilt
-    (HA).
+    """Draw the angle between the vehicle's x axis and the horizontal direction to the target (AT),
+    and tilt (HA).
     """
     rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
     title = (
@@ -174,8 +176,8 @@ def figure_misalignment(
 def figure_altitude(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Altitude above the floor with the thresholds on it, and a closer view where it comes near;
-    `None` without an echo.
+    """Draw the altitude above the floor with the thresholds on it, and a closer view where it comes
+    near; `None` without an echo.
     """
     name = next(
         (n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()),
@@ -188,9 +190,13 @@ def figure_altitude(
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
     highest = float(np.nanmax(altitude))
     limits = recorded.thresholds(record, name)
-    near = 2.5 * max([*limits, float(np.nanmin(altitude))])
+    closer_top = 2.5 * max([*limits, float(np.nanmin(altitude))])
     figure, axes = style.stacked(
-        2 if near < highest else 1, 1.75, "Altitude of the altimeter above the floor", fig, width
+        2 if closer_top < highest else 1,
+        1.75,
+        "Altitude of the altimeter above the floor",
+        fig,
+        width,
     )
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
@@ -208,7 +214,7 @@ def figure_altitude(
     label = recorded.axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, 1.05 * max([*limits, highest, 0.1])))
     if len(axes) > 1:
-        axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, near))
+        axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, closer_top))
     curve, *_, mark = axes[-1].get_lines()
     style.heading_legend(figure, [curve, mark])
     style.mark_time(axes, record)
@@ -242,8 +248,8 @@ def figure_of(
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure:
-    """One panel for each of the names: a quantity such as ``T.position_error``, a series such as
-    ``thrust``, or a column ``q.z``.
+    """Draw one panel for each of the names: a quantity such as ``T.position_error``, a series such
+    as ``thrust``, or a column ``q.z``.
 
     ax: of the caller's, as many as names, instead of fig. Raises `NameNotFound` for what the record
     has not, and `InvalidInput` where it has nothing to draw, and for another number of axes.
@@ -258,7 +264,7 @@ def figure_of(
         figure, axes = style.stacked(len(names), 1.75, title, fig, width)
     else:
         figure, axes = style.panels(ax, len(names), fig)
-    for axis, one, (lines, unit) in zip(axes, names, curves, strict=True):
+    for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
             axis.plot(
                 record["t"],
@@ -267,8 +273,8 @@ def figure_of(
                 lw=1.1,
                 label=style.label_text(label, 20),
             )
-        _mark_thresholds(axis, record, one)
-        axis.set_ylabel(f"{style.label_text(one, 24)}\n[{unit}]")
+        _mark_thresholds(axis, record, curve_name)
+        axis.set_ylabel(f"{style.label_text(curve_name, 24)}\n[{unit}]")
         if len(lines) > 1:
             style.legend_beside(axis)
     style.mark_time(axes, record)
@@ -276,7 +282,7 @@ def figure_of(
 
 
 def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
-    """The lines of a name, by what they are called, and their unit."""
+    """Return the lines of a name, by what they are called, and their unit."""
     names = [key for key, series in record.series.items() if series.ndim <= _A_TABLE]
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, tables.unit_of(name, meta=record.meta)
@@ -288,15 +294,15 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
         return dict(zip(labels, record[name].T, strict=True)), tables.unit_of(
             name, meta=record.meta
         )
-    found = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
-    if name not in found:
+    columns = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
+    if name not in columns:
         of_series = (
-            column for column, (series, _, _) in found.items() if series == name.partition(".")[0]
+            column for column, (series, _, _) in columns.items() if series == name.partition(".")[0]
         )
         raise NameNotFound(
             "quantity, series or column", name, [*record.meta.quantities, *names, *of_series]
         )
-    series, column, unit = found[name]
+    series, column, unit = columns[name]
     return {name: record[series][:, column]}, unit
 
 
@@ -323,8 +329,8 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 def figure_activations(
     record: Record, *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """One small panel per task: activation of its rows (internal bell x phase) under the phase's
-    own activation.
+    """Draw one small panel per task: activation of its rows (internal bell x phase) under the
+    phase's own activation.
     """
     tasks = [
         task for task in record.meta.tasks if recorded.task_activity(record, task.name) is not None
@@ -336,7 +342,7 @@ def figure_activations(
     )
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
-    style.mark_time(axes, record, beside=9)
+    style.mark_time(axes, record, letters_beside=9)
     _legend(figure)
     return figure
 
@@ -360,8 +366,8 @@ def _activation_panel(axis: Axes, record: Record, task: meta_values.TaskMeta) ->
 def figure_row_activations(
     record: Record, task: str = "JL", *, fig: style.Given = None, width: style.Width = "page"
 ) -> Figure | None:
-    """Activation of every row of a task, such as each joint of JL; `None` where the task has no
-    level.
+    """Draw the activation of every row of a task, such as each joint of JL; `None` where the task
+    has no level.
     """
     rows = recorded.task_activity(record, task)
     if rows is None or not rows.shape[1]:

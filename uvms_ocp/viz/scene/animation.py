@@ -38,20 +38,20 @@ class Frames:
     """The record thinned to the frames of the animation."""
 
     row: np.ndarray
-    """(n,) rows of the record."""
+    """Rows (n,) of the record."""
     t: np.ndarray
-    """(n,) [s] since the record began."""
+    """Times (n,) [s] since the record began."""
     placements: np.ndarray
-    """(n, n_joints_of_the_model, 7) X_W,joint as position [m] and quaternion xyzw."""
+    """Poses X_W,joint (n, n_joints_of_the_model, 7) as position [m] and quaternion xyzw."""
     tools: Mapping[str, np.ndarray]
-    """(n, 3) [m] p_WT of each tool, by its name where there are several."""
+    """Positions p_WT (n, 3) [m] of each tool, by its name where there are several."""
     altimeter: np.ndarray | None
-    """(n, 7) X_WS as position [m] and quaternion xyzw."""
+    """Poses X_WS (n, 7) as position [m] and quaternion xyzw."""
 
 
 def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
-    """The frames of an animation of `fps` frames per second [Hz], fewer where the page would grow
-    too large.
+    """Return the frames of an animation of `fps` frames per second [Hz], fewer where the page would
+    grow too large.
     """
     t = record["t"] - record["t"][0]
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
@@ -59,32 +59,32 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
     data = robot.model.createData()
     names = dict.fromkeys((*robot.tools, *([ALTIMETER] if robot.has_frame(ALTIMETER) else [])))
     placements = list[Any]()
-    seen = {name: list[Any]() for name in names}
+    poses_by_frame = {name: list[Any]() for name in names}
     for q in record["q"][row]:
         pin.framesForwardKinematics(robot.model, data, q)
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
-        for name, poses in seen.items():
+        for name, poses in poses_by_frame.items():
             poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
     return Frames(
         row=row,
         t=t[row],
         placements=np.array(placements),
         tools={
-            name if len(robot.tools) > 1 else TOOL: np.array(seen[name])[:, :3]
+            name if len(robot.tools) > 1 else TOOL: np.array(poses_by_frame[name])[:, :3]
             for name in robot.tools
         },
-        altimeter=np.array(seen[ALTIMETER]) if ALTIMETER in seen else None,
+        altimeter=np.array(poses_by_frame[ALTIMETER]) if ALTIMETER in poses_by_frame else None,
     )
 
 
 def joint_node(model: pin.Model, joint: int) -> str:
-    """The name of a joint's node."""
+    """Return the name of a joint's node."""
     return f"{joint:02d} {model.names[joint]}".replace("/", "_")
 
 
 def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = None) -> None:
-    """All shapes, each below the node of the joint that moves it; rgba (4,) in place of their own
-    colours.
+    """Draw all shapes, each below the node of the joint that moves it; rgba (4,) in place of their
+    own colours.
     """
     for i, item in enumerate(robot.drawn_shapes):
         shape = node[joint_node(robot.model, item.parentJoint)][
@@ -97,8 +97,8 @@ def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = 
 
 
 def rounded(values: np.ndarray, digits: int = 3) -> Any:
-    """Lists of lists for the page, of so many significant digits; values (...) [any]; `None` for
-    what is not finite.
+    """Return lists of lists for the page, of so many significant digits; values (...) [any]; `None`
+    for what is not finite.
     """
     if values.ndim:
         return [rounded(value, digits) for value in values]
@@ -108,7 +108,7 @@ def rounded(values: np.ndarray, digits: int = 3) -> Any:
 
 
 def joint_clips(robot: Robot, frames: Frames, fps: float) -> Iterator[tuple[int, AnimationClip]]:
-    """How each joint of the model, by number, moves at `fps` [Hz]."""
+    """Return how each joint of the model, by number, moves at `fps` [Hz]."""
     for joint in range(1, robot.model.njoints):
         yield joint, _clip(_pose_tracks(frames.t * fps, frames.placements[:, joint]), fps)
 
@@ -125,10 +125,10 @@ def _pose_tracks(time: np.ndarray, poses: np.ndarray) -> list[AnimationTrack]:
 
 
 def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> AnimationTrack:
-    """Keys that straight lines between the others miss by no more than `_MISSED` are left out
+    """Return a track without keys that straight lines between the others miss by `_MISSED` at most
     [Douglas and Peucker].
     """
-    keep = np.isin(np.arange(len(time)), (0, len(time) - 1))
+    is_kept = np.isin(np.arange(len(time)), (0, len(time) - 1))
     stretches = [(0, len(time) - 1)]
     while stretches:
         a, b = stretches.pop()
@@ -136,41 +136,43 @@ def _track(name: str, kind: str, time: np.ndarray, values: np.ndarray) -> Animat
         missed = np.abs(values[a] + share * (values[b] - values[a]) - values[a + 1 : b]).max(axis=1)
         if missed.max(initial=0.0) > _MISSED:
             k = a + 1 + int(missed.argmax())
-            keep[k] = True
+            is_kept[k] = True
             stretches = [*stretches, (a, k), (k, b)]
-    return AnimationTrack(name, kind, frames=time[keep].tolist(), values=values[keep].tolist())
+    return AnimationTrack(
+        name, kind, frames=time[is_kept].tolist(), values=values[is_kept].tolist()
+    )
 
 
 def goal_clips(record: Record, frames: Frames, fps: float) -> Iterator[tuple[str, AnimationClip]]:
-    """How each goal that moves does at `fps` [Hz], by the name of its node; one of a phase waits
-    there for the next visit.
+    """Return how each goal that moves does at `fps` [Hz], by the name of its node; one of a phase
+    waits there for the next visit.
     """
     for i, frame in enumerate(record.meta.surroundings.frames):
         if frame.way:
-            way = np.array(frame.way)
+            motion = np.array(frame.way)
             elapsed = frames.t
             if frame.phase is not None:
                 elapsed = np.zeros(len(frames.t))
                 for span in phase_spans(record):
                     if span.name == frame.phase:
-                        begun = frames.t >= span.start
-                        elapsed[begun] = np.minimum(frames.t[begun], span.end) - span.start
-            way[:, 4:] = continuous_quaternions(way[:, 4:])  # the short way round
+                        has_begun = frames.t >= span.start
+                        elapsed[has_begun] = np.minimum(frames.t[has_begun], span.end) - span.start
+            motion[:, 4:] = continuous_quaternions(motion[:, 4:])  # the short way round
             poses = np.column_stack(
-                [np.interp(elapsed, way[:, 0], column) for column in way[:, 1:].T]
+                [np.interp(elapsed, motion[:, 0], column) for column in motion[:, 1:].T]
             )
             poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
             yield f"frame {i}", _clip(_pose_tracks(frames.t * fps, poses), fps)
 
 
 def draw_beam(node: Visualizer) -> None:
-    """The altimeter's beam of length 1 along -z of its frame; the clip scales it to the range."""
+    """Draw the altimeter's beam of length 1 along -z of its frame, which the clip scales."""
     node["ray"].set_object(mg.Cylinder(1.0, radiusTop=0.008, radiusBottom=0.05), glow(_BEAM, 0.28))
     node["ray"].set_transform(shifted(np.array([0.0, 0.0, -0.5])) @ Y_TO_Z)
 
 
 def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
-    """How the beam of `draw_beam` moves at `fps` [Hz]; reach (n,) [m] is its length at each
+    """Return how the beam of `draw_beam` moves at `fps` [Hz]; reach (n,) [m] is its length at each
     frame.
     """
     length = np.where(np.isfinite(reach), reach, 1e-3)
@@ -195,13 +197,13 @@ class Ghost:
     node: str
     """Node of the scene."""
     rgb: tuple[float, float, float]
-    """(3,) from 0 to 1."""
+    """Colour (3,) from 0 to 1."""
     frames: Frames
 
 
 def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterator[Ghost]:
-    """The ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a record of
-    another robot.
+    """Yield the ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a
+    record of another robot.
     """
     if len(records) > len(_COLOURS):
         raise InvalidInput(
@@ -218,8 +220,8 @@ def require_fit(record: Record, robot: Robot) -> None:
     """Raise `InvalidInput` where the record is not of that robot, or has nothing to draw."""
     require_rows(record)
     if record["q"].shape[1] != robot.n_q:
-        given = record["q"].shape[1]
+        n_values = record["q"].shape[1]
         raise InvalidInput(
-            f"record has {given} configuration values, {robot.name} has {robot.n_q}; give its own"
-            " robot"
+            f"record has {n_values} configuration values, {robot.name} has {robot.n_q}; give its"
+            " own robot"
         )

@@ -34,18 +34,18 @@ _SCENE = ("meshcat", "scene")
 def page_details(
     record: Record, robot: Robot, frames: Frames, centre: np.ndarray
 ) -> dict[str, Any]:
-    """JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
+    """Return JSON values for the page; centre (3,) [m] in W is the origin of its frame."""
     points = surroundings.extent(record, frames)
-    of_robot = robot_details(robot)
+    robot_values = robot_details(robot)
     duration = float(frames.t[-1])
     points = points[:: max(1, len(points) // _MOST_POINTS)] - centre
     fitting = (speed for speed in _SPEEDS if speed >= 1 and duration / speed <= _LONGEST_SHOW)
-    far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * of_robot["size"]
+    is_far = np.linalg.norm(np.ptp(points, axis=0)) > _FAR * robot_values["size"]
     # Height [m] of the plane around a floor that is not flat, or of the flat floor, in the frame of
     # the page.
-    relief, plane = record.meta.surroundings.floor, record.meta.surroundings.floor_z
+    relief = record.meta.surroundings.floor
     if relief is None:
-        lowest = plane
+        lowest = record.meta.surroundings.floor_z
     else:
         lowest = float(np.min(relief.z))
     return {
@@ -58,15 +58,15 @@ def page_details(
         "relief": _relief(record, centre),
         "labels": surroundings.labels(record, centre),
         "points": points.tolist(),
-        "start_view": "vehicle" if far and robot.n_vehicle else "mission",
+        "start_view": "vehicle" if is_far and robot.n_vehicle else "mission",
         "direction": _viewing_direction(record, frames, forward=0.4),
         "close_direction": _viewing_direction(record, frames, forward=1.2),
-        **of_robot,
+        **robot_values,
     }
 
 
 def robot_details(robot: Robot) -> dict[str, Any]:
-    """JSON values about the robot alone."""
+    """Return JSON values about the robot alone."""
     return {
         "robot": robot.name,
         "size": _robot_size(robot),
@@ -77,7 +77,7 @@ def robot_details(robot: Robot) -> dict[str, Any]:
 
 
 def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
-    """The floor that is not flat, in the frame of the page."""
+    """Return the floor that is not flat, in the frame of the page."""
     relief = record.meta.surroundings.floor
     if relief is None:
         return None
@@ -86,7 +86,7 @@ def _relief(record: Record, centre: np.ndarray) -> dict[str, Any] | None:
 
 
 def _robot_size(robot: Robot) -> float:
-    """Radius [m] of a ball around the robot's shapes, about its first joint."""
+    """Return the radius [m] of a ball around the robot's shapes, about its first joint."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.configuration())
     centres = [
@@ -108,11 +108,11 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
     way = (surroundings.extent(record, frames)[-1] - frames.placements[0, 1, :3])[:2]
     length = float(np.linalg.norm(way))
     if length > _SHORT_WAY:
-        ahead = way / length
+        forward_direction = way / length
     else:
-        ahead = np.array([1.0, 0.0])
-    side = np.array([ahead[1], -ahead[0]])
-    return [*(side + forward * ahead).tolist(), 0.4 * float(np.hypot(1.0, forward))]
+        forward_direction = np.array([1.0, 0.0])
+    side = np.array([forward_direction[1], -forward_direction[0]])
+    return [*(side + forward * forward_direction).tolist(), 0.4 * float(np.hypot(1.0, forward))]
 
 
 # What the page can show and hide, by name and colour.
@@ -121,8 +121,8 @@ def _viewing_direction(record: Record, frames: Frames, *, forward: float) -> lis
 def legend(
     record: Record, trails: list[dict[str, Any]], ghosts: list[Ghost], *, beam: bool
 ) -> list[dict[str, Any]]:
-    """JSON values: rows that show or hide nodes of the scene by their paths; the page adds arrows
-    and witness lines.
+    """Return JSON values: rows that show or hide nodes of the scene by their paths; the page adds
+    arrows and witness lines.
     """
     rows = [
         _row(f"path of the {trail['name']}", trail["colour"], trail["path"]) for trail in trails
@@ -143,22 +143,22 @@ def _row(label: str, colour: str, path: list[str]) -> dict[str, Any]:
 
 
 def readouts(record: Record, frames: Frames) -> dict[str, Any]:
-    """JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None` where it is
-    not known.
+    """Return JSON values: ``times`` (n,) [s] of the frames and a row for each quantity; `None`
+    where it is not known.
     """
-    measured = {name: record["quantities"][:, k] for k, name in enumerate(record.meta.quantities)}
+    quantities = {name: record["quantities"][:, k] for k, name in enumerate(record.meta.quantities)}
     rows = [
         readout(name, values[frames.row], record.meta)
-        for name, values in measured.items()
+        for name, values in quantities.items()
         if np.isfinite(values).any()
     ]
     return {"times": frames.t.round(3).tolist(), "readouts": rows}
 
 
 def readout(name: str, values: np.ndarray, meta: RecordMeta) -> dict[str, Any]:
-    """JSON values: the row of a quantity with its values (n,) [its unit]."""
-    task, _, what = name.rpartition(".")
-    label = f"{task} {what.replace('_', ' ')}".strip()
+    """Return JSON values: the row of a quantity with its values (n,) [its unit]."""
+    task, _, quantity = name.rpartition(".")
+    label = f"{task} {quantity.replace('_', ' ')}".strip()
     return {
         "task": task,
         "label": label,
@@ -171,7 +171,7 @@ def readout(name: str, values: np.ndarray, meta: RecordMeta) -> dict[str, Any]:
 
 
 def time_line(record: Record) -> dict[str, list[dict[str, Any]]]:
-    """JSON values, times [s] since the record began."""
+    """Return JSON values, times [s] since the record began."""
     start = float(record["t"][0])
     tasks = {phase.name: list(phase.tasks) for phase in record.meta.phases}
     return {
@@ -194,7 +194,7 @@ def _from(begin: float, end: float, start: float) -> dict[str, float]:
 
 
 def _unhealthy_intervals(record: Record) -> Iterator[dict[str, Any]]:
-    """Stays of a channel in a state that is not good."""
+    """Yield stays of a channel in a state that is not good."""
     if record.meta.kind != "run" or "health" not in record.series:
         return
     t = record["t"] - record["t"][0]

@@ -47,8 +47,8 @@ _Moment = tuple[float, State, Command]
 
 
 def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
-    """record: how a run of `robot` begins. height [px] of its frame in a notebook. Raises
-    `InvalidInput` as `show`.
+    """Return the page of a live view; record: how a run of `robot` begins. height [px] of its frame
+    in a notebook. Raises `InvalidInput` as `show`.
     """
     animation.require_fit(record, robot)
     frames = animation.frames_of(record, robot, _FPS)
@@ -129,15 +129,15 @@ class LiveView(AbstractContextManager["LiveView"]):
         """For a browser of this machine."""
 
     def __call__(self, t: float, state: State, command: Command) -> None:
-        """The newest tick, at t [s]; returns when the clock has come there, too."""
+        """Take the newest tick, at t [s]; returns when the clock has come there, too."""
         if isinstance(self._now, np.ndarray) or t < self._now[0]:
             self._began = time.monotonic() - t / self._speed
         self._now = (t, state, command)
         if time.monotonic() >= self._due:
             self._hand_on(1.0 / _NOTEBOOK_RATE)
-        early = self._began + t / self._speed - time.monotonic()
-        if early > 0.0:
-            time.sleep(early)
+        lead = self._began + t / self._speed - time.monotonic()
+        if lead > 0.0:
+            time.sleep(lead)
 
     @property
     def q(self) -> np.ndarray:
@@ -170,13 +170,13 @@ class LiveView(AbstractContextManager["LiveView"]):
         too, until all is closed.
         """
         data = self._robot.model.createData()
-        shown = self._now
+        sent_moment = self._now
         closed = False
         while not closed:
             closed = self._closed.wait(1.0 / _FRAME_RATE)
-            if self._now is not shown:
-                shown = self._now
-                yield json.dumps(_frame(self._robot, data, shown), allow_nan=False)
+            if self._now is not sent_moment:
+                sent_moment = self._now
+                yield json.dumps(_frame(self._robot, data, sent_moment), allow_nan=False)
 
     def close(self) -> None:
         """Serve no longer; pages that are open keep what they show."""
@@ -224,20 +224,20 @@ class LiveView(AbstractContextManager["LiveView"]):
         self.on_change(self)
 
 
-def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str, Any]:
-    """JSON values: time, a pose for each joint of the model, and what the controller tells of phase
-    and quantities.
+def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[str, Any]:
+    """Return JSON values: time, a pose for each joint of the model, and what the controller tells
+    of phase and quantities.
 
     The values of the sliders alone where there is nothing but q (n_q,) [m, rad].
     """
-    if isinstance(now, np.ndarray):
+    if isinstance(moment, np.ndarray):
         return {
             "joints": [
-                show.joint_motion(robot, joint, now)["values"]
+                show.joint_motion(robot, joint, moment)["values"]
                 for joint in range(1, robot.model.njoints)
             ]
         }
-    t, state, command = now
+    t, state, command = moment
     pin.forwardKinematics(robot.model, data, state.q)
     telemetry = command.telemetry
     return {
@@ -252,8 +252,8 @@ def _frame(robot: Robot, data: pin.Data, now: _Moment | np.ndarray) -> dict[str,
 def live(
     what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520
 ) -> LiveView:
-    """A page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``, or a
-    robot that Python moves.
+    """Return a page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``,
+    or a robot that Python moves.
 
     ``view = live(scenario)``, ``display(view)`` shows it in a notebook, `height` [px] high,
     wherever the kernel is, and a run with ``observer=view`` moves it. ``view = live(robot)`` is
@@ -267,9 +267,11 @@ def live(
     Raises `OutputError` for a port that is taken, and as `Scenario.run`.
     """
     if isinstance(what, Robot):
-        robot, q = (what, what.configuration())
+        robot = what
+        q = what.configuration()
     else:
-        robot, q = (what.robot, what.start)
+        robot = what.robot
+        q = what.start
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     if robot.tools:

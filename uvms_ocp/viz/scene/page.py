@@ -98,7 +98,7 @@ class CommandLog:
         self.blobs.append(umsgpack.packb(command.lower(), force_float_precision="single"))
 
     def visualizer(self) -> Visualizer:
-        """A meshcat visualizer that writes into this log."""
+        """Return a meshcat visualizer that writes into this log."""
         return Visualizer(window=self)
 
     def animate(self, clips: Mapping[ScenePath, Any]) -> None:
@@ -112,12 +112,12 @@ class ScenePage:
 
     html: str = field(repr=False)
     height: AtLeastOne = 520
-    """[px] in a notebook."""
+    """Height in a notebook [px]."""
     still: str = field(default="", repr=False)
     """An image, as HTML, for where scripts do not run."""
 
     def write(self, path: Path | str) -> Path:
-        """Raises `OutputError` where `path` cannot be written."""
+        """Write the page. Raises `OutputError` where `path` cannot be written."""
         path = Path(path)
         with as_output_errors(path, "choose another place"):
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -133,9 +133,9 @@ class ScenePage:
         """
         head, _, rest = self.html.partition(_VIEWER_MARK)
         viewer, _, tail = rest.partition(_VIEWER_MARK)
-        whole = not _viewer_in_notebook()
+        with_viewer = not _viewer_in_notebook()
         style = f"width:100%;height:{self.height:d}px;border:none"
-        if whole:
+        if with_viewer:
             page = f'srcdoc="{html.escape(self.html)}"'
             script = ""
         else:
@@ -159,13 +159,13 @@ def _viewer_in_notebook() -> bool:
         not hasattr(kernel, "get_parent") or "google.colab" in sys.modules
     ):  # where each cell is a page of its own
         return False
-    run = kernel.get_parent()
-    cell = run.get("metadata", {}).get("cellId") or run.get("content", {}).get("code", "")
-    message = run.get("header", {}).get("msg_id", "")
-    stood = bool(_shown)
-    before = _shown.get(cell, message)
+    request = kernel.get_parent()
+    cell = request.get("metadata", {}).get("cellId") or request.get("content", {}).get("code", "")
+    message = request.get("header", {}).get("msg_id", "")
+    is_held = bool(_shown)
+    former_message = _shown.get(cell, message)
     _shown[cell] = message
-    return stood and before == message
+    return is_held and former_message == message
 
 
 def build_page(
@@ -210,17 +210,17 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     right = np.array([-y, x, 0.0])
     up = np.array([-x * z, -y * z, x * x + y * y])
     plane = np.stack([right / np.linalg.norm(right), up / -np.linalg.norm(up)], axis=1)
-    seen = [line @ plane for line in lines]
-    (left, top) = np.vstack(seen).min(axis=0) - 0.2
-    (right_end, bottom) = np.vstack(seen).max(axis=0) + 0.2
-    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in seen)
-    width = right_end - left
-    height = bottom - top
+    projected = [line @ plane for line in lines]
+    (x_min, y_min) = np.vstack(projected).min(axis=0) - 0.2
+    (x_max, y_max) = np.vstack(projected).max(axis=0) + 0.2
+    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in projected)
+    width = x_max - x_min
+    height = y_max - y_min
     style = (
         f'fill="none" stroke="#3a7ca5" stroke-width="{0.005 * (width + height):.3f}"'
         ' stroke-linecap="round"'
     )
-    box = f'width="480" height="270" viewBox="{left:.2f} {top:.2f} {width:.2f} {height:.2f}"'
+    box = f'width="480" height="270" viewBox="{x_min:.2f} {y_min:.2f} {width:.2f} {height:.2f}"'
     image = f'<svg xmlns="http://www.w3.org/2000/svg" {box}><path d="{path}" {style}/></svg>'
     return (
         '<img alt="the robot from its side"'
@@ -229,8 +229,8 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """Content security policy of the page; meshcat's panels make style sheets, and its textures are
-    data.
+    """Return the content security policy of the page; meshcat's panels make style sheets, and its
+    textures are data.
     """
     hashes = " ".join(f"'sha256-{_digest(text)}'" for text in scripts)
     none = "base-uri 'none'; form-action 'none'"
@@ -245,7 +245,7 @@ def _digest(text: str) -> str:
 
 
 def asset(name: str) -> str:
-    """The text of a part of the page."""
+    """Return the text of a part of the page."""
     return (files("uvms_ocp.viz.scene") / "assets" / name).read_text(encoding="utf-8")
 
 
@@ -256,7 +256,7 @@ def _viewer_source() -> str:
 
 
 def _data_block(value: object) -> str:
-    """JSON that nothing in it can end early; numbers that JSON has not are null."""
+    """Return JSON that nothing in it can end early; numbers that JSON has not are null."""
     finite = json.loads(json.dumps(value), parse_constant=lambda name: None)
     return json.dumps(finite, allow_nan=False).replace("<", "\\u003c")
 
@@ -328,22 +328,22 @@ def _handler_of(
 
         def do_GET(self) -> None:
             # A name that another site has led here is no loopback address.
-            known = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
-            if known and self.path == FRAMES and frames is not None:
+            is_local = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
+            if is_local and self.path == FRAMES and frames is not None:
                 self._send(frames())
                 return
-            found = known and self.path == "/"
-            if found:
+            is_page = is_local and self.path == "/"
+            if is_page:
                 status = 200
-            elif known:
+            elif is_local:
                 status = 404
             else:
                 status = 403
             self.send_response(status)
             self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(body) if found else 0))
+            self.send_header("Content-Length", str(len(body) if is_page else 0))
             self.end_headers()
-            if found:
+            if is_page:
                 self.wfile.write(body)
 
         def _send(self, lines: Iterator[str]) -> None:
@@ -356,7 +356,7 @@ def _handler_of(
             self.wfile.write(b"event: end\ndata: end\n\n")
 
         def log_message(self, format: str, *args: Any) -> None:
-            """Nobody reads it."""
+            """Drop the message, which nobody reads."""
 
     return Handler
 
@@ -384,10 +384,10 @@ def _chromium() -> str | None:
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """A Chromium without a window. Raises `InvalidInput` with what is missing."""
-    lacking = missing()
-    if lacking:
-        raise InvalidInput(lacking)
+    """Yield a Chromium without a window. Raises `InvalidInput` with what is missing."""
+    advice = missing()
+    if advice:
+        raise InvalidInput(advice)
     from playwright.sync_api import sync_playwright
 
     flags = [

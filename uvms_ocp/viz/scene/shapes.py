@@ -18,7 +18,7 @@ Part = tuple[mg.Geometry, np.ndarray]
 
 
 def material(rgba: tuple[float, ...] | np.ndarray, **options: Any) -> mg.MeshPhongMaterial:
-    """A softly shining material of colour rgba (4,) from 0 to 1."""
+    """Return a softly shining material of colour rgba (4,) from 0 to 1."""
     red, green, blue, alpha = (float(x) for x in rgba)
     return mg.MeshPhongMaterial(
         color=_hex(red, green, blue), opacity=alpha, shininess=45, specular=0x333333, **options
@@ -31,12 +31,12 @@ def _hex(red: float, green: float, blue: float) -> int:
 
 
 def hex_of(rgb: tuple[float, ...]) -> str:
-    """The colour rgb (3,) from 0 to 1 as style sheets write it."""
+    """Return the colour rgb (3,) from 0 to 1 as style sheets write it."""
     return f"#{_hex(*rgb):06x}"
 
 
 def glow(rgb: tuple[float, ...], opacity: float) -> mg.MeshBasicMaterial:
-    """A material of colour rgb (3,) and `opacity`, from 0 to 1, that needs no light."""
+    """Return a material of colour rgb (3,) and `opacity`, from 0 to 1, that needs no light."""
     return mg.MeshBasicMaterial(color=_hex(*rgb), opacity=opacity, transparent=opacity < 1)
 
 
@@ -84,14 +84,14 @@ def _parts(shape: Any) -> Iterator[Part]:
 
 
 def shifted(position: np.ndarray) -> np.ndarray:
-    """Homogeneous matrix (4, 4) [-, m] of a translation to `position` (3,) [m]."""
+    """Return the homogeneous matrix (4, 4) [-, m] of a translation to `position` (3,) [m]."""
     matrix = np.eye(4)
     matrix[:3, 3] = position
     return matrix
 
 
 def draw_triad(node: Visualizer, length: float) -> None:
-    """Three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in
+    """Draw three solid arrows, x red, y green, z blue, of `length` [m] (lines are one pixel wide in
     WebGL).
     """
     for axis, rgb in enumerate(((0.85, 0.15, 0.1), (0.1, 0.65, 0.2), (0.15, 0.35, 0.9))):
@@ -102,8 +102,8 @@ def draw_triad(node: Visualizer, length: float) -> None:
 
 
 def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMeshGeometry:
-    """A tube of `radius` [m] along points (n, 3) [m], ordered so that its first 6 * sides * k
-    indices draw k segments.
+    """Return a tube of `radius` [m] along points (n, 3) [m], ordered so that its first 6 * sides *
+    k indices draw k segments.
     """
     rings = (points[:, None] + radius * _rings(points, sides)).reshape(-1, 3)
     corner = np.arange(sides)
@@ -117,7 +117,7 @@ def tube(points: np.ndarray, radius: float, sides: int = 6) -> mg.TriangularMesh
 
 
 def _rings(points: np.ndarray, sides: int) -> np.ndarray:
-    """Unit circles (n, sides, 3) across the path; their first axis is carried along against
+    """Return unit circles (n, sides, 3) across the path; their first axis is carried along against
     twisting.
     """
     tangent = np.gradient(points, axis=0)

@@ -48,8 +48,8 @@ _MOST_FPS = 1000  # [Hz]
 def posed_page(
     robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None
 ) -> ScenePage:
-    """The page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame in a
-    notebook. live: JSON values.
+    """Return the page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame
+    in a notebook. live: JSON values.
     """
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
@@ -71,7 +71,7 @@ def posed_page(
 
 
 def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
-    """Lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
+    """Return lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
     return [places[[parent, joint]] for joint, parent in enumerate(robot.model.parents) if parent]
 
 
@@ -94,61 +94,72 @@ def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
     rad].
     """
     model = robot.model
-    own = robot.model.joints[joint]
-    data = own.createData()
-    own.calc(data, q)
+    model_joint = robot.model.joints[joint]
+    data = model_joint.createData()
+    model_joint.calc(data, q)
     return {
         "path": ["meshcat", "scene", "robot", joint_node(model, joint)],
         "parent": int(model.parents[joint]) - 1,
         "placement": pin.SE3ToXYZQUAT(model.jointPlacements[joint]).tolist(),
         "name": model.names[joint],
-        **_motion(robot, own, data, q),
+        **_motion(robot, model_joint, data, q),
     }
 
 
-def _motion(robot: Robot, own: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
-    """The kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m, rad];
-    `held`: without.
+def _motion(robot: Robot, joint_model: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
+    """Return the kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m,
+    rad]; `held`: without.
     """
-    if own.nv == _N_FREE and robot.n_vehicle:
+    if joint_model.nv == _N_FREE and robot.n_vehicle:
         place = data.M.translation
         turn = pin.rpy.matrixToRpy(data.M.rotation)
         ranges = [(x - _AROUND, x + _AROUND) for x in place.tolist()] + [(-np.pi, np.pi)] * 3
         return {"kind": "free", "ranges": ranges, "values": [*place.tolist(), *turn.tolist()]}
     axis = np.asarray(data.S).reshape(6, -1)
-    kind, along = ("turn", axis[3:, 0]) if np.abs(axis[3:]).any() else ("slide", axis[:3, 0])
-    if not own.nv:  # it mimics another one
-        one = own.extract()
+    if np.abs(axis[3:]).any():
+        kind = "turn"
+        along = axis[3:, 0]
+    else:
+        kind = "slide"
+        along = axis[:3, 0]
+    if not joint_model.nv:  # it mimics another one
+        mimic = joint_model.extract()
         leader = next(
-            joint for joint in robot.model.joints if joint.idx_v == own.idx_v and joint.nv == 1
+            joint
+            for joint in robot.model.joints
+            if joint.idx_v == joint_model.idx_v and joint.nv == 1
         )
-        follows = [leader.id - 1, one.scaling, one.offset]
+        follows = [leader.id - 1, mimic.scaling, mimic.offset]
         return {
             "kind": kind,
-            "axis": (along / one.scaling).tolist(),
+            "axis": (along / mimic.scaling).tolist(),
             "values": [0.0],
             "follows": follows,
         }
-    if own.nv != 1 or (np.abs(axis[:3]).any() and np.abs(axis[3:]).any()):
+    if joint_model.nv != 1 or (np.abs(axis[:3]).any() and np.abs(axis[3:]).any()):
         return {"kind": "held", "pose": pin.SE3ToXYZQUAT(data.M).tolist(), "values": [0.0]}
     value = (
-        q[own.idx_q] if own.nq == 1 else pin.log3(data.M.rotation) @ along
+        q[joint_model.idx_q] if joint_model.nq == 1 else pin.log3(data.M.rotation) @ along
     )  # an endless turn has two numbers
     return {
         "kind": kind,
         "axis": along.tolist(),
         "values": [float(value)],
-        "ranges": [_range(robot, own, kind)],
+        "ranges": [_range(robot, joint_model, kind)],
     }
 
 
-def _range(robot: Robot, own: Any, kind: str) -> tuple[float, float]:
-    """Between the joint's limits [rad] or [m]."""
-    k = own.idx_v - robot.n_vehicle
+def _range(robot: Robot, joint_model: Any, kind: str) -> tuple[float, float]:
+    """Return the range between the joint's limits [rad] or [m]."""
+    k = joint_model.idx_v - robot.n_vehicle
     lower = float(robot.limits.position_lower[k])
     upper = float(robot.limits.position_upper[k])
-    wide = _UNLIMITED[kind]
-    return lower if np.isfinite(lower) else -wide, upper if np.isfinite(upper) else wide
+    unlimited = _UNLIMITED[kind]
+    if not np.isfinite(lower):
+        lower = -unlimited
+    if not np.isfinite(upper):
+        upper = unlimited
+    return lower, upper
 
 
 # The scene of a record, a plan or a robot: a file, or a value that a notebook displays.
@@ -180,7 +191,7 @@ def show(
     fps: float = 25,
     height: int = 520,
 ) -> ScenePage:
-    """A record or a plan as an animation, a robot with sliders for its joints: a page that
+    """Return a record or a plan as an animation, a robot with sliders for its joints: a page that
     notebooks display `height` [px] high.
 
     robot_or_q: the robot of a record, by default the one of its files or name, or the configuration
@@ -215,7 +226,7 @@ def show(
 
 
 def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
-    """A checked q (n_q,) [m, rad]; at home where none is given."""
+    """Return a checked q (n_q,) [m, rad]; at home where none is given."""
     try:
         if q is None:
             return robot.configuration()
@@ -225,11 +236,13 @@ def _configuration(robot: Robot, q: np.ndarray | None) -> np.ndarray:
 
 
 def robot_of(record: Record, folder: Path | None = None) -> Robot:
-    """The robot of one's own of a record in that folder, or the one of that name in the library.
+    """Return the robot of one's own of a record in that folder, or the one of that name in the
+    library.
 
     Raises `InvalidInput` where there is none, or its files have been moved.
     """
-    name, files = record.meta.robot, record.meta.robot_files
+    name = record.meta.robot
+    files = record.meta.robot_files
     if files is None and name in list_robots():
         return load_robot(name)
     if files is None:
@@ -237,49 +250,51 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     else:
         robot = loading.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
-        where = f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
+        location = (
+            f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
+        )
         raise InvalidInput(
-            f"a record of {name}, {where}; give it: --robot DIR, or show(record, robot)"
+            f"a record of {name}, {location}; give it: --robot DIR, or show(record, robot)"
         )
     return robot
 
 
-def _record_of(what: Record | Plan) -> Record:
-    if isinstance(what, Plan):
-        return what.to_record()
-    return what
+def _record_of(motion: Record | Plan) -> Record:
+    if isinstance(motion, Plan):
+        return motion.to_record()
+    return motion
 
 
 def _page(
-    record: Record, robot: Robot, others: Mapping[str, Record], fps: float, height: int
+    record: Record, robot: Robot, ghost_records: Mapping[str, Record], fps: float, height: int
 ) -> ScenePage:
     require_fit(record, robot)
     frames = animation.frames_of(record, robot, fps)
-    ghosts = list(animation.ghosts_of(others, robot, fps))
+    ghosts = list(animation.ghosts_of(ghost_records, robot, fps))
     centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
     root.set_transform(shapes.shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
-    of_ghosts = [
+    ghost_trails = [
         trail
-        for one in ghosts
-        for trail in draw_trails(root[one.node]["trails"], robot, one.frames, one.rgb)
+        for ghost in ghosts
+        for trail in draw_trails(root[ghost.node]["trails"], robot, ghost.frames, ghost.rgb)
     ]
     details = (
         page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
     )
     details |= {
-        "trails": trails + of_ghosts,
+        "trails": trails + ghost_trails,
         "arrows": arrow_groups(record, robot, frames, details["size"]),
         "witness": witness_lines(record, robot, frames, centre),
         "legend": legend(record, trails, ghosts, beam=beam),
         "annotations": ["trails", "goals", "beam", *(ghost.node for ghost in ghosts)],
     }
     details["duration"] = max(frames.t[-1], *(ghost.frames.t[-1] for ghost in ghosts), 0.0)
-    way = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
+    path = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
     places = frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]
-    lines = [way, *(line for moment in places for line in _links(robot, moment))]
+    lines = [path, *(line for moment in places for line in _links(robot, moment))]
     return build_page(
         log,
         title=f"{record.meta.scenario}: {record.meta.robot}",
@@ -298,7 +313,9 @@ def _draw(
     ghosts: list[Ghost],
     fps: float,
 ) -> tuple[list[dict[str, Any]], bool]:
-    """Everything that meshcat draws and moves; returns the trails, and whether there is a beam."""
+    """Draw everything that meshcat draws and moves; returns the trails, and whether there is a
+    beam.
+    """
     draw_robot(root["robot"], robot)
     for ghost in ghosts:
         draw_robot(root[ghost.node], robot, (*ghost.rgb, animation.OPACITY))
@@ -307,10 +324,10 @@ def _draw(
     clips: dict[Any, Any] = {
         root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)
     }
-    for node, moved in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
+    for node, placements in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
         clips |= {
             root[node][joint_node(robot.model, j)].path: clip
-            for j, clip in animation.joint_clips(robot, moved, fps)
+            for j, clip in animation.joint_clips(robot, placements, fps)
         }
     beam = frames.altimeter is not None and "altimeter_range" in record.series
     if beam:

@@ -50,7 +50,7 @@ _MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at 
 
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
-    """Points (n, 3) [m] that the camera must see."""
+    """Return points (n, 3) [m] that the camera must see."""
     markers = np.array([marker.position for marker in record.meta.surroundings.markers]).reshape(
         -1, 3
     )
@@ -61,7 +61,7 @@ def extent(record: Record, frames: Frames) -> np.ndarray:
 
 
 def middle(record: Record, frames: Frames) -> np.ndarray:
-    """Middle (3,) [m] of all that moves and all goals, on the floor where there is one."""
+    """Return the middle (3,) [m] of all that moves and all goals, on the floor if there is one."""
     points = extent(record, frames)
     x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
     floor = record.meta.surroundings.floor_z
@@ -71,7 +71,7 @@ def middle(record: Record, frames: Frames) -> np.ndarray:
 def draw_trails(
     node: Visualizer, robot: Robot, frames: Frames, colour: Colour | None = None
 ) -> list[dict[str, Any]]:
-    """Tubes along the paths of vehicle and tools; the page reveals them up to the time shown.
+    """Draw tubes along the paths of vehicle and tools; the page reveals them up to the time shown.
 
     colour (3,) of all, from 0 to 1; left out: one for each.
     """
@@ -85,71 +85,71 @@ def draw_trails(
         travelled = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
         )
-        kept = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
-        if len(kept) > 2:
-            own = node[name.replace("/", "_")]
-            own.set_object(tube(points[kept], radius), glow(rgb, 1.0))
-            path = own.path.lower().strip("/").split("/")
+        rows = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
+        if len(rows) > 2:
+            trail_node = node[name.replace("/", "_")]
+            trail_node.set_object(tube(points[rows], radius), glow(rgb, 1.0))
+            path = trail_node.path.lower().strip("/").split("/")
             trails.append(
                 {
                     "name": name,
                     "path": path,
                     "colour": hex_of(rgb),
-                    "t": frames.t[kept].round(3).tolist(),
+                    "t": frames.t[rows].round(3).tolist(),
                 }
             )
     return trails
 
 
 def draw_goals(node: Visualizer, record: Record) -> None:
-    """Markers as balls, with a rod to the floor where they are above it, and frames as triads;
+    """Draw markers as balls, with a rod to the floor where they are above it, and frames as triads;
     numbered as in the record.
     """
     for i, marker in enumerate(record.meta.surroundings.markers):
         rgb = _MARKERS[i % len(_MARKERS)]
         point = np.array(marker.position)
-        own = node[f"marker {i}"]
-        own["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
-        own.set_transform(shifted(point))
+        item_node = node[f"marker {i}"]
+        item_node["ball"].set_object(mg.Sphere(0.06), material((*rgb, 0.75)))
+        item_node.set_transform(shifted(point))
         floor = floor_heights(record, point[None, :2])
         if floor is not None and point[2] - floor[0] > 0.2:
             height = point[2] - floor[0]
-            own["plumb"]["rod"].set_object(mg.Box([0.012, 0.012, height]), glow(rgb, 0.5))
-            own["plumb"].set_transform(shifted(np.array([0.0, 0.0, -height / 2])))
+            item_node["plumb"]["rod"].set_object(mg.Box([0.012, 0.012, height]), glow(rgb, 0.5))
+            item_node["plumb"].set_transform(shifted(np.array([0.0, 0.0, -height / 2])))
     for i, frame in enumerate(record.meta.surroundings.frames):
-        own = node[f"frame {i}"]
-        draw_triad(own, 0.35)
-        own.set_transform(pin.XYZQUATToSE3(np.array(frame.pose)).homogeneous)
+        item_node = node[f"frame {i}"]
+        draw_triad(item_node, 0.35)
+        item_node.set_transform(pin.XYZQUATToSE3(np.array(frame.pose)).homogeneous)
 
 
 def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
-    """Names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre (3,)
-    [m] in W.
+    """Return names of markers, goal frames and obstacles, and where they stand (3,) [m] from centre
+    (3,) [m] in W.
 
     One name for each place; goals that move have none.
     """
-    around = record.meta.surroundings
-    found: list[dict[str, Any]] = []
-    named = [(item.name, item.position, "marker") for item in around.markers]
-    named += [(item.name, item.pose[:3], "frame") for item in around.frames if not item.way]
-    named += [(item.name, item.position, "obstacle") for item in around.obstacles]
-    for text, place, kind in named:
+    surroundings = record.meta.surroundings
+    shown_labels: list[dict[str, Any]] = []
+    places = [(item.name, item.position, "marker") for item in surroundings.markers]
+    places += [(item.name, item.pose[:3], "frame") for item in surroundings.frames if not item.way]
+    places += [(item.name, item.position, "obstacle") for item in surroundings.obstacles]
+    for text, place, kind in places:
         position = (np.array(place) - centre).round(4).tolist()
         if all(
-            np.linalg.norm(np.subtract(position, other["position"])) > _SAME_PLACE
-            for other in found
+            np.linalg.norm(np.subtract(position, label["position"])) > _SAME_PLACE
+            for label in shown_labels
         ):
-            found.append({"text": text, "position": position, "kind": kind})
-    return found
+            shown_labels.append({"text": text, "position": position, "kind": kind})
+    return shown_labels
 
 
 def draw_obstacles(node: Visualizer, record: Record) -> None:
-    """Every obstacle, numbered in the order of the record."""
+    """Draw every obstacle, numbered in the order of the record."""
     for i, data in enumerate(record.meta.surroundings.obstacles):
         item = build_obstacle(data)
-        own = node[f"{i:03d}"]
-        draw_shape(own["shape"], item.shape, _OBSTACLE)
-        own.set_transform(item.X_WO.homogeneous)
+        obstacle_node = node[f"{i:03d}"]
+        draw_shape(obstacle_node["shape"], item.shape, _OBSTACLE)
+        obstacle_node.set_transform(item.X_WO.homogeneous)
 
 
 # Arrows of what pushes the vehicle, in its own frame: thrust, contact with the floor, the current,
@@ -167,29 +167,29 @@ class ArrowKind:
     """Usual length in sizes of the robot."""
     series: str
     draw: Draw
-    """Places the arrows."""
+    """Function that places the arrows."""
     shown: bool = True
-    """Before anyone asks for it."""
+    """True where it is shown before anyone asks for it."""
 
 
 def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> list[dict[str, Any]]:
-    """JSON values, a group for each kind that the record has; size [m] of the robot, which lengths
-    go by; peaks are cut.
+    """Return JSON values, a group for each kind that the record has; size [m] of the robot, which
+    lengths go by; peaks are cut.
 
     Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of
     the group] in B at the frames.
     """
     kinds = [kind for kind in _KINDS if kind.series in record.series and robot.n_vehicle]
-    drawn = [
+    groups = [
         (kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size)))
         for kind in kinds
     ]
     norms = [
-        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in drawn
+        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in groups
     ]
     return [
         _group(kind, arrows, norm, kind.share * size)
-        for (kind, arrows), norm in zip(drawn, norms, strict=True)
+        for (kind, arrows), norm in zip(groups, norms, strict=True)
         if norm.size and norm.max() > _LEAST
     ]
 
@@ -197,14 +197,16 @@ def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> l
 def _group(
     kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float
 ) -> dict[str, Any]:
-    """The values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
-    usual = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
+    """Return the values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
+    usual_norm = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
     return {
         **{name: getattr(kind, name) for name in ("label", "unit", "colour", "shown")},
         "largest": float(norms.max()),
-        "scale": length / usual,
+        "scale": length / usual_norm,
         "longest": length * _MOST,
-        "arrows": [{"at": rounded(at), "vectors": rounded(vectors)} for at, vectors in arrows],
+        "arrows": [
+            {"at": rounded(positions), "vectors": rounded(vectors)} for positions, vectors in arrows
+        ],
     }
 
 
@@ -226,12 +228,12 @@ def _current(velocity: np.ndarray, robot: Robot, frames: Frames, size: float) ->
     yield np.array([0.0, 0.0, 0.75 * size]), _in_vehicle(velocity, frames)
 
 
-def _disturbance(first: int, values: np.ndarray, *_: object) -> Iterator[Arrow]:
-    yield np.zeros(3), values[:, first : first + 3]
+def _disturbance(column: int, values: np.ndarray, *_: object) -> Iterator[Arrow]:
+    yield np.zeros(3), values[:, column : column + 3]
 
 
 def _in_vehicle(vectors: np.ndarray, frames: Frames) -> np.ndarray:
-    """Vectors (n, 3) in W, in the frame of the vehicle at each frame."""
+    """Return vectors (n, 3) in W, in the frame of the vehicle at each frame."""
     turns = (pin.XYZQUATToSE3(pose).rotation for pose in frames.placements[:, 1])
     return np.array([R_WB.T @ vector for R_WB, vector in zip(turns, vectors, strict=True)])
 
@@ -266,8 +268,8 @@ _KINDS = (
 def witness_lines(
     record: Record, robot: Robot, frames: Frames, centre: np.ndarray
 ) -> dict[str, Any] | None:
-    """JSON values: times ``t`` (n,) [s], and of each obstacle its distances (n,) [m] and lines (n,
-    6) [m] in the page's frame.
+    """Return JSON values: times ``t`` (n,) [s], and of each obstacle its distances (n,) [m] and
+    lines (n, 6) [m] in the page's frame.
 
     centre (3,) [m] in W is the origin of that frame. `None` without obstacles; a line of six zeros
     is none to draw.
@@ -277,25 +279,28 @@ def witness_lines(
     if not obstacles or not n_links:
         return None
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
-    looks = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
+    frame_indices = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
     pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
     scene = collision_model.CoalPairs(
         robot.model, collision_model.shapes_among(robot, obstacles), pairs
     )
-    found = np.array(
-        [_nearest(scene, q, (len(obstacles), n_links)) for q in record["q"][frames.row[looks]]]
+    witnesses = np.array(
+        [
+            _nearest(scene, q, (len(obstacles), n_links))
+            for q in record["q"][frames.row[frame_indices]]
+        ]
     )
-    found[..., 1:] -= np.tile(centre, 2)
-    lines = np.where(found[..., :1] < NEAR, found[..., 1:], 0.0)
+    witnesses[..., 1:] -= np.tile(centre, 2)
+    lines = np.where(witnesses[..., :1] < NEAR, witnesses[..., 1:], 0.0)
     return {
         "near": NEAR,
         "colour": "#ffe066",
         "shown": True,
-        "t": frames.t[looks].round(3).tolist(),
+        "t": frames.t[frame_indices].round(3).tolist(),
         "obstacles": [
             {
                 "name": item.name,
-                "distance": rounded(found[:, k, 0]),
+                "distance": rounded(witnesses[:, k, 0]),
                 "line": lines[:, k].round(4).tolist(),
             }
             for k, item in enumerate(record.meta.surroundings.obstacles)
@@ -304,7 +309,8 @@ def witness_lines(
 
 
 def _nearest(scene: collision_model.CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(n_obstacles, 7) [m] distance and both points in W, the robot's first, at q (n_q,) [m, rad].
+    """Return (n_obstacles, 7) [m], distance and both points in W, the robot's first, at q (n_q,)
+    [m, rad].
 
     shape: numbers of obstacles and links.
     """
