@@ -60,10 +60,11 @@ class Predicted:
     def after(self, t: float) -> Predicted:
         """Return the part from t [s] on."""
         later = [times > t for times in self.t]
-        times, rows, measured = (
-            tuple(map(getitem, every, later)) for every in (self.t, self.rows, self.measured)
+        return Predicted(
+            t=tuple(map(getitem, self.t, later)),
+            rows=tuple(map(getitem, self.rows, later)),
+            measured=tuple(map(getitem, self.measured, later)),
         )
-        return Predicted(t=times, rows=rows, measured=measured)
 
     @property
     def finite(self) -> bool:
@@ -74,22 +75,26 @@ class Predicted:
 
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
-        """One after the other."""
-        t, rows, measured = (
-            tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
-            for name in ("t", "rows", "measured")
+        """Join parts, one after the other."""
+        return Predicted(
+            t=tuple(np.concatenate([part.t[k] for part in parts]) for k in range(3)),
+            rows=tuple(np.concatenate([part.rows[k] for part in parts]) for k in range(3)),
+            measured=tuple(np.concatenate([part.measured[k] for part in parts]) for k in range(3)),
         )
-        return Predicted(t=t, rows=rows, measured=measured)
 
 
 def rolled_out(
-    rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
+    rollout: Rollout,
+    stretch: Segment,
+    start: SegmentStart,
+    shared: np.ndarray,
+    own_unknowns: np.ndarray,
 ) -> Predicted:
-    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as
-    `Unknowns.start`].
+    """Simulate a stretch from its start, with unknowns shared (n,) and own_unknowns (m,) of the
+    recording [as `Unknowns.start`].
     """
-    (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None])
-    return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)
+    (outputs,) = rollout.predict([stretch], [start], np.concatenate([shared, own_unknowns])[None])
+    return Predicted(t=stretch.t, rows=outputs.rows, measured=stretch.measured)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -107,16 +112,16 @@ class Predictor:
     at.
     """
     own: bool = False
-    """True to fit there, too, what a recording has for itself; else it stays as declared."""
+    """True to fit there, too, the unknowns of the recording alone; else they stay as declared."""
 
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
         error = OutputErrorProblem(
             self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout
         )
-        found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
-        own = found.own[stretch.recording] if self.own else self.vehicle.own.start
-        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
+        estimate = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
+        own_unknowns = estimate.own[stretch.recording] if self.own else self.vehicle.own.start
+        return rolled_out(self.rollout, stretch, estimate.starts[0], self.shared, own_unknowns)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
         """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was
@@ -124,7 +129,10 @@ class Predictor:
         """
         windows = prepared.windows(step, self.start_window, horizon)
         return Predicted.joined(
-            [self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows]
+            [
+                self.of(window).after(float(window.edges[0]) + self.start_window)
+                for window in windows
+            ]
         )
 
 
@@ -164,70 +172,80 @@ def search_fit(
     rollout: Rollout,
     search: Search | None = None,
 ) -> Estimate:
-    """The unknowns that explain the recordings best, from where the declaration has them."""
+    """Find the unknowns that explain the recordings best, from where the declaration has them."""
     chosen = search or Search()
-    long = sum(float(np.ptp(one.recording.span)) for one in recordings)
-    some = max(1, round(long / _ENOUGH))
+    duration = sum(float(np.ptp(recording.recording.span)) for recording in recordings)
+    thinning = max(1, round(duration / _ENOUGH))
     coarse = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
-    steps = [(coarse, some), (chosen.step, some), *([(chosen.step, 1)] if some > 1 else [])]
-    found = list[np.ndarray]()
+    steps = [
+        (coarse, thinning),
+        (chosen.step, thinning),
+        *([(chosen.step, 1)] if thinning > 1 else []),
+    ]
+    optima = list[np.ndarray]()
 
     def error(
-        number: int, noise: Noise, step: float, stretch: float, every: int
+        number: int, noise: Noise, step: float, stretch: float, thinning: int
     ) -> OutputErrorProblem:
-        parts = [part for one in recordings for part in one.stretches(step, stretch)]
-        problem = OutputErrorProblem(vehicle, _some(parts, every), noise, rollout)
+        parts = [part for recording in recordings for part in recording.stretches(step, stretch)]
+        problem = OutputErrorProblem(vehicle, _some(parts, thinning), noise, rollout)
         problem.progress = lambda text: chosen.progress(
             f"search {number} of {len(steps) + 1}, {text}"
         )
         return problem
 
-    rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, some)
-    near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
-    for k, (step, every) in enumerate(steps, start=2):
-        fine = error(k, noise, step, chosen.stretch, every)
-        near = fine.solve(
-            fine.start(near.shared), iterations=chosen.iterations, frozen=int(k > 2)
+    rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, thinning)
+    estimate = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
+    for k, (step, step_thinning) in enumerate(steps, start=2):
+        fine = error(k, noise, step, chosen.stretch, step_thinning)
+        estimate = fine.solve(
+            fine.start(estimate.shared), iterations=chosen.iterations, frozen=int(k > 2)
         )  # starts come near first
-        near = resumed_search(fine, near, chosen.iterations)
-        found.append(near.shared)
+        estimate = resumed_search(fine, estimate, chosen.iterations)
+        optima.append(estimate.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
-    off = (found[1] - found[0]) / ((coarse / chosen.step) ** 2 - 1.0)
-    return replace(near, assumed=np.outer(off, off))
+    off = (optima[1] - optima[0]) / ((coarse / chosen.step) ** 2 - 1.0)
+    return replace(estimate, assumed=np.outer(off, off))
 
 
-def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
-    """Draw one minute of every so many by lot, and return the segments that lie in them, as recordings
-    of their own; with `every` 1 return all segments as they are.
+def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
+    """Draw one of `thinning` minutes by lot, and return the segments that lie in them, as
+    recordings of their own; with `thinning` 1 return all segments as they are.
     """
     minutes = [
         list(group)
-        for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))
+        for _, group in groupby(
+            stretches, key=lambda segment: (segment.recording, segment.edges[0] // 60.0)
+        )
     ]
     drawn = sorted(
-        np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)]
+        np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // thinning)]
     )  # motions may alternate
-    some = [replace(one, recording=f"{one.recording} {k}") for k in drawn for one in minutes[k]]
-    if every > 1:
-        return some
+    segments = [
+        replace(segment, recording=f"{segment.recording} {k}")
+        for k in drawn
+        for segment in minutes[k]
+    ]
+    if thinning > 1:
+        return segments
     return stretches
 
 
-def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
+def resumed_search(error: OutputErrorProblem, estimate: Estimate, iterations: int) -> Estimate:
     """Resume a search that reached its iteration limit, in rounds, until it converges or no step is
     left.
     """
     for _ in range(_ROUNDS - 1):
-        if found.status is not FitStatus.ITERATION_LIMIT:
+        if estimate.status is not FitStatus.ITERATION_LIMIT:
             break
-        further = error.solve(error.resumed(found), iterations=iterations)
-        found = replace(further, iterations=found.iterations + further.iterations)
-    return found
+        further = error.solve(error.resumed(estimate), iterations=iterations)
+        estimate = replace(further, iterations=estimate.iterations + further.iterations)
+    return estimate
 
 
 def _rough(noise: Noise) -> Noise:
-    seen = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
-    return replace(noise, **seen, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
+    sigmas = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
+    return replace(noise, **sigmas, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
 
 
 # A vehicle, the recordings that it was identified on, and how: what answers are asked of.
@@ -270,22 +288,22 @@ class FitContext:
         """Segments of all recordings, in the order of the estimate's starts."""
         return tuple(
             part
-            for one in self.prepared
-            for part in one.stretches(self.search.step, self.search.stretch)
+            for recording in self.prepared
+            for part in recording.stretches(self.search.step, self.search.stretch)
         )
 
     def residuals(self) -> dict[str, Predicted]:
         """Return measurements beside the simulation in the segments of each recording, by its
         name.
         """
-        found = defaultdict[str, list[Predicted]](list)
+        predictions = defaultdict[str, list[Predicted]](list)
         shared = self.estimate.shared
-        own = self.estimate.own
-        for one, start in zip(self.stretches, self.estimate.starts, strict=True):
-            found[one.recording].append(
-                rolled_out(self.rollout, one, start, shared, own[one.recording])
+        own_unknowns = self.estimate.own
+        for segment, start in zip(self.stretches, self.estimate.starts, strict=True):
+            predictions[segment.recording].append(
+                rolled_out(self.rollout, segment, start, shared, own_unknowns[segment.recording])
             )
-        return {name: Predicted.joined(parts) for name, parts in found.items()}
+        return {name: Predicted.joined(parts) for name, parts in predictions.items()}
 
     def predictor(self, shared: np.ndarray | None = None) -> Predictor:
         """Make a predictor with the unknowns of the estimate, or with shared (n,) [as
@@ -317,8 +335,10 @@ class FitContext:
             for name in ("velocity", "rate", "vertical", "process", "start")
         }
         about = shared - (shared - self.vehicle.shared.start) / inflation
-        own = self.vehicle.own.believed(self.vehicle.own.start, root)
-        vehicle = replace(self.vehicle, shared=self.vehicle.shared.believed(about), own=own)
+        own_unknowns = self.vehicle.own.believed(self.vehicle.own.start, root)
+        vehicle = replace(
+            self.vehicle, shared=self.vehicle.shared.believed(about), own=own_unknowns
+        )
         return replace(
             self,
             vehicle=vehicle,
@@ -332,13 +352,13 @@ def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str,
 
     What each recording may have for itself is off in all of them alike.
     """
-    known = fitted.vehicle.shared
+    unknowns = fitted.vehicle.shared
     freed = dict(fitted.vehicle.shared.declaration.quantities)
     freed |= {
         name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held
     }
     wider = Unknowns(Declaration(quantities=freed))
-    learnt = np.isin(wider.names, known.names)
+    learnt = np.isin(wider.names, unknowns.names)
     point = wider.start
     point[learnt] = fitted.estimate.shared
     vehicle = replace(fitted.vehicle, shared=wider, own=Unknowns(wider.declaration, own=True))

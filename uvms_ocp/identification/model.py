@@ -38,8 +38,8 @@ _SHARP = 0.01
 def vehicle_dynamics(
     dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], link: int = 0
 ) -> SymbolicDynamics:
-    """The dynamics with the quantities of `vehicle_declaration` for the body that carries a link,
-    and the water on it.
+    """Build the dynamics with the quantities of `vehicle_declaration` for the body that carries a
+    link, and the water on it.
     """
     water = WaterCoefficients(
         added_mass=values["added_mass"],
@@ -134,7 +134,7 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     zones = (
         vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse")
     )
-    if sharp and not any(one.free.any() for one in zones):
+    if sharp and not any(zone.free.any() for zone in zones):
         edge = _SHARP
     else:
         edge = _EDGE
@@ -143,22 +143,31 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     past = ca.SX.sym("past", n_u, PAST)
     begun = _begun(vehicle, values, past, edge)
     late = ca.vertcat(values["delay"], values["velocity_delay"])
-    given = [x, u, joints, p, h]
+    arguments = [x, u, joints, p, h]
     options = {"cse": True}
     return StageFunctions(
-        step=ca.Function("step", given, [ca.densify(after)], options),
+        step=ca.Function("step", arguments, [ca.densify(after)], options),
         slope=ca.Function(
-            "slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options
+            "slope",
+            arguments,
+            [ca.densify(ca.jacobian(after, variable)) for variable in (x, p, u)],
+            options,
         ),
         outputs=ca.Function(
             "seen",
             [x, p],
-            [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))],
+            [
+                ca.densify(outputs),
+                *(ca.densify(ca.jacobian(outputs, variable)) for variable in (x, p)),
+            ],
         ),
         begun=ca.Function(
             "begun",
             [past, p],
-            [ca.densify(begun), *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))],
+            [
+                ca.densify(begun),
+                *(ca.densify(ca.jacobian(begun, variable)) for variable in (p, past)),
+            ],
         ),
         delays=ca.Function("delays", [p], [ca.densify(late), ca.densify(ca.jacobian(late, p))]),
         n_x=x.numel(),
@@ -179,16 +188,16 @@ def _after(
 ) -> ca.SX:
     moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q = x[:N_Q]
-    given = x[N_Q + N_V :]
+    thrust = x[N_Q + N_V :]
     moves = ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
     nu = x[N_Q : N_Q + N_V] * moves
     target = _target(vehicle, values, u, edge)
-    left = ca.exp(-h / values["lag"])
-    mean = target + (given - target) * (1 - left) * values["lag"] / h
+    decay = ca.exp(-h / values["lag"])
+    mean = target + (thrust - target) * (1 - decay) * values["lag"] / h
     middle = moved(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
     faster = nu + h * _acceleration(vehicle, values, middle, nu + h / 2 * slope, mean, joints)
-    return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
+    return ca.vertcat(moved(middle, faster * h / 2), faster, target + (thrust - target) * decay)
 
 
 def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -> ca.SX:
@@ -202,12 +211,14 @@ def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -
 
 
 def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX, edge: float) -> ca.SX:
-    """After the first command has been held for long, and the others for a step each."""
-    given = _target(vehicle, values, past[:, 0], edge)
+    """Compute the thrust after the first command was held for long, and the others for a step
+    each.
+    """
+    thrust = _target(vehicle, values, past[:, 0], edge)
     for k in range(1, PAST):
         target = _target(vehicle, values, past[:, k], edge)
-        given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
-    return given
+        thrust = target + (thrust - target) * ca.exp(-PAST_STEP / values["lag"])
+    return thrust
 
 
 def _less_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
@@ -220,7 +231,7 @@ def _whole_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
 
 
 def _acceleration(
-    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX
+    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, thrust: ca.SX, joints: ca.SX
 ) -> ca.SX:
     dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
     n_j = joints.numel() // 3
@@ -229,7 +240,7 @@ def _acceleration(
     all_v = ca.vertcat(nu, joints[n_j : 2 * n_j])
     held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
-    wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
+    wrench = ca.DM(vehicle.actuators.wrench) @ thrust + values["bias"] + values["wrench_offset"]
     force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
     axes = list(vehicle.axes)
     D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[axes, axes], False)
@@ -249,5 +260,5 @@ def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
 
 
 def as_measured(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:
-    """A vector (3,) [any] in B, as the sensor of attitude sits that sees it."""
+    """Turn a vector (3,) [any] in B to the axes of the sensor of attitude."""
     return exp3(values["attitude_turn"] + values["attitude_offset"]).T @ vector

@@ -84,8 +84,8 @@ class NormalEquations:
     """(9 l, n + m) [1 / unknowns^2]"""
 
     def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
-        """Schur complement (n, n), (n,) of n shared unknowns, and what gives the others, their
-        diagonal raised by damping.
+        """Compute the Schur complement (n, n), (n,) of n shared unknowns, and the map from their
+        change to those of the others, whose diagonal is raised by damping.
         """
         from scipy.linalg import solveh_banded  # a tenth of a second
 
@@ -96,8 +96,8 @@ class NormalEquations:
         )
         H = self.H - self.cross.T @ solved[:, :-1]
         g = self.g - self.cross.T @ solved[:, -1]
-        own = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
-        solved_own = np.linalg.solve(own, np.column_stack([H[n:, :n], g[n:]]))
+        own_block = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
+        solved_own = np.linalg.solve(own_block, np.column_stack([H[n:, :n], g[n:]]))
 
         def others(change: np.ndarray) -> np.ndarray:
             """(m + 9 l,) changes of the others, where those of the shared ones are change (n,)."""
@@ -116,7 +116,9 @@ def finite(blocks: Sequence[NormalEquations]) -> bool:
     cost.
     """
     return all(
-        np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_starts)
+        np.isfinite(part).all()
+        for block in blocks
+        for part in (block.cost, block.H, block.H_starts)
     )
 
 
@@ -161,7 +163,7 @@ class ProfilePenalty:
     """[as the number] by which it may be off at the price of a half."""
 
     def cost(self, shared: np.ndarray) -> float:
-        """At the unknowns shared (n,) [as `Unknowns.start`]."""
+        """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
         return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
 
     def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -259,7 +261,7 @@ class OutputErrorProblem:
         self._rollout = rollout
         self._pull = pull
         self._recordings = [
-            tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)
+            tuple(group) for _, group in groupby(stretches, key=lambda segment: segment.recording)
         ]
         self._n = len(vehicle.shared.start)
         self._m = len(vehicle.own.start)
@@ -271,32 +273,37 @@ class OutputErrorProblem:
         segments begin as measured.
         """
         begins = tuple(
-            tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings
+            tuple(SegmentStart(q=segment.q, v=segment.v) for segment in group)
+            for group in self._recordings
         )
-        own = tuple(self._vehicle.own.start for _ in self._recordings)
+        own_unknowns = tuple(self._vehicle.own.start for _ in self._recordings)
         return SearchPoint(
-            shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins
+            shared=self._vehicle.shared.start if shared is None else shared,
+            own=own_unknowns,
+            starts=begins,
         )
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
-        own = tuple(estimate.own[group[0].recording] for group in self._recordings)
-        left = iter(estimate.starts)
-        begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
-        return SearchPoint(shared=estimate.shared, own=own, starts=begins)
+        own_unknowns = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        remaining_starts = iter(estimate.starts)
+        begins = tuple(tuple(next(remaining_starts) for _ in group) for group in self._recordings)
+        return SearchPoint(shared=estimate.shared, own=own_unknowns, starts=begins)
 
     def stepped(
         self, point: SearchPoint, blocks: list[NormalEquations] | None = None
     ) -> tuple[SearchPoint, float]:
-        """After one step of Gauss and Newton, and the cost there. blocks: of the point, the same
-        whatever number is pulled.
+        """Take one step of Gauss and Newton; return the point after it and the cost there.
+
+        blocks: normal equations at the point, the same for every number that is pulled.
         """
         after = self._moved(
             point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False
         )
         with np.errstate(all="ignore"):
             return after, self._total(
-                after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))]
+                after,
+                [self._cost(k, after, outputs) for k, outputs in enumerate(self._all_seen(after))],
             )
 
     def solve(
@@ -395,32 +402,33 @@ class OutputErrorProblem:
             self._vehicle.shared.upper,
         )
         change = shared - point.shared
-        own = []
+        own_unknowns = []
         starts = []
         for k, changed in enumerate(others):
             local = changed(change)
-            own.append(point.own[k] + local[: self._m])
+            own_unknowns.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
             starts.append(
                 tuple(
-                    one.moved(np.clip(c, -0.5, 0.5))
-                    for one, c in zip(point.starts[k], turns, strict=True)
+                    start.moved(np.clip(c, -0.5, 0.5))
+                    for start, c in zip(point.starts[k], turns, strict=True)
                 )
             )
-        return SearchPoint(shared=shared, own=tuple(own), starts=tuple(starts))
+        return SearchPoint(shared=shared, own=tuple(own_unknowns), starts=tuple(starts))
 
     def _reduced(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float
     ) -> tuple[np.ndarray, np.ndarray, list[Elimination]]:
-        """Normal equations of the shared unknowns, and what gives the changes of the others."""
+        """Build the normal equations of the shared unknowns, and the maps from their change to
+        those of the others.
+        """
         weight = 1.0 / self._vehicle.shared.sigma**2
         parts = [block.without_starts(damping, self._n) for block in blocks]
         H = np.diag(weight) + sum(part[0] for part in parts)
-        return (
-            H,
-            weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts),
-            [one[2] for one in parts],
-        )
+        prior_gradient = weight * (point.shared - self._vehicle.shared.start)
+        g = prior_gradient + sum(part[1] for part in parts)
+        eliminations = [part[2] for part in parts]
+        return H, g, eliminations
 
     def _estimate(
         self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int
@@ -431,7 +439,7 @@ class OutputErrorProblem:
             own=dict(
                 zip((group[0].recording for group in self._recordings), point.own, strict=True)
             ),
-            starts=tuple(one for group in point.starts for one in group),
+            starts=tuple(start for group in point.starts for start in group),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
             status=status,
@@ -449,8 +457,8 @@ class OutputErrorProblem:
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
             return [
-                self._block(k, point, seen)
-                for k, seen in enumerate(self._all_seen(point, slopes=True))
+                self._block(k, point, outputs)
+                for k, outputs in enumerate(self._all_seen(point, slopes=True))
             ]
 
     def _all_seen(
@@ -464,7 +472,7 @@ class OutputErrorProblem:
             for k, group in enumerate(self._recordings)
             for stretch, start in zip(group, point.starts[k], strict=True)
         ]
-        found: dict[int, PredictedOutputs] = {}
+        outputs: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
             alike = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             size = max(1, _MOST_STEPS // n)
@@ -474,16 +482,17 @@ class OutputErrorProblem:
                 )
                 parts = [flat[i][1] for i in chosen]
                 starts = [flat[i][2] for i in chosen]
-                seen = self._rollout.predict(
+                predictions = self._rollout.predict(
                     parts, starts, p, partial(self._weights, parts) if slopes else None
                 )
-                for i, part, one in zip(chosen, parts, seen, strict=True):
+                for i, part, prediction in zip(chosen, parts, predictions, strict=True):
                     losses = (
-                        loss(r, self._noise.outliers) for r in self._residuals(part, one.rows)
+                        loss(r, self._noise.outliers)
+                        for r in self._residuals(part, prediction.rows)
                     )
-                    found[i] = replace(one, rows=(), loss=sum(losses))
+                    outputs[i] = replace(prediction, rows=(), loss=sum(losses))
         return [
-            [found[i] for i, (k, _, _) in enumerate(flat) if k == group]
+            [outputs[i] for i, (k, _, _) in enumerate(flat) if k == group]
             for group in range(len(self._recordings))
         ]
 
@@ -493,80 +502,87 @@ class OutputErrorProblem:
     def _weights(
         self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        pairs = zip(self._residuals(parts[k], rows), self._sigma, strict=True)
-        return [
-            (w / sigma**2, w * r / sigma)
-            for r, sigma in pairs
-            for w in (weights(r, self._noise.outliers),)
-        ]
+        pairs = []
+        for r, sigma in zip(self._residuals(parts[k], rows), self._sigma, strict=True):
+            w = weights(r, self._noise.outliers)
+            pairs.append((w / sigma**2, w * r / sigma))
+        return pairs
 
-    def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
-        squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
-        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
+    def _cost(self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]) -> float:
+        squares = sum(d @ d for d, _ in self._gaps(k, point, outputs))
+        return float(
+            sum(prediction.loss for prediction in outputs)
+            + self._beginnings(k, point)[1]
+            + squares / 2
+        )
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
         """Compute weighted residuals of the starts against what was measured there, and their
         cost.
         """
         far = [
-            difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
-            for one, start in zip(self._recordings[k], point.starts[k], strict=True)
+            difference(SegmentStart(q=segment.q, v=segment.v), start) / self._noise.start
+            for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
         ]
-        own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
-        return far, float(sum(one @ one for one in far) + own @ own) / 2
+        own_offset = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
+        squares = sum(residual @ residual for residual in far)
+        return far, float(squares + own_offset @ own_offset) / 2
 
     def _gaps(
-        self, k: int, point: SearchPoint, seen: list[PredictedOutputs]
+        self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Between the ends of stretches and the next ones, weighted, with their slopes with end
-        states (9, n_x).
+        """Compute weighted gaps (9,) between the ends of stretches and the next starts, with their
+        slopes with end states (9, n_x).
         """
-        found = []
-        for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
-            end = SegmentStart(q=one.end[:N_Q], v=one.end[N_Q : N_Q + N_V])
-            slope = np.zeros((N_START, len(one.end)))
+        gaps = []
+        for prediction, after in zip(outputs[:-1], point.starts[k][1:], strict=True):
+            end = SegmentStart(q=prediction.end[:N_Q], v=prediction.end[N_Q : N_Q + N_V])
+            slope = np.zeros((N_START, len(prediction.end)))
             slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
             slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
-            found.append(
-                (difference(after, end) / self._noise.process, slope / self._noise.process)
-            )
-        return found
+            gaps.append((difference(after, end) / self._noise.process, slope / self._noise.process))
+        return gaps
 
-    def _block(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> NormalEquations:
+    def _block(
+        self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
+    ) -> NormalEquations:
         n = self._n
         size = self._n + self._m
         back = -1.0 / self._noise.process
         weight = 1.0 / self._vehicle.own.sigma**2
         far = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
-        every = np.array([one.H for one in seen])
-        pulls = np.array([one.g for one in seen])
-        every[:, size:, size:] += np.eye(N_START) / self._noise.start**2
-        pulls[:, size:] += np.array(far) / self._noise.start
-        gaps = self._gaps(k, point, seen)
+        hessians = np.array([prediction.H for prediction in outputs])
+        gradients = np.array([prediction.g for prediction in outputs])
+        hessians[:, size:, size:] += np.eye(N_START) / self._noise.start**2
+        gradients[:, size:] += np.array(far) / self._noise.start
+        gaps = self._gaps(k, point, outputs)
         if gaps:
             J = np.array(
-                [slope @ one.end_slope for one, (_, slope) in zip(seen, gaps, strict=False)]
+                [
+                    slope @ prediction.end_slope
+                    for prediction, (_, slope) in zip(outputs, gaps, strict=False)
+                ]
             )
-            gap = np.array([one for one, _ in gaps])
-            every[:-1] += J.swapaxes(1, 2) @ J
-            every[1:, size:, size:] += back**2 * np.eye(N_START)
-            every[1:, size:, :size] += back * J[:, :, :size]
-            pulls[:-1] += np.einsum("lij,li->lj", J, gap)
-            pulls[1:, size:] += back * gap
+            gap = np.array([residual for residual, _ in gaps])
+            hessians[:-1] += J.swapaxes(1, 2) @ J
+            hessians[1:, size:, size:] += back**2 * np.eye(N_START)
+            hessians[1:, size:, :size] += back * J[:, :, :size]
+            gradients[:-1] += np.einsum("lij,li->lj", J, gap)
+            gradients[1:, size:] += back * gap
         # Both, one under the other: row r of a column is on the diagonal that is so far below that
         # of the column's own entry.
-        both = np.zeros((3 * N_START, len(seen), N_START))
-        both[:N_START] = np.moveaxis(every[:, size:, size:], 1, 0)
+        both = np.zeros((3 * N_START, len(outputs), N_START))
+        both[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
         if gaps:
             both[N_START : 2 * N_START, :-1] = back * np.moveaxis(J[:, :, size:], 1, 0)
         rows = np.arange(2 * N_START)[:, None, None] + np.arange(N_START)
         return NormalEquations(
-            cost=self._cost(k, point, seen),
-            H=np.diag(np.r_[np.zeros(n), weight]) + every[:, :size, :size].sum(axis=0),
+            cost=self._cost(k, point, outputs),
+            H=np.diag(np.r_[np.zeros(n), weight]) + hessians[:, :size, :size].sum(axis=0),
             g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)]
-            + pulls[:, :size].sum(axis=0),
+            + gradients[:, :size].sum(axis=0),
             H_starts=np.take_along_axis(both, rows, axis=0).reshape(2 * N_START, -1),
-            g_starts=pulls[:, size:].ravel(),
-            cross=every[:, size:, :size].reshape(-1, size),
+            g_starts=gradients[:, size:].ravel(),
+            cross=hessians[:, size:, :size].reshape(-1, size),
         )

@@ -47,43 +47,43 @@ def propose_mapping(path: Path) -> str:
     Raises InvalidInput for a file in which nothing has a name that is known, with the names that
     there are, and NotInstalled.
     """
-    known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
-    forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
+    of_topics = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
+    forms = [form for form in _TABLE["forms"] if ("topic" in form) == of_topics]
     if file_kinds.holds_messages(path):
         named = dict(_fields(path, forms))
     else:
         named = {"": list(tables.column_names(path))}
-    found = _Found()
+    channels = _Found()
     labels = dict[str, tuple[str, str]]()
     if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
         labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
     for form, (topic, names) in product(forms, named.items()):
         used = {
             name
-            for one in found.values()
-            if one.get("topic", "") == topic
-            for name in _names_of(one)
+            for channel in channels.values()
+            if channel.get("topic", "") == topic
+            for name in _names_of(channel)
         }
-        left = [
+        unused = [
             name
             for name in names
             if name not in used and (name[:1].isupper() or "capitals" not in form)
         ]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
-        asked = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
+        of_commands = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
         free = {
             name: labelled[name]
-            for name in left
-            if asked is True or not asked.search(_plain(labelled[name]))
+            for name in unused
+            if of_commands is True or not of_commands.search(_plain(labelled[name]))
         }
         columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
         columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if (
             columns
-            and form["channel"] not in found
+            and form["channel"] not in channels
             and re.fullmatch(form.get("topic", ".*"), topic)
         ):
-            given = {
+            keys = {
                 key: form[key]
                 for key in ("format", "frame", "world", "body", "offset", "scale")
                 if key in form
@@ -93,39 +93,41 @@ def propose_mapping(path: Path) -> str:
                 len(units) == 1
                 and units <= reading.units_of(form["channel"], form.get("format")).keys()
             ):
-                given["unit"] = units.pop()
+                keys["unit"] = units.pop()
             rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
             if rows:
-                given["rows"] = rows
-            whole = {"topic": topic} if topic else {}
-            found[form["channel"]] = (
-                whole | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | given
+                keys["rows"] = rows
+            topic_key = {"topic": topic} if topic else {}
+            channels[form["channel"]] = (
+                topic_key | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | keys
             )
-    if not found:
-        there = "; ".join(
+    if not channels:
+        names_text = "; ".join(
             f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items()
         )
         raise InvalidInput(
-            f"{path}: nothing in it has a name that is known: {there}; write a mapping of these"
+            f"{path}: nothing in it has a name that is known: {names_text}; write a mapping of these"
         )
-    found, cured = _cured(path, found)
-    ranges, doubts = _judged(path, found)
+    channels, cured = _cured(path, channels)
+    ranges, doubts = _judged(path, channels)
     lines = ["channels:"]
-    for name, one in found.items():
+    for name, channel in channels.items():
         lines.append(
             f"  {name}:"
-            f" {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}"
+            f" {yaml.safe_dump(channel, default_flow_style=True, sort_keys=False, width=10_000).strip()}"
         )
-        known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(
-            name, found
-        )
+        known_axes = channel.keys() & {"world", "body", "frame"} or channels.keys() & _TABLE[
+            "tells"
+        ].get(name, channels)
         notes = {
             "by values": [
-                labels[at][1] for at in (str(one.get("time")), *_names_of(one)) if at in labels
+                labels[at][1]
+                for at in (str(channel.get("time")), *_names_of(channel))
+                if at in labels
             ],
             "by names": [ranges[name]] if name in ranges else [],
-            "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
-            "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
+            "assumed": [] if known_axes or 0.0 in channel["columns"] else [_TABLE["assumed"]],
+            "not measured": [_TABLE["constant"]] if 0.0 in channel["columns"] else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
         }
@@ -137,9 +139,9 @@ def propose_mapping(path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _names_of(one: Mapping[str, Any]) -> list[str]:
+def _names_of(channel: Mapping[str, Any]) -> list[str]:
     """Names of the columns of a channel, without signs."""
-    return [str(column).removeprefix("-") for column in one["columns"]]
+    return [str(column).removeprefix("-") for column in channel["columns"]]
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
@@ -153,8 +155,8 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
                     topic,
                     [
                         name
-                        for _, _, one in islice(messages(path, [topic], None, []), 1, 2)
-                        for name in _leaves("", one)
+                        for _, _, content in islice(messages(path, [topic], None, []), 1, 2)
+                        for name in _leaves("", content)
                     ],
                 )
             except UvmsError as error:  # such as for want of its definition
@@ -207,17 +209,17 @@ def _matched(
         if match:
             groups[match["pre"]].setdefault(k, name)
     fitting = [
-        one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))
+        group for group in groups.values() if group.keys() & set(form.get("must", range(len(axes))))
     ]
     best = max(fitting, key=len, default={})
     signs = form.get("signs", [""] * len(axes))
-    there: Sequence[int]
+    axis_numbers: Sequence[int]
     if "axes" in form:
-        there = range(len(axes))
+        axis_numbers = range(len(axes))
     else:
-        there = sorted(best)
+        axis_numbers = sorted(best)
     if len(best) >= form.get("least", len(axes)):
-        return [signs[k] + best[k] if k in best else 0.0 for k in there]
+        return [signs[k] + best[k] if k in best else 0.0 for k in axis_numbers]
     return []
 
 
@@ -225,21 +227,23 @@ def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
     if any(name.startswith("header.stamp") for name in names) and of_messages:
         return {"time": "header.stamp"}
     pairs = [
-        [one, other]
-        for one, other in product(names, names)
-        if re.fullmatch(_TABLE["stamp"], f"{one} {other}")
+        [seconds, nanoseconds]
+        for seconds, nanoseconds in product(names, names)
+        if re.fullmatch(_TABLE["stamp"], f"{seconds} {nanoseconds}")
     ]
     if pairs and not of_messages:
         return {"time": pairs[0]}
-    found = [
+    candidates = [
         (name, match["unit"])
         for name, label in names.items()
         if (match := re.fullmatch(_TABLE["time"], _plain(label)))
     ]
-    found.sort(key=lambda one: "header" not in one[0])  # rather than when it was logged
-    if found:
-        return {"time": found[0][0]} | (
-            {"time_unit": unit_named(found[0][1])} if found[0][1] else {}
+    candidates.sort(
+        key=lambda seconds: "header" not in seconds[0]
+    )  # rather than when it was logged
+    if candidates:
+        return {"time": candidates[0][0]} | (
+            {"time_unit": unit_named(candidates[0][1])} if candidates[0][1] else {}
         )
     return {}
 
@@ -247,81 +251,84 @@ def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
 # Cures: what a doubt says, applied and judged by what is doubtful then.
 
 
-def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
+def _cured(path: Path, channels: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
     """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and
     doubts that were cured.
     """
     cured = defaultdict[str, list[str]](list)
-    (ranges, doubts) = _judged(path, found)
+    (ranges, doubts) = _judged(path, channels)
     for _ in range(_ROUNDS):
         for doubt in tuple(doubts):
-            least = _left(found, ranges, doubts, doubts)
+            lowest_score = _left(channels, ranges, doubts, doubts)
             chosen = None
-            for named, other in _others(doubt, found) if doubt in doubts else ():
-                seen, left = _judged(path, other)
-                score = _left(other, seen, left, doubts)
-                if score < least:
-                    least = score
-                    chosen = (named, other, seen, left)
+            for named, candidate in _others(doubt, channels) if doubt in doubts else ():
+                other_ranges, other_doubts = _judged(path, candidate)
+                score = _left(candidate, other_ranges, other_doubts, doubts)
+                if score < lowest_score:
+                    lowest_score = score
+                    chosen = (named, candidate, other_ranges, other_doubts)
             if chosen:
-                named, found, ranges, doubts = chosen
+                named, channels, ranges, doubts = chosen
                 cured[named].append(doubt[1])
-    return found, cured
+    return channels, cured
 
 
 def _left(
-    found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]
+    channels: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]
 ) -> tuple[int, int, int]:
     """Count what a cure leaves: channels that cannot be read, doubts, and doubts of `before` whose
     channel no longer reads.
     """
     hiding = sum("rad: in deg?" in why for _, why in doubts)  # others, that would follow from these
     return (
-        len(found) - len(ranges) + hiding,
+        len(channels) - len(ranges) + hiding,
         len(doubts),
-        sum(one in before for one in doubts if one[0] not in ranges),
+        sum(doubt in before for doubt in doubts if doubt[0] not in ranges),
     )
 
 
-def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:
+def _others(doubt: _Doubt, channels: _Found) -> Iterator[tuple[str, _Found]]:
     """For each cure of a doubt the channel that it is of, and all channels with it."""
     for cure in _TABLE["cures"]:
         channel = cure.get("of", doubt[0])
         match = re.search(cure["doubt"], doubt[1])
-        if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in found:
+        if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in channels:
             continue
         keys = yaml.safe_load(
             cure.get("keys", "{}").replace("VALUE", match.groupdict().get("value", ""))
         )
         axes = cure.get("axes", match.groupdict().get("axes", ""))
         if axes:
-            keys["columns"] = _turned(found[channel], axes.split(", "))
+            keys["columns"] = _turned(channels[channel], axes.split(", "))
         named = cure.get("becomes", channel)
         if "all" in cure:
-            meant = {name: reading.frames_of(name, one.get("frame")) for name, one in found.items()}
+            meant = {
+                name: reading.frames_of(name, entry.get("frame"))
+                for name, entry in channels.items()
+            }
             yield (
                 channel,
                 {
-                    name: one | {key: keys[key] for key in keys if key in meant[name]}
-                    for name, one in found.items()
+                    name: entry | {key: keys[key] for key in keys if key in meant[name]}
+                    for name, entry in channels.items()
                 },
             )
         elif keys.get("columns") != []:
-            other = {
-                named if name == channel else name: one | keys if name == channel else one
-                for name, one in found.items()
+            candidate = {
+                named if name == channel else name: entry | keys if name == channel else entry
+                for name, entry in channels.items()
             }
-            yield named, other
+            yield named, candidate
 
 
-def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
+def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
     """Columns for axes such as ``-y`` of those that there are; empty for others than one for
     each.
     """
-    letters = "wxyz" if str(one.get("format")).endswith("wxyz") else "xyzw"
-    if len(one["columns"]) != len(axes):
+    letters = "wxyz" if str(channel.get("format")).endswith("wxyz") else "xyzw"
+    if len(channel["columns"]) != len(axes):
         return []
-    columns = dict(zip(letters, one["columns"], strict=False))
+    columns = dict(zip(letters, channel["columns"], strict=False))
     turned = {
         axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]]
         for axis in axes
@@ -339,20 +346,20 @@ def _opposite(column: str | float) -> str | float:
     return f"-{column}"
 
 
-def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
+def _judged(path: Path, channels: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
     """Ranges of channels that can be read, and what speaks against each; one that cannot be is left
     out for the others.
     """
     try:
         recording = reading.mapped_recording(
-            path, reading.RecordingMapping.model_validate({"channels": found})
+            path, reading.RecordingMapping.model_validate({"channels": channels})
         )
     except UvmsError as error:
         text = str(error)
         wrong = min(
-            found, key=lambda name: text.find(name) if name in text else len(text)
+            channels, key=lambda name: text.find(name) if name in text else len(text)
         )  # the first that is named
-        others = {name: one for name, one in found.items() if name != wrong}
+        others = {name: one for name, one in channels.items() if name != wrong}
         if others:
             ranges, doubts = _judged(path, others)
         else:
@@ -396,25 +403,27 @@ def guessed_names(
     """Guess a name, with the evidence for it, for columns (n, k) [as they are], by their places;
     unknown ones are left out.
     """
-    known = np.isfinite(values)
+    finite = np.isfinite(values)
     labels = dict[str, tuple[str, str]]()
-    values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][
+    values = np.where(finite.any(axis=0), values, 0.0)[finite[:, finite.any(axis=0)].all(axis=1)][
         :_MOST
     ]
     if len(values) < _LEAST:
         return labels
     table = _Columns(values)
-    for guess in (one for one in guesses if one["names"] not in table.found):
+    for guess in (candidate for candidate in guesses if candidate["names"] not in table.found):
         conditions = guess.keys() & _CONDITIONS.keys()
         names = guess["names"].split()
         for group in table.left(len(names)):
             if all(_CONDITIONS[key](table, group, guess[key]) for key in conditions):
                 table.found[guess["names"]] = group
-                said = (
+                evidence = (
                     f"{' to '.join(dict.fromkeys((places[group[0]], places[group[-1]])))}:"
                     f" {guess['why']}"
                 )
-                labels |= {places[k]: (name, said) for k, name in zip(group, names, strict=True)}
+                labels |= {
+                    places[k]: (name, evidence) for k, name in zip(group, names, strict=True)
+                }
                 break
     return labels
 
@@ -439,7 +448,7 @@ class _Columns:
 
     def rates_of(self, pose: range) -> Iterator[range]:
         """Groups that are as large as the rate of a pose, whatever their axes."""
-        for group in (one for one in self.left(3) if not set(one) & set(pose)):
+        for group in (triple for triple in self.left(3) if not set(triple) & set(pose)):
             sizes = [
                 np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])
             ]

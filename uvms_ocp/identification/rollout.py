@@ -105,9 +105,9 @@ class PreparedRecording:
         channels = recording.channels
         begin, end = recording.span
         if not begin < end:
-            given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
+            spans = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
             raise InvalidInput(
-                f"{recording.name}: {given}; give channels of one clock, with times in common"
+                f"{recording.name}: {spans}; give channels of one clock, with times in common"
             )
         if "linear_velocity" not in channels and "position" in channels:
             velocity = recordings.pose_velocity(channels["position"], attitude, POSE_INTERVAL)
@@ -140,12 +140,12 @@ class PreparedRecording:
         else:
             n = 1
         if total < n:
-            given = (
+            duration_text = (
                 f"{self.recording.name}: {end - begin:.4g} s in stretches of"
                 f" {duration or np.inf:g} s"
             )
             raise InvalidInput(
-                f"{given}; a step takes {step:g} s: record more, or give longer stretches or"
+                f"{duration_text}; a step takes {step:g} s: record more, or give longer stretches or"
                 " shorter steps"
             )
         return self._parts(
@@ -158,11 +158,11 @@ class PreparedRecording:
 
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
-        (whole,) = self.stretches(step)
+        (segment,) = self.stretches(step)
         before = round(known / step)
         after = round(horizon / step)
-        n = len(whole.edges) - 1
-        return self._parts(whole, np.arange(0, n - before - after + 1, after), before + after)
+        n = len(segment.edges) - 1
+        return self._parts(segment, np.arange(0, n - before - after + 1, after), before + after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude = self.recording.channel("attitude")
@@ -178,31 +178,33 @@ class PreparedRecording:
             v=np.zeros(6),
         )
 
-    def _parts(self, whole: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
+    def _parts(self, segment: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
         """Cut segments of n steps that begin at edges begins (m,)."""
-        t = whole.edges[begins]
+        t = segment.edges[begins]
         attitude = self.recording.channel("attitude")
         turns = recordings.interpolated(t, attitude.undelayed_t, attitude.values)
         q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
-        v = np.hstack([recordings.interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
+        v = np.hstack(
+            [recordings.interpolated(t, segment.t[k], segment.measured[k]) for k in (0, 1)]
+        )
         return tuple(
-            _cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
+            _cut(segment, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
         )
 
 
-def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
-    edges = whole.edges[first : last + 1]
+def _cut(segment: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
+    edges = segment.edges[first : last + 1]
     inside = [
         slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right"))
-        for t in whole.t
+        for t in segment.t
     ]
     return replace(
-        whole,
+        segment,
         edges=edges,
-        joints=whole.joints[:, first:last],
-        t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
+        joints=segment.joints[:, first:last],
+        t=tuple(t[chosen] for t, chosen in zip(segment.t, inside, strict=True)),
         measured=tuple(
-            values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)
+            values[chosen] for values, chosen in zip(segment.measured, inside, strict=True)
         ),
         q=q,
         v=v,
@@ -217,8 +219,8 @@ def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> rec
     if name == "thrust":
         channel = channel.of(vehicle.actuators.names, f"{recording.name}: thrust")
     if channel.values.shape[1] != allocation.shape[1]:
-        given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
-        raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
+        columns_text = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{columns_text}; the actuators' allocation takes {allocation.shape[1]}")
     return recordings.Channel(
         t=channel.t, values=channel.values @ allocation.T, delay=channel.delay
     )
@@ -240,8 +242,10 @@ def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Chan
         return None
     channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")
     if channel.values.shape[1] != vehicle.dynamics.model.nq - N_Q:
-        given = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
-        raise InvalidInput(f"{given}; the vehicle has joints {', '.join(names) or 'of no arm'}")
+        columns_text = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
+        raise InvalidInput(
+            f"{columns_text}; the vehicle has joints {', '.join(names) or 'of no arm'}"
+        )
     return channel
 
 
@@ -326,8 +330,10 @@ class Rollout:
         Raises InvalidInput where they have different numbers of steps, or joints other than the
         vehicle's.
         """
-        n = {len(one.edges) - 1 for one in stretches}
-        if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
+        n = {len(segment.edges) - 1 for segment in stretches}
+        if len(n) != 1 or any(
+            segment.joints.shape[0] != 3 * self.stage.n_j for segment in stretches
+        ):
             raise InvalidInput(
                 f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the"
                 " vehicle"
@@ -368,17 +374,19 @@ class _StretchRun:
         self._delays = self._each("delays", self._stage.delays, p.T)
         u = np.vstack(
             [
-                one.commands.mean(one.edges - d[0, 0])
-                for one, (d, _) in zip(stretches, self._delays, strict=True)
+                segment.commands.mean(segment.edges - d[0, 0])
+                for segment, (d, _) in zip(stretches, self._delays, strict=True)
             ]
         )
-        past = np.hstack([one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)])
+        past = np.hstack(
+            [segment.commands.mean(self._past(k)).T for k, segment in enumerate(stretches)]
+        )
         self._begun = self._each("begun", self._stage.begun, past, p.T)
         self._given = (
             u.T,
-            np.hstack([one.joints for one in stretches]),
+            np.hstack([segment.joints for segment in stretches]),
             np.repeat(p, n, axis=0).T,
-            np.repeat([one.step for one in stretches], n)[None],
+            np.repeat([segment.step for segment in stretches], n)[None],
         )
         self._x = np.empty((len(p), n + 1, self._stage.n_x))
         self._x[:, 0] = [
@@ -387,12 +395,13 @@ class _StretchRun:
         ]
         for k in range(0, n, _MOST_STEPS):
             part = [
-                one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given
+                segment.reshape(len(segment), len(p), n)[:, :, k : k + _MOST_STEPS]
+                for segment in self._given
             ]
             steps = part[0].shape[2]
-            given = (one.reshape(len(one), len(p) * steps) for one in part)
+            arguments = (segment.reshape(len(segment), len(p) * steps) for segment in part)
             (after,) = _evaluated(
-                rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *given
+                rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *arguments
             )
             self._x[:, k + 1 : k + 1 + steps] = after.T.reshape(len(p), steps, -1)
 
@@ -409,18 +418,18 @@ class _StretchRun:
         m, n, _ = self._x.shape
         y, *slopes = self._outputs(np.arange(m * n))
         y = y.T.reshape(m, n, N_SEEN)
-        (y_x, y_p) = (_blocks(one, -1, m, n) for one in slopes)
+        (y_x, y_p) = (_blocks(derivative, -1, m, n) for derivative in slopes)
         S = self._sensitivities()
-        found = []
+        outputs = []
         for k in range(len(self._stretches)):
             slopes = y_x[k] @ S[k]
             slopes[:, :, : self._stage.n_p] += y_p[k]
             rows = self._sampled(k, y[k])
             H, g = self._squares(k, y[k], slopes, weights(k, rows))
-            found.append(
+            outputs.append(
                 PredictedOutputs(rows=rows, H=H, g=g, end=self._x[k, -1], end_slope=S[k, -1].copy())
             )
-        return found
+        return outputs
 
     def _squares(
         self,
@@ -444,7 +453,7 @@ class _StretchRun:
             # A delay shifts all samples along the rate of their step, but those before the first,
             # where there is only its start.
             steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
-            first, last = (np.where(steps < n, steps + one, 0) for one in (0, 1))
+            first, last = (np.where(steps < n, steps + step_offset, 0) for step_offset in (0, 1))
             shift = (y[last, :3] - y[first, :3])[..., None] / step * late if sensor == 0 else 0.0
             ends = [(s[at] + shift).reshape(-1, n_p) for at in (first, last)]
             place = (3 * place.reshape(-1, 1) + np.arange(3)).ravel()
@@ -452,8 +461,8 @@ class _StretchRun:
             sides = list(zip((1.0 - share[:, None], share[:, None]), ends, strict=True))
             for part, end in sides:
                 sums = [
-                    np.bincount(place, (w * part * other).ravel(), size)[:, None] * far
-                    for other, far in sides
+                    np.bincount(place, (w * part * other_part).ravel(), size)[:, None] * far
+                    for other_part, far in sides
                 ]
                 H += end.T @ (sums[0] + sums[1])
                 g += end.T @ np.bincount(place, (wr * part).ravel(), size)
@@ -469,12 +478,14 @@ class _StretchRun:
             function, self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T
         )
 
-    def _each(self, name: str, function: ca.Function, *given: np.ndarray) -> list[list[np.ndarray]]:
+    def _each(
+        self, name: str, function: ca.Function, *arguments: np.ndarray
+    ) -> list[list[np.ndarray]]:
         """Results of a function for every stretch, whose arguments are side by side."""
         m = len(self._p)
-        results = _evaluated(self._rollout.many(name, function, 0, m), *given)
+        results = _evaluated(self._rollout.many(name, function, 0, m), *arguments)
         return [
-            [one[:, k * (w := one.shape[1] // m) : (k + 1) * w] for one in results]
+            [result[:, k * (w := result.shape[1] // m) : (k + 1) * w] for result in results]
             for k in range(m)
         ]
 
@@ -484,14 +495,17 @@ class _StretchRun:
         n = self._n
         stage = self._stage
         before = self._x[:, :-1].reshape(-1, stage.n_x).T
-        found = _evaluated(
+        derivatives = _evaluated(
             self._rollout.many("slope", self._rollout.slope, 0, m * n), before, *self._given
         )
         widths = stage.n_x, stage.n_p, stage.n_u
-        A, B, C = (_blocks(one, width, m, n) for one, width in zip(found, widths, strict=True))
-        for k, one in enumerate(self._stretches):
+        A, B, C = (
+            _blocks(segment, width, m, n)
+            for segment, width in zip(derivatives, widths, strict=True)
+        )
+        for k, segment in enumerate(self._stretches):
             d, dd = self._delays[k]
-            slope = -one.commands.mean_slope(one.edges - d[0, 0])
+            slope = -segment.commands.mean_slope(segment.edges - d[0, 0])
             B[k] += np.einsum("nij,nj->ni", C[k], slope)[:, :, None] * dd[0]
         first = np.array([self._start_slope(k) for k in range(m)])
         return np.moveaxis(chained(np.moveaxis(A, 1, 0), np.moveaxis(B, 1, 0), first), 0, 1)
@@ -515,21 +529,21 @@ class _StretchRun:
 
     def _sampled(self, k: int, values: np.ndarray) -> tuple[np.ndarray, ...]:
         """Rows of each sensor at the times of its samples."""
-        found = []
+        sampled = []
         for sensor in range(3):
             index, share = self._place(k, sensor)
             rows = values[:, 3 * sensor : 3 * sensor + 3]
             later = share[:, None]
-            found.append((1.0 - later) * rows[index] + later * rows[index + 1])
-        return tuple(found)
+            sampled.append((1.0 - later) * rows[index] + later * rows[index + 1])
+        return tuple(sampled)
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
-        one = self._stretches[k]
+        segment = self._stretches[k]
         if sensor == 0:
             late = float(self._delays[k][0][1, 0])
         else:
             late = 0.0
-        place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
+        place = np.maximum((segment.t[sensor] - late - segment.edges[0]) / segment.step, 0.0)
         index = np.clip(place.astype(int), 0, self._n - 1)
         return index, place - index
 
@@ -555,15 +569,16 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 
 
-def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
+def _evaluated(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
     """Results of a function, column by column in memory of their own: in lists of numbers they
     would take longer than it.
     """
     evaluated = BufferedFunction(function)
-    evaluated.write(*given)
+    evaluated.write(*arguments)
     evaluated.evaluate()
     return [
-        one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)
+        result.reshape(function.size_out(k), order="F")
+        for k, result in enumerate(evaluated.results)
     ]  # columns are (m,) there
 
 

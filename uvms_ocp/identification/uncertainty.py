@@ -99,15 +99,15 @@ def unidentifiable_directions(
     `standard_errors`.
     """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
-    found = []
+    directions = []
     for value, axis in zip(values, axes.T, strict=True):
         sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
         if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
             main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
             shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
-            found.append(UnidentifiableDirection(sigma=sigma, shares=shares))
-    return tuple(found)
+            directions.append(UnidentifiableDirection(sigma=sigma, shares=shares))
+    return tuple(directions)
 
 
 def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
@@ -126,11 +126,13 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     moved = (
         residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED
     )
-    found = [
+    inflations = [
         float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved
     ]
-    left = (one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
-    return max(1.0, float(np.mean(found or [1.0])), *left)
+    floors = (
+        test.size**2 * test.inflation for test in whiteness(predicted, noise) if test.unexplained
+    )
+    return max(1.0, float(np.mean(inflations or [1.0])), *floors)
 
 
 def bartlett(residual: np.ndarray) -> float:
@@ -147,8 +149,8 @@ def autocorrelation(residual: np.ndarray) -> np.ndarray:
     """(m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
     n = len(residual)
     spectrum = np.fft.rfft(residual, 1 << (2 * n - 1).bit_length())
-    found = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
-    return np.asarray(found / max(float(found[0]), 1e-300))
+    covariances = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
+    return np.asarray(covariances / max(float(covariances[0]), 1e-300))
 
 
 # What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what
@@ -218,11 +220,11 @@ def numbers(
 
     inflation: samples that miss alike, as in `standard_errors`. left: residuals of all channels.
     """
-    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
-    explained = not any(one.unexplained and one.size > MISSES for one in left)
+    identified = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
+    explained = not any(test.unexplained and test.size > MISSES for test in left)
     return tuple(
-        replace(one, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
-        for one in found
+        replace(number, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
+        for number in identified
     )
 
 
@@ -232,10 +234,8 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     """
     entries, values, slopes = _entries(vehicle, shared)
     alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
-    sigmas, believed = (
-        np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, one, slopes), 0.0))
-        for one in (C, alone)
-    )
+    sigmas = _propagated(slopes, C)
+    prior_sigmas = _propagated(slopes, alone)
     return tuple(
         IdentifiedNumber(
             quantity=quantity,
@@ -248,9 +248,14 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
             positive=positive,
         )
         for (quantity, entry, unit, positive), value, sigma, prior in zip(
-            entries, values, sigmas, believed, strict=True
+            entries, values, sigmas, prior_sigmas, strict=True
         )
     )
+
+
+def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Compute standard deviations (m,) of numbers with slopes (m, n) of unknowns with covariance C."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, C, slopes), 0.0)))
 
 
 def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
@@ -264,16 +269,18 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
 
 
 def number_of(
-    vehicle: Vehicle, one: IdentifiedNumber
+    vehicle: Vehicle, number: IdentifiedNumber
 ) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
     """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it
     is positive; its slope.
     """
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
     (value,) = (
-        each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry)
+        candidate
+        for entry, candidate in _pairs(vehicle, theta)
+        if entry[:2] == (number.quantity, number.entry)
     )
-    if one.positive:
+    if number.positive:
         scaled = ca.log(value)
     else:
         scaled = value
@@ -301,25 +308,25 @@ def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.nda
     function = ca.Function(
         "numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))]
     )
-    values, slopes = (np.asarray(one) for one in function(shared))
+    values, slopes = map(np.asarray, function(shared))
     chosen = np.flatnonzero(np.abs(slopes).sum(axis=1))
     return [pairs[k][0] for k in chosen], values.ravel()[chosen], slopes[chosen]
 
 
 def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
     quantities = vehicle.shared.values(theta)
-    found = list[tuple[_Entry, ca.SX]]()
+    pairs = list[tuple[_Entry, ca.SX]]()
     for name, value in quantities.items():
-        one = vehicle.shared.declaration.quantities[name]
+        quantity = vehicle.shared.declaration.quantities[name]
         if value.shape[1] > 1:
-            found += _of_matrix(name, one.unit, value)
+            pairs += _of_matrix(name, quantity.unit, value)
             continue
-        positive = one.unit not in SIZES or name == "lag"
-        found += [
-            ((name, entry, one.unit, positive), value[k])
-            for k, entry in enumerate(one.coordinates.names)
+        positive = quantity.unit not in SIZES or name == "lag"
+        pairs += [
+            ((name, entry, quantity.unit, positive), value[k])
+            for k, entry in enumerate(quantity.coordinates.names)
         ]
-    return [*found, *_totals(quantities)]
+    return [*pairs, *_totals(quantities)]
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
@@ -378,18 +385,20 @@ class Whiteness:
         return not self.white and self.size**2 * self.inflation > 4.0
 
 
-def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
+def whiteness(predicted: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
-    return tuple(_whiteness(*one) for one in _residuals(left, noise) if np.ptp(one[1]) > 0.0)
+    return tuple(
+        _whiteness(*entry) for entry in _residuals(predicted, noise) if np.ptp(entry[1]) > 0.0
+    )
 
 
-def _residuals(left: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+def _residuals(predicted: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,) [s]."""
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
         for name, residual in zip(
-            CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False
+            CHANNELS[3 * k :], ((predicted.rows[k] - predicted.measured[k]) / sigma).T, strict=False
         ):
-            yield name, residual, left.t[k]
+            yield name, residual, predicted.t[k]
 
 
 def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
