@@ -105,8 +105,8 @@ class ExperimentLimits:
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
 
     def kept(self, commands: np.ndarray, step: float) -> np.ndarray:
-        """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they
-        begin from 0.
+        """Clip commands (n, n_u) [N, N m], a step [s] apart, to thrust and slew; they begin from
+        0.
         """
         limited = np.empty_like(commands)
         before = np.zeros(commands.shape[1])
@@ -115,8 +115,8 @@ class ExperimentLimits:
         return limited
 
     def after(self, before: np.ndarray, command: np.ndarray, step: float) -> np.ndarray:
-        """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before
-        (n_u,) [N, N m].
+        """Return the possible command (n_u,) [N, N m] nearest to command (n_u,) [N, N m], a step
+        [s] after before (n_u,) [N, N m].
         """
         largest_change = self.slew * step
         return np.asarray(
@@ -144,11 +144,12 @@ class ExperimentLimits:
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half
-        widths]; slope (n, 3, 7).
+        """Compute distances of the hull's outermost corners from the pool's middle (n, 3) [-, in
+        half widths], and their slope (n, 3, 7).
         """
         centre = self.hull.mean(axis=0)
-        (size, half) = (np.diff(box, axis=0)[0] / 2 for box in (self.hull, self.pool))
+        size = np.diff(self.hull, axis=0)[0] / 2
+        half = np.diff(self.pool, axis=0)[0] / 2
         R = _turned(x[:, 3:7])
         with_q = np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
@@ -223,7 +224,7 @@ class TrajectorySimulator:
         self.h = h
         self._joints = joints
         self._called = dict[tuple[str, int], BufferedFunction]()
-        delays, slopes = (np.asarray(array) for array in self._stage.delays(p))
+        delays, slopes = map(np.asarray, self._stage.delays(p))
         self.delay = float(delays[0, 0])
         self._late = slopes[0]
         self._seen_late = slopes[1]
@@ -290,7 +291,7 @@ class TrajectorySimulator:
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
 
     def _bent_seen(self, trajectory: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
-        """Second-order part of the gradient by x (n + 1, n_x), of the outputs."""
+        """Compute the second-order part of the gradient by x (n + 1, n_x), of the outputs."""
         weights = M @ np.swapaxes(trajectory.S, 1, 2), M
         (bent_x,) = self._mapped(
             "bent seen", self._functions[1], trajectory.x.T, self._p, *_wide(weights)
@@ -309,8 +310,8 @@ class TrajectorySimulator:
         return u.T, self._joints, self._p, np.full(1, self.h)
 
     def _mapped(self, name: str, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for
-        all.
+        """Evaluate outputs (n, rows, columns), where arguments[0] has n columns; an argument with
+        one column is the same for all.
         """
         n = arguments[0].shape[1]
         outputs = self._outputs((name, n), self._rollout.many(name, function, 0, n), *arguments)
@@ -394,8 +395,8 @@ class InformationCriterion:
     def figure(
         self, trajectory: ExperimentTrajectory, h: float, targets: np.ndarray
     ) -> tuple[float, np.ndarray]:
-        """Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers],
-        those farthest off first.
+        """Compute the logarithm of the numbers' standard errors over targets (m,) [units of
+        numbers], in which those farthest off count most.
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
@@ -430,7 +431,9 @@ class InformationCriterion:
 
 
 def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smooth maximum of values (m,), between their mean and the largest, with its slope (m,)."""
+    """Compute a smooth maximum of values (m,), between their mean and the largest, with its slope
+    (m,).
+    """
     largest = float(values.max())
     grown = np.exp(_SHARP * (values - largest))
     return largest + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
@@ -445,8 +448,8 @@ class KnotCommands:
     """
 
     def __init__(self, duration: float, interval: float, step: float, delay: float) -> None:
-        """Commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act
-        with a delay [s].
+        """Place knots about `interval` [s] apart in a duration [s]; commands are held for `step`
+        [s] and act with a delay [s].
         """
         n = round(duration / step)
         inner = max(1, round(duration / interval) - 1)
@@ -485,8 +488,8 @@ def edges_of(n: int, step: float, delay: float) -> np.ndarray:
 
 
 def _lines(n: int, inner: int, spacing: float) -> Any:
-    """(n, inner) shares of knots in n samples that lie `each` knots apart; the first knot and the
-    last are 0.
+    """Compute shares (n, inner) of knots in n samples that lie `spacing` knots apart; the first
+    knot and the last are 0.
     """
     from scipy.sparse import csr_array
 
@@ -511,8 +514,8 @@ def _shifted(response: np.ndarray) -> Any:
 
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
-    """Knots (n_knots, n_u) of sines with drawn phases, at most 1; waves: of the fastest from begin
-    to end.
+    """Draw knots (n_knots, n_u) [-] of sines with random phases, at most 1; waves: number of waves
+    of the fastest from begin to end.
     """
     turns = (
         2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)

@@ -103,7 +103,9 @@ class ExperimentTask:
         return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
 
     def aim(self) -> experiment.InformationCriterion:
-        """Raises NameNotFound for a number that does not depend on the unknowns."""
+        """Build the criterion. Raises NameNotFound for a number that does not depend on the
+        unknowns.
+        """
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
@@ -120,7 +122,9 @@ class ExperimentTask:
 
 
 def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int]:
-    """Places of numbers that are named, or whose quantity is; names: (quantity, number)."""
+    """List places of the numbers that matter, by their name or quantity; names: (quantity,
+    number).
+    """
     for label in matter:
         if not any(label in pair for pair in names):
             raise NameNotFound("number", label, [number for _, number in names])
@@ -188,8 +192,8 @@ def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> 
 def simulate_commands(
     task: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray
 ) -> np.ndarray:
-    """States (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns p (n_p,)
-    [as `Unknowns.start`].
+    """Simulate states (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns
+    p (n_p,) [as `Unknowns.start`].
     """
     step = float(commands.t[1] - commands.t[0]) / FINER
     courses = experiment.TrajectorySimulator(rollout, p, step, task.still)
@@ -204,8 +208,8 @@ def simulate_commands(
 def keep_inside_pool(
     task: ExperimentTask, rollout: Rollout, shares: np.ndarray, step: float
 ) -> np.ndarray:
-    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) of what each axis can get alone,
-    held for a step [s].
+    """Make commands (n, n_u) [N, N m] within thrust and slew from shares (n, 6) [-] of the largest
+    force or torque along each axis alone, held for a step [s].
 
     At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
     """
@@ -240,14 +244,16 @@ def keep_inside_pool(
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis ahead and back, (n, 6) at t (n,) [s]; half as far in every other turn."""
+    """Push axis after axis ahead and back, (n, 6) [-] at t (n,) [s]; half as far in every other
+    turn.
+    """
     place = (t / _HOLD).astype(int)
     size = np.where(place // 12 % 2, 0.5, 1.0) * np.where(place % 2, -1.0, 1.0)
     return np.asarray(size[:, None] * (place[:, None] // 2 % 6 == np.arange(6)))
 
 
 def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis, from slow to fast, (n, 6) at t (n,) [s]."""
+    """Swing axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
     duration = (t[-1] + t[1]) / 6
     since = t % duration
     wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / duration / 2) * since)
@@ -255,7 +261,7 @@ def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Drawn steps of all axes at once, chirps beside them, (n, 6) at t (n,) [s]."""
+    """Draw steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
     shape = int(t[-1] / 3) + 1, 6
     drawn = rng.uniform(-1, 1, size=shape) * (rng.uniform(size=shape) < 0.5)
     chirp = 0.3 * np.sin(2 * np.pi * (0.05 + 0.15 * t / t[-1])[:, None] * t[:, None] + np.arange(6))
@@ -266,7 +272,7 @@ BY_HAND = {"steps": steps, "chirps": chirps, "steps and chirps": both}
 
 
 def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
-    """One of these, as large as it may be."""
+    """Predict the motion of a name in `BY_HAND`, as large as the limits allow."""
     t = STEP * np.arange(round(task.duration / STEP))
     motion = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
@@ -285,7 +291,7 @@ def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) ->
 
 
 def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
-    """(m,) [units of numbers] standard errors of those that matter.
+    """Compute the standard errors (m,) [units of numbers] that the numbers that matter are to have.
 
     Recordings can only add to what is believed: it is their own information that is to be more.
     Where those by hand say less than that, belief is left to stand. Raises NameNotFound for a
@@ -327,8 +333,8 @@ class Objective:
     """(n + 1, n_x) [as `StageFunctions`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the
-        pool.
+        """Compute the objective at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)];
+        price: of leaving the pool.
         """
         trajectory = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
         figure, M = self.aim.figure(trajectory, self.courses.h, self.wanted)
@@ -348,8 +354,8 @@ class Objective:
         return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
-        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of
-        thrust; price.
+        """Search for better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the
+        limits of thrust; price: of leaving the pool.
         """
         from scipy.optimize import minimize  # half a second, which few need
 
@@ -372,7 +378,9 @@ class Objective:
         return np.asarray(solution.x.reshape(knots.shape) * size)
 
     def _hurry(self, commands: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """Penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N, 1/(N m)]."""
+        """Compute the penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N,
+        1/(N m)].
+        """
         slope = np.zeros_like(commands)
         largest_change = self.limits.slew * self.courses.h
         if not np.isfinite(largest_change):
@@ -417,7 +425,7 @@ def design_experiment(
     """Search for commands that determine what matters best:
     `uvms_ocp.identification.experiment_design.Excitation`.
 
-    rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is
+    rollout: ``Rollout(stage_of(task.vehicle))``. Raises NameNotFound for a number that there is
     not.
     """
     search = _DesignSearch(task, rollout, effort or DesignSettings())
@@ -446,7 +454,7 @@ class _DesignSearch:
         )
 
     def begun(self) -> np.ndarray:
-        """The best of sines that are made to stay in the pool."""
+        """Return the best of several sines that are made to stay in the pool."""
         task = self.given
         history = self.objective.history
         rng = np.random.default_rng(self.effort.seed)
@@ -460,7 +468,7 @@ class _DesignSearch:
         return min(candidates, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
     def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
-        """Better ones after a round, for a price of leaving the pool."""
+        """Search for better knots in one round, for a price of leaving the pool."""
         coarse = self.objective.courses.states(self.objective.history.acting @ knots)
         off = self.expected(knots).states[::FINER] - coarse
         return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)

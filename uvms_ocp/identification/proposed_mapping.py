@@ -42,7 +42,7 @@ _Doubt = tuple[str, str]  # of which channel, and what
 
 
 def propose_mapping(path: Path) -> str:
-    """A mapping as YAML, to be edited: every channel with the evidence for it in comments.
+    """Propose a mapping as YAML, to be edited: every channel with the evidence for it in comments.
 
     Raises InvalidInput for a file in which nothing has a name that is known, with the names that
     there are, and NotInstalled.
@@ -70,16 +70,17 @@ def propose_mapping(path: Path) -> str:
             if name not in used and (name[:1].isupper() or "capitals" not in form)
         ]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
-        of_commands = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
+        of_commands = CHANNEL_KINDS[form["channel"]].command
         free = {
             name: labelled[name]
             for name in unused
-            if of_commands is True or not of_commands.search(_plain(labelled[name]))
+            if of_commands or not re.search(_TABLE["asked"], _plain(labelled[name]))
         }
         columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
-        columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
+        has_neighbour = any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if (
             columns
+            and has_neighbour
             and form["channel"] not in channels
             and re.fullmatch(form.get("topic", ".*"), topic)
         ):
@@ -140,13 +141,13 @@ def propose_mapping(path: Path) -> str:
 
 
 def _names_of(channel: Mapping[str, Any]) -> list[str]:
-    """Names of the columns of a channel, without signs."""
+    """List the names of the columns of a channel, without signs."""
     return [str(column).removeprefix("-") for column in channel["columns"]]
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
-    """Topics that a form may be of, with the fields of their second message: one that is sent once
-    is no measurement.
+    """Yield topics that a form may be of, with the fields of their second message: a topic that is
+    sent once is no measurement.
     """
     for topic in topics_of(path):
         if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
@@ -238,14 +239,14 @@ def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
         for name, label in names.items()
         if (match := re.fullmatch(_TABLE["time"], _plain(label)))
     ]
-    candidates.sort(
-        key=lambda seconds: "header" not in seconds[0]
-    )  # rather than when it was logged
-    if candidates:
-        return {"time": candidates[0][0]} | (
-            {"time_unit": unit_named(candidates[0][1])} if candidates[0][1] else {}
-        )
-    return {}
+    # The time of a header comes before that of logging.
+    candidates.sort(key=lambda candidate: "header" not in candidate[0])
+    if not candidates:
+        return {}
+    name, unit = candidates[0]
+    if unit:
+        return {"time": name, "time_unit": unit_named(unit)}
+    return {"time": name}
 
 
 # Cures: what a doubt says, applied and judged by what is doubtful then.
@@ -288,7 +289,7 @@ def _left(
 
 
 def _others(doubt: _Doubt, channels: _Found) -> Iterator[tuple[str, _Found]]:
-    """For each cure of a doubt the channel that it is of, and all channels with it."""
+    """Yield for each cure of a doubt its channel, and all channels with the cure applied."""
     for cure in _TABLE["cures"]:
         channel = cure.get("of", doubt[0])
         match = re.search(cure["doubt"], doubt[1])
@@ -314,16 +315,18 @@ def _others(doubt: _Doubt, channels: _Found) -> Iterator[tuple[str, _Found]]:
                 },
             )
         elif keys.get("columns") != []:
-            candidate = {
-                named if name == channel else name: entry | keys if name == channel else entry
-                for name, entry in channels.items()
-            }
+            candidate = _Found()
+            for name, entry in channels.items():
+                if name == channel:
+                    candidate[named] = entry | keys
+                else:
+                    candidate[name] = entry
             yield named, candidate
 
 
 def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
-    """Columns for axes such as ``-y`` of those that there are; empty for others than one for
-    each.
+    """Return columns of a channel for axes such as ``-y``; empty unless there is an axis for each
+    column.
     """
     letters = "wxyz" if str(channel.get("format")).endswith("wxyz") else "xyzw"
     if len(channel["columns"]) != len(axes):
@@ -347,8 +350,8 @@ def _opposite(column: str | float) -> str | float:
 
 
 def _judged(path: Path, channels: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Ranges of channels that can be read, and what speaks against each; one that cannot be is left
-    out for the others.
+    """Return ranges of the channels that can be read, and doubts about each; a channel that cannot
+    be read is left out.
     """
     try:
         recording = reading.mapped_recording(

@@ -94,7 +94,8 @@ class PreparedRecording:
     def of(
         recording: recordings.Recording, vehicle: Vehicle, window: float = RATE_WINDOW
     ) -> PreparedRecording:
-        """window: [s] over which attitude is smoothed where no angular velocity is recorded.
+        """Prepare a recording; window: [s] over which attitude is smoothed where no angular
+        velocity is recorded.
 
         Without a linear velocity means between positions take its place.
 
@@ -128,8 +129,8 @@ class PreparedRecording:
         )
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
-        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s];
-        all of it by default.
+        """Cut the recording, in steps of `step` [s], into equal stretches of about `duration` [s];
+        by default into one.
 
         Raises InvalidInput where they would not have a step.
         """
@@ -153,8 +154,8 @@ class PreparedRecording:
         )
 
     def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
-        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it,
-        that begin a horizon apart.
+        """Cut stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after
+        it, that begin a horizon apart.
 
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
@@ -236,7 +237,7 @@ def _only_commands(recording: recordings.Recording) -> str:
 
 
 def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel | None:
-    """Positions of the vehicle's joints, in its order."""
+    """Return the positions of the vehicle's joints, in its order."""
     names = tuple(joint.name for joint in limits.joints_of(vehicle.dynamics.model, free_flyer=True))
     if not names and "joint_positions" not in recording.channels:
         return None
@@ -418,7 +419,7 @@ class _StretchRun:
         m, n, _ = self._x.shape
         y, *slopes = self._outputs(np.arange(m * n))
         y = y.T.reshape(m, n, N_SEEN)
-        (y_x, y_p) = (_blocks(derivative, -1, m, n) for derivative in slopes)
+        y_x, y_p = (_blocks(derivative, -1, m, n) for derivative in slopes)
         S = self._sensitivities()
         outputs = []
         for k in range(len(self._stretches)):
@@ -438,8 +439,8 @@ class _StretchRun:
         slopes: np.ndarray,
         weights: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over the samples by sums of their weights over steps: there may be many in one, and
-        slopes are linear within it.
+        """Sum weighted squares over the samples by sums of weights over steps: a step may hold many
+        samples, and slopes are linear within it.
         """
         n = self._n
         n_p = slopes.shape[2]
@@ -481,13 +482,11 @@ class _StretchRun:
     def _each(
         self, name: str, function: ca.Function, *arguments: np.ndarray
     ) -> list[list[np.ndarray]]:
-        """Results of a function for every stretch, whose arguments are side by side."""
+        """Evaluate a function for every stretch, whose arguments are side by side."""
         m = len(self._p)
         results = _evaluated(self._rollout.many(name, function, 0, m), *arguments)
-        return [
-            [result[:, k * (w := result.shape[1] // m) : (k + 1) * w] for result in results]
-            for k in range(m)
-        ]
+        blocks = [np.split(result, m, axis=1) for result in results]
+        return [[parts[k] for parts in blocks] for k in range(m)]
 
     def _sensitivities(self) -> np.ndarray:
         """(m, n + 1, n_x, n_p + 9)"""
@@ -528,7 +527,7 @@ class _StretchRun:
         return S
 
     def _sampled(self, k: int, values: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rows of each sensor at the times of its samples."""
+        """Interpolate the rows of each sensor at the times of its samples."""
         sampled = []
         for sensor in range(3):
             index, share = self._place(k, sensor)
@@ -570,8 +569,8 @@ def turn_slope(quaternion: np.ndarray) -> np.ndarray:
 
 
 def _evaluated(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    """Results of a function, column by column in memory of their own: in lists of numbers they
-    would take longer than it.
+    """Evaluate a function; results are column by column in memory of their own, as lists of numbers
+    would take longer than the function.
     """
     evaluated = BufferedFunction(function)
     evaluated.write(*arguments)
