@@ -724,7 +724,7 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
 
 
 def _comparison(
-    fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted
+    fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, missed: Predicted
 ) -> Comparison:
     (whole,) = one.stretches(fitted.search.step)
     after = fitted.predictor()
@@ -735,6 +735,6 @@ def _comparison(
         before=before.of(whole),
         static=validation.static_baseline(whole, after.start_window),
         balance=balance.of_stretch(whole, fitted.estimate.shared),
-        residuals=left,
-        whiteness=uncertainty.whiteness(left, fitted.noise),
+        residuals=missed,
+        whiteness=uncertainty.whiteness(missed, fitted.noise),
     )

@@ -454,8 +454,11 @@ class _StretchRun:
             # A delay shifts all samples along the rate of their step, but those before the first,
             # where there is only its start.
             steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
-            first, last = (np.where(steps < n, steps + step_offset, 0) for step_offset in (0, 1))
-            shift = (y[last, :3] - y[first, :3])[..., None] / step * late if sensor == 0 else 0.0
+            first = np.where(steps < n, steps, 0)
+            last = np.where(steps < n, steps + 1, 0)
+            shift: np.ndarray | float = 0.0
+            if sensor == 0:
+                shift = (y[last, :3] - y[first, :3])[..., None] / step * late
             ends = [(s[at] + shift).reshape(-1, n_p) for at in (first, last)]
             place = (3 * place.reshape(-1, 1) + np.arange(3)).ravel()
             size = 3 * len(steps)
