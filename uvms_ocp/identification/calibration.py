@@ -121,7 +121,7 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
 
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
-    """(n, n) each, by what they do."""
+    """Build matrices (n, n), one for each way, by what they do."""
     places = np.arange(len(names))
     permutations = {"all reversed": -np.eye(len(names))}
     permutations |= {
@@ -142,7 +142,7 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
 def check_settings(
     subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
 ) -> Iterator[QualityIssue]:
-    """One after the other."""
+    """Check the settings, one after the other."""
     quantities = subject.vehicle.own.declaration.quantities
     channels = recording.channels
     if "current" in channels:
@@ -180,7 +180,8 @@ def check_settings(
 
 
 def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: int) -> Recording:
-    """The recording of a vehicle that moves along some axes alone, with what it need not have.
+    """Complete the recording of a vehicle that moves along some axes alone by channels that it need
+    not have.
 
     It stands level, is at rest along the others, and nothing pushes it where no commands are
     recorded, as in a decay test.
@@ -205,7 +206,8 @@ def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: 
 
 
 def require_current(subject: CalibratedRobot, recording: Recording) -> None:
-    """Raises InvalidInput for a recorded current that is strong, and that no unknown may take.
+    """Check currents; raises InvalidInput for a recorded current that is strong, and that no
+    unknown may take.
 
     Such a fit converges where its numbers are wrong by many of their standard errors.
     """
@@ -309,7 +311,7 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
 
 
 def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
-    """(n,) bool: all, then quantity by quantity."""
+    """Yield masks (n,) [bool] of unknowns: all, then quantity by quantity."""
     yield is_open
     quantities = np.array([name.partition(" ")[0] for name in shared.names])
     for name in dict.fromkeys(quantities.tolist()):
@@ -374,8 +376,8 @@ class HeldConstant:
 def held_constants(
     fitted: FitContext, settings: CalibrationSettings, inflation: float
 ) -> tuple[Estimate, tuple[HeldConstant, ...]]:
-    """The estimate of recordings of others, less certain by what was assumed, and all constants
-    that could be off.
+    """Return the estimate of recordings of others, less certain by what was assumed, and all
+    constants that could be off.
     """
     quantities = fitted.vehicle.shared.declaration.quantities
     names, slopes = constant_slopes(
@@ -660,7 +662,7 @@ def calibrate(
 def _with_commands(
     subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
 ) -> tuple[Recording, ...]:
-    """Recordings, cut at silences, with thrust in the place of propeller commands."""
+    """Return recordings, cut at silences, with thrust in the place of propeller commands."""
     if settings.commands == "propeller_commands":
         free = len(subject.vehicle.axes) == len(
             parameters.AXES
@@ -677,8 +679,8 @@ def _with_commands(
 def _prepared(
     subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
 ) -> tuple[PreparedRecording, ...]:
-    """Recordings, prepared for the vehicle. Raises InvalidInput for one that is too short, or in a
-    current that is not learnt.
+    """Return recordings, prepared for the vehicle. Raises InvalidInput for one that is too short,
+    or in a current that is not learnt.
     """
     n = subject.vehicle.actuators.allocation.shape[1]
     prepared = tuple(
@@ -691,8 +693,8 @@ def _prepared(
 
 
 def with_thrust(robot: Robot, recording: Recording) -> Recording:
-    """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust
-    curves.
+    """Return the recording with the steady thrust of its `propeller_commands`, by the robot's
+    thrust curves.
 
     Without a curve -1 and 1 are a thruster's limits. Raises InvalidInput without that channel, or
     for one of other thrusters.

@@ -78,8 +78,8 @@ class _Reference:
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them; of an attitude that is read wrong this alone, for all
-    else follows from it.
+    """Yield channels and what speaks against them; of an attitude that is read wrong this alone,
+    for all else follows from it.
     """
     issues = list(_other_attitude(recording))
     yield from issues or (
@@ -90,8 +90,8 @@ def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Another way to read the attitude, with which all that depends on it agrees better, and other
-    axes alone would not.
+    """Yield another way to read the attitude, with which all that depends on it agrees better, and
+    other axes alone would not.
     """
     present_agreement = _agreement(recording)
     channels = recording.channels
@@ -195,8 +195,8 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
 def _aligned(
     recording: Recording, name: str, reference: _Reference
 ) -> tuple[np.ndarray, float, bool, float] | None:
-    """A channel (m, 3) as its reference has it, by how much it was late [s], whether always, and
-    larger; None for no motion.
+    """Return a channel (m, 3) as its reference has it, by how much it was late [s], whether always,
+    and larger; None for no motion.
     """
     measured = recording.channels[name]
     if (
@@ -235,7 +235,7 @@ def _rate_issues(
 
 
 def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
-    """Other axes that explain more of the motion than the axes as they are."""
+    """Yield other axes that explain more of the motion than the axes as they are."""
     present_share = checks.explained(measured, reference.body)
     ways = _ways(reference, measured, name)
     best = max(ways, key=lambda way: ways[way])
@@ -260,7 +260,7 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
 
 
 def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[str, str], float]:
-    """Ways to read axes, as a channel and a text, and what each explains of the motion."""
+    """List ways to read axes, as a channel and a text, and what each explains of the motion."""
     fits = (
         f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the"
         f" {_PARTNER[name]} as"
@@ -310,7 +310,7 @@ def _in_world(
 
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and what speaks against them."""
     if not set(_NAMES) <= recording.channels.keys():
         return
     positions, velocities = (recording.channels[name] for name in _NAMES)
@@ -413,7 +413,7 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Values and rates (m, k) at t (m,)."""
+    """Interpolate values and rates (m, k) at t (m,)."""
     grid, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
     _, rates = smoothed(channel.undelayed_t, channel.values, checks.WINDOW, derivative=1)
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
@@ -444,7 +444,7 @@ def commanded(
 
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and what speaks against them."""
     names = [name for name in _COMMANDS if name in recording.channels]
     if names and (motion := motion_of(recording)) is not None:
         for name in names:

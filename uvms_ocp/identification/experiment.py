@@ -96,8 +96,8 @@ class ExperimentLimits:
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n,
-        n_x) [as `StageFunctions`].
+        """Compute the (2, 3) [m] lowest and highest corner of a box in W around the hull at all
+        states x (n, n_x) [as `StageFunctions`].
         """
         R = _turned(x[:, 3:7])
         middle = x[:, :3] + R @ self.hull.mean(axis=0)
@@ -162,13 +162,13 @@ class ExperimentLimits:
 
 
 def _turned(q: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) from B to W by quaternions q (n, 4)."""
+    """Compute rotations (n, 3, 3) from B to W by quaternions q (n, 4)."""
     return np.moveaxis(np.array(quaternion_to_matrix(q.T)), -1, 0)
 
 
 def _rotation_curvature() -> np.ndarray:
-    """(3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it is a
-    quadratic form.
+    """Compute (3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it
+    is a quadratic form.
     """
     e = np.eye(4)
     single = _turned(e) - np.eye(3)
@@ -230,7 +230,9 @@ class TrajectorySimulator:
         self._seen_late = slopes[1]
 
     def states(self, u: np.ndarray) -> np.ndarray:
-        """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
+        """Simulate states (n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as
+        they act.
+        """
         x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
         (after,) = self._outputs(
             ("step", len(u)),
@@ -329,12 +331,12 @@ class TrajectorySimulator:
 
 
 def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
-    """(rows, n columns), of parts (n, rows, columns) side by side."""
+    """Yield arrays (rows, n columns), of parts (n, rows, columns) side by side."""
     return (part.transpose(1, 0, 2).reshape(part.shape[1], -1) for part in parts)
 
 
 def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
-    """(n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
+    """Solve (n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
     L = direct.copy()
     for k in range(len(A) - 1, -1, -1):
         L[k] += A[k].T @ L[k + 1]
@@ -342,14 +344,14 @@ def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
 
 
 def _bent_step(stage: model.StageFunctions) -> ca.Function:
-    """``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
+    """Build ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
     shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
     arguments = [ca.SX.sym("given", *shape) for shape in shapes]
     return _weighted_gradient("bent", arguments, stage.slope(*arguments), arguments[:2])
 
 
 def _bent_seen(stage: model.StageFunctions) -> ca.Function:
-    """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
+    """Build ``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
     arguments = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
     return _weighted_gradient("bent_seen", arguments, stage.outputs(*arguments)[1:], arguments[:1])
 
@@ -383,12 +385,12 @@ class InformationCriterion:
     """[Hz] of the sensors."""
 
     def weights(self, h: float) -> np.ndarray:
-        """(9,) [1 / unit^2] of what is seen, in steps of h [s]."""
+        """Compute weights (9,) [1 / unit^2] of the outputs, in steps of h [s]."""
         sigma = np.repeat([self.noise.velocity, self.noise.rate, self.noise.vertical], 3)
         return self.rate * h / sigma**2
 
     def information(self, trajectory: ExperimentTrajectory, h: float) -> np.ndarray:
-        """(n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
+        """Compute the information (n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
         J = (trajectory.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, trajectory.J.shape[-1])
         return np.asarray(J.T @ J)
 
@@ -409,8 +411,8 @@ class InformationCriterion:
         return value, 2.0 * self.weights(h)[:, None] * (trajectory.J @ with_information)
 
     def deviations(self, information: np.ndarray) -> np.ndarray:
-        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p)
-        [1 / unknowns^2].
+        """Compute standard errors (m,) [units of numbers] after recordings of some information
+        (n_p, n_p) [1 / unknowns^2].
         """
         return np.asarray(
             np.sqrt(
@@ -419,8 +421,8 @@ class InformationCriterion:
         )
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
-        """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 /
-        unknowns^2].
+        """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
+        n_p) [1 / unknowns^2].
         """
         total = (
             information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
@@ -479,8 +481,8 @@ class KnotCommands:
 
 
 def edges_of(n: int, step: float, delay: float) -> np.ndarray:
-    """(n + 1,) [s] when what acts in steps of `step` [s] was told, from 0, where commands act by
-    delay [s] late.
+    """Return the times (n + 1,) [s], from 0, of the commands that act in steps of `step` [s], where
+    commands act by delay [s] late.
     """
     # Delays are often whole steps: rounding would decide, edge by edge, which of two commands
     # changes with them.
@@ -504,8 +506,8 @@ def _lines(n: int, inner: int, spacing: float) -> Any:
 
 
 def _shifted(response: np.ndarray) -> Any:
-    """(n, n) [any] what commands do, of which the one in the second step does response (n,)
-    [any].
+    """Build the map (n, n) [any] from commands to their effects, of which a command in the second
+    step has the effect response (n,) [any].
     """
     from scipy.sparse import diags
 

@@ -38,8 +38,8 @@ _STAMP = 8  # [B] before each message of a .tlog
 
 
 def kind_of(path: Path) -> Kind:
-    """Kind of a file. Raises InvalidInput for one that is empty, of a kind that is not read, or no
-    file.
+    """Tell the kind of a file. Raises InvalidInput for one that is empty, of a kind that is not
+    read, or no file.
     """
     require_regular_file(path)
     with path.open("rb") as file:
@@ -74,7 +74,7 @@ def _kind_of_json(path: Path) -> Kind:
 
 
 def _archive(path: Path) -> Kind:
-    """A zip file whose first member is no array."""
+    """Tell the kind of a zip file whose first member is no array."""
     from zipfile import BadZipFile, ZipFile
 
     names = list[str]()

@@ -137,7 +137,9 @@ class Predictor:
 
 
 def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and predicted (m,); 0: as good as the mean."""
+    """Compute the normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and
+    predicted (m,); 0: as good as the mean.
+    """
     return 100.0 * (
         1.0
         - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean()))
@@ -347,8 +349,8 @@ class FitContext:
 
 
 def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of
-    these.
+    """Return coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns
+    with m of these.
 
     What each recording may have for itself is off in all of them alike.
     """

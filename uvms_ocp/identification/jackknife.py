@@ -30,7 +30,7 @@ class DisagreedNumber:
     """[unit of the number] standard error by the jackknife."""
 
     def __str__(self) -> str:
-        """One sentence with both standard errors."""
+        """Write one sentence with both standard errors."""
         number = self.number
         return (
             f"{number.name} is called determined to {number.sigma:.2g} {number.unit}, and fits"

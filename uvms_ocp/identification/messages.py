@@ -79,7 +79,7 @@ class _Reader:
 
 
 def _files(path: Path) -> list[Path]:
-    """The file itself, or those of a folder of ROS 2."""
+    """List the file itself, or those of a folder of ROS 2."""
     if not path.is_dir():
         return [path]
     with untrusted.as_input_errors(path / BAG_METADATA):
@@ -209,8 +209,8 @@ def _ros1_topics(path: Path) -> Collection[str]:
 
 @contextmanager
 def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
-    """A data base of tables alone: one that makes up its rows has as many, of a few bytes, as there
-    is time for.
+    """Open a data base of tables alone: one that makes up its rows has as many, of a few bytes, as
+    there is time for.
     """
     with closing(
         sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
@@ -413,8 +413,8 @@ def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
 
 
 def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
-    """A time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds does
-    not need.
+    """Return a time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds
+    does not need.
 
     Raises NameNotFound, and InvalidInput for what is neither.
     """
@@ -449,7 +449,7 @@ def _field(value: Any, name: str) -> Any:
 
 
 def _names_in(value: Any) -> tuple[str, ...]:
-    """Names of the fields of a message; none for a number."""
+    """List the names of the fields of a message; none for a number."""
     if isinstance(value, Mapping):
         return tuple(map(str, value))
     if is_dataclass(value):

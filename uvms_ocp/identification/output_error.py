@@ -100,7 +100,9 @@ class NormalEquations:
         solved_own = np.linalg.solve(own_block, np.column_stack([H[n:, :n], g[n:]]))
 
         def others(change: np.ndarray) -> np.ndarray:
-            """(m + 9 l,) changes of the others, where those of the shared ones are change (n,)."""
+            """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
+            ones.
+            """
             moved = -solved_own @ np.r_[change, 1.0]
             return np.r_[moved, -solved @ np.r_[change, moved, 1.0]]
 
@@ -138,7 +140,7 @@ class SearchPoint:
 
 
 def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
-    """(9,) [m/s, rad/s, rad] that moves one start to another."""
+    """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
     return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
 

@@ -71,7 +71,7 @@ class Bounded:
     only: tuple[str, ...] | None = All
 
     def __post_init__(self) -> None:
-        """Raises `InvalidInput` for bounds in the wrong order."""
+        """Check the bounds. Raises `InvalidInput` for bounds in the wrong order."""
         if not self.lower < self.upper:
             raise InvalidInput(
                 f"bounds {self.lower} and {self.upper} given; allowed: lower < upper"
@@ -476,8 +476,8 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
 
 
 def _sensing(late: float) -> dict[str, Quantity]:
-    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each
-    recording adds its own.
+    """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
+    which each recording adds its own.
 
     A recording has for itself, too, its current, a force that nobody knows, and the bias of its
     gyro.

@@ -41,7 +41,7 @@ def prediction_lines(
 
 
 def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
-    """A sentence for each channel that is predicted worse than it stands still, as a list."""
+    """Yield a sentence for each channel that is predicted worse than it stands still, as a list."""
     if not worse:
         yield report_prose.NONE_WORSE.format(share=100.0 * EQUAL_WITHIN)
     for shortfall in worse:
@@ -49,7 +49,7 @@ def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
 
 
 def verdict_words(name: str, recordings: Sequence[HeldOutRecording]) -> str:
-    """One line on a set of predictions, such as of recordings that were left out."""
+    """Write one line on a set of predictions, such as of recordings that were left out."""
     judgement = judge_predictions(recordings)
     words = f"{name}: {judgement.verdict.value}"
     if judgement.worse:

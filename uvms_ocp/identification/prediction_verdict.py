@@ -131,7 +131,7 @@ class FitShares:
         return max(missed, key=lambda cause: missed[cause])
 
     def __str__(self) -> str:
-        """One sentence: how much is missed, and by what."""
+        """Write one sentence: how much is missed, and by which causes."""
         parts = ", ".join(f"{part:.0f} by {cause.value}" for cause, part in self.missed.items())
         if np.isnan(self.share):
             share = ""

@@ -200,8 +200,8 @@ def _label(topic: str, name: str) -> str:
 def _matched(
     form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]
 ) -> list[str | float]:
-    """Columns of all axes of a form, by labels without what is left out of them; empty where there
-    are too few.
+    """Choose columns of all axes of a form, by labels without what is left out of them; empty where
+    there are too few.
     """
     axes = form.get("axes", _TABLE["numbers"])
     groups = defaultdict[str, dict[int, str]](dict)

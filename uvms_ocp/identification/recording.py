@@ -229,7 +229,7 @@ class ZeroOrderHold:
         """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Values (m, k) [unit of the channel] at t (m,) [s]."""
+        """Return values (m, k) [unit of the channel] at t (m,) [s]."""
         return self.channel.values[self._index(t)]
 
     def mean(self, edges: np.ndarray) -> np.ndarray:
@@ -256,8 +256,8 @@ class ZeroOrderHold:
 
 
 def interpolated(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t (n,)
-    [s].
+    """Return values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t
+    (n,) [s].
     """
     return np.column_stack([np.interp(at, t, column) for column in values.T])
 

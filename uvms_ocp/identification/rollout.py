@@ -345,8 +345,8 @@ class Rollout:
         return run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
-        """A function n times after itself, m of these beside each other, on all processors; or,
-        with n = 0, only the latter.
+        """Return a function n times after itself, m of these beside each other, on all processors;
+        or, with n = 0, only the latter.
         """
         key = (name, n, m)
         if key not in self._many:
@@ -551,8 +551,8 @@ class _StretchRun:
 
 
 def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of
-    unknowns.
+    """Solve (n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only,
+    those of unknowns.
 
     A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
     """
@@ -566,7 +566,7 @@ def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def turn_slope(quaternion: np.ndarray) -> np.ndarray:
-    """Derivative of a quaternion (4,) xyzw by a turn in B, (4, 3) [1/rad]."""
+    """Compute the derivative of a quaternion (4,) xyzw by a turn in B, (4, 3) [1/rad]."""
     x, y, z, w = quaternion
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 
@@ -585,7 +585,7 @@ def _evaluated(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray
 
 
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
-    """(m, n, rows, width) of m n blocks side by side, in the same memory where that is column by
-    column.
+    """View (m, n, rows, width) of m n blocks side by side, in the same memory where that is column
+    by column.
     """
     return np.moveaxis(wide.T.reshape(m, n, width, len(wide)), 2, 3)

@@ -341,8 +341,8 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _pairs(channel: Channel) -> float:
-    """Share of samples that follow another at once, within its own interval, and differ from it as
-    much as that from the last.
+    """Compute the share of samples that follow another at once, within its own interval, and differ
+    from it as much as that from the last.
 
     In bursts, of messages that were held up, what follows at once comes after a longer silence.
     """
@@ -362,7 +362,7 @@ def _pairs(channel: Channel) -> float:
 
 
 def _far_off(name: str, channel: Channel) -> Iterator[str]:
-    """Values far outside all others: of what was not measured, or mistyped."""
+    """Find values far outside all others: of what was not measured, or mistyped."""
     if CHANNEL_KINDS[name].command or name == "attitude":
         return
     for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
@@ -505,7 +505,7 @@ def _too_fast(values: np.ndarray, fastest: float, unit: str, other_unit: str) ->
 
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and what speaks against them."""
     channels = recording.channels
     if "specific_force" in channels:
         yield from (("specific_force", text) for text in _felt(channels["specific_force"].values))
@@ -582,7 +582,7 @@ def _above(z: np.ndarray) -> Iterator[str]:
 
 
 def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and what speaks against them."""
     for pose, velocity in _PAIRS:
         if {pose, velocity} <= recording.channels.keys():
             yield from _frozen(recording, pose, velocity)

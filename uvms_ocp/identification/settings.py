@@ -163,8 +163,8 @@ class CalibratedRobot:
         return self.vehicle.dynamics.links[self.vehicle.link].frame
 
     def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
-        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest
-        corner [m].
+        """Compute the (2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and
+        highest corner [m].
         """
         model = self.vehicle.dynamics.model
         return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
@@ -195,7 +195,9 @@ class CalibratedRobot:
 
 
 def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
-    """(2, 3) [m] lowest and highest corner of a box around one of another frame, which X places."""
+    """Compute the (2, 3) [m] lowest and highest corner of a box around one of another frame, which
+    X places.
+    """
     middle = X.act(np.mean(box, axis=0))
     reach = np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)
     return np.array([middle - reach, middle + reach])
@@ -305,8 +307,8 @@ def with_delays(
 
 
 def _own_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int:
-    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them
-    in any order.
+    """Find the place in ``dynamics.links`` of the largest that the vehicle itself carries: a file
+    has them in any order.
     """
     carried = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
     if not carried:

@@ -111,7 +111,7 @@ def column_names(path: Path) -> tuple[str, ...]:
 
 
 def require_there(path: Path) -> None:
-    """Raises InvalidInput for a path where nothing is."""
+    """Check that a path exists. Raises InvalidInput."""
     if not path.exists():
         raise InvalidInput(f"{path}: there is no such file")
 

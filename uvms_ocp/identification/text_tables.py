@@ -359,7 +359,7 @@ def _numbers(
     words: Mapping[int, str],
     remarks: list[str],
 ) -> Iterator[float]:
-    """One row after the other; a last row that breaks off is left out."""
+    """Yield numbers, one row after the other; a last row that breaks off is left out."""
     lines = islice(_lines(file), layout.first - 1, None)
     rows: Iterable[list[str]] = (
         map(str.split, lines)
@@ -526,7 +526,7 @@ def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
-    """All lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
+    """Yield all lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
     for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
         if len(line) == LONGEST_LINE:
             raise InvalidInput(f"a line of more than {LONGEST_LINE >> 20} MB")

@@ -69,15 +69,15 @@ class UnidentifiableDirection:
 
 
 def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples that miss alike, as
-    `variance_inflation` finds.
+    """Compute standard errors (n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples
+    that miss alike, as `variance_inflation` finds.
     """
     return np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in
-    `standard_errors`.
+    """Compute the covariance (n, n) [unknowns^2] of the shared unknowns, by recordings and priors;
+    together: as in `standard_errors`.
 
     Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says
     nothing of the other side.
@@ -95,7 +95,7 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in
+    """List combinations of which less is known than `DETERMINED`, the worst first; together: as in
     `standard_errors`.
     """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
@@ -111,13 +111,13 @@ def unidentifiable_directions(
 
 
 def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
-    """Information of the recordings alone."""
+    """Return the information of the recordings alone."""
     return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / inflation
 
 
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
-    """Variance inflation: samples of a prediction that miss alike, times their squared miss
-    relative to `noise`; at least 1.
+    """Estimate the variance inflation: samples of a prediction that miss alike, times their squared
+    miss relative to `noise`; at least 1.
 
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer
     correlated. The mean over the channels, but no less than of any that the model does not explain:
@@ -136,8 +136,8 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
 
 
 def bartlett(residual: np.ndarray) -> float:
-    """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without
-    correlation.
+    """Compute ``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag
+    without correlation.
     """
     n = len(residual)
     rho = autocorrelation(residual)[1:]
@@ -146,7 +146,7 @@ def bartlett(residual: np.ndarray) -> float:
 
 
 def autocorrelation(residual: np.ndarray) -> np.ndarray:
-    """(m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
+    """Compute the autocorrelation (m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
     n = len(residual)
     spectrum = np.fft.rfft(residual, 1 << (2 * n - 1).bit_length())
     covariances = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
@@ -216,7 +216,8 @@ class IdentifiedNumber:
 def numbers(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0, left: Sequence[Whiteness] = ()
 ) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown, as far as the model explains the recordings.
+    """Return every number that depends on a shared unknown, as far as the model explains the
+    recordings.
 
     inflation: samples that miss alike, as in `standard_errors`. left: residuals of all channels.
     """
@@ -259,8 +260,8 @@ def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
 
 
 def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per
-    unknown].
+    """Return quantities and names of the same numbers, and their slopes (m, n) [units of numbers,
+    per unknown].
 
     At unknowns shared (n,) [as `Unknowns.start`].
     """
@@ -271,8 +272,8 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
 def number_of(
     vehicle: Vehicle, number: IdentifiedNumber
 ) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it
-    is positive; its slope.
+    """Make the function from unknowns (n,) to one of `numbers`: its value [unit], or logarithm
+    where it is positive; its slope.
     """
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
     (value,) = (
@@ -294,8 +295,8 @@ def number_of(
 
 
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
-    """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as
-    `Unknowns.start`].
+    """Compute values (m,) [units of `numbers`] of the same numbers at other unknowns shared (n,)
+    [as `Unknowns.start`].
     """
     return _entries(vehicle, shared)[1]
 
@@ -393,7 +394,9 @@ def whiteness(predicted: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
 
 
 def _residuals(predicted: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,) [s]."""
+    """Yield channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,)
+    [s].
+    """
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
         for name, residual in zip(
             CHANNELS[3 * k :], ((predicted.rows[k] - predicted.measured[k]) / sigma).T, strict=False
@@ -415,8 +418,8 @@ def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
 
 
 def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarray]:
-    """P that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k +
-    1,).
+    """Compute the probability that white noise is as correlated as a residual (m,) [any], and its
+    autocorrelation (k + 1,).
 
     lags: that are looked at, a fifth of the samples at most. What a model has been fitted to has a
     little less freedom than the test believes.

@@ -261,7 +261,7 @@ class StaticBalance:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """For a vehicle, at any values of its unknowns."""
+        """Build the function for a vehicle, at any values of its unknowns."""
         n_j = vehicle.dynamics.model.nq - N_Q
         shared = ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
@@ -278,8 +278,8 @@ class StaticBalance:
         """
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as
-        `Unknowns.start`].
+        """Compute the vertical (3, m) [-] in B for joints (n_j, m) [rad or m], where unknowns are
+        shared (n,) [as `Unknowns.start`].
         """
         m = joints.shape[1]
         moment = np.asarray(self._function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
@@ -303,15 +303,15 @@ def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
 
 
 def errors(predicted: Predicted) -> np.ndarray:
-    """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between
-    verticals.
+    """Compute (7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle
+    between verticals.
     """
     moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
     return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
 
 
 def tilts(predicted: Predicted) -> np.ndarray:
-    """(m,) [rad] angles between the vertical in B as predicted and as seen."""
+    """Compute angles (m,) [rad] between the vertical in B as predicted and as seen."""
     rows = predicted.rows[2]
     measured = predicted.measured[2]
     return np.arctan2(
@@ -320,7 +320,7 @@ def tilts(predicted: Predicted) -> np.ndarray:
 
 
 def root_mean_square(values: np.ndarray) -> np.ndarray:
-    """(k,) [as values] of each column of values (m, k) [any]."""
+    """Compute root mean squares (k,) [as values] of each column of values (m, k) [any]."""
     return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
 
