@@ -399,8 +399,8 @@ def held_constants(
     constants = []
     assumed = fitted.estimate.assumed
 
-    def most(slopes_of_constant: np.ndarray) -> dict[str, Any]:
-        """Number that changes (n, m) of unknowns move farthest, and how far."""
+    def largest_effect(slopes_of_constant: np.ndarray) -> dict[str, Any]:
+        """Find the number that changes (n, m) of unknowns move farthest, and how far."""
         change = np.linalg.norm(with_unknowns @ slopes_of_constant, axis=1) / errors
         return {"most": numbered[int(np.argmax(change))][1], "change": float(change.max())}
 
@@ -411,25 +411,24 @@ def held_constants(
         else:
             origin = "robot's file" if of_file else "assumed"
         own_slopes = moved[:, owners == name]
-        assumed = assumed + own_slopes @ own_slopes.T * (origin == "assumed" and name not in _SEEN)
-        alike = [
-            name,
-            *(
-                quantity
-                for quantity, twin in _ALIKE.items()
-                if twin == name and not quantities[quantity].free.any()
-            ),
+        if origin == "assumed" and name not in _SEEN:
+            assumed = assumed + own_slopes @ own_slopes.T
+        twins = [
+            quantity
+            for quantity, twin in _ALIKE.items()
+            if twin == name and not quantities[quantity].free.any()
         ]
+        effect = largest_effect(own_slopes)
         constants += [
-            HeldConstant(quantity=quantity, known=origin, spread=_SPREADS[name], **most(own_slopes))
-            for quantity in alike
+            HeldConstant(quantity=quantity, known=origin, spread=_SPREADS[name], **effect)
+            for quantity in (name, *twins)
         ]
     for name, unit in _NOISIER.items():
         sigma = getattr(fitted.noise, name)
         origin = "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
         point, _ = noisier.stepped(noisier.resumed(fitted.estimate))
-        moved_by = most((point.shared - fitted.estimate.shared)[:, None])
+        moved_by = largest_effect((point.shared - fitted.estimate.shared)[:, None])
         constants.append(
             HeldConstant(
                 quantity=f"noise {name}",
@@ -726,17 +725,20 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
 
 
 def _comparison(
-    fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, missed: Predicted
+    fitted: FitContext,
+    balance: validation.StaticBalance,
+    recording: PreparedRecording,
+    missed: Predicted,
 ) -> Comparison:
-    (whole,) = one.stretches(fitted.search.step)
+    (segment,) = recording.stretches(fitted.search.step)
     after = fitted.predictor()
     before = fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(
-        name=one.recording.name,
-        calibrated=after.of(whole),
-        before=before.of(whole),
-        static=validation.static_baseline(whole, after.start_window),
-        balance=balance.of_stretch(whole, fitted.estimate.shared),
+        name=recording.recording.name,
+        calibrated=after.of(segment),
+        before=before.of(segment),
+        static=validation.static_baseline(segment, after.start_window),
+        balance=balance.of_stretch(segment, fitted.estimate.shared),
         residuals=missed,
         whiteness=uncertainty.whiteness(missed, fitted.noise),
     )

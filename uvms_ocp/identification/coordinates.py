@@ -152,12 +152,12 @@ class PositiveDefinite:
         return np.array([np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below])
 
 
-def positive(values: np.ndarray, what: str) -> np.ndarray:
+def positive(values: np.ndarray, label: str) -> np.ndarray:
     """Return the values (...) [any]. Raises InvalidInput for one that is not positive and finite;
-    `what` names them.
+    `label` names them.
     """
     if not (np.isfinite(values).all() and (values > 0.0).all()):
-        raise InvalidInput(f"{what} {values.tolist()} given; allowed: finite, more than 0")
+        raise InvalidInput(f"{label} {values.tolist()} given; allowed: finite, more than 0")
     return values
 
 

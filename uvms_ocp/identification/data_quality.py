@@ -97,47 +97,49 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
     channels = recording.channels
     attitude = channels.get("attitude")
     turned = {
-        how: replace(attitude, values=attitude.values[:, order] * signs)
-        for how, (order, signs) in _READINGS
+        reading: replace(attitude, values=attitude.values[:, order] * signs)
+        for reading, (order, signs) in _READINGS
         if attitude
     }
     if (
         attitude and not present_agreement and _level(attitude) < _HALF
     ):  # no vehicle is level for long by numbers in another order
         order = (
-            how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL
+            reading
+            for reading, channel in turned.items()
+            if reading.startswith("format") and _level(channel) > _LEVEL
         )
         yield from (
-            ("attitude", f"reads better with {how}: it is level then, which it is not as it is")
-            for how in order
+            ("attitude", f"reads better with {reading}: it is level then, which it is not as it is")
+            for reading in order
         )
     ways = {
-        how: _agreement(replace(recording, channels={**channels, "attitude": one}))
-        for how, one in turned.items()
+        reading: _agreement(replace(recording, channels={**channels, "attitude": channel}))
+        for reading, channel in turned.items()
         if present_agreement
     }
-    for how, agreement in sorted(
+    for reading, agreement in sorted(
         ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())
     ):
-        more = [
+        gains = [
             agreement.get(name, (0.0, 0.0))[0] - share
             for name, (share, _) in present_agreement.items()
         ]
         smallest_share = min(agreement.get(name, (0.0, 0.0))[0] for name in present_agreement)
-        better = sum(one > checks.EXPLAINED for one in more)
+        better = sum(gain > checks.EXPLAINED for gain in gains)
         clearer = better and all(
             agreement[name][0] > best + _EVEN
             for name, (_, best) in present_agreement.items()
             if name in agreement
         )
-        if smallest_share > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
+        if smallest_share > _HALF and min(gains) > -_EVEN and (better > 1 or clearer):
             shares = ", ".join(
                 f"{100 * share:.0f} % of {name}" for name, (share, _) in agreement.items()
             )
             before = ", ".join(f"{100 * share:.0f} %" for share, _ in present_agreement.values())
             yield (
                 "attitude",
-                f"reads better with {how}: it agrees with {shares}, and as it is with {before}",
+                f"reads better with {reading}: it agrees with {shares}, and as it is with {before}",
             )
             return
 
@@ -168,7 +170,9 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         return
     if "angular_velocity" in channels:
         t, omega = angular_rate(channels["attitude"], checks.WINDOW)
-        t, omega, R = t[_INSIDE], omega[_INSIDE], rotations(channels["attitude"], t[_INSIDE])
+        t = t[_INSIDE]
+        omega = omega[_INSIDE]
+        R = rotations(channels["attitude"], t)
         yield "angular_velocity", _Reference(t, omega, np.einsum("nij,nj->ni", R, omega), R)
     if "specific_force" in channels:
         t, _ = smoothed(
@@ -239,20 +243,22 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
     present_share = checks.explained(measured, reference.body)
     ways = _ways(reference, measured, name)
     best = max(ways, key=lambda way: ways[way])
-    alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (measured, reference.body)))
-    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * alike):
+    agreement = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (measured, reference.body)))
+    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * agreement):
         yield (
             best[0],
             f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * present_share:.0f} % as they are)",
         )
     elif (
         name == "linear_velocity"
-        and alike > _AS_LARGE
+        and agreement > _AS_LARGE
         and reference.R is not None
         and reference.world is not None
     ):
         turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
-        if present_share < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
+        if present_share < max(
+            _HALF * agreement, share - checks.EXPLAINED if share > _HALF else 0.0
+        ):
             text = (
                 "with it the velocity is as large as the rate of the position, and points elsewhere"
             )
@@ -399,7 +405,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
         when, omega = angular_rate(channels["attitude"], checks.WINDOW)
         turning = Channel(t=when, values=omega)
     parts = [_at(t, channel) for channel in (channels["linear_velocity"], turning)]
-    v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
+    v = np.hstack([values for values, _ in parts])
+    a = np.hstack([rates for _, rates in parts])
     R = rotations(channels["attitude"], t)
     explained_basis, _ = np.linalg.qr(
         np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])])

@@ -78,14 +78,9 @@ class ExperimentLimits:
                 f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest"
             )
         if not (self.room > 0.0).all():
-            sides = (
-                " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
-                for corners in (self.hull, self.pool)
-            )
             raise InvalidInput(
-                "hull of {} m in a pool of {} m given; give a pool that leaves it room".format(
-                    *sides
-                )
+                f"hull of {_sides(self.hull)} m in a pool of {_sides(self.pool)} m given; give a"
+                " pool that leaves it room"
             )
 
     @property
@@ -159,6 +154,11 @@ class ExperimentLimits:
             [np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2
         )
         return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
+
+
+def _sides(corners: np.ndarray) -> str:
+    """Write the lengths [m] of the sides of a box between corners (2, 3) [m]."""
+    return " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
 
 
 def _turned(q: np.ndarray) -> np.ndarray:

@@ -300,12 +300,13 @@ def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
     aim = task.aim()
     chosen = _chosen(slopes_of(task.vehicle, task.vehicle.shared.start)[0], task.matter)
     by_hand = [largest(task, rollout, name).numbers for name in BY_HAND]
-    smallest = np.array([[number.sigma for number in numbers] for numbers in by_hand]).min(axis=0)[
-        chosen
-    ]
-    learnt = np.array([[number.informed for number in numbers] for numbers in by_hand]).max(axis=0)[
-        chosen
-    ]
+    smallest = np.full(len(by_hand[0]), np.inf)
+    learnt = np.zeros(len(by_hand[0]), dtype=bool)
+    for numbers in by_hand:
+        smallest = np.minimum(smallest, [number.sigma for number in numbers])
+        learnt |= [number.informed for number in numbers]
+    smallest = smallest[chosen]
+    learnt = learnt[chosen]
     sizes = np.array([number.size or np.inf for number in by_hand[0]])[chosen]
     believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
     information = np.where(learnt, 1.0 / smallest**2 - believed, 0.0)

@@ -46,7 +46,7 @@ def kind_of(path: Path) -> Kind:
         head = file.read(64)
     if not head:
         raise InvalidInput(f"{path}: is empty; give a recording")
-    for kind, cure in (said for start, said in _KINDS.items() if head.startswith(start)):
+    for kind, cure in (entry for start, entry in _KINDS.items() if head.startswith(start)):
         if cure:
             raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
         return kind

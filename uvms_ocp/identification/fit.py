@@ -76,11 +76,14 @@ class Predicted:
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
         """Join parts, one after the other."""
-        return Predicted(
-            t=tuple(np.concatenate([part.t[k] for part in parts]) for k in range(3)),
-            rows=tuple(np.concatenate([part.rows[k] for part in parts]) for k in range(3)),
-            measured=tuple(np.concatenate([part.measured[k] for part in parts]) for k in range(3)),
-        )
+        t = []
+        rows = []
+        measured = []
+        for sensor in range(3):
+            t.append(np.concatenate([part.t[sensor] for part in parts]))
+            rows.append(np.concatenate([part.rows[sensor] for part in parts]))
+            measured.append(np.concatenate([part.measured[sensor] for part in parts]))
+        return Predicted(t=tuple(t), rows=tuple(rows), measured=tuple(measured))
 
 
 def rolled_out(

@@ -424,9 +424,9 @@ def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
         names = _names_in(value)
     for stamp_seconds, part in _STAMPS:
         if stamp_seconds in names and part in names:
-            return _number(_field(value, stamp_seconds), steps) + 1e-9 * _number(
-                _field(value, part), steps
-            )
+            seconds = _number(_field(value, stamp_seconds), steps)
+            nanoseconds = _number(_field(value, part), steps)
+            return seconds + 1e-9 * nanoseconds
     return unit * _number(value, steps)
 
 
@@ -434,10 +434,12 @@ def _value_at(message: Any, steps: Sequence[str]) -> Any:
     parent = None
     value = message
     for step in steps:
-        parent, value = (
-            value,
-            _element(parent, value, step) if _is_array(value) else _field(value, step),
-        )
+        if _is_array(value):
+            child = _element(parent, value, step)
+        else:
+            child = _field(value, step)
+        parent = value
+        value = child
     return value
 
 

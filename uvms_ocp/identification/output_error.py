@@ -139,6 +139,11 @@ class SearchPoint:
     """Starts of the segments of each recording."""
 
 
+def _measured_start(segment: Segment) -> SegmentStart:
+    """Return the start of a segment as it was measured."""
+    return SegmentStart(q=segment.q, v=segment.v)
+
+
 def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
     """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
     turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
@@ -274,10 +279,7 @@ class OutputErrorProblem:
         """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`];
         segments begin as measured.
         """
-        begins = tuple(
-            tuple(SegmentStart(q=segment.q, v=segment.v) for segment in group)
-            for group in self._recordings
-        )
+        begins = tuple(tuple(map(_measured_start, group)) for group in self._recordings)
         own_unknowns = tuple(self._vehicle.own.start for _ in self._recordings)
         return SearchPoint(
             shared=self._vehicle.shared.start if shared is None else shared,
@@ -476,17 +478,17 @@ class OutputErrorProblem:
         ]
         outputs: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
-            alike = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
+            places = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             size = max(1, _MOST_STEPS // n)
-            for chosen in (alike[first : first + size] for first in range(0, len(alike), size)):
+            for first in range(0, len(places), size):
+                chosen = places[first : first + size]
                 p = np.array(
                     [np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen]
                 )
                 parts = [flat[i][1] for i in chosen]
                 starts = [flat[i][2] for i in chosen]
-                predictions = self._rollout.predict(
-                    parts, starts, p, partial(self._weights, parts) if slopes else None
-                )
+                weighting = partial(self._weights, parts) if slopes else None
+                predictions = self._rollout.predict(parts, starts, p, weighting)
                 for i, part, prediction in zip(chosen, parts, predictions, strict=True):
                     losses = (
                         loss(r, self._noise.outliers)
@@ -523,7 +525,7 @@ class OutputErrorProblem:
         cost.
         """
         far = [
-            difference(SegmentStart(q=segment.q, v=segment.v), start) / self._noise.start
+            difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
         ]
         own_offset = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma

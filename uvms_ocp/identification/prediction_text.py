@@ -53,9 +53,9 @@ def verdict_words(name: str, recordings: Sequence[HeldOutRecording]) -> str:
     judgement = judge_predictions(recordings)
     words = f"{name}: {judgement.verdict.value}"
     if judgement.worse:
-        channels = {(each.recording, each.channel) for each in judgement.worse}
+        channels = {(entry.recording, entry.channel) for entry in judgement.worse}
         words += f" in {len(channels)} of {judgement.compared} channels"
-    shares = [each.share for each in judgement.shares if np.isfinite(each.share)]
+    shares = [entry.share for entry in judgement.shares if np.isfinite(entry.share)]
     if shares:
         words += f"; {min(shares):.0f} to {max(shares):.0f} % of what one vehicle could explain"
     if judgement.differing:

@@ -117,11 +117,11 @@ class FitShares:
         A vehicle of one recording alone may predict less than one of all: it was identified on few
         samples. Then nothing is known to differ between recordings.
         """
-        apart = max(self.one_vehicle, self.alone)
+        bound = max(self.one_vehicle, self.alone)
         return {
             MissCause.FIT: self.one_vehicle - self.predicted,
-            MissCause.RECORDINGS: apart - self.one_vehicle,
-            MissCause.MODEL: 100.0 - apart,
+            MissCause.RECORDINGS: bound - self.one_vehicle,
+            MissCause.MODEL: 100.0 - bound,
         }
 
     @property
@@ -173,14 +173,18 @@ class PredictionJudgement:
         if not self.shares:
             return PredictionVerdict.BETTER_THAN_STILL
         # Not "share < ...": where one vehicle explains nothing the share is no number, nor good.
-        if all(each.share >= NEARLY_ALL for each in self.shares):
+        if all(share.share >= NEARLY_ALL for share in self.shares):
             return PredictionVerdict.AS_GOOD_AS_ONE_VEHICLE
         return PredictionVerdict.BELOW_THE_BOUND
 
     @property
     def differing(self) -> tuple[str, ...]:
         """Channels in which recordings differ by more than one vehicle can show."""
-        return tuple(each.channel for each in self.shares if each.recordings_differ)
+        return tuple(
+            channel_shares.channel
+            for channel_shares in self.shares
+            if channel_shares.recordings_differ
+        )
 
 
 def judge_predictions(recordings: Sequence[HeldOutRecording]) -> PredictionJudgement:

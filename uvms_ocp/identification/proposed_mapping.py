@@ -362,7 +362,7 @@ def _judged(path: Path, channels: _Found) -> tuple[dict[str, str], list[tuple[st
         wrong = min(
             channels, key=lambda name: text.find(name) if name in text else len(text)
         )  # the first that is named
-        others = {name: one for name, one in channels.items() if name != wrong}
+        others = {name: entry for name, entry in channels.items() if name != wrong}
         if others:
             ranges, doubts = _judged(path, others)
         else:
@@ -372,13 +372,13 @@ def _judged(path: Path, channels: _Found) -> tuple[dict[str, str], list[tuple[st
     issues = data_quality.check_data_quality(recording)
     ranges = {
         name: (
-            f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at"
-            f" {one.rate:.3g} Hz"
+            f"{entry.values.min():.4g} to {entry.values.max():.4g} {CHANNEL_KINDS[name].unit} at"
+            f" {entry.rate:.3g} Hz"
         )
-        for name, one in recording.channels.items()
+        for name, entry in recording.channels.items()
     }
     return ranges, [
-        (one.channel, one.problem) for one in issues if "are left out" not in one.problem
+        (entry.channel, entry.problem) for entry in issues if "are left out" not in entry.problem
     ]
 
 

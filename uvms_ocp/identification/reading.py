@@ -440,12 +440,14 @@ def _chosen(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> ta
         str(name).startswith("-") for name in mapping.columns
     ):
         measured = iter(numbers.T)
-        columns = [
-            next(measured) * (-1 if name[:1] == "-" else 1)
-            if isinstance(name, str)
-            else np.full(len(values), name)
-            for name in mapping.columns
-        ]
+        columns = list[np.ndarray]()
+        for name in mapping.columns:
+            if not isinstance(name, str):
+                columns.append(np.full(len(values), name))
+            elif name[:1] == "-":
+                columns.append(-next(measured))
+            else:
+                columns.append(next(measured))
         numbers = np.column_stack(columns)
     if (
         key == "attitude" and mapping.format != "rpy" and mapping.lost == "never"
@@ -652,12 +654,12 @@ def _quaternions(mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
         )
     if width == 3 and np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
         extreme = float(values.flat[np.argmax(np.abs(values))])
-        there = (values == extreme).any(axis=1)
+        is_extreme = (values == extreme).any(axis=1)
         others = np.abs(values[values != extreme]).max(initial=0.0)
         raw = extreme / units_of("attitude", "rpy")[mapping.unit or "rad"]
-        if there.sum() > 1 and abs(extreme) > 2.0 * others:
+        if is_extreme.sum() > 1 and abs(extreme) > 2.0 * others:
             raise InvalidInput(
-                f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing:"
+                f"attitude: {raw:.10g} in {is_extreme.sum()} of {len(values)} rows: give missing:"
                 f" [{raw:.10g}]"
             )
         raise InvalidInput(
@@ -712,7 +714,8 @@ def run_recording(record: Record, name: str) -> recordings.Recording:
 
 
 def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
-    q, v = record["q_estimated"], record["v_estimated"]
+    q = record["q_estimated"]
+    v = record["v_estimated"]
     if floating:
         yield "position", q[:, :3]
         yield "attitude", continuous_quaternions(q[:, 3:_POSE])
@@ -763,7 +766,8 @@ def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
 
 def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
     """Yield channels and what the record itself says against them."""
-    t, series = record["t"], record.series
+    t = record["t"]
+    series = record.series
     if "thrust" in series and "asked_thrust" not in series:
         yield (
             "thrust",

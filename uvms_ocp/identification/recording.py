@@ -220,7 +220,8 @@ class ZeroOrderHold:
     """A command that stays from one sample to the next; before the first it is as the first."""
 
     def __init__(self, channel: Channel) -> None:
-        t, values = channel.undelayed_t, channel.values
+        t = channel.undelayed_t
+        values = channel.values
         self.channel = channel
         self._t = t
         self._whole = np.cumsum(

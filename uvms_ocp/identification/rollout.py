@@ -153,14 +153,14 @@ class PreparedRecording:
             self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n
         )
 
-    def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
-        """Cut stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after
-        it, that begin a horizon apart.
+    def windows(self, step: float, start_window: float, horizon: float) -> tuple[Segment, ...]:
+        """Cut stretches in steps of `step` [s], of the times `start_window` [s] and `horizon` [s]
+        after it, that begin a horizon apart.
 
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
         (segment,) = self.stretches(step)
-        before = round(known / step)
+        before = round(start_window / step)
         after = round(horizon / step)
         n = len(segment.edges) - 1
         return self._parts(segment, np.arange(0, n - before - after + 1, after), before + after)
@@ -492,7 +492,7 @@ class _StretchRun:
         return [[parts[k] for parts in blocks] for k in range(m)]
 
     def _sensitivities(self) -> np.ndarray:
-        """(m, n + 1, n_x, n_p + 9)"""
+        """Compute the slopes (m, n + 1, n_x, n_p + 9) of states with unknowns and starts."""
         m = len(self._stretches)
         n = self._n
         stage = self._stage

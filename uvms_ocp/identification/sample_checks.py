@@ -354,10 +354,10 @@ def _pairs(channel: Channel) -> float:
     close = close[np.abs((steps[close - 1] + steps[close]) / usual - 1.0) < 0.5]
     if not len(close):
         return 0.0
-    apart = np.abs(values[close + 1] - values[close]).max(axis=1)
+    deviations = np.abs(values[close + 1] - values[close]).max(axis=1)
     moved = np.abs(values[close] - values[close - 1]).max(axis=1)
-    if np.median(apart) >= np.median(moved) / 2:
-        return float((apart > 0.0).mean() * len(close) / len(steps))
+    if np.median(deviations) >= np.median(moved) / 2:
+        return float((deviations > 0.0).mean() * len(close) / len(steps))
     return 0.0
 
 
@@ -378,10 +378,9 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
             if gap > max(
                 _FAR * (high - low), _FARTHEST.get(name, 0.0)
             ) and n < _FOR_LONG / 100 * len(values):
-                cure = (
-                    f"{'mistyped? ' * (n == 1)}give missing: [{extreme:.10g}] where it stands for"
-                    " nothing"
-                )
+                cure = f"give missing: [{extreme:.10g}] where it stands for nothing"
+                if n == 1:
+                    cure = f"mistyped? {cure}"
                 yield (
                     f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others"
                     f" {low:.3g} to {high:.3g}: {cure}"
@@ -403,11 +402,11 @@ def _spikes(name: str, channel: Channel) -> Iterator[str]:
             width / 4,
             _FAR * sizes[sizes > 0.0].min(initial=np.inf),
         )
-        there = values[1:-1][
+        extremes = values[1:-1][
             (sizes[:-1] > threshold) & (sizes[1:] > threshold) & (steps[:-1] * steps[1:] < 0.0)
         ]
-        peaks, counts = np.unique(there, return_counts=True)
-        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(there)) and not any(
+        peaks, counts = np.unique(extremes, return_counts=True)
+        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(extremes)) and not any(
             _far_off(name, channel)
         ):
             value = f"{peaks[np.argmax(counts)]:.10g}"
@@ -429,7 +428,8 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
     for label, values in zip(looked_at, channel.values.T, strict=False):
         for way in (1.0, -1.0):
             ends, counts = np.unique(way * values, return_counts=True)
-            visits = int((np.diff(1 * (way * values == ends[-1])) > 0).sum())
+            at_end = way * values == ends[-1]
+            visits = int((~at_end[:-1] & at_end[1:]).sum())
             n = int(counts[-1])
             if (
                 len(ends) > _LEAST_SAMPLES
@@ -593,7 +593,8 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
     """Find the longest time in which pose or velocity stays as it is while the other moves, by
     magnitudes, which have no axes.
     """
-    pose_channel, velocity_channel = recording.channels[pose], recording.channels[velocity]
+    pose_channel = recording.channels[pose]
+    velocity_channel = recording.channels[velocity]
     if pose == "position":
         t, rate = smoothed(pose_channel.undelayed_t, pose_channel.values, WINDOW, derivative=1)
     else:
@@ -601,7 +602,7 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
     speed = np.interp(
         t, velocity_channel.undelayed_t, np.linalg.norm(velocity_channel.values, axis=1)
     )
-    apart = np.linalg.norm(rate, axis=1) - speed
+    excess = np.linalg.norm(rate, axis=1) - speed
     for name, mate, channel in ((pose, velocity, pose_channel), (velocity, pose, velocity_channel)):
         # [s] from when to when its samples are the same for longest.
         new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
@@ -611,7 +612,7 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
         begin = float(channel.undelayed_t[first[k]])
         end = float(channel.undelayed_t[last[k]])
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
-        if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
+        if end - begin > _LONG and np.sqrt((excess[inside] ** 2).mean()) > _DIFFER:
             yield (
                 name,
                 (

@@ -123,10 +123,10 @@ def deviations(predicted: Predicted) -> dict[str, np.ndarray]:
     """
     outputs = channel_values(predicted, predicted.rows)
     measured = channel_values(predicted, predicted.measured)
-    found = {name: outputs[name] - measured[name] for name in CHANNEL_UNITS}
+    differences = {name: outputs[name] - measured[name] for name in CHANNEL_UNITS}
     for name in ("roll", "pitch"):
-        found[name] = _shorter_way(found[name])
-    return found
+        differences[name] = _shorter_way(differences[name])
+    return differences
 
 
 def channel_values(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> dict[str, np.ndarray]:
@@ -148,12 +148,12 @@ def root_mean_squares(values: dict[str, np.ndarray]) -> dict[str, float]:
 def _about_mean(predicted: Predicted) -> dict[str, np.ndarray]:
     """Subtract its mean from each measured channel; from angles the direction of their mean."""
     measured = channel_values(predicted, predicted.measured)
-    found = {name: column - column.mean() for name, column in measured.items()}
+    differences = {name: column - column.mean() for name, column in measured.items()}
     for name in ("roll", "pitch"):
         turns = np.radians(measured[name])
         mean = np.degrees(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
-        found[name] = _shorter_way(measured[name] - mean)
-    return found
+        differences[name] = _shorter_way(measured[name] - mean)
+    return differences
 
 
 def _shorter_way(angles: np.ndarray) -> np.ndarray:

@@ -63,7 +63,7 @@ class TableColumns:
 
 def read_table(
     path: Path,
-    wanted: Sequence[str],
+    columns: Sequence[str],
     text_format: TextFormat | None = None,
     words: Sequence[str | None] = (),
 ) -> TableColumns:
@@ -77,7 +77,7 @@ def read_table(
     kind = kind_of(path)
     if kind in ("text", "workbook"):
         layout = text_layout(path, text_format)
-        places = [place_of(path, layout.names, name) for name in wanted]
+        places = [place_of(path, layout.names, name) for name in columns]
         place_words = {
             place: word for place, word in zip(places, words, strict=False) if word is not None
         }
@@ -85,15 +85,15 @@ def read_table(
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     if kind == "parquet":
-        values = _from_parquet(path, wanted)
+        values = _from_parquet(path, columns)
     else:
-        values = _from_arrays(path, wanted)
-    return TableColumns(values=values, units=("",) * len(wanted))
+        values = _from_arrays(path, columns)
+    return TableColumns(values=values, units=("",) * len(columns))
 
 
-def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
+def read_columns(path: Path, columns: Sequence[str]) -> np.ndarray:
     """Read columns (n, k) [as they are] of a table; raises as `read_table` does."""
-    return read_table(path, wanted).values
+    return read_table(path, columns).values
 
 
 def column_names(path: Path) -> tuple[str, ...]:
@@ -119,14 +119,14 @@ def require_there(path: Path) -> None:
 # Named arrays.
 
 
-def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
+def _from_arrays(path: Path, selection: Sequence[str]) -> np.ndarray:
     arrays = _arrays(path)
     names = list(arrays)
-    columns = [arrays[names[place_of(path, names, name)]] for name in wanted]
+    columns = [arrays[names[place_of(path, names, name)]] for name in selection]
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
         lengths_text = ", ".join(
-            f"{name}: {len(column)}" for name, column in zip(wanted, columns, strict=True)
+            f"{name}: {len(column)}" for name, column in zip(selection, columns, strict=True)
         )
         raise InvalidInput(
             f"{path}: columns of {lengths_text} numbers; allowed: as many of each, at most {MOST_ROWS}"
@@ -256,10 +256,10 @@ def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
 # Parquet.
 
 
-def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
+def _from_parquet(path: Path, selection: Sequence[str]) -> np.ndarray:
     with _parquet(path) as file:
         names = list(file.schema_arrow.names)
-        columns = [names[place_of(path, names, name)] for name in wanted]
+        columns = [names[place_of(path, names, name)] for name in selection]
         require_numbers(file, path, columns)
         table = file.read(columns=list(dict.fromkeys(columns)))
         return np.column_stack([_floats(table.column(name)) for name in columns])
@@ -367,9 +367,9 @@ def stored_recording(path: Path) -> Recording:
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:
-    there = rows[np.isfinite(rows).all(axis=1)]
-    if len(there) < 2:
+    samples = rows[np.isfinite(rows).all(axis=1)]
+    if len(samples) < 2:
         raise InvalidInput(
-            f"{where} has {len(there)} samples; allowed: 2 or more, or leave its columns out"
+            f"{where} has {len(samples)} samples; allowed: 2 or more, or leave its columns out"
         )
-    return Channel(t=there[:, 0], values=there[:, 1:-1], delay=float(there[0, -1]))
+    return Channel(t=samples[:, 0], values=samples[:, 1:-1], delay=float(samples[0, -1]))

@@ -428,10 +428,11 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
             f"{cell_text}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
         )
     groups = match.groupdict()
+    hours = int(groups["hours"])
     if groups["half"]:
-        hours = int(groups["hours"]) % 12 + 12 * (groups["half"] in "pP")
-    else:
-        hours = int(groups["hours"])
+        hours %= 12
+        if groups["half"] in "pP":
+            hours += 12
     time = (
         3600.0 * hours
         + 60.0 * int(groups["minutes"])
