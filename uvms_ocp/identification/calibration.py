@@ -121,7 +121,7 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
 
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
-    """Build matrices (n, n), one for each way, by what they do."""
+    """Build matrices (n, n) that permute or reverse the names, by a text that says how."""
     places = np.arange(len(names))
     permutations = {"all reversed": -np.eye(len(names))}
     permutations |= {
@@ -319,7 +319,9 @@ def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.nda
 
 
 def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
-    """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
+    """Refit with the unknowns of a mask which (n,) [bool] held as declared; `None` where that does
+    not converge.
+    """
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
     warm_start = problem.resumed(
@@ -354,7 +356,7 @@ of 1 m.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldConstant:
-    """A quantity that a fit held, and what it does to numbers."""
+    """A quantity that a fit held, and its effect on the numbers."""
 
     quantity: str
     known: str
@@ -376,8 +378,8 @@ class HeldConstant:
 def held_constants(
     fitted: FitContext, settings: CalibrationSettings, inflation: float
 ) -> tuple[Estimate, tuple[HeldConstant, ...]]:
-    """Return the estimate of recordings of others, less certain by what was assumed, and all
-    constants that could be off.
+    """Return the estimate with the uncertainty from assumed constants added, and all constants that
+    a fit held.
     """
     quantities = fitted.vehicle.shared.declaration.quantities
     names, slopes = constant_slopes(
@@ -447,7 +449,7 @@ def held_constants(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Comparison:
-    """A recording, predicted from its commands, its start fitted on what was seen first."""
+    """A recording, predicted from its commands, its start fitted to the first measurements."""
 
     name: str
     calibrated: Predicted

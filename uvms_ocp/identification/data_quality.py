@@ -78,8 +78,8 @@ class _Reference:
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them; of an attitude that is read wrong this alone,
-    for all else follows from it.
+    """Yield channels and doubts about them; of an attitude that is read wrong that doubt alone, as
+    all others follow from it.
     """
     issues = list(_other_attitude(recording))
     yield from issues or (
@@ -145,7 +145,7 @@ def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _level(attitude: Channel) -> float:
-    """Cosine of tilt, on average."""
+    """Compute the mean cosine of the tilt."""
     return float(rotations(attitude, attitude.undelayed_t)[:, 2, 2].mean())
 
 
@@ -199,8 +199,8 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
 def _aligned(
     recording: Recording, name: str, reference: _Reference
 ) -> tuple[np.ndarray, float, bool, float] | None:
-    """Return a channel (m, 3) as its reference has it, by how much it was late [s], whether always,
-    and larger; None for no motion.
+    """Return a channel (m, 3) aligned to its reference, its delay [s], whether that is constant,
+    and the factor by which it was larger; `None` for no motion.
     """
     measured = recording.channels[name]
     if (
@@ -266,7 +266,9 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
 
 
 def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[str, str], float]:
-    """List ways to read axes, as a channel and a text, and what each explains of the motion."""
+    """List ways to read axes, as a channel and a text, with the share of the motion that each
+    explains.
+    """
     fits = (
         f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the"
         f" {_PARTNER[name]} as"
@@ -279,8 +281,8 @@ def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[
 
 
 def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
-    """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without
-    it.
+    """Compute the angle about z [rad] from expected (m, 3) to measured (m, 3), and the share that
+    is explained without it.
     """
     plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (measured, expected))
     turn = float(np.angle(np.vdot(reference, plane)))
@@ -293,7 +295,9 @@ def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
 def _in_world(
     reference: _Reference, measured: np.ndarray, name: str
 ) -> dict[tuple[str, str], float]:
-    """Ways that only a world frame tells; less likely than those of B, where both will do."""
+    """List ways of which a world frame alone tells; less likely than those of B, where both will
+    do.
+    """
     if reference.world is None or reference.R is None:
         return {}
     partner = _PARTNER[name]
@@ -316,7 +320,7 @@ def _in_world(
 
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them."""
+    """Yield channels and doubts about them."""
     if not set(_NAMES) <= recording.channels.keys():
         return
     positions, velocities = (recording.channels[name] for name in _NAMES)
@@ -429,7 +433,8 @@ def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
 def commanded(
     held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False
 ) -> np.ndarray:
-    """Means (m, k) of a command over the window of the rates, without what drag and weight explain.
+    """Compute means (m, k) of a command over the window of the rates, without what drag and weight
+    explain.
 
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
@@ -451,7 +456,7 @@ def commanded(
 
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them."""
+    """Yield channels and doubts about them."""
     names = [name for name in _COMMANDS if name in recording.channels]
     if names and (motion := motion_of(recording)) is not None:
         for name in names:

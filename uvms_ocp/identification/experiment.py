@@ -209,7 +209,7 @@ class ExperimentTrajectory:
     y_x: np.ndarray
     """(n + 1, 9, n_x) [any]"""
     J: np.ndarray
-    """(n + 1, 9, n_p) [any] how what is seen changes with the unknowns."""
+    """(n + 1, 9, n_p) [any] slopes of the outputs with the unknowns."""
 
 
 class TrajectorySimulator:

@@ -127,8 +127,8 @@ class Predictor:
         return rolled_out(self.rollout, stretch, estimate.starts[0], self.shared, own_unknowns)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
-        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was
-        known before it.
+        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from the
+        measurements before it.
         """
         windows = prepared.windows(step, self.start_window, horizon)
         return Predicted.joined(
@@ -161,7 +161,7 @@ class Search:
     """Settings of the second part of the search."""
 
     step: float = 0.02
-    """[s] of the simulation: what a step that is too long does to numbers is in their intervals."""
+    """[s] of the simulation; errors from a step that is too long are in the intervals of numbers."""
     stretch: float = 20.0
     """[s]"""
     iterations: int = 15

@@ -103,12 +103,12 @@ class StageFunctions:
     slope: ca.Function
     """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
     outputs: ca.Function
-    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's
-    vertical, as they are seen.
+    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity and
+    W's vertical, along the axes of the sensor of attitude.
     """
     begun: ca.Function
-    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands
-    of `PAST_STEP` each.
+    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: outputs w of actuators after
+    commands of `PAST_STEP` each.
     """
     delays: ca.Function
     """``p -> d (2,), dd/dp`` [s] of commands, and of measured velocity."""

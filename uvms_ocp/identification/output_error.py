@@ -212,10 +212,10 @@ class FitStatus(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Noise:
-    """Standard deviations of what is seen and of what happens between stretches."""
+    """Standard deviations of measurements and of changes of state between stretches."""
 
     velocity: float = 0.02
-    """[m/s] of measured velocity, what the model cannot explain included."""
+    """[m/s] of measured velocity, errors of the model included."""
     rate: float = 0.05
     """[rad/s] of angular velocity."""
     vertical: float = 0.03
@@ -223,14 +223,14 @@ class Noise:
     process: float = 0.05
     """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
     start: float = 0.1
-    """[m/s, rad/s, rad] between where a stretch begins and what was seen there."""
+    """[m/s, rad/s, rad] between the start of a stretch and the measurements there."""
     outliers: float = 3.0
     """Standard deviations beyond which the loss is linear."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Estimate:
-    """Unknowns with what they were found from."""
+    """Unknowns with their cost, information and the status of the search."""
 
     shared: np.ndarray
     """(n,) [as `Unknowns.start`]"""
@@ -245,8 +245,8 @@ class Estimate:
     status: FitStatus
     iterations: int
     assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the
-    simulation, assumed constants.
+    """(n, n) [unknowns^2] covariance from other sources than noise: the step of the simulation,
+    assumed constants.
     """
 
 
@@ -349,7 +349,8 @@ class OutputErrorProblem:
         return self._estimate(point, blocks, status, done)
 
     def _promised_gain(self, point: SearchPoint, blocks: list[NormalEquations]) -> float:
-        """Share of the cost by which the undamped step of the shared unknowns would lower it.
+        """Compute the share of the cost by which the undamped step of the shared unknowns would
+        lower it.
 
         By the gradient and the normal equations where the search stands (half the square of
         Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
@@ -521,9 +522,7 @@ class OutputErrorProblem:
         )
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """Compute weighted residuals of the starts against what was measured there, and their
-        cost.
-        """
+        """Compute weighted residuals of the starts against the measurements there, and their cost."""
         far = [
             difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)

@@ -45,7 +45,7 @@ AT_ONCE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fixed:
-    """Known: it stays as it is."""
+    """Status of a quantity that stays as declared."""
 
     only: tuple[str, ...] | None = All
     """Coordinates by their names; the others of the quantity stay as they were declared."""
@@ -53,15 +53,15 @@ class Fixed:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Free:
-    """Unknown: the recordings alone decide."""
+    """Status of a quantity that the recordings alone determine."""
 
     only: tuple[str, ...] | None = All
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bounded:
-    """Unknown within bounds; for quantities whose coordinates are entries: not for coupled
-    matrices.
+    """Status of a quantity within bounds; for quantities whose coordinates are entries: not for
+    coupled matrices.
     """
 
     lower: float
@@ -80,7 +80,7 @@ class Bounded:
 
 @checked_dataclass()
 class Prior:
-    """Believed: as the start has it, give or take a standard deviation."""
+    """Status of a quantity with a prior about its start."""
 
     sigma: Positive
     """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
@@ -95,22 +95,20 @@ ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Quantity:
-    """One quantity with what is known of each of its coordinates; fixed unless it is said
-    otherwise.
-    """
+    """One quantity with bounds, prior and status of each of its coordinates."""
 
     unit: str
     coordinates: QuantityCoordinates
     x: np.ndarray
-    """(n,) [-, or the unit of the quantity] where they are, and the middle of priors."""
+    """(n,) [-, or the unit of the quantity] values of the coordinates, and the middle of priors."""
     free: np.ndarray
-    """(n,) whether they may be learnt."""
+    """(n,) [bool] mask of the coordinates that may be learnt."""
     sigma: np.ndarray
     """(n,) [as x] standard deviations of priors, infinite without."""
     lower: np.ndarray
-    """(n,) [as x]"""
+    """(n,) [as x] lower bounds."""
     upper: np.ndarray
-    """(n,) [as x]"""
+    """(n,) [as x] upper bounds."""
     own: bool = False
     """True where every recording has its own."""
     begin: np.ndarray | None = None
@@ -120,7 +118,7 @@ class Quantity:
 
     @property
     def value(self) -> np.ndarray:
-        """(...) [unit of the quantity] where it is, or a search begins."""
+        """(...) [unit of the quantity] value, or value at which a search begins."""
         return np.array(ca.evalf(self.coordinates.decode(ca.SX(ca.DM(self.x)))))
 
     @staticmethod
@@ -339,7 +337,7 @@ class ActuatorModel:
     wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
     """(6, n) [-, m] per unit of each actuator, linear rows first."""
     allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(n, m) [-, 1/m] what each is told, per unit of the commands that are recorded."""
+    """(n, m) [-, 1/m] command of each actuator per unit of the recorded commands."""
     lag: float = 0.1
     """[s] time constant of all of them."""
     dead_zone: float = 1e-3

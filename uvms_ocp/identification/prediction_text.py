@@ -26,7 +26,8 @@ from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
 def prediction_lines(
     recordings: Sequence[HeldOutRecording], bounds: PredictionBounds | None
 ) -> Iterator[str]:
-    """Lines of Markdown: the verdict, what stands still predicts better, and the bounds.
+    """Yield lines of Markdown: the verdict, the channels that a vehicle at rest predicts better,
+    and the bounds.
 
     Nothing where no recordings were predicted. bounds: as the predictions were made with.
     """

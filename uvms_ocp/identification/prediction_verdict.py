@@ -88,7 +88,7 @@ class MissCause(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FitShares:
-    """Fit of one channel, beside the fits that vehicles reach which have seen what is predicted."""
+    """Fit of one channel, beside the fits of vehicles that were identified on the predicted data."""
 
     channel: str
     predicted: float

@@ -191,7 +191,7 @@ def _unit_of(name: str) -> str:
 
 
 def _label(topic: str, name: str) -> str:
-    """Name that says what a field holds: the topic's where it is ``data`` alone, as in ROS standard
+    """Name the quantity of a field: the topic's where it is ``data`` alone, as in ROS standard
     messages.
     """
     return re.sub(r"^data(?=$|\[)", topic.rpartition("/")[2], name)
@@ -200,8 +200,8 @@ def _label(topic: str, name: str) -> str:
 def _matched(
     form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]
 ) -> list[str | float]:
-    """Choose columns of all axes of a form, by labels without what is left out of them; empty where
-    there are too few.
+    """Choose columns of all axes of a form, by labels without the parts that match `left_out`;
+    empty where there are too few.
     """
     axes = form.get("axes", _TABLE["numbers"])
     groups = defaultdict[str, dict[int, str]](dict)
@@ -450,7 +450,7 @@ class _Columns:
         ]
 
     def rates_of(self, pose: range) -> Iterator[range]:
-        """Groups that are as large as the rate of a pose, whatever their axes."""
+        """Yield groups as large as the rate of a pose, with any axes."""
         for group in (triple for triple in self.left(3) if not set(triple) & set(pose)):
             sizes = [
                 np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])
@@ -478,7 +478,7 @@ class _Columns:
         )
 
     def are_commands(self, group: range) -> bool:
-        """Recognise pulse widths, and what stays from row to row."""
+        """Recognise pulse widths, and values that stay from row to row."""
         pulses = (self.values > _PULSES[0]) & (self.values < _PULSES[1])
         held = self.steps == 0.0
         return bool((pulses.all(axis=0) | (held.mean(axis=0) > 0.5))[list(group)].all())

@@ -752,8 +752,8 @@ def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordin
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the commanded thrust, and the commanded wrench without what thrusters cannot give of
-    it.
+    """Yield the commanded thrust, and the commanded wrench less the part that thrusters cannot
+    give.
     """
     series = record.series
     for name in ("asked_thrust", "thrust"):
@@ -765,7 +765,7 @@ def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
-    """Yield channels and what the record itself says against them."""
+    """Yield channels and the doubts that the record itself has of them."""
     t = record["t"]
     series = record.series
     if "thrust" in series and "asked_thrust" not in series:

@@ -66,7 +66,9 @@ CHANNEL_KINDS: Mapping[str, ChannelKind] = {
 
 
 def unit_named(spelling: str) -> str:
-    """Find what a unit is called here, however it is spelled; empty for one that there is not."""
+    """Find the name of a unit in the table of channels from any spelling; empty for an unknown
+    unit.
+    """
     plain = spelling.lower()
     for pattern, name in CHANNEL_TABLE["spelling"]["in_place_of"]:
         plain = re.sub(pattern, name, plain)
@@ -90,7 +92,7 @@ class Channel:
     repeated: int = 0
     """Samples left out, for another had their time."""
     echoes: int = 0
-    """Samples left out, for they said again what had just been said."""
+    """Number of samples left out because they repeat the one before."""
     missing: int = 0
     """Samples left out, for something in them was not measured."""
     columns: tuple[str, ...] = ()
@@ -234,8 +236,8 @@ class ZeroOrderHold:
         return self.channel.values[self._index(t)]
 
     def mean(self, edges: np.ndarray) -> np.ndarray:
-        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever
-        the samples do.
+        """Compute means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these,
+        whatever the samples do.
         """
         return np.asarray(np.diff(self.total(edges), axis=0) / np.diff(edges)[:, None])
 

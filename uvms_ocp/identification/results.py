@@ -60,8 +60,8 @@ _DECADES = 1e3  # between the ends of an interval that is told of what is positi
 
 
 def variant_text(calibration: Calibration, recordings: Sequence[str]) -> str:
-    """Write what was learnt as a variant of the robot's file, in YAML. Raises InvalidInput, as
-    `CalibratedRobot.coefficients`.
+    """Write the identified coefficients as a variant of the robot's file, in YAML. Raises
+    InvalidInput, as `CalibratedRobot.coefficients`.
     """
     shape = settings.shape_of(calibration.subject.robot, calibration.subject.frame)
     lines = [f"# Identified from: {', '.join(recordings)}."]

@@ -78,8 +78,8 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PreparedRecording:
-    """A recording with what follows from its channels: a rate of turning, commands of actuators,
-    joints.
+    """A recording with the angular velocity, commands of actuators and joints that follow from its
+    channels.
     """
 
     recording: recordings.Recording
@@ -294,7 +294,7 @@ class PredictedOutputs:
     rows: tuple[np.ndarray, ...]
     """Three of (m, 3) [m/s, rad/s, -]"""
     end: np.ndarray
-    """(n_x,) [as the state] where it is last."""
+    """(n_x,) [as the state] state at the end."""
     H: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_p + 9, n_p + 9) [1 / unknowns^2] ``sum w s s'`` of the slopes s of all rows with the
     unknowns, then with the start.

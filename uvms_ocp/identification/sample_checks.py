@@ -230,7 +230,7 @@ _FASTEST["joint_positions"] = (4 * np.pi, "deg")
 
 
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them."""
+    """Yield channels and doubts about their samples."""
     begin, end = recording.span
     if end - begin < _SHORTEST_RECORDING:
         seconds_text = f"{end - begin:.3g} s are in all channels, which are too few to look at"
@@ -255,7 +255,7 @@ def has_times(channel: Channel) -> bool:
 
 
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield poses and what their rates say against them."""
+    """Yield poses and doubts about their rates."""
     if "position" in recording.channels and not any(
         _far_off("position", recording.channels["position"])
     ):
@@ -362,7 +362,7 @@ def _pairs(channel: Channel) -> float:
 
 
 def _far_off(name: str, channel: Channel) -> Iterator[str]:
-    """Find values far outside all others: of what was not measured, or mistyped."""
+    """Find values far outside all others: sentinels, or mistyped ones."""
     if CHANNEL_KINDS[name].command or name == "attitude":
         return
     for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
@@ -505,7 +505,7 @@ def _too_fast(values: np.ndarray, fastest: float, unit: str, other_unit: str) ->
 
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them."""
+    """Yield channels and doubts about their vertical."""
     channels = recording.channels
     if "specific_force" in channels:
         yield from (("specific_force", text) for text in _felt(channels["specific_force"].values))
@@ -582,7 +582,7 @@ def _above(z: np.ndarray) -> Iterator[str]:
 
 
 def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Yield channels and what speaks against them."""
+    """Yield channels and doubts about values that do not change."""
     for pose, velocity in _PAIRS:
         if {pose, velocity} <= recording.channels.keys():
             yield from _frozen(recording, pose, velocity)

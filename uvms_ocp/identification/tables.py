@@ -196,8 +196,8 @@ def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a structure and of those within it, by names with dots between them; a list of rows
-    has columns.
+    """Yield arrays of a structure and of those within it, by names with dots between them; a list
+    of rows has columns.
     """
     if (
         isinstance(value, list)

@@ -316,7 +316,7 @@ def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
 
 
 def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
-    """Line of the first row of numbers: as the later rows have them, column by column."""
+    """Find the line of the first row of numbers: as the later rows have them, column by column."""
     later = [row for _, row in table[len(table) // 2 :]]
     columns = enumerate(zip(*later, strict=True))
     numeric = [

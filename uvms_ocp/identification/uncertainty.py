@@ -65,7 +65,7 @@ class UnidentifiableDirection:
     sigma: float
     """[as `Unknowns.start`] standard error along it, priors left out."""
     shares: tuple[tuple[str, float], ...]
-    """Unknowns and what they change by along it, the largest first."""
+    """Names of unknowns and their entries [-] in it, the largest first."""
 
 
 def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:

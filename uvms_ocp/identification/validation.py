@@ -261,7 +261,7 @@ class StaticBalance:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """Build the function for a vehicle, at any values of its unknowns."""
+        """Build the function of joints and unknowns for a vehicle."""
         n_j = vehicle.dynamics.model.nq - N_Q
         shared = ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
@@ -330,21 +330,21 @@ def root_mean_square(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HorizonPrediction:
-    """Predictions of one recording, horizon by horizon, each from what was known before it."""
+    """Predictions of one recording, horizon by horizon, each from the measurements before it."""
 
     asked: float
-    """[s]"""
+    """[s] horizon that was asked for."""
     length: float
-    """[s] what the recording has of it."""
+    """[s] part of it that the recording has."""
     by: Mapping[str, Predicted]
-    """Predictions of these samples, by the name of what predicts."""
+    """Predictions of these samples, by the name of the predictor."""
     bounds: Mapping[str, Predicted]
     """The same samples, by vehicles that have seen them: `TOGETHER` and `ALONE`; empty without
     bounds.
     """
     open_error: np.ndarray
-    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave
-    open of the unknowns.
+    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from the uncertainty of the unknowns
+    that the other recordings leave.
     """
     seen_error: np.ndarray
     """(7,) [m/s, rad/s, deg] that the fit has left in the recordings that it was made from."""
@@ -358,9 +358,7 @@ class HorizonPrediction:
 
     @property
     def extrapolated(self) -> tuple[str, ...]:
-        """Names of `SCORED` that rest on what the other recordings do not determine, more than on what
-        they do.
-        """
+        """Names of `SCORED` whose error from uncertain unknowns is larger than that of the fit."""
         return tuple(np.array(SCORED)[self.open_error > self.seen_error].tolist())
 
     @property
