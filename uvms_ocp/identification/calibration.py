@@ -625,37 +625,44 @@ def calibrate(
         predicted_bounds = None
         if prepared_others and bounds:
             predicted_bounds = fit_bounds(fitted, prepared_others, progress)
-        white = uncertainty.whiteness(joined_residuals, fitted.noise)
-        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, white)
+        tests = uncertainty.whiteness(joined_residuals, fitted.noise)
+        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, tests)
         balance = validation.StaticBalance(subject.vehicle)
+        exported = exported_estimate(fitted, inflation)
+        directions = uncertainty.unidentifiable_directions(
+            subject.vehicle, fitted.estimate, inflation
+        )
+        comparisons = tuple(
+            _comparison(fitted, balance, item, residuals[item.recording.name]) for item in prepared
+        )
+        profiles = tuple[validation.Profile, ...]()
+        if profiled:
+            profiles = tuple(validation.profiles(fitted, identified, inflation, progress))
+        left_out = tuple[validation.HeldOutRecording, ...]()
+        if leave_one_out:
+            left_out = tuple(
+                validation.leave_one_out(fitted, progress=progress, bounds=left_out_bounds)
+            )
+        predicted = tuple(
+            validation.predict_others(
+                fitted, prepared_others, progress=progress, bounds=predicted_bounds
+            )
+        )
         return Calibration(
             subject=subject,
             estimate=fitted.estimate,
-            exported=exported_estimate(fitted, inflation),
+            exported=exported,
             numbers=identified,
-            open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
+            open=directions,
             inflation=inflation,
-            whiteness=white,
-            comparisons=tuple(
-                _comparison(fitted, balance, item, residuals[item.recording.name])
-                for item in prepared
-            ),
+            whiteness=tests,
+            comparisons=comparisons,
             issues=tuple(doubtful),
             constants=constants,
-            profiles=tuple(validation.profiles(fitted, identified, inflation, progress))
-            if profiled
-            else (),
-            left_out=tuple(
-                validation.leave_one_out(fitted, progress=progress, bounds=left_out_bounds)
-            )
-            if leave_one_out
-            else (),
+            profiles=profiles,
+            left_out=left_out,
             left_out_bounds=left_out_bounds,
-            predicted=tuple(
-                validation.predict_others(
-                    fitted, prepared_others, progress=progress, bounds=predicted_bounds
-                )
-            ),
+            predicted=predicted,
             predicted_bounds=predicted_bounds,
         )
 
@@ -668,12 +675,13 @@ def _with_commands(
         free = len(subject.vehicle.axes) == len(
             parameters.AXES
         )  # others may have no commands, as decay tests
-        recordings = [
-            with_thrust(subject.robot, recording)
-            if free or recording.channels.keys() & COMMANDS
-            else recording
-            for recording in recordings
-        ]
+        with_commands = []
+        for recording in recordings:
+            if free or recording.channels.keys() & COMMANDS:
+                with_commands.append(with_thrust(subject.robot, recording))
+            else:
+                with_commands.append(recording)
+        recordings = with_commands
     return split_at_gaps(recordings)
 
 

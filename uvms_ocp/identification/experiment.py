@@ -344,7 +344,7 @@ def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
 
 
 def _bent_step(stage: model.StageFunctions) -> ca.Function:
-    """Build ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
+    """Build ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``."""
     shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
     arguments = [ca.SX.sym("given", *shape) for shape in shapes]
     return _weighted_gradient("bent", arguments, stage.slope(*arguments), arguments[:2])

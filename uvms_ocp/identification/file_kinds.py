@@ -46,7 +46,9 @@ def kind_of(path: Path) -> Kind:
         head = file.read(64)
     if not head:
         raise InvalidInput(f"{path}: is empty; give a recording")
-    for kind, cure in (entry for start, entry in _KINDS.items() if head.startswith(start)):
+    for start, (kind, cure) in _KINDS.items():
+        if not head.startswith(start):
+            continue
         if cure:
             raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
         return kind

@@ -161,7 +161,7 @@ class Search:
     """Settings of the second part of the search."""
 
     step: float = 0.02
-    """[s] of the simulation; errors from a step that is too long are in the intervals of numbers."""
+    """[s] of the simulation; errors from a step that is too long are in the intervals."""
     stretch: float = 20.0
     """[s]"""
     iterations: int = 15

@@ -198,7 +198,9 @@ def _ros1(path: Path) -> Any:
 def _ros1_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _ros1(path) as reader:
         chosen = [connection for connection in reader.connections if connection.topic in topics]
-        for connection, logged, data in reader.messages(connections=chosen) if chosen else ():
+        if not chosen:
+            return
+        for connection, logged, data in reader.messages(connections=chosen):
             yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
 
 
@@ -358,19 +360,17 @@ def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
 
 
 def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
-    for topic, columns in (
-        (topic, columns) for topic, columns in _ulog(path).items() if topic in topics
-    ):
+    for topic, columns in _ulog(path).items():
+        if topic not in topics:
+            continue
         fields = defaultdict[str, list[list[float]]](list)
         for name, column in columns.items():
             fields[re.sub(r"\[\d+\]$", "", name)].append(column.tolist())
-        for row in zip(
-            *(
-                elements[0] if len(elements) == 1 else zip(*elements, strict=True)
-                for elements in fields.values()
-            ),
-            strict=True,
-        ):
+        rows_of_fields = [
+            elements[0] if len(elements) == 1 else zip(*elements, strict=True)
+            for elements in fields.values()
+        ]
+        for row in zip(*rows_of_fields, strict=True):
             content = _WithUnits(zip(fields, row, strict=True))
             content.units = {"timestamp": "us"}
             yield topic, 1000 * content["timestamp"], content
@@ -487,9 +487,8 @@ def _number(value: Any, steps: Sequence[str]) -> float:
     if isinstance(value, (int, float, np.number, np.bool_)):
         return float(value)
     field_names = ", ".join(_names_in(value))
-    raise InvalidInput(
-        f"{'.'.join(steps)} is no number{f', it has {field_names}' if field_names else ''}; give a path to one"
-    )
+    fields = f", it has {field_names}" if field_names else ""
+    raise InvalidInput(f"{'.'.join(steps)} is no number{fields}; give a path to one")
 
 
 # Columns of numbers out of messages, those of all channels in one pass.
@@ -559,13 +558,15 @@ class _Rows:
 
     def add(self, logged: int, content: Any) -> None:
         try:
-            row = [seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged]
+            if self.time:
+                row = [seconds_at(content, self.time, self.wanted.unit)]
+            else:
+                row = [1e-9 * logged]
             for steps, word in zip_longest(self.columns, self.wanted.words):
-                row += (
-                    numbers_at(content, steps)
-                    if word is None
-                    else [float(str(_value_at(content, steps)) == word)]
-                )
+                if word is None:
+                    row += numbers_at(content, steps)
+                else:
+                    row.append(float(str(_value_at(content, steps)) == word))
         except NameNotFound as error:
             self.missing = self.missing or error
             return

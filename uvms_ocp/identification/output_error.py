@@ -522,7 +522,7 @@ class OutputErrorProblem:
         )
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """Compute weighted residuals of the starts against the measurements there, and their cost."""
+        """Compute weighted residuals of the starts against the measurements, and their cost."""
         far = [
             difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)

@@ -269,7 +269,7 @@ class Unknowns:
         return self._free("upper")
 
     def values(self, theta: ca.SX) -> dict[str, ca.SX]:
-        """Compute each quantity of this kind, by its name, at the unknowns theta (n,) [as start]."""
+        """Compute each quantity of this kind, by its name, at unknowns theta (n,) [as start]."""
         quantities = {}
         first = 0
         for name, quantity in self._items():

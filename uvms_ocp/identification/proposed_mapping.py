@@ -260,9 +260,11 @@ def _cured(path: Path, channels: _Found) -> tuple[_Found, Mapping[str, list[str]
     (ranges, doubts) = _judged(path, channels)
     for _ in range(_ROUNDS):
         for doubt in tuple(doubts):
+            if doubt not in doubts:  # cured together with another
+                continue
             lowest_score = _left(channels, ranges, doubts, doubts)
             chosen = None
-            for named, candidate in _others(doubt, channels) if doubt in doubts else ():
+            for named, candidate in _others(doubt, channels):
                 other_ranges, other_doubts = _judged(path, candidate)
                 score = _left(candidate, other_ranges, other_doubts, doubts)
                 if score < lowest_score:
@@ -414,21 +416,26 @@ def guessed_names(
     if len(values) < _LEAST:
         return labels
     table = _Columns(values)
-    for guess in (candidate for candidate in guesses if candidate["names"] not in table.found):
+    for guess in guesses:
+        if guess["names"] in table.found:
+            continue
         conditions = guess.keys() & _CONDITIONS.keys()
         names = guess["names"].split()
         for group in table.left(len(names)):
             if all(_CONDITIONS[key](table, group, guess[key]) for key in conditions):
                 table.found[guess["names"]] = group
-                evidence = (
-                    f"{' to '.join(dict.fromkeys((places[group[0]], places[group[-1]])))}:"
-                    f" {guess['why']}"
-                )
+                ends = dict.fromkeys((places[group[0]], places[group[-1]]))
+                evidence = f"{' to '.join(ends)}: {guess['why']}"
                 labels |= {
                     places[k]: (name, evidence) for k, name in zip(group, names, strict=True)
                 }
                 break
     return labels
+
+
+def _without_peaks(values: np.ndarray) -> np.ndarray:
+    """Clip values (n,) [any] from above at their percentile `_PEAKS`."""
+    return np.minimum(values, np.percentile(values, _PEAKS))
 
 
 class _Columns:
@@ -451,16 +458,12 @@ class _Columns:
 
     def rates_of(self, pose: range) -> Iterator[range]:
         """Yield groups as large as the rate of a pose, with any axes."""
-        for group in (triple for triple in self.left(3) if not set(triple) & set(pose)):
-            sizes = [
-                np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])
-            ]
-            if (
-                checks.correlation(
-                    *(np.minimum(size, np.percentile(size, _PEAKS)) for size in sizes)
-                )
-                > _AGREES
-            ):
+        for group in self.left(3):
+            if set(group) & set(pose):
+                continue
+            rate = _without_peaks(np.linalg.norm(self.rates[:, pose], axis=1))
+            size = _without_peaks(np.linalg.norm(self.smooth[:, group], axis=1))
+            if checks.correlation(rate, size) > _AGREES:
                 yield group
 
     def is_planar(self, pose: range, group: range) -> bool:

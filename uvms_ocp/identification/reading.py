@@ -234,11 +234,9 @@ def _require_meaning(key: str, mapping: ChannelMapping) -> None:
         any("." in column or "[" in column for column in mapping.fields) or mapping.topic
     )  # which may have all of them
     if width and (len(mapping.columns) > width or (len(mapping.columns) < width and not arrays)):
-        constant = (
-            "; a number may stand for one that is not measured, such as 0.0"
-            if len(mapping.columns) < width
-            else ""
-        )
+        constant = ""
+        if len(mapping.columns) < width:
+            constant = "; a number may stand for one that is not measured, such as 0.0"
         raise InvalidInput(
             f"{key}: {len(mapping.columns)} columns given; allowed: {width}{constant}"
         )
@@ -729,19 +727,20 @@ def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
     """Yield what sensors read: an estimate between slow readings is late, and a fit would take that
     for less added mass.
     """
-    for name in [name for name in _MEASURED if name in record.series]:
+    for name in _MEASURED:
+        if name not in record.series:
+            continue
         channel = name.removeprefix("measured_")
         (values, t) = np.split(record[name], [-1], axis=1)
         sample_times = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
-        fresh = (
-            sample_times > np.r_[-np.inf, np.maximum.accumulate(sample_times)[:-1]]
-        )  # clocks that fail give times again
+        # Clocks that fail give times again.
+        fresh = sample_times > np.r_[-np.inf, np.maximum.accumulate(sample_times)[:-1]]
         if fresh.sum() > 1:
             if channel == "attitude":
-                right = continuous_quaternions(values[fresh])
+                readings = continuous_quaternions(values[fresh])
             else:
-                right = values[fresh]
-            yield channel, recordings.Channel(t=t[fresh, 0], values=right)
+                readings = values[fresh]
+            yield channel, recordings.Channel(t=t[fresh, 0], values=readings)
 
 
 def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordings.Channel:

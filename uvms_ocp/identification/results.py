@@ -25,7 +25,7 @@ from uvms_ocp.identification import (
     uncertainty,
 )
 from uvms_ocp.identification.advice import advice
-from uvms_ocp.identification.calibration import Calibration, Comparison
+from uvms_ocp.identification.calibration import Calibration, Comparison, HeldConstant
 from uvms_ocp.identification.prediction_text import (
     prediction_data,
     prediction_lines,
@@ -84,8 +84,9 @@ def whole_text(calibration: Calibration, variant: Path | str) -> str:
     described = read_description(calibration.subject.file, variant).model_dump(
         mode="json", exclude_unset=True, exclude_none=True
     )
+    subject = calibration.subject
     head = (
-        f"# Of {calibration.subject.file.name}, with identified coefficients of {calibration.subject.frame}: see"
+        f"# Of {subject.file.name}, with identified coefficients of {subject.frame}: see"
         f" {variant.name}.\n"
     )
     return head + yaml.safe_dump(described, sort_keys=False, width=130)
@@ -107,11 +108,17 @@ def _lines(calibration: Calibration, shape: str) -> Iterator[str]:
         by_shape = set(IN_FILE) - learnt
     learnt &= set(IN_FILE)
     if learnt and shape:
-        yield f"pose: {{position: {_row(np.array(calibration.subject.coefficients().pose.position))}}}"
-        yield f"drag_by: {calibration.subject.coefficients().drag_by}"
-    for name in IN_FILE if learnt else ():
-        if name in learnt | by_shape:
-            yield f"# {_source(name, calibration) if name in learnt else f'of its {shape}, as before'}"
+        coefficients = calibration.subject.coefficients()
+        yield f"pose: {{position: {_row(np.array(coefficients.pose.position))}}}"
+        yield f"drag_by: {coefficients.drag_by}"
+    if not learnt:
+        return
+    for name in IN_FILE:
+        if name in learnt:
+            yield f"# {_source(name, calibration)}"
+            yield f"{name}: {_written(values[name])}"
+        elif name in by_shape:
+            yield f"# of its {shape}, as before"
             yield f"{name}: {_written(values[name])}"
 
 
@@ -237,10 +244,11 @@ def left_out_tables(
 
 
 def _horizon(length: float, predictions: Sequence[HorizonPrediction]) -> Iterator[str]:
-    short = min(prediction.length for prediction in predictions)
-    yield f"\n### {length:g} s" + (
-        f" (recordings have {short:.3g} s)" if short < length - 1e-6 else ""
-    )
+    shortest = min(prediction.length for prediction in predictions)
+    if shortest < length - 1e-6:
+        yield f"\n### {length:g} s (recordings have {shortest:.3g} s)"
+    else:
+        yield f"\n### {length:g} s"
     yield "\n| predicted by | " + " | ".join(SCORED) + " |"
     yield "|---" + "|---:" * len(SCORED) + "|"
     rows = {
@@ -249,7 +257,7 @@ def _horizon(length: float, predictions: Sequence[HorizonPrediction]) -> Iterato
     }
     best = np.min([row for name, row in rows.items() if name != OTHERS], axis=0)
     for name, row in rows.items():
-        worse = (row > best) & (name == OTHERS)
+        worse = row > best if name == OTHERS else np.zeros(len(row), dtype=bool)
         yield f"| {name} | {' | '.join(_cell(*pair) for pair in zip(row, worse, strict=True))} |"
 
 
@@ -473,13 +481,16 @@ def _held(calibration: Calibration) -> Iterator[str]:
                 shown = f"{values.min():.4g}"
             else:
                 shown = f"{values.min():.4g} to {values.max():.4g}"
-            of = effects.get(name)
+            constant = effects.get(name)
             if name in _OF_FILE or not calibration.constants:
                 origin = "robot's file"
             else:
                 origin = "assumed"
-            if of:
-                effect = f"{of.known} | {of.spread:g} | {of.most} by {of.change:.2g}"
+            if constant:
+                effect = (
+                    f"{constant.known} | {constant.spread:g} | {constant.most} by"
+                    f" {constant.change:.2g}"
+                )
             else:
                 effect = f"{origin} | - | -"
             yield f"| {name} | {shown} | {quantity.unit} | {effect} |"
@@ -491,11 +502,17 @@ def _held(calibration: Calibration) -> Iterator[str]:
             f"| hull | {box.lower.min():.4g} to {box.upper.max():.4g} | m | given | - |"
             " centre_of_buoyancy at its ends |"
         )
-    for of in (effects[name] for name in effects if effects[name].unit):
-        yield (
-            f"| {of.quantity} | {of.value:g} | {of.unit} | {of.known} | {of.spread:g} | {of.most}"
-            f" by {of.change:.2g} |"
-        )
+    for effect_of_noise in effects.values():
+        if effect_of_noise.unit:
+            yield _noise_row(effect_of_noise)
+
+
+def _noise_row(constant: HeldConstant) -> str:
+    """Write the row of a constant with a unit of its own, such as the noise of a sensor."""
+    return (
+        f"| {constant.quantity} | {constant.value:g} | {constant.unit} | {constant.known} |"
+        f" {constant.spread:g} | {constant.most} by {constant.change:.2g} |"
+    )
 
 
 def _white(calibration: Calibration) -> Iterator[str]:

@@ -445,7 +445,7 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
-    """Find commands that look like pulses or shares; 0 is left out, which motors get that are off."""
+    """Find commands that look like pulses or shares; 0 is left out: motors that are off get it."""
     if name == "propeller_commands":
         yield from _no_pulse(np.abs(channel.values))
     values = channel.values[channel.values != 0.0]

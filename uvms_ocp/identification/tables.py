@@ -156,11 +156,10 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         table = numbers.astype(float).reshape(len(numbers), -1)
         table = table.T if table.shape[1] > len(table) else table
         places = (f"{name}[{k}]" if name else f"#{k + 1}" for k in range(table.shape[1]))
-        columns |= (
-            {name: table[:, 0]}
-            if name and table.shape[1] == 1
-            else dict(zip(places, table.T, strict=True))
-        )
+        if name and table.shape[1] == 1:
+            columns[name] = table[:, 0]
+        else:
+            columns |= zip(places, table.T, strict=True)
     return columns
 
 

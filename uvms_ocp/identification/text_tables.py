@@ -361,11 +361,12 @@ def _numbers(
 ) -> Iterator[float]:
     """Yield numbers, one row after the other; a last row that breaks off is left out."""
     lines = islice(_lines(file), layout.first - 1, None)
-    rows: Iterable[list[str]] = (
-        map(str.split, lines)
-        if layout.delimiter == "blank"
-        else csv.reader(lines, delimiter=_DELIMITERS[layout.delimiter], skipinitialspace=True)
-    )
+    rows: Iterable[list[str]]
+    if layout.delimiter == "blank":
+        rows = map(str.split, lines)
+    else:
+        delimiter = _DELIMITERS[layout.delimiter]
+        rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     before = list[str]()
     number = 0
     for row in rows:

@@ -255,7 +255,7 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
 
 
 def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
-    """Compute standard deviations (m,) of numbers with slopes (m, n) of unknowns with covariance C."""
+    """Compute standard deviations (m,) of numbers from slopes (m, n) and a covariance C (n, n)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, C, slopes), 0.0)))
 
 

@@ -150,13 +150,16 @@ def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator
         unknowns = np.flatnonzero(number_of(wide.vehicle, number)(wide.estimate.shared)[1])
         if len(unknowns) > 1 or unknowns[0] not in alone:
             yield number
-        alone.update(unknowns[:1] if len(unknowns) == 1 else ())
+        if len(unknowns) == 1:
+            alone.update(unknowns)
 
 
 def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
     number = number_of(best.wide.vehicle, identified)
     point = best.point
-    sigma = identified.sigma / identified.value if identified.positive else identified.sigma
+    sigma = identified.sigma
+    if identified.positive:
+        sigma /= identified.value
     middle = _HeldFit(number(point.shared)[0], 0.0, point)
     below = _side(best, middle, number, -sigma)
     above = _side(best, middle, number, sigma)
@@ -363,7 +366,7 @@ class HorizonPrediction:
 
     @property
     def uninformative(self) -> tuple[str, ...]:
-        """Names of `SCORED` whose predicted motion is less than the error that is expected of it."""
+        """Names of `SCORED` whose predicted motion is less than its expected error."""
         moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
         return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
 
