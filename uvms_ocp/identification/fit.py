@@ -51,11 +51,11 @@ class Predicted:
     """Predicted and measured outputs of the three sensors."""
 
     t: tuple[np.ndarray, ...]
-    """Three of (m,) [s]: of velocity, angular velocity and the vertical in B."""
+    """Three of (m,) [s]: times of velocity, angular velocity and the vertical in B."""
     rows: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] predicted outputs."""
     measured: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] measured outputs."""
 
     def after(self, t: float) -> Predicted:
         """Return the part from t [s] on."""
@@ -102,18 +102,16 @@ def rolled_out(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Predictor:
-    """A vehicle with its unknowns found."""
+    """Predictor of recordings by a vehicle with identified unknowns."""
 
     vehicle: Vehicle
     rollout: Rollout
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     noise: Noise
-    """Noise by which starts are fitted."""
+    """Noise with which starts are fitted."""
     start_window: float = 2.0
-    """[s] of the beginning of a stretch, from which its start is found; nothing later is looked
-    at.
-    """
+    """[s] length of the beginning of a stretch to which its start is fitted."""
     own: bool = False
     """True to fit there, too, the unknowns of the recording alone; else they stay as declared."""
 
@@ -163,11 +161,11 @@ class Search:
     step: float = 0.02
     """[s] of the simulation; errors from a step that is too long are in the intervals."""
     stretch: float = 20.0
-    """[s]"""
+    """[s] length of the segments."""
     iterations: int = 15
-    """After which a search goes on, some times, where it has not converged: the way may be long."""
+    """Number of iterations in a round; a search that has not converged goes on for more rounds."""
     progress: Callable[[str], None] = lambda _: None
-    """Gets a line before each step."""
+    """Function that gets a line before each step."""
 
 
 def search_fit(
@@ -182,11 +180,9 @@ def search_fit(
     duration = sum(float(np.ptp(recording.recording.span)) for recording in recordings)
     thinning = max(1, round(duration / _ENOUGH))
     coarse = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
-    steps = [
-        (coarse, thinning),
-        (chosen.step, thinning),
-        *([(chosen.step, 1)] if thinning > 1 else []),
-    ]
+    steps = [(coarse, thinning), (chosen.step, thinning)]
+    if thinning > 1:
+        steps.append((chosen.step, 1))
     optima = list[np.ndarray]()
 
     def error(
@@ -203,14 +199,14 @@ def search_fit(
     estimate = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
     for k, (step, step_thinning) in enumerate(steps, start=2):
         fine = error(k, noise, step, chosen.stretch, step_thinning)
-        estimate = fine.solve(
-            fine.start(estimate.shared), iterations=chosen.iterations, frozen=int(k > 2)
-        )  # starts come near first
+        begin = fine.start(estimate.shared)
+        # Starts come near first.
+        estimate = fine.solve(begin, iterations=chosen.iterations, frozen=int(k > 2))
         estimate = resumed_search(fine, estimate, chosen.iterations)
         optima.append(estimate.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
-    off = (optima[1] - optima[0]) / ((coarse / chosen.step) ** 2 - 1.0)
-    return replace(estimate, assumed=np.outer(off, off))
+    step_error = (optima[1] - optima[0]) / ((coarse / chosen.step) ** 2 - 1.0)
+    return replace(estimate, assumed=np.outer(step_error, step_error))
 
 
 def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
@@ -223,9 +219,9 @@ def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
             stretches, key=lambda segment: (segment.recording, segment.edges[0] // 60.0)
         )
     ]
-    drawn = sorted(
-        np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // thinning)]
-    )  # motions may alternate
+    n_drawn = -(-len(minutes) // thinning)
+    # Not every nth minute: motions may alternate.
+    drawn = sorted(np.random.default_rng(0).permutation(len(minutes))[:n_drawn])
     segments = [
         replace(segment, recording=f"{segment.recording} {k}")
         for k in drawn

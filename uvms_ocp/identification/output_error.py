@@ -46,13 +46,13 @@ _MOST_STEPS = (
 
 
 def loss(r: np.ndarray, outliers: float) -> float:
-    """Huber loss of all residuals r (...), which count linearly beyond outliers."""
+    """Compute the Huber loss [-] of all residuals r (...), which count linearly beyond outliers."""
     return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
 
 
 def weights(r: np.ndarray, outliers: float) -> np.ndarray:
-    """Weights (...) of squares of residuals r (...) that have the gradient of the loss, less beyond
-    outliers.
+    """Compute weights (...) of squares of residuals r (...) that have the gradient of the loss,
+    less beyond outliers.
     """
     return np.asarray((1.0 + (r / outliers) ** 2) ** -0.5)
 
@@ -73,15 +73,17 @@ class NormalEquations:
     cost: float
     """Half the weighted squares."""
     H: np.ndarray
-    """(n + m, n + m) [1 / unknowns^2]"""
+    """(n + m, n + m) [1 / unknowns^2] matrix of the unknowns."""
     g: np.ndarray
-    """(n + m,) [1 / unknowns]"""
+    """(n + m,) [1 / unknowns] gradient by the unknowns."""
     H_starts: np.ndarray
-    """(18, 9 l) [1 / unknowns^2] the lower band, diagonal by diagonal, as LAPACK has it."""
+    """(18, 9 l) [1 / unknowns^2] lower band of the starts' matrix, diagonal by diagonal, as LAPACK
+    has it.
+    """
     g_starts: np.ndarray
-    """(9 l,) [1 / unknowns]"""
+    """(9 l,) [1 / unknowns] gradient by the starts."""
     cross: np.ndarray
-    """(9 l, n + m) [1 / unknowns^2]"""
+    """(9 l, n + m) [1 / unknowns^2] matrix between starts and unknowns."""
 
     def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
         """Compute the Schur complement (n, n), (n,) of n shared unknowns, and the map from their
@@ -129,12 +131,12 @@ def finite(blocks: Sequence[NormalEquations]) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SearchPoint:
-    """Unknowns and starts."""
+    """Iterate of a search: unknowns and starts."""
 
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     own: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] of each recording."""
+    """(m,) [as `Unknowns.start`] unknowns of each recording alone."""
     starts: tuple[tuple[SegmentStart, ...], ...]
     """Starts of the segments of each recording."""
 
@@ -165,9 +167,9 @@ class ProfilePenalty:
     unknown].
     """
     target: float
-    """[as the number]"""
+    """[as the number] value to which it is drawn."""
     sigma: float
-    """[as the number] by which it may be off at the price of a half."""
+    """[as the number] deviation that costs a half."""
 
     def cost(self, shared: np.ndarray) -> float:
         """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
@@ -233,9 +235,9 @@ class Estimate:
     """Unknowns with their cost, information and the status of the search."""
 
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     own: Mapping[str, np.ndarray]
-    """(m,) [as `Unknowns.start`] of each recording, by its name."""
+    """(m,) [as `Unknowns.start`] unknowns of each recording alone, by its name."""
     starts: tuple[SegmentStart, ...]
     """Starts of the segments."""
     cost: float

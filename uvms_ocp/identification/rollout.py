@@ -49,31 +49,33 @@ class Segment:
     """Segment of one recording for multiple shooting, in steps of equal length."""
 
     recording: str
+    """Name of the recording."""
     edges: np.ndarray
-    """(n + 1,) [s] of its steps."""
+    """(n + 1,) [s] edges of its steps."""
     commands: recordings.ZeroOrderHold
     """Commands of the actuators."""
     joints: np.ndarray
-    """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `StageFunctions` has them."""
+    """(3 n_j, n) [rad, rad/s, rad/s2] motion of the joints in the middle of each step, as in
+    `StageFunctions`.
+    """
     t: tuple[np.ndarray, ...]
-    """Three of (m,) [s]: of the samples of each sensor."""
+    """Three of (m,) [s]: times of the samples of each sensor."""
     measured: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] samples of each sensor."""
     q: np.ndarray
-    """(7,) [m, -] about where the vehicle was at the beginning."""
+    """(7,) [m, -] measured pose at the beginning, its position 0."""
     v: np.ndarray
-    """(6,) [m/s, rad/s]"""
+    """(6,) [m/s, rad/s] measured velocity in B at the beginning."""
 
     @property
     def step(self) -> float:
-        """[s]"""
+        """[s] length of a step."""
         return float(self.edges[1] - self.edges[0])
 
     def first(self, duration: float) -> Segment:
         """Return its first part of some duration [s], at least a step."""
-        return _cut(
-            self, 0, min(max(1, round(duration / self.step)), len(self.edges) - 1), self.q, self.v
-        )
+        n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
+        return _cut(self, 0, n, self.q, self.v)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -271,9 +273,9 @@ class SegmentStart:
     """State in which a segment begins."""
 
     q: np.ndarray
-    """(7,) [m, -]"""
+    """(7,) [m, -] pose."""
     v: np.ndarray
-    """(6,) [m/s, rad/s]"""
+    """(6,) [m/s, rad/s] velocity in B."""
 
     def moved(self, change: np.ndarray) -> SegmentStart:
         """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
@@ -292,7 +294,7 @@ class PredictedOutputs:
     """
 
     rows: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] predicted outputs."""
     end: np.ndarray
     """(n_x,) [as the state] state at the end."""
     H: np.ndarray = field(default_factory=lambda: np.zeros(0))

@@ -61,7 +61,7 @@ _OTHER = 0.2  # of the half width, by which ends may be apart that are called eq
 _UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
 
 SCORED = (*parameters.AXES, "tilt")
-"""[m/s, rad/s, deg] what errors are told of."""
+"""[m/s, rad/s, deg] channels whose errors are reported."""
 
 HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
@@ -99,9 +99,12 @@ class _Best:
     """Optimum of the cost."""
 
     wide: FitContext
+    """Fit with inflated variances."""
     cost: float
+    """Half the weighted squares at the optimum."""
     point: SearchPoint
     blocks: list[NormalEquations]
+    """Normal equations of each recording at the point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,8 +112,9 @@ class _HeldFit:
     """End of a search with a number held."""
 
     place: float
-    """[unit, or its logarithm where it is positive]"""
+    """[unit, or its logarithm where it is positive] value of the number."""
     root: float
+    """Signed root of the deviance."""
     point: SearchPoint
 
 
