@@ -211,10 +211,10 @@ def _aligned(
     t, values = smoothed(measured.undelayed_t, measured.values, checks.WINDOW)
     if name == "specific_force":  # whose mean is gravity
         return recordings.interpolated(reference.t, t, values - values.mean(axis=0)), 0.0, True, 1.0
-    late, steady = checks.offset(reference.t, reference.body, t, values)
-    measured_values = recordings.interpolated(reference.t + late, t, values)
+    delay, steady = checks.offset(reference.t, reference.body, t, values)
+    measured_values = recordings.interpolated(reference.t + delay, t, values)
     factor = float(np.linalg.norm(measured_values) / np.linalg.norm(reference.body))
-    return measured_values / factor, late, steady, factor
+    return measured_values / factor, delay, steady, factor
 
 
 def _rate_issues(
@@ -223,14 +223,14 @@ def _rate_issues(
     aligned = _aligned(recording, name, reference)
     if aligned is None:
         return
-    (measured, late, steady, factor) = aligned
+    (measured, delay, steady, factor) = aligned
     partner = _PARTNER[name]
     jump = (
         "its clock and that of the {} differ at the end by another time than at the beginning: a"
         " jump?"
     )
     texts = [
-        checks.describe_delay(late) if steady else jump,
+        checks.describe_delay(delay) if steady else jump,
         checks.describe_factor(reference.body, factor * measured),
     ]
     if name != "specific_force":

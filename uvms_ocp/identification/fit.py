@@ -221,10 +221,10 @@ def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
     ]
     n_drawn = -(-len(minutes) // thinning)
     # Not every nth minute: motions may alternate.
-    drawn = sorted(np.random.default_rng(0).permutation(len(minutes))[:n_drawn])
+    numbers = sorted(np.random.default_rng(0).permutation(len(minutes))[:n_drawn])
     segments = [
         replace(segment, recording=f"{segment.recording} {k}")
-        for k in drawn
+        for k in numbers
         for segment in minutes[k]
     ]
     if thinning > 1:
@@ -239,8 +239,8 @@ def resumed_search(error: OutputErrorProblem, estimate: Estimate, iterations: in
     for _ in range(_ROUNDS - 1):
         if estimate.status is not FitStatus.ITERATION_LIMIT:
             break
-        further = error.solve(error.resumed(estimate), iterations=iterations)
-        estimate = replace(further, iterations=estimate.iterations + further.iterations)
+        continuation = error.solve(error.resumed(estimate), iterations=iterations)
+        estimate = replace(continuation, iterations=estimate.iterations + continuation.iterations)
     return estimate
 
 
@@ -331,45 +331,50 @@ class FitContext:
         """
         root = float(np.sqrt(inflation))
         shared = self.estimate.shared
-        wider = {
+        sigmas = {
             name: root * getattr(self.noise, name)
             for name in ("velocity", "rate", "vertical", "process", "start")
         }
-        about = shared - (shared - self.vehicle.shared.start) / inflation
+        prior_means = shared - (shared - self.vehicle.shared.start) / inflation
         own_unknowns = self.vehicle.own.believed(self.vehicle.own.start, root)
         vehicle = replace(
-            self.vehicle, shared=self.vehicle.shared.believed(about), own=own_unknowns
+            self.vehicle, shared=self.vehicle.shared.believed(prior_means), own=own_unknowns
         )
         return replace(
             self,
             vehicle=vehicle,
-            noise=replace(self.noise, **wider, outliers=self.noise.outliers / root),
+            noise=replace(self.noise, **sigmas, outliers=self.noise.outliers / root),
         )
 
 
-def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
+def constant_slopes(
+    fitted: FitContext, constants: Sequence[str]
+) -> tuple[tuple[str, ...], np.ndarray]:
     """Return coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns
     with m of these.
 
     What each recording may have for itself is off in all of them alike.
     """
     unknowns = fitted.vehicle.shared
-    freed = dict(fitted.vehicle.shared.declaration.quantities)
-    freed |= {
-        name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held
+    quantities = dict(fitted.vehicle.shared.declaration.quantities)
+    quantities |= {
+        name: replace(quantities[name], free=np.ones_like(quantities[name].free), own=False)
+        for name in constants
     }
-    wider = Unknowns(Declaration(quantities=freed))
-    learnt = np.isin(wider.names, unknowns.names)
-    point = wider.start
+    all_unknowns = Unknowns(Declaration(quantities=quantities))
+    learnt = np.isin(all_unknowns.names, unknowns.names)
+    point = all_unknowns.start
     point[learnt] = fitted.estimate.shared
-    vehicle = replace(fitted.vehicle, shared=wider, own=Unknowns(wider.declaration, own=True))
+    vehicle = replace(
+        fitted.vehicle, shared=all_unknowns, own=Unknowns(all_unknowns.declaration, own=True)
+    )
     problem = replace(
         fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))
     ).problem()
     H = problem.solve(
         problem.resumed(replace(fitted.estimate, shared=point)), iterations=0
     ).information
-    stiff = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
-    return tuple(np.array(wider.names)[~learnt].tolist()), -np.linalg.solve(
-        stiff, H[np.ix_(learnt, ~learnt)]
+    stiffness = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
+    return tuple(np.array(all_unknowns.names)[~learnt].tolist()), -np.linalg.solve(
+        stiffness, H[np.ix_(learnt, ~learnt)]
     )

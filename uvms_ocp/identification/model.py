@@ -138,19 +138,19 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
         edge = _SHARP
     else:
         edge = _EDGE
-    after = _after(vehicle, values, x, u, joints, h, edge)
+    next_state = _after(vehicle, values, x, u, joints, h, edge)
     outputs = _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
     begun = _begun(vehicle, values, past, edge)
-    late = ca.vertcat(values["delay"], values["velocity_delay"])
+    delays = ca.vertcat(values["delay"], values["velocity_delay"])
     arguments = [x, u, joints, p, h]
     options = {"cse": True}
     return StageFunctions(
-        step=ca.Function("step", arguments, [ca.densify(after)], options),
+        step=ca.Function("step", arguments, [ca.densify(next_state)], options),
         slope=ca.Function(
             "slope",
             arguments,
-            [ca.densify(ca.jacobian(after, variable)) for variable in (x, p, u)],
+            [ca.densify(ca.jacobian(next_state, variable)) for variable in (x, p, u)],
             options,
         ),
         outputs=ca.Function(
@@ -169,7 +169,7 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
                 *(ca.densify(ca.jacobian(begun, variable)) for variable in (p, past)),
             ],
         ),
-        delays=ca.Function("delays", [p], [ca.densify(late), ca.densify(ca.jacobian(late, p))]),
+        delays=ca.Function("delays", [p], [ca.densify(delays), ca.densify(ca.jacobian(delays, p))]),
         n_x=x.numel(),
         n_u=n_u,
         n_j=n_j,
@@ -186,7 +186,7 @@ def _after(
     h: ca.SX,
     edge: float,
 ) -> ca.SX:
-    moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
+    integrate = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q = x[:N_Q]
     thrust = x[N_Q + N_V :]
     moves = ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
@@ -194,10 +194,10 @@ def _after(
     target = _target(vehicle, values, u, edge)
     decay = ca.exp(-h / values["lag"])
     mean = target + (thrust - target) * (1 - decay) * values["lag"] / h
-    middle = moved(q, nu * h / 2)
+    middle = integrate(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
     faster = nu + h * _acceleration(vehicle, values, middle, nu + h / 2 * slope, mean, joints)
-    return ca.vertcat(moved(middle, faster * h / 2), faster, target + (thrust - target) * decay)
+    return ca.vertcat(integrate(middle, faster * h / 2), faster, target + (thrust - target) * decay)
 
 
 def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -> ca.SX:
@@ -205,9 +205,9 @@ def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -
     less by the zone's size.
     """
     beyond = _whole_beyond if vehicle.actuators.whole_beyond else _less_beyond
-    ahead = beyond(u, values["dead_zone"], edge)
-    back = beyond(-u, values["dead_zone_reverse"], edge)
-    return values["gain"] * (ahead - values["reverse"] * back)
+    forward = beyond(u, values["dead_zone"], edge)
+    backward = beyond(-u, values["dead_zone_reverse"], edge)
+    return values["gain"] * (forward - values["reverse"] * backward)
 
 
 def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX, edge: float) -> ca.SX:
@@ -238,10 +238,10 @@ def _acceleration(
     n_links = len(dynamics.links)
     all_q = ca.vertcat(q, joints[:n_j])
     all_v = ca.vertcat(nu, joints[n_j : 2 * n_j])
-    held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
+    joint_acceleration = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
     wrench = ca.DM(vehicle.actuators.wrench) @ thrust + values["bias"] + values["wrench_offset"]
-    force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
+    force = wrench - dynamics.inverse_dynamics(all_q, all_v, joint_acceleration, *water)[:N_V]
     axes = list(vehicle.axes)
     D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[axes, axes], False)
     acceleration = ca.SX(N_V, 1)

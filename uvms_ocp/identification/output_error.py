@@ -105,8 +105,8 @@ class NormalEquations:
             """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
             ones.
             """
-            moved = -solved_own @ np.r_[change, 1.0]
-            return np.r_[moved, -solved @ np.r_[change, moved, 1.0]]
+            own_change = -solved_own @ np.r_[change, 1.0]
+            return np.r_[own_change, -solved @ np.r_[change, own_change, 1.0]]
 
         return (
             H[:n, :n] - H[:n, n:] @ solved_own[:, :-1],
@@ -146,10 +146,10 @@ def _measured_start(segment: Segment) -> SegmentStart:
     return SegmentStart(q=segment.q, v=segment.v)
 
 
-def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
+def difference(begin: SegmentStart, end: SegmentStart) -> np.ndarray:
     """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
-    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
-    return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(begin.q[3:]), end.q[3:]))
+    return np.concatenate([end.v - begin.v, np.asarray(turn).ravel()])
 
 
 # A number of the unknowns that is drawn to a value, as if it had been measured.
@@ -303,13 +303,16 @@ class OutputErrorProblem:
 
         blocks: normal equations at the point, the same for every number that is pulled.
         """
-        after = self._moved(
+        next_point = self._moved(
             point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False
         )
         with np.errstate(all="ignore"):
-            return after, self._total(
-                after,
-                [self._cost(k, after, outputs) for k, outputs in enumerate(self._all_seen(after))],
+            return next_point, self._total(
+                next_point,
+                [
+                    self._cost(k, next_point, outputs)
+                    for k, outputs in enumerate(self._all_seen(next_point))
+                ],
             )
 
     def solve(
@@ -328,27 +331,27 @@ class OutputErrorProblem:
         """
         blocks = self.blocks(point)
         status = FitStatus.ITERATION_LIMIT
-        done = 0
+        n_done = 0
         if not finite(blocks):
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
-        while done < iterations:
-            done += 1
-            self.progress(f"step {done} of at most {iterations}")
-            tried = self._step(point, blocks, damping, done <= frozen)
-            if tried is None:
+        while n_done < iterations:
+            n_done += 1
+            self.progress(f"step {n_done} of at most {iterations}")
+            trial = self._step(point, blocks, damping, n_done <= frozen)
+            if trial is None:
                 status = FitStatus.STALLED
                 break
-            after, damping, cost, further = tried
-            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-            point = after
-            blocks = further
-            if gained < tolerance and (done > frozen or frozen >= iterations):
+            next_point, damping, cost, next_blocks = trial
+            gain = 1.0 - cost / self._total(point, [block.cost for block in blocks])
+            point = next_point
+            blocks = next_blocks
+            if gain < tolerance and (n_done > frozen or frozen >= iterations):
                 # A step that damping held back gains little anywhere.
                 held = frozen >= iterations
                 if held or self._promised_gain(point, blocks) < _PROMISED * tolerance:
                     status = FitStatus.CONVERGED
                     break
-        return self._estimate(point, blocks, status, done)
+        return self._estimate(point, blocks, status, n_done)
 
     def _promised_gain(self, point: SearchPoint, blocks: list[NormalEquations]) -> float:
         """Compute the share of the cost by which the undamped step of the shared unknowns would
@@ -366,14 +369,14 @@ class OutputErrorProblem:
             H = H + stiff
             g = g + force
         shared = self._vehicle.shared
-        stopped = ((point.shared <= shared.lower) & (g > 0.0)) | (
+        stopped_mask = ((point.shared <= shared.lower) & (g > 0.0)) | (
             (point.shared >= shared.upper) & (g < 0.0)
         )
-        free = ~stopped
-        stiffness = H[np.ix_(free, free)] + _NEARLY_NONE * np.eye(int(free.sum()))
-        promised = 0.5 * float(g[free] @ np.linalg.solve(stiffness, g[free]))
+        free_mask = ~stopped_mask
+        stiffness = H[np.ix_(free_mask, free_mask)] + _NEARLY_NONE * np.eye(int(free_mask.sum()))
+        decrease = 0.5 * float(g[free_mask] @ np.linalg.solve(stiffness, g[free_mask]))
         cost = self._total(point, [block.cost for block in blocks])
-        return promised / max(cost, np.finfo(float).tiny)
+        return decrease / max(cost, np.finfo(float).tiny)
 
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
@@ -381,27 +384,27 @@ class OutputErrorProblem:
         """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and
         problem, all finite.
         """
-        before = self._total(point, [block.cost for block in blocks])
+        present_cost = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
-            after = self._moved(point, blocks, damping, frozen)
-            blocks_there = self.blocks(after)  # with slopes, as most steps are taken
-            cost = self._total(after, [block.cost for block in blocks_there])
-            if np.isfinite(cost) and cost < before and finite(blocks_there):
-                return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
+            next_point = self._moved(point, blocks, damping, frozen)
+            next_blocks = self.blocks(next_point)  # with slopes, as most steps are taken
+            cost = self._total(next_point, [block.cost for block in next_blocks])
+            if np.isfinite(cost) and cost < present_cost and finite(next_blocks):
+                return next_point, max(damping / 5.0, _NEARLY_NONE), cost, next_blocks
             damping *= 8.0
         return None
 
     def _moved(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> SearchPoint:
-        H, g, others = self._reduced(point, blocks, damping)
+        H, g, eliminations = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
             if self._pull is not None:
-                stiff, force = self._pull.normal(point.shared)
-                damped = damped + stiff
-                g = g + force
+                penalty_H, penalty_g = self._pull.normal(point.shared)
+                damped = damped + penalty_H
+                g = g + penalty_g
             change = -np.linalg.solve(damped, g)
         shared = np.clip(
             point.shared + np.clip(change, -1.0, 1.0),
@@ -411,8 +414,8 @@ class OutputErrorProblem:
         change = shared - point.shared
         own_unknowns = []
         starts = []
-        for k, changed in enumerate(others):
-            local = changed(change)
+        for k, elimination in enumerate(eliminations):
+            local = elimination(change)
             own_unknowns.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
             starts.append(
@@ -438,7 +441,7 @@ class OutputErrorProblem:
         return H, g, eliminations
 
     def _estimate(
-        self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int
+        self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, iterations: int
     ) -> Estimate:
         informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
@@ -450,16 +453,16 @@ class OutputErrorProblem:
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
             status=status,
-            iterations=done,
+            iterations=iterations,
         )
 
     def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
-        far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
+        deviations = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
         if self._pull is None:
-            pulled = 0.0
+            penalty = 0.0
         else:
-            pulled = self._pull.cost(point.shared)
-        return float(sum(costs) + far @ far / 2 + pulled)
+            penalty = self._pull.cost(point.shared)
+        return float(sum(costs) + deviations @ deviations / 2 + penalty)
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
@@ -525,13 +528,13 @@ class OutputErrorProblem:
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
         """Compute weighted residuals of the starts against the measurements, and their cost."""
-        far = [
+        residuals = [
             difference(_measured_start(segment), start) / self._noise.start
             for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
         ]
         own_offset = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
-        squares = sum(residual @ residual for residual in far)
-        return far, float(squares + own_offset @ own_offset) / 2
+        squares = sum(residual @ residual for residual in residuals)
+        return residuals, float(squares + own_offset @ own_offset) / 2
 
     def _gaps(
         self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
@@ -540,12 +543,12 @@ class OutputErrorProblem:
         slopes with end states (9, n_x).
         """
         gaps = []
-        for prediction, after in zip(outputs[:-1], point.starts[k][1:], strict=True):
+        for prediction, start in zip(outputs[:-1], point.starts[k][1:], strict=True):
             end = SegmentStart(q=prediction.end[:N_Q], v=prediction.end[N_Q : N_Q + N_V])
             slope = np.zeros((N_START, len(prediction.end)))
             slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
             slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
-            gaps.append((difference(after, end) / self._noise.process, slope / self._noise.process))
+            gaps.append((difference(start, end) / self._noise.process, slope / self._noise.process))
         return gaps
 
     def _block(
@@ -553,14 +556,14 @@ class OutputErrorProblem:
     ) -> NormalEquations:
         n = self._n
         size = self._n + self._m
-        back = -1.0 / self._noise.process
+        slope_back = -1.0 / self._noise.process
         weight = 1.0 / self._vehicle.own.sigma**2
-        far = self._beginnings(k, point)[0]
+        start_residuals = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
         hessians = np.array([prediction.H for prediction in outputs])
         gradients = np.array([prediction.g for prediction in outputs])
         hessians[:, size:, size:] += np.eye(N_START) / self._noise.start**2
-        gradients[:, size:] += np.array(far) / self._noise.start
+        gradients[:, size:] += np.array(start_residuals) / self._noise.start
         gaps = self._gaps(k, point, outputs)
         if gaps:
             J = np.array(
@@ -571,23 +574,23 @@ class OutputErrorProblem:
             )
             gap = np.array([residual for residual, _ in gaps])
             hessians[:-1] += J.swapaxes(1, 2) @ J
-            hessians[1:, size:, size:] += back**2 * np.eye(N_START)
-            hessians[1:, size:, :size] += back * J[:, :, :size]
+            hessians[1:, size:, size:] += slope_back**2 * np.eye(N_START)
+            hessians[1:, size:, :size] += slope_back * J[:, :, :size]
             gradients[:-1] += np.einsum("lij,li->lj", J, gap)
-            gradients[1:, size:] += back * gap
+            gradients[1:, size:] += slope_back * gap
         # Both, one under the other: row r of a column is on the diagonal that is so far below that
         # of the column's own entry.
-        both = np.zeros((3 * N_START, len(outputs), N_START))
-        both[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
+        band = np.zeros((3 * N_START, len(outputs), N_START))
+        band[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
         if gaps:
-            both[N_START : 2 * N_START, :-1] = back * np.moveaxis(J[:, :, size:], 1, 0)
+            band[N_START : 2 * N_START, :-1] = slope_back * np.moveaxis(J[:, :, size:], 1, 0)
         rows = np.arange(2 * N_START)[:, None, None] + np.arange(N_START)
         return NormalEquations(
             cost=self._cost(k, point, outputs),
             H=np.diag(np.r_[np.zeros(n), weight]) + hessians[:, :size, :size].sum(axis=0),
             g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)]
             + gradients[:, :size].sum(axis=0),
-            H_starts=np.take_along_axis(both, rows, axis=0).reshape(2 * N_START, -1),
+            H_starts=np.take_along_axis(band, rows, axis=0).reshape(2 * N_START, -1),
             g_starts=gradients[:, size:].ravel(),
             cross=hessians[:, size:, :size].reshape(-1, size),
         )

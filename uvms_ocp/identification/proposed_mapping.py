@@ -50,15 +50,17 @@ def propose_mapping(path: Path) -> str:
     of_topics = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == of_topics]
     if file_kinds.holds_messages(path):
-        named = dict(_fields(path, forms))
+        names_by_topic = dict(_fields(path, forms))
     else:
-        named = {"": list(tables.column_names(path))}
+        names_by_topic = {"": list(tables.column_names(path))}
     channels = _Found()
     labels = dict[str, tuple[str, str]]()
-    if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
-        labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
-    for form, (topic, names) in product(forms, named.items()):
-        used = {
+    if all(name == f"#{k}" for k, name in enumerate(names_by_topic.get("", [""]), start=1)):
+        labels = guessed_names(
+            names_by_topic[""], tables.read_columns(path, names_by_topic[""]), _TABLE["guesses"]
+        )
+    for form, (topic, names) in product(forms, names_by_topic.items()):
+        used_names = {
             name
             for channel in channels.values()
             if channel.get("topic", "") == topic
@@ -67,16 +69,18 @@ def propose_mapping(path: Path) -> str:
         unused = [
             name
             for name in names
-            if name not in used and (name[:1].isupper() or "capitals" not in form)
+            if name not in used_names and (name[:1].isupper() or "capitals" not in form)
         ]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
         of_commands = CHANNEL_KINDS[form["channel"]].command
-        free = {
+        free_names = {
             name: labelled[name]
             for name in unused
             if of_commands or not re.search(_TABLE["asked"], _plain(labelled[name]))
         }
-        columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
+        columns = _matched(form, free_names, re.compile("$.")) or _matched(
+            form, free_names, _SUFFIX
+        )
         has_neighbour = any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if (
             columns
@@ -104,7 +108,7 @@ def propose_mapping(path: Path) -> str:
             )
     if not channels:
         names_text = "; ".join(
-            f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items()
+            f"{topic} {', '.join(names[:40])}".strip() for topic, names in names_by_topic.items()
         )
         raise InvalidInput(
             f"{path}: nothing in it has a name that is known: {names_text}; write a mapping of these"
@@ -264,15 +268,15 @@ def _cured(path: Path, channels: _Found) -> tuple[_Found, Mapping[str, list[str]
                 continue
             lowest_score = _left(channels, ranges, doubts, doubts)
             chosen = None
-            for named, candidate in _others(doubt, channels):
+            for channel, candidate in _others(doubt, channels):
                 other_ranges, other_doubts = _judged(path, candidate)
                 score = _left(candidate, other_ranges, other_doubts, doubts)
                 if score < lowest_score:
                     lowest_score = score
-                    chosen = (named, candidate, other_ranges, other_doubts)
+                    chosen = (channel, candidate, other_ranges, other_doubts)
             if chosen:
-                named, channels, ranges, doubts = chosen
-                cured[named].append(doubt[1])
+                channel, channels, ranges, doubts = chosen
+                cured[channel].append(doubt[1])
     return channels, cured
 
 
@@ -305,14 +309,14 @@ def _others(doubt: _Doubt, channels: _Found) -> Iterator[tuple[str, _Found]]:
             keys["columns"] = _turned(channels[channel], axes.split(", "))
         named = cure.get("becomes", channel)
         if "all" in cure:
-            meant = {
+            frames = {
                 name: reading.frames_of(name, entry.get("frame"))
                 for name, entry in channels.items()
             }
             yield (
                 channel,
                 {
-                    name: entry | {key: keys[key] for key in keys if key in meant[name]}
+                    name: entry | {key: keys[key] for key in keys if key in frames[name]}
                     for name, entry in channels.items()
                 },
             )

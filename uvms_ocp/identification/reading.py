@@ -470,10 +470,10 @@ def _factors(
         return np.full(len(file_units), factors.get(mapping.unit or "", 1.0)), (), []
     units = [recordings.unit_named(unit) or unit.strip() for unit in file_units]
     foreign_units = sorted({unit for unit in units if unit and unit not in factors})
-    turned = sorted({unit for unit in units if factors.get(unit, 1.0) != 1.0})
+    converted_units = sorted({unit for unit in units if factors.get(unit, 1.0) != 1.0})
     notes: tuple[str, ...] = ()
-    if turned:
-        notes = (f"{key}: in {', '.join(turned)}, as the file says",)
+    if converted_units:
+        notes = (f"{key}: in {', '.join(converted_units)}, as the file says",)
     plain = " or ".join(unit for unit, factor in factors.items() if factor == 1.0)
     doubtful = (
         f"in {', '.join(foreign_units)} as the file says, and taken for {plain}: give its unit, or"

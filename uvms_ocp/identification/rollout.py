@@ -162,10 +162,12 @@ class PreparedRecording:
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
         (segment,) = self.stretches(step)
-        before = round(start_window / step)
-        after = round(horizon / step)
+        n_before = round(start_window / step)
+        n_after = round(horizon / step)
         n = len(segment.edges) - 1
-        return self._parts(segment, np.arange(0, n - before - after + 1, after), before + after)
+        return self._parts(
+            segment, np.arange(0, n - n_before - n_after + 1, n_after), n_before + n_after
+        )
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude = self.recording.channel("attitude")

@@ -367,14 +367,14 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
         return
     for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
         for extreme in (float(values.min()), float(values.max())):
-            others = values[values != extreme]
-            if len(others):
-                low, high = np.percentile(others, [0.1, 99.9])
+            other_values = values[values != extreme]
+            if len(other_values):
+                low, high = np.percentile(other_values, [0.1, 99.9])
             else:
                 low = extreme
                 high = extreme
             gap = max(low - extreme, extreme - high)
-            n = len(values) - len(others)
+            n = len(values) - len(other_values)
             if gap > max(
                 _FAR * (high - low), _FARTHEST.get(name, 0.0)
             ) and n < _FOR_LONG / 100 * len(values):

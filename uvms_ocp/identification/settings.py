@@ -266,16 +266,20 @@ def _along(
     of them.
     """
     names = declaration.quantities[name].coordinates.names if name in declaration.quantities else ()
-    others = set(parameters.AXES) - set(axes)
-    held = [
+    held_axes = set(parameters.AXES) - set(axes)
+    held_coordinates = [
         coordinate
         for coordinate in names
-        if others.intersection(coordinate.replace(" from ", "-").split("-"))
+        if held_axes.intersection(coordinate.replace(" from ", "-").split("-"))
     ]
-    if held:
+    if held_coordinates:
         return replace(
             status,
-            only=tuple(coordinate for coordinate in status.only or names if coordinate not in held),
+            only=tuple(
+                coordinate
+                for coordinate in status.only or names
+                if coordinate not in held_coordinates
+            ),
         )
     return status
 

@@ -123,11 +123,12 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     correlated. The mean over the channels, but no less than of any that the model does not explain:
     what is wrong with it may be wrong for all numbers.
     """
-    moved = (
+    moving_residuals = (
         residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED
     )
     inflations = [
-        float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved
+        float((residual**2).mean()) * bartlett(residual - residual.mean())
+        for residual in moving_residuals
     ]
     floors = (
         test.size**2 * test.inflation for test in whiteness(predicted, noise) if test.unexplained
@@ -234,9 +235,10 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     C (n, n) [unknowns^2].
     """
     entries, values, slopes = _entries(vehicle, shared)
-    alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
+    # Without recordings.
+    prior_covariance = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
     sigmas = _propagated(slopes, C)
-    prior_sigmas = _propagated(slopes, alone)
+    prior_sigmas = _propagated(slopes, prior_covariance)
     return tuple(
         IdentifiedNumber(
             quantity=quantity,

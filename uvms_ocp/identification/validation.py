@@ -149,13 +149,13 @@ def profiles(
 
 
 def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
-    alone: set[int] = set()
+    single: set[int] = set()
     for number in numbers:
         unknowns = np.flatnonzero(number_of(wide.vehicle, number)(wide.estimate.shared)[1])
-        if len(unknowns) > 1 or unknowns[0] not in alone:
+        if len(unknowns) > 1 or unknowns[0] not in single:
             yield number
         if len(unknowns) == 1:
-            alone.update(unknowns)
+            single.update(unknowns)
 
 
 def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
@@ -167,9 +167,9 @@ def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
     middle = _HeldFit(number(point.shared)[0], 0.0, point)
     below = _side(best, middle, number, -sigma)
     above = _side(best, middle, number, sigma)
-    held = [*below[::-1], middle, *above]
-    places = np.array([fit.place for fit in held])
-    roots = np.array([fit.root for fit in held])
+    fits = [*below[::-1], middle, *above]
+    places = np.array([fit.place for fit in fits])
+    roots = np.array([fit.root for fit in fits])
     ends = np.array([_crossing(places, roots, side) for side in (-INTERVAL, INTERVAL)])
     if identified.positive:
         places = np.exp(places)
@@ -209,17 +209,17 @@ def _held(best: _Best, nearest: _HeldFit, pull: ProfilePenalty, k: int) -> _Held
     """
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.point, best.blocks)
-    gained = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
+    gain = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
     share = _KEPT * k**2
     for _ in range(_STEPS):
-        if abs(gained) < share:
+        if abs(gain) < share:
             return _found(best, pull, point, cost)
-        after, lower = problem.stepped(point)
-        if not lower <= cost:
+        next_point, next_cost = problem.stepped(point)
+        if not next_cost <= cost:
             break
-        gained = 2.0 * (cost - lower)
-        point = after
-        cost = lower
+        gain = 2.0 * (cost - next_cost)
+        point = next_point
+        cost = next_cost
     estimate = problem.solve(
         nearest.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING
     )
@@ -257,8 +257,8 @@ def static_baseline(stretch: Segment, start_window: float) -> Predicted:
     """Predict that a vehicle does not move and stays as it was seen last, `start_window` [s] after
     the beginning of a stretch.
     """
-    before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + start_window)
-    vertical = stretch.measured[2][before[-1] if len(before) else 0]
+    samples = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + start_window)
+    vertical = stretch.measured[2][samples[-1] if len(samples) else 0]
     return _resting(stretch, np.broadcast_to(vertical, (len(stretch.t[2]), 3)))
 
 
@@ -371,8 +371,8 @@ class HorizonPrediction:
     @property
     def uninformative(self) -> tuple[str, ...]:
         """Names of `SCORED` whose predicted motion is less than its expected error."""
-        moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
-        return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
+        motion = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
+        return tuple(np.array(SCORED)[motion < self.expected_error].tolist())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -508,7 +508,7 @@ def _horizons(
     residuals = Predicted.joined(list(others.residuals().values()))
     seen_error = errors(residuals)
     C = covariance(others.vehicle, others.estimate, variance_inflation(residuals, others.noise))
-    drawn = np.random.default_rng(0).multivariate_normal(
+    draws = np.random.default_rng(0).multivariate_normal(
         predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore"
     )
     window = predictor.start_window
@@ -525,7 +525,7 @@ def _horizons(
             )
         disturbed = [
             replace(others.predictor(shared).over(held, step, length), measured=by[OTHERS].rows)
-            for shared in drawn
+            for shared in draws
         ]
         endless = np.full(len(SCORED), np.inf)
         deviations = [
