@@ -121,7 +121,7 @@ def _agreement(motion: ExplainedMotion, thrust: Channel) -> Callable[[np.ndarray
 
 
 def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
-    """(n, n) each, by what they do."""
+    """Build matrices (n, n) that permute or reverse the names, by a text that says how."""
     places = np.arange(len(names))
     permutations = {"all reversed": -np.eye(len(names))}
     permutations |= {
@@ -142,7 +142,7 @@ def _ways(names: Sequence[str]) -> dict[str, np.ndarray]:
 def check_settings(
     subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
 ) -> Iterator[QualityIssue]:
-    """One after the other."""
+    """Check the settings, one after the other."""
     quantities = subject.vehicle.own.declaration.quantities
     channels = recording.channels
     if "current" in channels:
@@ -180,7 +180,8 @@ def check_settings(
 
 
 def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: int) -> Recording:
-    """The recording of a vehicle that moves along some axes alone, with what it need not have.
+    """Complete the recording of a vehicle that moves along some axes alone by channels that it need
+    not have.
 
     It stands level, is at rest along the others, and nothing pushes it where no commands are
     recorded, as in a decay test.
@@ -205,7 +206,8 @@ def along_axes(recording: Recording, settings: CalibrationSettings, n_commands: 
 
 
 def require_current(subject: CalibratedRobot, recording: Recording) -> None:
-    """Raises InvalidInput for a recorded current that is strong, and that no unknown may take.
+    """Check currents; raises InvalidInput for a recorded current that is strong, and that no
+    unknown may take.
 
     Such a fit converges where its numbers are wrong by many of their standard errors.
     """
@@ -309,7 +311,7 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
 
 
 def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
-    """(n,) bool: all, then quantity by quantity."""
+    """Yield masks (n,) [bool] of unknowns: all, then quantity by quantity."""
     yield is_open
     quantities = np.array([name.partition(" ")[0] for name in shared.names])
     for name in dict.fromkeys(quantities.tolist()):
@@ -317,7 +319,9 @@ def _chosen(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.nda
 
 
 def _held(fitted: FitContext, which: np.ndarray) -> Estimate | None:
-    """Refit with those of which (n,) bool held as declared; `None` where that does not converge."""
+    """Refit with the unknowns of a mask which (n,) [bool] held as declared; `None` where that does
+    not converge.
+    """
     shared = fitted.vehicle.shared
     problem = replace(fitted, vehicle=replace(fitted.vehicle, shared=shared.held(which))).problem()
     warm_start = problem.resumed(
@@ -352,7 +356,7 @@ of 1 m.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class HeldConstant:
-    """A quantity that a fit held, and what it does to numbers."""
+    """A quantity that a fit held, and its effect on the numbers."""
 
     quantity: str
     known: str
@@ -374,8 +378,8 @@ class HeldConstant:
 def held_constants(
     fitted: FitContext, settings: CalibrationSettings, inflation: float
 ) -> tuple[Estimate, tuple[HeldConstant, ...]]:
-    """The estimate of recordings of others, less certain by what was assumed, and all constants
-    that could be off.
+    """Return the estimate with the uncertainty from assumed constants added, and all constants that
+    a fit held.
     """
     quantities = fitted.vehicle.shared.declaration.quantities
     names, slopes = constant_slopes(
@@ -397,8 +401,8 @@ def held_constants(
     constants = []
     assumed = fitted.estimate.assumed
 
-    def most(slopes_of_constant: np.ndarray) -> dict[str, Any]:
-        """Number that changes (n, m) of unknowns move farthest, and how far."""
+    def largest_effect(slopes_of_constant: np.ndarray) -> dict[str, Any]:
+        """Find the number that changes (n, m) of unknowns move farthest, and how far."""
         change = np.linalg.norm(with_unknowns @ slopes_of_constant, axis=1) / errors
         return {"most": numbered[int(np.argmax(change))][1], "change": float(change.max())}
 
@@ -409,25 +413,24 @@ def held_constants(
         else:
             origin = "robot's file" if of_file else "assumed"
         own_slopes = moved[:, owners == name]
-        assumed = assumed + own_slopes @ own_slopes.T * (origin == "assumed" and name not in _SEEN)
-        alike = [
-            name,
-            *(
-                quantity
-                for quantity, twin in _ALIKE.items()
-                if twin == name and not quantities[quantity].free.any()
-            ),
+        if origin == "assumed" and name not in _SEEN:
+            assumed = assumed + own_slopes @ own_slopes.T
+        twins = [
+            quantity
+            for quantity, twin in _ALIKE.items()
+            if twin == name and not quantities[quantity].free.any()
         ]
+        effect = largest_effect(own_slopes)
         constants += [
-            HeldConstant(quantity=quantity, known=origin, spread=_SPREADS[name], **most(own_slopes))
-            for quantity in alike
+            HeldConstant(quantity=quantity, known=origin, spread=_SPREADS[name], **effect)
+            for quantity in (name, *twins)
         ]
     for name, unit in _NOISIER.items():
         sigma = getattr(fitted.noise, name)
         origin = "given" if name in settings.noise.model_fields_set else "assumed"
         noisier = replace(fitted, noise=replace(fitted.noise, **{name: 2.0 * sigma})).problem()
         point, _ = noisier.stepped(noisier.resumed(fitted.estimate))
-        moved_by = most((point.shared - fitted.estimate.shared)[:, None])
+        moved_by = largest_effect((point.shared - fitted.estimate.shared)[:, None])
         constants.append(
             HeldConstant(
                 quantity=f"noise {name}",
@@ -446,7 +449,7 @@ def held_constants(
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Comparison:
-    """A recording, predicted from its commands, its start fitted on what was seen first."""
+    """A recording, predicted from its commands, its start fitted to the first measurements."""
 
     name: str
     calibrated: Predicted
@@ -622,37 +625,44 @@ def calibrate(
         predicted_bounds = None
         if prepared_others and bounds:
             predicted_bounds = fit_bounds(fitted, prepared_others, progress)
-        white = uncertainty.whiteness(joined_residuals, fitted.noise)
-        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, white)
+        tests = uncertainty.whiteness(joined_residuals, fitted.noise)
+        identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, tests)
         balance = validation.StaticBalance(subject.vehicle)
+        exported = exported_estimate(fitted, inflation)
+        directions = uncertainty.unidentifiable_directions(
+            subject.vehicle, fitted.estimate, inflation
+        )
+        comparisons = tuple(
+            _comparison(fitted, balance, item, residuals[item.recording.name]) for item in prepared
+        )
+        profiles = tuple[validation.Profile, ...]()
+        if profiled:
+            profiles = tuple(validation.profiles(fitted, identified, inflation, progress))
+        left_out = tuple[validation.HeldOutRecording, ...]()
+        if leave_one_out:
+            left_out = tuple(
+                validation.leave_one_out(fitted, progress=progress, bounds=left_out_bounds)
+            )
+        predicted = tuple(
+            validation.predict_others(
+                fitted, prepared_others, progress=progress, bounds=predicted_bounds
+            )
+        )
         return Calibration(
             subject=subject,
             estimate=fitted.estimate,
-            exported=exported_estimate(fitted, inflation),
+            exported=exported,
             numbers=identified,
-            open=uncertainty.unidentifiable_directions(subject.vehicle, fitted.estimate, inflation),
+            open=directions,
             inflation=inflation,
-            whiteness=white,
-            comparisons=tuple(
-                _comparison(fitted, balance, item, residuals[item.recording.name])
-                for item in prepared
-            ),
+            whiteness=tests,
+            comparisons=comparisons,
             issues=tuple(doubtful),
             constants=constants,
-            profiles=tuple(validation.profiles(fitted, identified, inflation, progress))
-            if profiled
-            else (),
-            left_out=tuple(
-                validation.leave_one_out(fitted, progress=progress, bounds=left_out_bounds)
-            )
-            if leave_one_out
-            else (),
+            profiles=profiles,
+            left_out=left_out,
             left_out_bounds=left_out_bounds,
-            predicted=tuple(
-                validation.predict_others(
-                    fitted, prepared_others, progress=progress, bounds=predicted_bounds
-                )
-            ),
+            predicted=predicted,
             predicted_bounds=predicted_bounds,
         )
 
@@ -660,25 +670,26 @@ def calibrate(
 def _with_commands(
     subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
 ) -> tuple[Recording, ...]:
-    """Recordings, cut at silences, with thrust in the place of propeller commands."""
+    """Return recordings, cut at silences, with thrust in the place of propeller commands."""
     if settings.commands == "propeller_commands":
         free = len(subject.vehicle.axes) == len(
             parameters.AXES
         )  # others may have no commands, as decay tests
-        recordings = [
-            with_thrust(subject.robot, recording)
-            if free or recording.channels.keys() & COMMANDS
-            else recording
-            for recording in recordings
-        ]
+        with_commands = []
+        for recording in recordings:
+            if free or recording.channels.keys() & COMMANDS:
+                with_commands.append(with_thrust(subject.robot, recording))
+            else:
+                with_commands.append(recording)
+        recordings = with_commands
     return split_at_gaps(recordings)
 
 
 def _prepared(
     subject: CalibratedRobot, settings: CalibrationSettings, recordings: Sequence[Recording]
 ) -> tuple[PreparedRecording, ...]:
-    """Recordings, prepared for the vehicle. Raises InvalidInput for one that is too short, or in a
-    current that is not learnt.
+    """Return recordings, prepared for the vehicle. Raises InvalidInput for one that is too short,
+    or in a current that is not learnt.
     """
     n = subject.vehicle.actuators.allocation.shape[1]
     prepared = tuple(
@@ -691,8 +702,8 @@ def _prepared(
 
 
 def with_thrust(robot: Robot, recording: Recording) -> Recording:
-    """The recording with the steady thrust of its `propeller_commands`, by the robot's thrust
-    curves.
+    """Return the recording with the steady thrust of its `propeller_commands`, by the robot's
+    thrust curves.
 
     Without a curve -1 and 1 are a thruster's limits. Raises InvalidInput without that channel, or
     for one of other thrusters.
@@ -724,17 +735,20 @@ def with_thrust(robot: Robot, recording: Recording) -> Recording:
 
 
 def _comparison(
-    fitted: FitContext, balance: validation.StaticBalance, one: PreparedRecording, left: Predicted
+    fitted: FitContext,
+    balance: validation.StaticBalance,
+    recording: PreparedRecording,
+    missed: Predicted,
 ) -> Comparison:
-    (whole,) = one.stretches(fitted.search.step)
+    (segment,) = recording.stretches(fitted.search.step)
     after = fitted.predictor()
     before = fitted.predictor(fitted.vehicle.shared.start)
     return Comparison(
-        name=one.recording.name,
-        calibrated=after.of(whole),
-        before=before.of(whole),
-        static=validation.static_baseline(whole, after.start_window),
-        balance=balance.of_stretch(whole, fitted.estimate.shared),
-        residuals=left,
-        whiteness=uncertainty.whiteness(left, fitted.noise),
+        name=recording.recording.name,
+        calibrated=after.of(segment),
+        before=before.of(segment),
+        static=validation.static_baseline(segment, after.start_window),
+        balance=balance.of_stretch(segment, fitted.estimate.shared),
+        residuals=missed,
+        whiteness=uncertainty.whiteness(missed, fitted.noise),
     )

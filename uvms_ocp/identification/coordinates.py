@@ -53,7 +53,7 @@ class Positives:
     names: tuple[str, ...]
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """``exp(x)``"""
+        """Compute ``exp(x)``."""
         return ca.exp(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
@@ -74,12 +74,12 @@ class Interval:
     """(n,) [unit of the quantity]"""
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """``tanh(x)``, from the lower to the upper end."""
+        """Compute ``tanh(x)``, from the lower to the upper end."""
         return ca.DM(self.lower + self.upper) / 2 + ca.DM(self.upper - self.lower) / 2 * ca.tanh(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X (n,) of value (n,) [unit of the quantity]. Raises InvalidInput for one that is not
-        inside.
+        """Compute x (n,) of a value (n,) [unit of the quantity]. Raises InvalidInput for one that
+        is not inside.
         """
         share = (2 * _column(value, self.names) - self.lower - self.upper) / (
             self.upper - self.lower
@@ -127,7 +127,7 @@ class PositiveDefinite:
         return tuple((max(pair), min(pair)) for pair in self.couplings)
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """The matrix (n, n)."""
+        """Compute the matrix (n, n)."""
         L = ca.SX(len(self.axes), len(self.axes))
         for k, i in enumerate(self.own):
             L[i, i] = ca.exp(x[k])
@@ -137,8 +137,8 @@ class PositiveDefinite:
         return scaled @ scaled.T
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is not
-        positive definite on its axes.
+        """Compute x of a value (n, n) [unit of the quantity]. Raises InvalidInput for one that is
+        not positive definite on its axes.
         """
         block = np.ix_(self.own, self.own)
         L = np.zeros((len(self.axes),) * 2)
@@ -152,12 +152,12 @@ class PositiveDefinite:
         return np.array([np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below])
 
 
-def positive(values: np.ndarray, what: str) -> np.ndarray:
-    """The values (...) [any]. Raises InvalidInput for one that is not positive and finite; `what`
-    names them.
+def positive(values: np.ndarray, label: str) -> np.ndarray:
+    """Return the values (...) [any]. Raises InvalidInput for one that is not positive and finite;
+    `label` names them.
     """
     if not (np.isfinite(values).all() and (values > 0.0).all()):
-        raise InvalidInput(f"{what} {values.tolist()} given; allowed: finite, more than 0")
+        raise InvalidInput(f"{label} {values.tolist()} given; allowed: finite, more than 0")
     return values
 
 
@@ -193,7 +193,7 @@ class LinearDrag:
         )
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """D (6, 6) [N/(m/s), N m/(rad/s)]."""
+        """Compute D (6, 6) [N/(m/s), N m/(rad/s)]."""
         n = len(self.symmetric.names)
         D = self.symmetric.decode(x[:n])
         for k, (i, j) in enumerate(self.symmetric.below, start=n):
@@ -202,8 +202,8 @@ class LinearDrag:
         return D
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of D value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that does not
-        dissipate.
+        """Compute x of D, value (6, 6) [N/(m/s), N m/(rad/s)]. Raises InvalidInput for one that
+        does not dissipate.
         """
         D = np.asarray(value, dtype=float)
         skew = [(D[i, j] - D[j, i]) / 2 / self._unit(i, j) for i, j in self.symmetric.below]
@@ -225,8 +225,8 @@ class QuadraticDrag:
     couplings: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises `InvalidInput` for a coupling of an axis with itself, or with one that has no drag
-        of its own.
+        """Check couplings. Raises `InvalidInput` for a coupling of an axis with itself, or with one
+        that has no drag of its own.
         """
         for i, j in self.couplings:
             if i == j or not self.scale[i] * self.scale[j] > 0.0:
@@ -247,7 +247,7 @@ class QuadraticDrag:
         return (*(self.axes[i] for i in self.own), *pairs)
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """Q (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
+        """Compute Q (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
         Q = ca.SX(6, 6)
         n = len(self.own)
         for k, (i, j) in enumerate(self.couplings, start=n):
@@ -260,8 +260,8 @@ class QuadraticDrag:
         return Q
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """X of Q value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where couplings
-        outweigh the diagonal.
+        """Compute x of Q, value (6, 6) [N/(m/s)^2, N m/(rad/s)^2]. Raises InvalidInput where
+        couplings outweigh the diagonal.
         """
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
@@ -311,7 +311,8 @@ x stands for it.
 
 
 def second_moment(inertia: np.ndarray) -> np.ndarray:
-    """S (3, 3) [kg m2] of a rotational inertia (3, 3) [kg m2], both about the centre of mass.
+    """Compute S (3, 3) [kg m2] of a rotational inertia (3, 3) [kg m2], both about the centre of
+    mass.
 
     Raises InvalidInput for an inertia that no body has.
     """
@@ -325,8 +326,8 @@ def second_moment(inertia: np.ndarray) -> np.ndarray:
 
 
 def spatial_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
-    """(6, 6) [kg, kg m, kg m2] about the origin of the frame in which the centre of mass (3,) [m]
-    is given, linear first.
+    """Compute a spatial inertia (6, 6) [kg, kg m, kg m2] about the origin of the frame in which the
+    centre of mass (3,) [m] is given, linear first.
     """
     c = skew(centre)
     upper = ca.horzcat(mass * ca.SX.eye(3), -mass * c)

@@ -78,8 +78,8 @@ class _Reference:
 
 
 def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them; of an attitude that is read wrong this alone, for all
-    else follows from it.
+    """Yield channels and doubts about them; of an attitude that is read wrong that doubt alone, as
+    all others follow from it.
     """
     issues = list(_other_attitude(recording))
     yield from issues or (
@@ -90,60 +90,62 @@ def of_rates(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _other_attitude(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Another way to read the attitude, with which all that depends on it agrees better, and other
-    axes alone would not.
+    """Yield another way to read the attitude, with which all that depends on it agrees better, and
+    other axes alone would not.
     """
     present_agreement = _agreement(recording)
     channels = recording.channels
     attitude = channels.get("attitude")
     turned = {
-        how: replace(attitude, values=attitude.values[:, order] * signs)
-        for how, (order, signs) in _READINGS
+        reading: replace(attitude, values=attitude.values[:, order] * signs)
+        for reading, (order, signs) in _READINGS
         if attitude
     }
     if (
         attitude and not present_agreement and _level(attitude) < _HALF
     ):  # no vehicle is level for long by numbers in another order
         order = (
-            how for how, one in turned.items() if how.startswith("format") and _level(one) > _LEVEL
+            reading
+            for reading, channel in turned.items()
+            if reading.startswith("format") and _level(channel) > _LEVEL
         )
         yield from (
-            ("attitude", f"reads better with {how}: it is level then, which it is not as it is")
-            for how in order
+            ("attitude", f"reads better with {reading}: it is level then, which it is not as it is")
+            for reading in order
         )
     ways = {
-        how: _agreement(replace(recording, channels={**channels, "attitude": one}))
-        for how, one in turned.items()
+        reading: _agreement(replace(recording, channels={**channels, "attitude": channel}))
+        for reading, channel in turned.items()
         if present_agreement
     }
-    for how, agreement in sorted(
+    for reading, agreement in sorted(
         ways.items(), key=lambda way: -sum(share for share, _ in way[1].values())
     ):
-        more = [
+        gains = [
             agreement.get(name, (0.0, 0.0))[0] - share
             for name, (share, _) in present_agreement.items()
         ]
         smallest_share = min(agreement.get(name, (0.0, 0.0))[0] for name in present_agreement)
-        better = sum(one > checks.EXPLAINED for one in more)
+        better = sum(gain > checks.EXPLAINED for gain in gains)
         clearer = better and all(
             agreement[name][0] > best + _EVEN
             for name, (_, best) in present_agreement.items()
             if name in agreement
         )
-        if smallest_share > _HALF and min(more) > -_EVEN and (better > 1 or clearer):
+        if smallest_share > _HALF and min(gains) > -_EVEN and (better > 1 or clearer):
             shares = ", ".join(
                 f"{100 * share:.0f} % of {name}" for name, (share, _) in agreement.items()
             )
             before = ", ".join(f"{100 * share:.0f} %" for share, _ in present_agreement.values())
             yield (
                 "attitude",
-                f"reads better with {how}: it agrees with {shares}, and as it is with {before}",
+                f"reads better with {reading}: it agrees with {shares}, and as it is with {before}",
             )
             return
 
 
 def _level(attitude: Channel) -> float:
-    """Cosine of tilt, on average."""
+    """Compute the mean cosine of the tilt."""
     return float(rotations(attitude, attitude.undelayed_t)[:, 2, 2].mean())
 
 
@@ -168,7 +170,9 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
         return
     if "angular_velocity" in channels:
         t, omega = angular_rate(channels["attitude"], checks.WINDOW)
-        t, omega, R = t[_INSIDE], omega[_INSIDE], rotations(channels["attitude"], t[_INSIDE])
+        t = t[_INSIDE]
+        omega = omega[_INSIDE]
+        R = rotations(channels["attitude"], t)
         yield "angular_velocity", _Reference(t, omega, np.einsum("nij,nj->ni", R, omega), R)
     if "specific_force" in channels:
         t, _ = smoothed(
@@ -195,8 +199,8 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
 def _aligned(
     recording: Recording, name: str, reference: _Reference
 ) -> tuple[np.ndarray, float, bool, float] | None:
-    """A channel (m, 3) as its reference has it, by how much it was late [s], whether always, and
-    larger; None for no motion.
+    """Return a channel (m, 3) aligned to its reference, its delay [s], whether that is constant,
+    and the factor by which it was larger; `None` for no motion.
     """
     measured = recording.channels[name]
     if (
@@ -207,10 +211,10 @@ def _aligned(
     t, values = smoothed(measured.undelayed_t, measured.values, checks.WINDOW)
     if name == "specific_force":  # whose mean is gravity
         return recordings.interpolated(reference.t, t, values - values.mean(axis=0)), 0.0, True, 1.0
-    late, steady = checks.offset(reference.t, reference.body, t, values)
-    measured_values = recordings.interpolated(reference.t + late, t, values)
+    delay, steady = checks.offset(reference.t, reference.body, t, values)
+    measured_values = recordings.interpolated(reference.t + delay, t, values)
     factor = float(np.linalg.norm(measured_values) / np.linalg.norm(reference.body))
-    return measured_values / factor, late, steady, factor
+    return measured_values / factor, delay, steady, factor
 
 
 def _rate_issues(
@@ -219,14 +223,14 @@ def _rate_issues(
     aligned = _aligned(recording, name, reference)
     if aligned is None:
         return
-    (measured, late, steady, factor) = aligned
+    (measured, delay, steady, factor) = aligned
     partner = _PARTNER[name]
     jump = (
         "its clock and that of the {} differ at the end by another time than at the beginning: a"
         " jump?"
     )
     texts = [
-        checks.describe_delay(late) if steady else jump,
+        checks.describe_delay(delay) if steady else jump,
         checks.describe_factor(reference.body, factor * measured),
     ]
     if name != "specific_force":
@@ -235,24 +239,26 @@ def _rate_issues(
 
 
 def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
-    """Other axes that explain more of the motion than the axes as they are."""
+    """Yield other axes that explain more of the motion than the axes as they are."""
     present_share = checks.explained(measured, reference.body)
     ways = _ways(reference, measured, name)
     best = max(ways, key=lambda way: ways[way])
-    alike = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (measured, reference.body)))
-    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * alike):
+    agreement = checks.correlation(*(np.linalg.norm(x, axis=1) for x in (measured, reference.body)))
+    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * agreement):
         yield (
             best[0],
             f"{best[1]} ({100 * ways[best]:.0f} % of it, {100 * present_share:.0f} % as they are)",
         )
     elif (
         name == "linear_velocity"
-        and alike > _AS_LARGE
+        and agreement > _AS_LARGE
         and reference.R is not None
         and reference.world is not None
     ):
         turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
-        if present_share < max(_HALF * alike, share - checks.EXPLAINED if share > _HALF else 0.0):
+        if present_share < max(
+            _HALF * agreement, share - checks.EXPLAINED if share > _HALF else 0.0
+        ):
             text = (
                 "with it the velocity is as large as the rate of the position, and points elsewhere"
             )
@@ -260,7 +266,9 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
 
 
 def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[str, str], float]:
-    """Ways to read axes, as a channel and a text, and what each explains of the motion."""
+    """List ways to read axes, as a channel and a text, with the share of the motion that each
+    explains.
+    """
     fits = (
         f"its axes fit the {'tilt' if name == 'specific_force' else 'rate'} of the"
         f" {_PARTNER[name]} as"
@@ -273,8 +281,8 @@ def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[
 
 
 def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
-    """Angle about z [rad] from wanted (m, 3) to seen (m, 3), and what would be explained without
-    it.
+    """Compute the angle about z [rad] from expected (m, 3) to measured (m, 3), and the share that
+    is explained without it.
     """
     plane, reference = (x[:, 0] + 1j * x[:, 1] for x in (measured, expected))
     turn = float(np.angle(np.vdot(reference, plane)))
@@ -287,7 +295,9 @@ def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
 def _in_world(
     reference: _Reference, measured: np.ndarray, name: str
 ) -> dict[tuple[str, str], float]:
-    """Ways that only a world frame tells; less likely than those of B, where both will do."""
+    """List ways of which a world frame alone tells; less likely than those of B, where both will
+    do.
+    """
     if reference.world is None or reference.R is None:
         return {}
     partner = _PARTNER[name]
@@ -310,7 +320,7 @@ def _in_world(
 
 
 def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and doubts about them."""
     if not set(_NAMES) <= recording.channels.keys():
         return
     positions, velocities = (recording.channels[name] for name in _NAMES)
@@ -399,7 +409,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
         when, omega = angular_rate(channels["attitude"], checks.WINDOW)
         turning = Channel(t=when, values=omega)
     parts = [_at(t, channel) for channel in (channels["linear_velocity"], turning)]
-    v, a = (np.hstack([part[k] for part in parts]) for k in range(2))
+    v = np.hstack([values for values, _ in parts])
+    a = np.hstack([rates for _, rates in parts])
     R = rotations(channels["attitude"], t)
     explained_basis, _ = np.linalg.qr(
         np.hstack([np.ones((len(t), 1)), v, v * np.abs(v), R[:, 2], np.cross(v[:, 3:], v[:, :3])])
@@ -413,7 +424,7 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
-    """Values and rates (m, k) at t (m,)."""
+    """Interpolate values and rates (m, k) at t (m,)."""
     grid, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
     _, rates = smoothed(channel.undelayed_t, channel.values, checks.WINDOW, derivative=1)
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
@@ -422,7 +433,8 @@ def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
 def commanded(
     held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False
 ) -> np.ndarray:
-    """Means (m, k) of a command over the window of the rates, without what drag and weight explain.
+    """Compute means (m, k) of a command over the window of the rates, without what drag and weight
+    explain.
 
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
@@ -444,7 +456,7 @@ def commanded(
 
 
 def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and doubts about them."""
     names = [name for name in _COMMANDS if name in recording.channels]
     if names and (motion := motion_of(recording)) is not None:
         for name in names:

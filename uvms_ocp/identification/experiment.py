@@ -78,14 +78,9 @@ class ExperimentLimits:
                 f"hull {self.hull.tolist()} given; allowed: its lowest corner, then its highest"
             )
         if not (self.room > 0.0).all():
-            sides = (
-                " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
-                for corners in (self.hull, self.pool)
-            )
             raise InvalidInput(
-                "hull of {} m in a pool of {} m given; give a pool that leaves it room".format(
-                    *sides
-                )
+                f"hull of {_sides(self.hull)} m in a pool of {_sides(self.pool)} m given; give a"
+                " pool that leaves it room"
             )
 
     @property
@@ -96,8 +91,8 @@ class ExperimentLimits:
         return np.asarray(((self.pool - self.hull) * [[-1.0], [1.0]]).min(axis=0))
 
     def swept(self, x: np.ndarray) -> np.ndarray:
-        """(2, 3) [m] lowest and highest corner of a box in W around the hull at all states x (n,
-        n_x) [as `StageFunctions`].
+        """Compute the (2, 3) [m] lowest and highest corner of a box in W around the hull at all
+        states x (n, n_x) [as `StageFunctions`].
         """
         R = _turned(x[:, 3:7])
         middle = x[:, :3] + R @ self.hull.mean(axis=0)
@@ -105,8 +100,8 @@ class ExperimentLimits:
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
 
     def kept(self, commands: np.ndarray, step: float) -> np.ndarray:
-        """The commands (n, n_u) [N, N m], a step [s] apart, as near as thrust and slew allow; they
-        begin from 0.
+        """Clip commands (n, n_u) [N, N m], a step [s] apart, to thrust and slew; they begin from
+        0.
         """
         limited = np.empty_like(commands)
         before = np.zeros(commands.shape[1])
@@ -114,14 +109,14 @@ class ExperimentLimits:
             before = limited[k] = self.after(before, command, step)
         return limited
 
-    def after(self, before: np.ndarray, wanted: np.ndarray, step: float) -> np.ndarray:
-        """The command (n_u,) [N, N m] nearest to wanted (n_u,) [N, N m], a step [s] after before
-        (n_u,) [N, N m].
+    def after(self, before: np.ndarray, command: np.ndarray, step: float) -> np.ndarray:
+        """Return the possible command (n_u,) [N, N m] nearest to command (n_u,) [N, N m], a step
+        [s] after before (n_u,) [N, N m].
         """
         largest_change = self.slew * step
         return np.asarray(
             np.clip(
-                np.clip(wanted, *self.thrust.T), before - largest_change, before + largest_change
+                np.clip(command, *self.thrust.T), before - largest_change, before + largest_change
             )
         )
 
@@ -144,11 +139,12 @@ class ExperimentLimits:
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
     def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of the hull's outermost corners from the pool's middle (n, 3) [-, in half
-        widths]; slope (n, 3, 7).
+        """Compute distances of the hull's outermost corners from the pool's middle (n, 3) [-, in
+        half widths], and their slope (n, 3, 7).
         """
         centre = self.hull.mean(axis=0)
-        (size, half) = (np.diff(one, axis=0)[0] / 2 for one in (self.hull, self.pool))
+        size = np.diff(self.hull, axis=0)[0] / 2
+        half = np.diff(self.pool, axis=0)[0] / 2
         R = _turned(x[:, 3:7])
         with_q = np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
@@ -160,19 +156,24 @@ class ExperimentLimits:
         return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
 
 
+def _sides(corners: np.ndarray) -> str:
+    """Write the lengths [m] of the sides of a box between corners (2, 3) [m]."""
+    return " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
+
+
 def _turned(q: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) from B to W by quaternions q (n, 4)."""
+    """Compute rotations (n, 3, 3) from B to W by quaternions q (n, 4)."""
     return np.moveaxis(np.array(quaternion_to_matrix(q.T)), -1, 0)
 
 
 def _rotation_curvature() -> np.ndarray:
-    """(3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it is a
-    quadratic form.
+    """Compute (3, 3, 4, 4) second derivatives of a rotation matrix with its quaternion, in which it
+    is a quadratic form.
     """
     e = np.eye(4)
-    one = _turned(e) - np.eye(3)
+    single = _turned(e) - np.eye(3)
     both = _turned((e[:, None] + e).reshape(-1, 4)).reshape(4, 4, 3, 3) - np.eye(3)
-    return np.moveaxis(both - one[:, None] - one, (0, 1), (2, 3))
+    return np.moveaxis(both - single[:, None] - single, (0, 1), (2, 3))
 
 
 _BENT = _rotation_curvature()
@@ -208,7 +209,7 @@ class ExperimentTrajectory:
     y_x: np.ndarray
     """(n + 1, 9, n_x) [any]"""
     J: np.ndarray
-    """(n + 1, 9, n_p) [any] how what is seen changes with the unknowns."""
+    """(n + 1, 9, n_p) [any] slopes of the outputs with the unknowns."""
 
 
 class TrajectorySimulator:
@@ -223,13 +224,15 @@ class TrajectorySimulator:
         self.h = h
         self._joints = joints
         self._called = dict[tuple[str, int], BufferedFunction]()
-        delays, slopes = (np.asarray(one) for one in self._stage.delays(p))
+        delays, slopes = map(np.asarray, self._stage.delays(p))
         self.delay = float(delays[0, 0])
         self._late = slopes[0]
         self._seen_late = slopes[1]
 
     def states(self, u: np.ndarray) -> np.ndarray:
-        """(n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as they act."""
+        """Simulate states (n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as
+        they act.
+        """
         x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
         (after,) = self._outputs(
             ("step", len(u)),
@@ -256,7 +259,7 @@ class TrajectorySimulator:
         )
 
     def pulled(
-        self, one: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray
+        self, trajectory: ExperimentTrajectory, M: np.ndarray, with_x: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Compute the gradient of a criterion by u and late (n, n_u) [1/N, 1/(N m), and s times
         these] (adjoint method).
@@ -264,28 +267,42 @@ class TrajectorySimulator:
         M: (n + 1, 9, n_p) [1 / unit of J] is how it changes with J, with_x: (n + 1, n_x) [1 / unit
         of x] with x itself.
         """
-        A, _, C = one.slopes
-        L = _backward(A, np.swapaxes(one.y_x, 1, 2) @ M)[1:]
+        A, _, C = trajectory.slopes
+        L = _backward(A, np.swapaxes(trajectory.y_x, 1, 2) @ M)[1:]
         late = L @ self._late
-        weights = L @ np.swapaxes(one.S[:-1], 1, 2), L, late[:, :, None] * one.late[:, None, :]
-        found = self._mapped(
-            "bent", self._functions[0], one.x[:-1].T, *self._given(one.u), *_wide(weights)
+        weights = (
+            L @ np.swapaxes(trajectory.S[:-1], 1, 2),
+            L,
+            late[:, :, None] * trajectory.late[:, None, :],
         )
-        bent_x = found[0][:, :, 0]
-        bent_u = found[1][:, :, 0]
-        own = with_x + self._bent_seen(one, M) + np.vstack([bent_x, np.zeros(len(one.x[0]))])
-        adjoint = _backward(A, own[:, :, None])[1:, :, 0]
+        second_slopes = self._mapped(
+            "bent",
+            self._functions[0],
+            trajectory.x[:-1].T,
+            *self._given(trajectory.u),
+            *_wide(weights),
+        )
+        bent_x = second_slopes[0][:, :, 0]
+        bent_u = second_slopes[1][:, :, 0]
+        direct = (
+            with_x
+            + self._bent_seen(trajectory, M)
+            + np.vstack([bent_x, np.zeros(len(trajectory.x[0]))])
+        )
+        adjoint = _backward(A, direct[:, :, None])[1:, :, 0]
         return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
 
-    def _bent_seen(self, one: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
-        """Second-order part of the gradient by x (n + 1, n_x), of the outputs."""
-        weights = M @ np.swapaxes(one.S, 1, 2), M
-        (found,) = self._mapped("bent seen", self._functions[1], one.x.T, self._p, *_wide(weights))
-        with_y = np.zeros_like(one.y)
+    def _bent_seen(self, trajectory: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
+        """Compute the second-order part of the gradient by x (n + 1, n_x), of the outputs."""
+        weights = M @ np.swapaxes(trajectory.S, 1, 2), M
+        (bent_x,) = self._mapped(
+            "bent seen", self._functions[1], trajectory.x.T, self._p, *_wide(weights)
+        )
+        with_y = np.zeros_like(trajectory.y)
         rate = M[1:, :3] @ self._seen_late[:, None] / self.h
         with_y[1:, :3] -= rate[:, :, 0]
         with_y[:-1, :3] += rate[:, :, 0]
-        return np.asarray(found[:, :, 0] + np.einsum("kij,ki->kj", one.y_x, with_y))
+        return np.asarray(bent_x[:, :, 0] + np.einsum("kij,ki->kj", trajectory.y_x, with_y))
 
     @cached_property
     def _functions(self) -> tuple[ca.Function, ca.Function]:
@@ -294,29 +311,32 @@ class TrajectorySimulator:
     def _given(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
         return u.T, self._joints, self._p, np.full(1, self.h)
 
-    def _mapped(self, name: str, function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-        """Outputs (n, rows, columns), where given[0] has n columns; what has one is the same for
-        all.
+    def _mapped(self, name: str, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Evaluate outputs (n, rows, columns), where arguments[0] has n columns; an argument with
+        one column is the same for all.
         """
-        n = given[0].shape[1]
-        found = self._outputs((name, n), self._rollout.many(name, function, 0, n), *given)
-        return [np.ascontiguousarray(one.reshape(len(one), n, -1).swapaxes(0, 1)) for one in found]
+        n = arguments[0].shape[1]
+        outputs = self._outputs((name, n), self._rollout.many(name, function, 0, n), *arguments)
+        return [
+            np.ascontiguousarray(output.reshape(len(output), n, -1).swapaxes(0, 1))
+            for output in outputs
+        ]
 
     def _outputs(
-        self, key: tuple[str, int], function: ca.Function, *given: np.ndarray
+        self, key: tuple[str, int], function: ca.Function, *arguments: np.ndarray
     ) -> tuple[np.ndarray, ...]:
         if key not in self._called:
             self._called[key] = BufferedFunction(function)
-        return self._called[key](*given)
+        return self._called[key](*arguments)
 
 
 def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
-    """(rows, n columns), of parts (n, rows, columns) side by side."""
+    """Yield arrays (rows, n columns), of parts (n, rows, columns) side by side."""
     return (part.transpose(1, 0, 2).reshape(part.shape[1], -1) for part in parts)
 
 
 def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
-    """(n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
+    """Solve (n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
     L = direct.copy()
     for k in range(len(A) - 1, -1, -1):
         L[k] += A[k].T @ L[k + 1]
@@ -324,27 +344,27 @@ def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
 
 
 def _bent_step(stage: model.StageFunctions) -> ca.Function:
-    """``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x and u``"""
+    """Build ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``."""
     shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
-    given = [ca.SX.sym("given", *shape) for shape in shapes]
-    return _weighted_gradient("bent", given, stage.slope(*given), given[:2])
+    arguments = [ca.SX.sym("given", *shape) for shape in shapes]
+    return _weighted_gradient("bent", arguments, stage.slope(*arguments), arguments[:2])
 
 
 def _bent_seen(stage: model.StageFunctions) -> ca.Function:
-    """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
-    given = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
-    return _weighted_gradient("bent_seen", given, stage.outputs(*given)[1:], given[:1])
+    """Build ``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
+    arguments = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
+    return _weighted_gradient("bent_seen", arguments, stage.outputs(*arguments)[1:], arguments[:1])
 
 
 def _weighted_gradient(
-    name: str, given: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]
+    name: str, arguments: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]
 ) -> ca.Function:
-    weights = [ca.SX.sym("weights", *one.shape) for one in slopes]
-    total = sum((ca.dot(w, one) for w, one in zip(weights, slopes, strict=True)), ca.SX(0))
+    weights = [ca.SX.sym("weights", *slope.shape) for slope in slopes]
+    total = sum((ca.dot(w, slope) for w, slope in zip(weights, slopes, strict=True)), ca.SX(0))
     return ca.Function(
         name,
-        [*given, *weights],
-        [ca.densify(ca.gradient(total, one)) for one in along],
+        [*arguments, *weights],
+        [ca.densify(ca.gradient(total, slope)) for slope in along],
         {"cse": True},
     )
 
@@ -365,34 +385,34 @@ class InformationCriterion:
     """[Hz] of the sensors."""
 
     def weights(self, h: float) -> np.ndarray:
-        """(9,) [1 / unit^2] of what is seen, in steps of h [s]."""
+        """Compute weights (9,) [1 / unit^2] of the outputs, in steps of h [s]."""
         sigma = np.repeat([self.noise.velocity, self.noise.rate, self.noise.vertical], 3)
         return self.rate * h / sigma**2
 
-    def information(self, one: ExperimentTrajectory, h: float) -> np.ndarray:
-        """(n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
-        J = (one.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, one.J.shape[-1])
+    def information(self, trajectory: ExperimentTrajectory, h: float) -> np.ndarray:
+        """Compute the information (n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
+        J = (trajectory.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, trajectory.J.shape[-1])
         return np.asarray(J.T @ J)
 
     def figure(
-        self, one: ExperimentTrajectory, h: float, wanted: np.ndarray
+        self, trajectory: ExperimentTrajectory, h: float, targets: np.ndarray
     ) -> tuple[float, np.ndarray]:
-        """Logarithm of the numbers' standard errors over those wanted (m,) [units of numbers],
-        those farthest off first.
+        """Compute the logarithm of the numbers' standard errors over targets (m,) [units of
+        numbers], in which those farthest off count most.
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
-        with_numbers = self.slopes @ self.covariance(self.information(one, h))
+        with_numbers = self.slopes @ self.covariance(self.information(trajectory, h))
         squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
-        value, share = _softly_largest(np.log(squares) / 2 - np.log(wanted))
+        value, share = _softly_largest(np.log(squares) / 2 - np.log(targets))
         with_information = -np.einsum(
             "ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares
         )
-        return value, 2.0 * self.weights(h)[:, None] * (one.J @ with_information)
+        return value, 2.0 * self.weights(h)[:, None] * (trajectory.J @ with_information)
 
     def deviations(self, information: np.ndarray) -> np.ndarray:
-        """(m,) [units of numbers] standard errors after recordings of some information (n_p, n_p)
-        [1 / unknowns^2].
+        """Compute standard errors (m,) [units of numbers] after recordings of some information
+        (n_p, n_p) [1 / unknowns^2].
         """
         return np.asarray(
             np.sqrt(
@@ -401,22 +421,24 @@ class InformationCriterion:
         )
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
-        """(n_p, n_p) [unknowns^2] after recordings of some information (n_p, n_p) [1 /
-        unknowns^2].
+        """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
+        n_p) [1 / unknowns^2].
         """
-        whole = (
+        total = (
             information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
         )
         # Unknowns differ by powers of ten in what is known of them.
-        scale = 1.0 / np.sqrt(np.diag(whole))
-        return np.asarray(scale[:, None] * np.linalg.inv(whole * np.outer(scale, scale)) * scale)
+        scale = 1.0 / np.sqrt(np.diag(total))
+        return np.asarray(scale[:, None] * np.linalg.inv(total * np.outer(scale, scale)) * scale)
 
 
 def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smooth maximum of values (m,), between their mean and the largest, with its slope (m,)."""
-    most = float(values.max())
-    grown = np.exp(_SHARP * (values - most))
-    return most + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
+    """Compute a smooth maximum of values (m,), between their mean and the largest, with its slope
+    (m,).
+    """
+    largest = float(values.max())
+    grown = np.exp(_SHARP * (values - largest))
+    return largest + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
 
 
 # Commands as a few numbers: what each actuator is told at knots, and straight lines between them.
@@ -427,12 +449,12 @@ class KnotCommands:
     (n_knots, n_u) [N, N m].
     """
 
-    def __init__(self, duration: float, every: float, step: float, delay: float) -> None:
-        """Commands of a duration [s], knots about `every` [s], in steps of `step` [s], which act
-        with a delay [s].
+    def __init__(self, duration: float, interval: float, step: float, delay: float) -> None:
+        """Place knots about `interval` [s] apart in a duration [s]; commands are held for `step`
+        [s] and act with a delay [s].
         """
         n = round(duration / step)
-        inner = max(1, round(duration / every) - 1)
+        inner = max(1, round(duration / interval) - 1)
         self.sent = _lines(n, inner, step * (inner + 1) / duration)
         t = step * np.arange(n)
         """(n, n_knots) commands as they are sent, held for a step each."""
@@ -459,21 +481,21 @@ class KnotCommands:
 
 
 def edges_of(n: int, step: float, delay: float) -> np.ndarray:
-    """(n + 1,) [s] when what acts in steps of `step` [s] was told, from 0, where commands act by
-    delay [s] late.
+    """Return the times (n + 1,) [s], from 0, of the commands that act in steps of `step` [s], where
+    commands act by delay [s] late.
     """
     # Delays are often whole steps: rounding would decide, edge by edge, which of two commands
     # changes with them.
     return step * (np.arange(n + 1) + _WITHIN) - delay
 
 
-def _lines(n: int, inner: int, each: float) -> Any:
-    """(n, inner) shares of knots in n samples that lie `each` knots apart; the first knot and the
-    last are 0.
+def _lines(n: int, inner: int, spacing: float) -> Any:
+    """Compute shares (n, inner) of knots in n samples that lie `spacing` knots apart; the first
+    knot and the last are 0.
     """
     from scipy.sparse import csr_array
 
-    place = each * np.arange(n)
+    place = spacing * np.arange(n)
     knot = np.minimum(place.astype(int), inner)
     share = place - knot
     rows = np.tile(np.arange(n), 2)
@@ -484,8 +506,8 @@ def _lines(n: int, inner: int, each: float) -> Any:
 
 
 def _shifted(response: np.ndarray) -> Any:
-    """(n, n) [any] what commands do, of which the one in the second step does response (n,)
-    [any].
+    """Build the map (n, n) [any] from commands to their effects, of which a command in the second
+    step has the effect response (n,) [any].
     """
     from scipy.sparse import diags
 
@@ -494,13 +516,13 @@ def _shifted(response: np.ndarray) -> Any:
 
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
-    """Knots (n_knots, n_u) of sines with drawn phases, at most 1; waves: of the fastest from begin
-    to end.
+    """Draw knots (n_knots, n_u) [-] of sines with random phases, at most 1; waves: number of waves
+    of the fastest from begin to end.
     """
     turns = (
         2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
     )
-    found = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(
+    sines = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(
         axis=0
     )
-    return np.asarray(found / np.abs(found).max(axis=0))
+    return np.asarray(sines / np.abs(sines).max(axis=0))

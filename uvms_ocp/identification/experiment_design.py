@@ -103,27 +103,31 @@ class ExperimentTask:
         return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
 
     def aim(self) -> experiment.InformationCriterion:
-        """Raises NameNotFound for a number that does not depend on the unknowns."""
+        """Build the criterion. Raises NameNotFound for a number that does not depend on the
+        unknowns.
+        """
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
         chosen = slopes[_chosen(names, self.matter)]
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
         if self.prior_information is None:
-            known = np.zeros((len(priors),) * 2)
+            information = np.zeros((len(priors),) * 2)
         else:
-            known = self.prior_information
+            information = self.prior_information
         return experiment.InformationCriterion(
             slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
-            prior_information=known + np.diag(1.0 / priors**2),
+            prior_information=information + np.diag(1.0 / priors**2),
             noise=self.noise,
             rate=self.rate,
         )
 
 
 def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int]:
-    """Places of numbers that are named, or whose quantity is; names: (quantity, number)."""
-    for one in matter:
-        if not any(one in pair for pair in names):
-            raise NameNotFound("number", one, [number for _, number in names])
+    """List places of the numbers that matter, by their name or quantity; names: (quantity,
+    number).
+    """
+    for label in matter:
+        if not any(label in pair for pair in names):
+            raise NameNotFound("number", label, [number for _, number in names])
     return [k for k, pair in enumerate(names) if not matter or set(pair) & set(matter)]
 
 
@@ -162,37 +166,37 @@ class Excitation:
     status: DesignStatus
 
 
-def excitation_of(given: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
+def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
-    courses = experiment.TrajectorySimulator(rollout, given.unknowns, step, given.still)
+    courses = experiment.TrajectorySimulator(rollout, task.unknowns, step, task.still)
     held = ZeroOrderHold(commands)
     edges = commands.t[0] + experiment.edges_of(len(commands.t), step, courses.delay)
-    aim = given.aim()
+    aim = task.aim()
     information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
-    n = len(given.vehicle.shared.start)
-    states = simulate_commands(given, rollout, commands, given.unknowns)
-    left = given.limits.beyond(states, margin=0.0)[0].any()
+    n = len(task.vehicle.shared.start)
+    states = simulate_commands(task, rollout, commands, task.unknowns)
+    outside = task.limits.beyond(states, margin=0.0)[0].any()
     return Excitation(
         commands=commands,
         states=states,
-        swept=given.limits.swept(states),
+        swept=task.limits.swept(states),
         numbers=numbers_at(
-            given.vehicle, given.vehicle.shared.start, aim.covariance(information)[:n, :n]
+            task.vehicle, task.vehicle.shared.start, aim.covariance(information)[:n, :n]
         ),
         information=information,
-        status=DesignStatus.OUTSIDE if left else DesignStatus.INSIDE,
+        status=DesignStatus.OUTSIDE if outside else DesignStatus.INSIDE,
     )
 
 
 def simulate_commands(
-    given: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray
+    task: ExperimentTask, rollout: Rollout, commands: Channel, p: np.ndarray
 ) -> np.ndarray:
-    """States (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns p (n_p,)
-    [as `Unknowns.start`].
+    """Simulate states (k, n_x) [as `StageFunctions`] to which commands lead a vehicle with unknowns
+    p (n_p,) [as `Unknowns.start`].
     """
     step = float(commands.t[1] - commands.t[0]) / FINER
-    courses = experiment.TrajectorySimulator(rollout, p, step, given.still)
+    courses = experiment.TrajectorySimulator(rollout, p, step, task.still)
     edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, courses.delay)
     return courses.states(ZeroOrderHold(commands).mean(edges))
 
@@ -202,37 +206,37 @@ def simulate_commands(
 
 
 def keep_inside_pool(
-    given: ExperimentTask, rollout: Rollout, wanted: np.ndarray, step: float
+    task: ExperimentTask, rollout: Rollout, shares: np.ndarray, step: float
 ) -> np.ndarray:
-    """(n, n_u) [N, N m] within thrust and slew; wanted: (n, 6) of what each axis can get alone,
-    held for a step [s].
+    """Make commands (n, n_u) [N, N m] within thrust and slew from shares (n, 6) [-] of the largest
+    force or torque along each axis alone, held for a step [s].
 
     At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
     """
-    B = given.vehicle.actuators.wrench
-    p = given.unknowns
-    joints = given.still
+    B = task.vehicle.actuators.wrench
+    p = task.unknowns
+    joints = task.still
     spread = np.linalg.pinv(B)
-    most = 1.0 / (np.abs(spread) / np.abs(given.limits.thrust).min(axis=1)[:, None]).max(
+    largest_wrench = 1.0 / (np.abs(spread) / np.abs(task.limits.thrust).min(axis=1)[:, None]).max(
         axis=0
     ).clip(1e-9)
-    stiff = most / np.concatenate(
-        [given.limits.room, [given.limits.tilt, given.limits.tilt, np.inf]]
+    stiff = largest_wrench / np.concatenate(
+        [task.limits.room, [task.limits.tilt, task.limits.tilt, np.inf]]
     )
     x = np.zeros(rollout.stage.n_x)
-    found = []
+    commands = []
     before = np.zeros(len(spread))
     x[N_Q - 1] = 1.0
-    for one in wanted:
+    for share in shares:
         # (6,) [m, rad] from where it began and from upright, in B; yaw is free.
         R = np.array(quaternion_to_matrix(x[3:N_Q]))
         back = stiff * (
             np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]]) + _AHEAD * x[N_Q : N_Q + N_V]
         )
-        before = given.limits.after(before, spread @ (one * most - back), step)
-        found.append(before)
+        before = task.limits.after(before, spread @ (share * largest_wrench - back), step)
+        commands.append(before)
         x = np.asarray(rollout.step(x, before, joints, p, step)).ravel()
-    return np.array(found)
+    return np.array(commands)
 
 
 # Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool,
@@ -240,22 +244,24 @@ def keep_inside_pool(
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis ahead and back, (n, 6) at t (n,) [s]; half as far in every other turn."""
+    """Push axis after axis ahead and back, (n, 6) [-] at t (n,) [s]; half as far in every other
+    turn.
+    """
     place = (t / _HOLD).astype(int)
     size = np.where(place // 12 % 2, 0.5, 1.0) * np.where(place % 2, -1.0, 1.0)
     return np.asarray(size[:, None] * (place[:, None] // 2 % 6 == np.arange(6)))
 
 
 def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Axis after axis, from slow to fast, (n, 6) at t (n,) [s]."""
-    each = (t[-1] + t[1]) / 6
-    since = t % each
-    wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / each / 2) * since)
-    return np.asarray(wave[:, None] * ((t / each).astype(int)[:, None] == np.arange(6)))
+    """Swing axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
+    duration = (t[-1] + t[1]) / 6
+    since = t % duration
+    wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / duration / 2) * since)
+    return np.asarray(wave[:, None] * ((t / duration).astype(int)[:, None] == np.arange(6)))
 
 
 def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Drawn steps of all axes at once, chirps beside them, (n, 6) at t (n,) [s]."""
+    """Draw steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
     shape = int(t[-1] / 3) + 1, 6
     drawn = rng.uniform(-1, 1, size=shape) * (rng.uniform(size=shape) < 0.5)
     chirp = 0.3 * np.sin(2 * np.pi * (0.05 + 0.15 * t / t[-1])[:, None] * t[:, None] + np.arange(6))
@@ -265,44 +271,48 @@ def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 BY_HAND = {"steps": steps, "chirps": chirps, "steps and chirps": both}
 
 
-def largest(given: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
-    """One of these, as large as it may be."""
-    t = STEP * np.arange(round(given.duration / STEP))
-    wanted = BY_HAND[name](t, np.random.default_rng(seed))
+def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
+    """Predict the motion of a name in `BY_HAND`, as large as the limits allow."""
+    t = STEP * np.arange(round(task.duration / STEP))
+    motion = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        found = excitation_of(
-            given,
+        excitation = excitation_of(
+            task,
             rollout,
-            Channel(t=t, values=keep_inside_pool(given, rollout, share * wanted, STEP)),
+            Channel(t=t, values=keep_inside_pool(task, rollout, share * motion, STEP)),
         )
-        if found.status is DesignStatus.INSIDE:
+        if excitation.status is DesignStatus.INSIDE:
             break
-    return found
+    return excitation
 
 
 # How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well
 # enough to count.
 
 
-def target_deviations(given: ExperimentTask, rollout: Rollout) -> np.ndarray:
-    """(m,) [units of numbers] standard errors of those that matter.
+def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
+    """Compute the standard errors (m,) [units of numbers] that the numbers that matter are to have.
 
     Recordings can only add to what is believed: it is their own information that is to be more.
     Where those by hand say less than that, belief is left to stand. Raises NameNotFound for a
     number that there is not.
     """
-    aim = given.aim()
-    chosen = _chosen(slopes_of(given.vehicle, given.vehicle.shared.start)[0], given.matter)
-    by_hand = [largest(given, rollout, name).numbers for name in BY_HAND]
-    least = np.array([[one.sigma for one in numbers] for numbers in by_hand]).min(axis=0)[chosen]
-    learnt = np.array([[one.informed for one in numbers] for numbers in by_hand]).max(axis=0)[
-        chosen
-    ]
-    sizes = np.array([one.size or np.inf for one in by_hand[0]])[chosen]
+    aim = task.aim()
+    chosen = _chosen(slopes_of(task.vehicle, task.vehicle.shared.start)[0], task.matter)
+    by_hand = [largest(task, rollout, name).numbers for name in BY_HAND]
+    smallest = np.full(len(by_hand[0]), np.inf)
+    learnt = np.zeros(len(by_hand[0]), dtype=bool)
+    for numbers in by_hand:
+        smallest = np.minimum(smallest, [number.sigma for number in numbers])
+        learnt |= [number.informed for number in numbers]
+    smallest = smallest[chosen]
+    learnt = learnt[chosen]
+    sizes = np.array([number.size or np.inf for number in by_hand[0]])[chosen]
     believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
-    wanted = np.where(learnt, 1.0 / least**2 - believed, 0.0)
+    information = np.where(learnt, 1.0 / smallest**2 - believed, 0.0)
     return np.asarray(
-        (believed + np.maximum(wanted / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2)) ** -0.5
+        (believed + np.maximum(information / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2))
+        ** -0.5
     )
 
 
@@ -324,18 +334,18 @@ class Objective:
     """(n + 1, n_x) [as `StageFunctions`], or none (1,), that states are truly beside the course."""
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """At knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)]; price of leaving the
-        pool.
+        """Compute the objective at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)];
+        price: of leaving the pool.
         """
-        one = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
-        figure, M = self.aim.figure(one, self.courses.h, self.wanted)
-        out, slope = self.limits.beyond(one.x + self.off)
-        share = 2.0 * price / len(one.x)
+        trajectory = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
+        figure, M = self.aim.figure(trajectory, self.courses.h, self.wanted)
+        out, slope = self.limits.beyond(trajectory.x + self.off)
+        share = 2.0 * price / len(trajectory.x)
         with_x = np.pad(
             share * np.einsum("ki,kij->kj", out, slope),
-            ((0, 0), (0, one.x.shape[1] - slope.shape[2])),
+            ((0, 0), (0, trajectory.x.shape[1] - slope.shape[2])),
         )
-        with_u, with_late = self.courses.pulled(one, M, with_x)
+        with_u, with_late = self.courses.pulled(trajectory, M, with_x)
         hurry, with_sent = self._hurry(self.history.sent @ knots, price)
         pulled = (
             self.history.acting.T @ with_u
@@ -345,8 +355,8 @@ class Objective:
         return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
-        """Better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the limits of
-        thrust; price.
+        """Search for better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the
+        limits of thrust; price: of leaving the pool.
         """
         from scipy.optimize import minimize  # half a second, which few need
 
@@ -358,7 +368,7 @@ class Objective:
 
         bounds = np.tile(self.limits.thrust / size[:, None], (len(knots), 1))
         options = {"maxiter": iterations, "maxcor": 30}
-        found = minimize(
+        solution = minimize(
             lower,
             (knots / size).ravel(),
             jac=True,
@@ -366,19 +376,21 @@ class Objective:
             bounds=bounds,
             options=options,
         )
-        return np.asarray(found.x.reshape(knots.shape) * size)
+        return np.asarray(solution.x.reshape(knots.shape) * size)
 
     def _hurry(self, commands: np.ndarray, price: float) -> tuple[float, np.ndarray]:
-        """Penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N, 1/(N m)]."""
+        """Compute the penalty of steps beyond the slew limit, with its slope (n, n_u) [1/N,
+        1/(N m)].
+        """
         slope = np.zeros_like(commands)
-        most = self.limits.slew * self.courses.h
-        if not np.isfinite(most):
+        largest_change = self.limits.slew * self.courses.h
+        if not np.isfinite(largest_change):
             return 0.0, slope
         change = np.diff(commands, axis=0)
-        over = np.sign(change) * np.maximum(np.abs(change) / most - 1.0, 0.0)
-        each = 2.0 * price / len(commands) * over / most
-        slope[1:] += each
-        slope[:-1] -= each
+        over = np.sign(change) * np.maximum(np.abs(change) / largest_change - 1.0, 0.0)
+        gradient = 2.0 * price / len(commands) * over / largest_change
+        slope[1:] += gradient
+        slope[:-1] -= gradient
         return price / len(commands) * float((over**2).sum()), slope
 
 
@@ -409,15 +421,15 @@ class DesignSettings:
 
 
 def design_experiment(
-    given: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
+    task: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
 ) -> Excitation:
     """Search for commands that determine what matters best:
     `uvms_ocp.identification.experiment_design.Excitation`.
 
-    rollout: ``Rollout(stage_of(given.vehicle))``. Raises NameNotFound for a number that there is
+    rollout: ``Rollout(stage_of(task.vehicle))``. Raises NameNotFound for a number that there is
     not.
     """
-    search = _DesignSearch(given, rollout, effort or DesignSettings())
+    search = _DesignSearch(task, rollout, effort or DesignSettings())
     knots = search.begun()
     for price in _PRICES:
         knots = search.lowered(knots, price)
@@ -431,33 +443,33 @@ def design_experiment(
 class _DesignSearch:
     """For knots (n_knots, n_u) [N, N m]."""
 
-    def __init__(self, given: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
-        self.given = given
+    def __init__(self, task: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
+        self.given = task
         self.rollout = rollout
         self.effort = effort
-        aim = given.aim()
-        courses = experiment.TrajectorySimulator(rollout, given.unknowns, effort.step, given.still)
-        history = experiment.KnotCommands(given.duration, effort.knots, effort.step, courses.delay)
+        aim = task.aim()
+        courses = experiment.TrajectorySimulator(rollout, task.unknowns, effort.step, task.still)
+        history = experiment.KnotCommands(task.duration, effort.knots, effort.step, courses.delay)
         self.objective = Objective(
-            aim, given.limits, history, courses, target_deviations(given, rollout)
+            aim, task.limits, history, courses, target_deviations(task, rollout)
         )
 
     def begun(self) -> np.ndarray:
-        """The best of sines that are made to stay in the pool."""
-        given = self.given
+        """Return the best of several sines that are made to stay in the pool."""
+        task = self.given
         history = self.objective.history
         rng = np.random.default_rng(self.effort.seed)
-        found = []
+        candidates = []
         for share in _START_AMPLITUDES * self.effort.starts:
             sines = experiment.multisine(
-                rng, history.sent.shape[0], 6, given.duration * _START_FREQUENCY
+                rng, history.sent.shape[0], 6, task.duration * _START_FREQUENCY
             )
-            exported = keep_inside_pool(given, self.rollout, share * sines, self.effort.step)
-            found.append(np.clip(history.nearest(exported), *given.limits.thrust.T))
-        return min(found, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
+            exported = keep_inside_pool(task, self.rollout, share * sines, self.effort.step)
+            candidates.append(np.clip(history.nearest(exported), *task.limits.thrust.T))
+        return min(candidates, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
     def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
-        """Better ones after a round, for a price of leaving the pool."""
+        """Search for better knots in one round, for a price of leaving the pool."""
         coarse = self.objective.courses.states(self.objective.history.acting @ knots)
         off = self.expected(knots).states[::FINER] - coarse
         return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)

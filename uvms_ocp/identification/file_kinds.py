@@ -38,15 +38,17 @@ _STAMP = 8  # [B] before each message of a .tlog
 
 
 def kind_of(path: Path) -> Kind:
-    """Kind of a file. Raises InvalidInput for one that is empty, of a kind that is not read, or no
-    file.
+    """Tell the kind of a file. Raises InvalidInput for one that is empty, of a kind that is not
+    read, or no file.
     """
     require_regular_file(path)
     with path.open("rb") as file:
         head = file.read(64)
     if not head:
         raise InvalidInput(f"{path}: is empty; give a recording")
-    for kind, cure in (said for start, said in _KINDS.items() if head.startswith(start)):
+    for start, (kind, cure) in _KINDS.items():
+        if not head.startswith(start):
+            continue
         if cure:
             raise InvalidInput(f"{path}: {kind}, which is not read; {cure}")
         return kind
@@ -74,7 +76,7 @@ def _kind_of_json(path: Path) -> Kind:
 
 
 def _archive(path: Path) -> Kind:
-    """A zip file whose first member is no array."""
+    """Tell the kind of a zip file whose first member is no array."""
     from zipfile import BadZipFile, ZipFile
 
     names = list[str]()

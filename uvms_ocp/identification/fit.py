@@ -51,19 +51,20 @@ class Predicted:
     """Predicted and measured outputs of the three sensors."""
 
     t: tuple[np.ndarray, ...]
-    """Three of (m,) [s]: of velocity, angular velocity and the vertical in B."""
+    """Three of (m,) [s]: times of velocity, angular velocity and the vertical in B."""
     rows: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] predicted outputs."""
     measured: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] measured outputs."""
 
     def after(self, t: float) -> Predicted:
         """Return the part from t [s] on."""
         later = [times > t for times in self.t]
-        times, rows, measured = (
-            tuple(map(getitem, every, later)) for every in (self.t, self.rows, self.measured)
+        return Predicted(
+            t=tuple(map(getitem, self.t, later)),
+            rows=tuple(map(getitem, self.rows, later)),
+            measured=tuple(map(getitem, self.measured, later)),
         )
-        return Predicted(t=times, rows=rows, measured=measured)
 
     @property
     def finite(self) -> bool:
@@ -74,62 +75,72 @@ class Predicted:
 
     @staticmethod
     def joined(parts: Sequence[Predicted]) -> Predicted:
-        """One after the other."""
-        t, rows, measured = (
-            tuple(np.concatenate([getattr(one, name)[k] for one in parts]) for k in range(3))
-            for name in ("t", "rows", "measured")
-        )
-        return Predicted(t=t, rows=rows, measured=measured)
+        """Join parts, one after the other."""
+        t = []
+        rows = []
+        measured = []
+        for sensor in range(3):
+            t.append(np.concatenate([part.t[sensor] for part in parts]))
+            rows.append(np.concatenate([part.rows[sensor] for part in parts]))
+            measured.append(np.concatenate([part.measured[sensor] for part in parts]))
+        return Predicted(t=tuple(t), rows=tuple(rows), measured=tuple(measured))
 
 
 def rolled_out(
-    rollout: Rollout, stretch: Segment, start: SegmentStart, shared: np.ndarray, own: np.ndarray
+    rollout: Rollout,
+    stretch: Segment,
+    start: SegmentStart,
+    shared: np.ndarray,
+    own_unknowns: np.ndarray,
 ) -> Predicted:
-    """A stretch from where it begins, with unknowns shared (n,) and own (m,) [as
-    `Unknowns.start`].
+    """Simulate a stretch from its start, with unknowns shared (n,) and own_unknowns (m,) of the
+    recording [as `Unknowns.start`].
     """
-    (found,) = rollout.predict([stretch], [start], np.concatenate([shared, own])[None])
-    return Predicted(t=stretch.t, rows=found.rows, measured=stretch.measured)
+    (outputs,) = rollout.predict([stretch], [start], np.concatenate([shared, own_unknowns])[None])
+    return Predicted(t=stretch.t, rows=outputs.rows, measured=stretch.measured)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Predictor:
-    """A vehicle with its unknowns found."""
+    """Predictor of recordings by a vehicle with identified unknowns."""
 
     vehicle: Vehicle
     rollout: Rollout
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     noise: Noise
-    """Noise by which starts are fitted."""
+    """Noise with which starts are fitted."""
     start_window: float = 2.0
-    """[s] of the beginning of a stretch, from which its start is found; nothing later is looked
-    at.
-    """
+    """[s] length of the beginning of a stretch to which its start is fitted."""
     own: bool = False
-    """True to fit there, too, what a recording has for itself; else it stays as declared."""
+    """True to fit there, too, the unknowns of the recording alone; else they stay as declared."""
 
     def of(self, stretch: Segment) -> Predicted:
         """Predict a whole stretch."""
         error = OutputErrorProblem(
             self.vehicle, [stretch.first(self.start_window)], self.noise, self.rollout
         )
-        found = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
-        own = found.own[stretch.recording] if self.own else self.vehicle.own.start
-        return rolled_out(self.rollout, stretch, found.starts[0], self.shared, own)
+        estimate = error.solve(error.start(self.shared), iterations=_ITERATIONS, frozen=_ITERATIONS)
+        own_unknowns = estimate.own[stretch.recording] if self.own else self.vehicle.own.start
+        return rolled_out(self.rollout, stretch, estimate.starts[0], self.shared, own_unknowns)
 
     def over(self, prepared: PreparedRecording, step: float, horizon: float) -> Predicted:
-        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from what was
-        known before it.
+        """Predict a recording horizon by horizon [s], in steps of `step` [s], each from the
+        measurements before it.
         """
         windows = prepared.windows(step, self.start_window, horizon)
         return Predicted.joined(
-            [self.of(one).after(float(one.edges[0]) + self.start_window) for one in windows]
+            [
+                self.of(window).after(float(window.edges[0]) + self.start_window)
+                for window in windows
+            ]
         )
 
 
 def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
-    """Normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and predicted (m,); 0: as good as the mean."""
+    """Compute the normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and
+    predicted (m,); 0: as good as the mean.
+    """
     return 100.0 * (
         1.0
         - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean()))
@@ -148,13 +159,13 @@ class Search:
     """Settings of the second part of the search."""
 
     step: float = 0.02
-    """[s] of the simulation: what a step that is too long does to numbers is in their intervals."""
+    """[s] of the simulation; errors from a step that is too long are in the intervals."""
     stretch: float = 20.0
-    """[s]"""
+    """[s] length of the segments."""
     iterations: int = 15
-    """After which a search goes on, some times, where it has not converged: the way may be long."""
+    """Number of iterations in a round; a search that has not converged goes on for more rounds."""
     progress: Callable[[str], None] = lambda _: None
-    """Gets a line before each step."""
+    """Function that gets a line before each step."""
 
 
 def search_fit(
@@ -164,70 +175,78 @@ def search_fit(
     rollout: Rollout,
     search: Search | None = None,
 ) -> Estimate:
-    """The unknowns that explain the recordings best, from where the declaration has them."""
+    """Find the unknowns that explain the recordings best, from where the declaration has them."""
     chosen = search or Search()
-    long = sum(float(np.ptp(one.recording.span)) for one in recordings)
-    some = max(1, round(long / _ENOUGH))
+    duration = sum(float(np.ptp(recording.recording.span)) for recording in recordings)
+    thinning = max(1, round(duration / _ENOUGH))
     coarse = max(_COARSER_STEP * chosen.step, min(_COARSE * chosen.step, _ROUGH_STEP))
-    steps = [(coarse, some), (chosen.step, some), *([(chosen.step, 1)] if some > 1 else [])]
-    found = list[np.ndarray]()
+    steps = [(coarse, thinning), (chosen.step, thinning)]
+    if thinning > 1:
+        steps.append((chosen.step, 1))
+    optima = list[np.ndarray]()
 
     def error(
-        number: int, noise: Noise, step: float, stretch: float, every: int
+        number: int, noise: Noise, step: float, stretch: float, thinning: int
     ) -> OutputErrorProblem:
-        parts = [part for one in recordings for part in one.stretches(step, stretch)]
-        problem = OutputErrorProblem(vehicle, _some(parts, every), noise, rollout)
+        parts = [part for recording in recordings for part in recording.stretches(step, stretch)]
+        problem = OutputErrorProblem(vehicle, _some(parts, thinning), noise, rollout)
         problem.progress = lambda text: chosen.progress(
             f"search {number} of {len(steps) + 1}, {text}"
         )
         return problem
 
-    rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, some)
-    near = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
-    for k, (step, every) in enumerate(steps, start=2):
-        fine = error(k, noise, step, chosen.stretch, every)
-        near = fine.solve(
-            fine.start(near.shared), iterations=chosen.iterations, frozen=int(k > 2)
-        )  # starts come near first
-        near = resumed_search(fine, near, chosen.iterations)
-        found.append(near.shared)
+    rough = error(1, _rough(noise), _ROUGH_STEP, _ROUGH_STRETCH, thinning)
+    estimate = rough.solve(rough.start(), iterations=_ROUGH_ITERATIONS, tolerance=_ROUGH_TOLERANCE)
+    for k, (step, step_thinning) in enumerate(steps, start=2):
+        fine = error(k, noise, step, chosen.stretch, step_thinning)
+        begin = fine.start(estimate.shared)
+        # Starts come near first.
+        estimate = fine.solve(begin, iterations=chosen.iterations, frozen=int(k > 2))
+        estimate = resumed_search(fine, estimate, chosen.iterations)
+        optima.append(estimate.shared)
     # Errors of the simulation grow with the square of its step (Richardson's extrapolation).
-    off = (found[1] - found[0]) / ((coarse / chosen.step) ** 2 - 1.0)
-    return replace(near, assumed=np.outer(off, off))
+    step_error = (optima[1] - optima[0]) / ((coarse / chosen.step) ** 2 - 1.0)
+    return replace(estimate, assumed=np.outer(step_error, step_error))
 
 
-def _some(stretches: Sequence[Segment], every: int) -> Sequence[Segment]:
-    """Draw one minute of every so many by lot, and return the segments that lie in them, as recordings
-    of their own; with `every` 1 return all segments as they are.
+def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
+    """Draw one of `thinning` minutes by lot, and return the segments that lie in them, as
+    recordings of their own; with `thinning` 1 return all segments as they are.
     """
     minutes = [
         list(group)
-        for _, group in groupby(stretches, key=lambda one: (one.recording, one.edges[0] // 60.0))
+        for _, group in groupby(
+            stretches, key=lambda segment: (segment.recording, segment.edges[0] // 60.0)
+        )
     ]
-    drawn = sorted(
-        np.random.default_rng(0).permutation(len(minutes))[: -(-len(minutes) // every)]
-    )  # motions may alternate
-    some = [replace(one, recording=f"{one.recording} {k}") for k in drawn for one in minutes[k]]
-    if every > 1:
-        return some
+    n_drawn = -(-len(minutes) // thinning)
+    # Not every nth minute: motions may alternate.
+    numbers = sorted(np.random.default_rng(0).permutation(len(minutes))[:n_drawn])
+    segments = [
+        replace(segment, recording=f"{segment.recording} {k}")
+        for k in numbers
+        for segment in minutes[k]
+    ]
+    if thinning > 1:
+        return segments
     return stretches
 
 
-def resumed_search(error: OutputErrorProblem, found: Estimate, iterations: int) -> Estimate:
+def resumed_search(error: OutputErrorProblem, estimate: Estimate, iterations: int) -> Estimate:
     """Resume a search that reached its iteration limit, in rounds, until it converges or no step is
     left.
     """
     for _ in range(_ROUNDS - 1):
-        if found.status is not FitStatus.ITERATION_LIMIT:
+        if estimate.status is not FitStatus.ITERATION_LIMIT:
             break
-        further = error.solve(error.resumed(found), iterations=iterations)
-        found = replace(further, iterations=found.iterations + further.iterations)
-    return found
+        continuation = error.solve(error.resumed(estimate), iterations=iterations)
+        estimate = replace(continuation, iterations=estimate.iterations + continuation.iterations)
+    return estimate
 
 
 def _rough(noise: Noise) -> Noise:
-    seen = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
-    return replace(noise, **seen, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
+    sigmas = {name: _COARSER * getattr(noise, name) for name in ("velocity", "rate", "vertical")}
+    return replace(noise, **sigmas, process=1.0, start=2.0 * noise.velocity, outliers=1e3)
 
 
 # A vehicle, the recordings that it was identified on, and how: what answers are asked of.
@@ -270,22 +289,22 @@ class FitContext:
         """Segments of all recordings, in the order of the estimate's starts."""
         return tuple(
             part
-            for one in self.prepared
-            for part in one.stretches(self.search.step, self.search.stretch)
+            for recording in self.prepared
+            for part in recording.stretches(self.search.step, self.search.stretch)
         )
 
     def residuals(self) -> dict[str, Predicted]:
         """Return measurements beside the simulation in the segments of each recording, by its
         name.
         """
-        found = defaultdict[str, list[Predicted]](list)
+        predictions = defaultdict[str, list[Predicted]](list)
         shared = self.estimate.shared
-        own = self.estimate.own
-        for one, start in zip(self.stretches, self.estimate.starts, strict=True):
-            found[one.recording].append(
-                rolled_out(self.rollout, one, start, shared, own[one.recording])
+        own_unknowns = self.estimate.own
+        for segment, start in zip(self.stretches, self.estimate.starts, strict=True):
+            predictions[segment.recording].append(
+                rolled_out(self.rollout, segment, start, shared, own_unknowns[segment.recording])
             )
-        return {name: Predicted.joined(parts) for name, parts in found.items()}
+        return {name: Predicted.joined(parts) for name, parts in predictions.items()}
 
     def predictor(self, shared: np.ndarray | None = None) -> Predictor:
         """Make a predictor with the unknowns of the estimate, or with shared (n,) [as
@@ -312,43 +331,50 @@ class FitContext:
         """
         root = float(np.sqrt(inflation))
         shared = self.estimate.shared
-        wider = {
+        sigmas = {
             name: root * getattr(self.noise, name)
             for name in ("velocity", "rate", "vertical", "process", "start")
         }
-        about = shared - (shared - self.vehicle.shared.start) / inflation
-        own = self.vehicle.own.believed(self.vehicle.own.start, root)
-        vehicle = replace(self.vehicle, shared=self.vehicle.shared.believed(about), own=own)
+        prior_means = shared - (shared - self.vehicle.shared.start) / inflation
+        own_unknowns = self.vehicle.own.believed(self.vehicle.own.start, root)
+        vehicle = replace(
+            self.vehicle, shared=self.vehicle.shared.believed(prior_means), own=own_unknowns
+        )
         return replace(
             self,
             vehicle=vehicle,
-            noise=replace(self.noise, **wider, outliers=self.noise.outliers / root),
+            noise=replace(self.noise, **sigmas, outliers=self.noise.outliers / root),
         )
 
 
-def constant_slopes(fitted: FitContext, held: Sequence[str]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns with m of
-    these.
+def constant_slopes(
+    fitted: FitContext, constants: Sequence[str]
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return coordinates of the quantities that a fit held, and slopes (n, m) of its n unknowns
+    with m of these.
 
     What each recording may have for itself is off in all of them alike.
     """
-    known = fitted.vehicle.shared
-    freed = dict(fitted.vehicle.shared.declaration.quantities)
-    freed |= {
-        name: replace(freed[name], free=np.ones_like(freed[name].free), own=False) for name in held
+    unknowns = fitted.vehicle.shared
+    quantities = dict(fitted.vehicle.shared.declaration.quantities)
+    quantities |= {
+        name: replace(quantities[name], free=np.ones_like(quantities[name].free), own=False)
+        for name in constants
     }
-    wider = Unknowns(Declaration(quantities=freed))
-    learnt = np.isin(wider.names, known.names)
-    point = wider.start
+    all_unknowns = Unknowns(Declaration(quantities=quantities))
+    learnt = np.isin(all_unknowns.names, unknowns.names)
+    point = all_unknowns.start
     point[learnt] = fitted.estimate.shared
-    vehicle = replace(fitted.vehicle, shared=wider, own=Unknowns(wider.declaration, own=True))
+    vehicle = replace(
+        fitted.vehicle, shared=all_unknowns, own=Unknowns(all_unknowns.declaration, own=True)
+    )
     problem = replace(
         fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))
     ).problem()
     H = problem.solve(
         problem.resumed(replace(fitted.estimate, shared=point)), iterations=0
     ).information
-    stiff = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
-    return tuple(np.array(wider.names)[~learnt].tolist()), -np.linalg.solve(
-        stiff, H[np.ix_(learnt, ~learnt)]
+    stiffness = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
+    return tuple(np.array(all_unknowns.names)[~learnt].tolist()), -np.linalg.solve(
+        stiffness, H[np.ix_(learnt, ~learnt)]
     )

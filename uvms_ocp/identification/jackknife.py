@@ -30,7 +30,7 @@ class DisagreedNumber:
     """[unit of the number] standard error by the jackknife."""
 
     def __str__(self) -> str:
-        """One sentence with both standard errors."""
+        """Write one sentence with both standard errors."""
         number = self.number
         return (
             f"{number.name} is called determined to {number.sigma:.2g} {number.unit}, and fits"
@@ -49,9 +49,13 @@ def disagreed_numbers(
     """
     from scipy.stats import chi2  # a tenth of a second
 
-    converged = [one for one in left_out if one.estimate.status is FitStatus.CONVERGED]
+    converged = [
+        recording for recording in left_out if recording.estimate.status is FitStatus.CONVERGED
+    ]
     # Parts of one recording are left out together: their fits are the same.
-    estimates = {one.estimate.shared.tobytes(): one.estimate.shared for one in converged}
+    estimates = {
+        recording.estimate.shared.tobytes(): recording.estimate.shared for recording in converged
+    }
     n = len(estimates)
     if n < 2:
         return

@@ -63,11 +63,11 @@ def messages(
 
 def topics_of(path: Path) -> tuple[str, ...]:
     """Return all topics, sorted. Raises NotInstalled and InvalidInput, as `messages` does."""
-    found: set[str] = set()
+    topics: set[str] = set()
     for file in _files(path):
         with untrusted.as_input_errors(file):
-            found.update(_READERS[kind_of(file)].topics(file))
-    return tuple(sorted(found))
+            topics.update(_READERS[kind_of(file)].topics(file))
+    return tuple(sorted(topics))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class _Reader:
 
 
 def _files(path: Path) -> list[Path]:
-    """The file itself, or those of a folder of ROS 2."""
+    """List the file itself, or those of a folder of ROS 2."""
     if not path.is_dir():
         return [path]
     with untrusted.as_input_errors(path / BAG_METADATA):
@@ -116,16 +116,16 @@ def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[b
         return ros_decoder(schema.name, schema.encoding, schema.data.decode(), definitions)
     from mcap_protobuf.decoder import DecoderFactory
 
-    found: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(
+    decoder: Callable[[bytes], Any] | None = DecoderFactory().decoder_for(
         channel.message_encoding, schema
     )
-    if found is None:
-        said = channel.message_encoding[:40]
+    if decoder is None:
+        encoding = channel.message_encoding[:40]
         raise InvalidInput(
-            f"{channel.topic[:80]} is encoded as {said!r}; json, protobuf and cdr with a schema are"
+            f"{channel.topic[:80]} is encoded as {encoding!r}; json, protobuf and cdr with a schema are"
             " read"
         )
-    return found
+    return decoder
 
 
 # ROS, by the library of the extra ``uvms-ocp[rosbags]``: what messages mean, bags of ROS 1, and
@@ -141,15 +141,15 @@ def ros_decoder(
     definitions: folder with more of these, ``.msg`` files. Raises NotInstalled, InvalidInput.
     """
     typesys = _typesystem()
-    known = {
+    parsers = {
         "ros2msg": lambda: typesys.get_types_from_msg(text, name),
         "ros2idl": lambda: _of_idl(typesys, text),
     }
-    if text.strip() and encoding not in known:
-        raise InvalidInput(f"{name}: a schema as {encoding[:40]!r}; allowed: {', '.join(known)}")
+    if text.strip() and encoding not in parsers:
+        raise InvalidInput(f"{name}: a schema as {encoding[:40]!r}; allowed: {', '.join(parsers)}")
     store = typesys.get_typestore(typesys.Stores.EMPTY if text.strip() else typesys.Stores.LATEST)
     if text.strip():
-        store.register(known[encoding]())
+        store.register(parsers[encoding]())
     elif definitions is not None:
         store.register(_of_folder(typesys, definitions))
     if name not in store.fielddefs:
@@ -161,27 +161,27 @@ def ros_decoder(
 
 
 def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    types: dict[str, Any] = {}
     for part in filter(str.strip, text.split(_PARTED)):
-        found |= typesys.get_types_from_idl(
+        types |= typesys.get_types_from_idl(
             part.partition("\n")[2] if part.startswith("IDL: ") else part
         )
-    return found
+    return types
 
 
 def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
     """Definitions of ``PACKAGE/msg/NAME.msg`` or ``PACKAGE/NAME.msg``, anywhere in a folder."""
-    found: dict[str, Any] = {}
+    types: dict[str, Any] = {}
     for file in sorted(folder.rglob("*.msg")):
         package = file.parent.parent.name if file.parent.name == "msg" else file.parent.name
-        found |= typesys.get_types_from_msg(
+        types |= typesys.get_types_from_msg(
             file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}"
         )
-    if not found:
+    if not types:
         raise InvalidInput(
             f"messages: {folder} has no .msg files; give a folder of PACKAGE/msg/NAME.msg"
         )
-    return found
+    return types
 
 
 def _typesystem() -> Any:
@@ -198,7 +198,9 @@ def _ros1(path: Path) -> Any:
 def _ros1_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _ros1(path) as reader:
         chosen = [connection for connection in reader.connections if connection.topic in topics]
-        for connection, logged, data in reader.messages(connections=chosen) if chosen else ():
+        if not chosen:
+            return
+        for connection, logged, data in reader.messages(connections=chosen):
             yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
 
 
@@ -209,8 +211,8 @@ def _ros1_topics(path: Path) -> Collection[str]:
 
 @contextmanager
 def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
-    """A data base of tables alone: one that makes up its rows has as many, of a few bytes, as there
-    is time for.
+    """Open a data base of tables alone: one that makes up its rows has as many, of a few bytes, as
+    there is time for.
     """
     with closing(
         sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
@@ -327,15 +329,15 @@ def _mavlink(path: Path) -> closing[Any]:
 def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _mavlink(path) as log:
         while (message := log.recv_match(type=list(topics))) is not None:
-            said = _WithUnits(message.to_dict())
+            content = _WithUnits(message.to_dict())
             layout = getattr(
                 message, "fmt", None
             )  # of dataflash, whose first messages say it; of telemetry the protocol does
             if layout:
-                said.units = dict(zip(layout.columns, layout.units or (), strict=False))
+                content.units = dict(zip(layout.columns, layout.units or (), strict=False))
             else:
-                said.units = message.fieldunits_by_name
-            yield message.get_type(), round(1e9 * message._timestamp), said
+                content.units = message.fieldunits_by_name
+            yield message.get_type(), round(1e9 * message._timestamp), content
 
 
 def _mavlink_topics(path: Path) -> Collection[str]:
@@ -350,25 +352,28 @@ def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
     pyulog = optional_module("pyulog", "a ULog of PX4", '"uvms-ocp[ulog]"')
     with path.open("rb") as file:
         return {
-            f"{one.name}_{one.multi_id}" if one.multi_id else one.name: one.data
-            for one in pyulog.ULog(file).data_list
+            f"{instance.name}_{instance.multi_id}"
+            if instance.multi_id
+            else instance.name: instance.data
+            for instance in pyulog.ULog(file).data_list
         }
 
 
 def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
-    for topic, columns in (
-        (topic, columns) for topic, columns in _ulog(path).items() if topic in topics
-    ):
+    for topic, columns in _ulog(path).items():
+        if topic not in topics:
+            continue
         fields = defaultdict[str, list[list[float]]](list)
         for name, column in columns.items():
             fields[re.sub(r"\[\d+\]$", "", name)].append(column.tolist())
-        for row in zip(
-            *(each[0] if len(each) == 1 else zip(*each, strict=True) for each in fields.values()),
-            strict=True,
-        ):
-            said = _WithUnits(zip(fields, row, strict=True))
-            said.units = {"timestamp": "us"}
-            yield topic, 1000 * said["timestamp"], said
+        rows_of_fields = [
+            elements[0] if len(elements) == 1 else zip(*elements, strict=True)
+            for elements in fields.values()
+        ]
+        for row in zip(*rows_of_fields, strict=True):
+            content = _WithUnits(zip(fields, row, strict=True))
+            content.units = {"timestamp": "us"}
+            yield topic, 1000 * content["timestamp"], content
 
 
 _READERS = {
@@ -408,8 +413,8 @@ def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
 
 
 def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
-    """A time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds does
-    not need.
+    """Return a time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds
+    does not need.
 
     Raises NameNotFound, and InvalidInput for what is neither.
     """
@@ -417,9 +422,11 @@ def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
     names: tuple[str, ...] = ()
     if not isinstance(value, (int, float)):
         names = _names_in(value)
-    for whole, part in _STAMPS:
-        if whole in names and part in names:
-            return _number(_field(value, whole), steps) + 1e-9 * _number(_field(value, part), steps)
+    for stamp_seconds, part in _STAMPS:
+        if stamp_seconds in names and part in names:
+            seconds = _number(_field(value, stamp_seconds), steps)
+            nanoseconds = _number(_field(value, part), steps)
+            return seconds + 1e-9 * nanoseconds
     return unit * _number(value, steps)
 
 
@@ -427,10 +434,12 @@ def _value_at(message: Any, steps: Sequence[str]) -> Any:
     parent = None
     value = message
     for step in steps:
-        parent, value = (
-            value,
-            _element(parent, value, step) if _is_array(value) else _field(value, step),
-        )
+        if _is_array(value):
+            child = _element(parent, value, step)
+        else:
+            child = _field(value, step)
+        parent = value
+        value = child
     return value
 
 
@@ -442,7 +451,7 @@ def _field(value: Any, name: str) -> Any:
 
 
 def _names_in(value: Any) -> tuple[str, ...]:
-    """Names of the fields of a message; none for a number."""
+    """List the names of the fields of a message; none for a number."""
     if isinstance(value, Mapping):
         return tuple(map(str, value))
     if is_dataclass(value):
@@ -462,12 +471,12 @@ def _element(parent: Any, value: Any, step: str) -> Any:
 
 def _names_of_elements(parent: Any, value: Any) -> Iterator[str]:
     """Yield names of elements, by a field of each or by the names beside them."""
-    beside = _names_in(parent)
-    if _NAMED[0] in beside and len(_field(parent, _NAMED[0])) == len(value):
+    parent_names = _names_in(parent)
+    if _NAMED[0] in parent_names and len(_field(parent, _NAMED[0])) == len(value):
         yield from map(str, _field(parent, _NAMED[0]))
         return
-    for one in value:
-        yield from (str(_field(one, name)) for name in _NAMED if name in _names_in(one))
+    for element in value:
+        yield from (str(_field(element, name)) for name in _NAMED if name in _names_in(element))
 
 
 def _is_array(value: Any) -> bool:
@@ -477,10 +486,9 @@ def _is_array(value: Any) -> bool:
 def _number(value: Any, steps: Sequence[str]) -> float:
     if isinstance(value, (int, float, np.number, np.bool_)):
         return float(value)
-    known = ", ".join(_names_in(value))
-    raise InvalidInput(
-        f"{'.'.join(steps)} is no number{f', it has {known}' if known else ''}; give a path to one"
-    )
+    field_names = ", ".join(_names_in(value))
+    fields = f", it has {field_names}" if field_names else ""
+    raise InvalidInput(f"{'.'.join(steps)} is no number{fields}; give a path to one")
 
 
 # Columns of numbers out of messages, those of all channels in one pass.
@@ -504,45 +512,45 @@ class TopicColumns:
 
 
 def message_rows(
-    path: Path, wanted: Mapping[str, TopicColumns], definitions: Path | None = None
+    path: Path, topics: Mapping[str, TopicColumns], definitions: Path | None = None
 ) -> dict[str, TableColumns]:
     """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
 
     definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a
     field gives no row. Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
-    state = tuple((one.stat().st_mtime_ns, one.stat().st_size) for one in _files(path))
-    return dict(_rows_of(path, tuple(wanted.items()), definitions, state))
+    state = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in _files(path))
+    return dict(_rows_of(path, tuple(topics.items()), definitions, state))
 
 
 @lru_cache(maxsize=1)  # as a mapping is tried with other units and axes
 def _rows_of(
-    path: Path, wanted: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
+    path: Path, topics: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
 ) -> Mapping[str, TableColumns]:
     remarks: list[str] = []
-    found = {name: _Rows(one) for name, one in wanted}
+    rows_by_name = {name: _Rows(columns) for name, columns in topics}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
-    for rows in found.values():
+    for rows in rows_by_name.values():
         by_topic[rows.wanted.topic].append(rows)
     for topic, logged, content in messages(path, by_topic.keys(), definitions, remarks):
         for rows in by_topic[topic]:
             rows.add(logged, content)
     return {
         name: TableColumns(values=rows.whole(path), units=rows.units(), remarks=tuple(remarks))
-        for name, rows in found.items()
+        for name, rows in rows_by_name.items()
     }
 
 
 class _Rows:
     """Rows of one channel, read so far."""
 
-    def __init__(self, wanted: TopicColumns) -> None:
-        self.wanted = wanted
-        if wanted.time:
-            self.time = steps_of(wanted.time)
+    def __init__(self, topic_columns: TopicColumns) -> None:
+        self.wanted = topic_columns
+        if topic_columns.time:
+            self.time = steps_of(topic_columns.time)
         else:
             self.time = ()
-        self.columns = tuple(map(steps_of, wanted.columns))
+        self.columns = tuple(map(steps_of, topic_columns.columns))
         self.numbers = array("d")
         self.width = 0
         self.missing: NameNotFound | None = None
@@ -550,13 +558,15 @@ class _Rows:
 
     def add(self, logged: int, content: Any) -> None:
         try:
-            row = [seconds_at(content, self.time, self.wanted.unit) if self.time else 1e-9 * logged]
+            if self.time:
+                row = [seconds_at(content, self.time, self.wanted.unit)]
+            else:
+                row = [1e-9 * logged]
             for steps, word in zip_longest(self.columns, self.wanted.words):
-                row += (
-                    numbers_at(content, steps)
-                    if word is None
-                    else [float(str(_value_at(content, steps)) == word)]
-                )
+                if word is None:
+                    row += numbers_at(content, steps)
+                else:
+                    row.append(float(str(_value_at(content, steps)) == word))
         except NameNotFound as error:
             self.missing = self.missing or error
             return
@@ -577,10 +587,12 @@ class _Rows:
         """Return the unit of each column as the file says it, empty where it does not; arrays have
         more columns than paths.
         """
-        found = tuple(self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns))
-        if len(found) == self.width:
-            return found
-        return (found[0], *("",) * (self.width - 1))
+        file_units = tuple(
+            self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns)
+        )
+        if len(file_units) == self.width:
+            return file_units
+        return (file_units[0], *("",) * (self.width - 1))
 
     def whole(self, path: Path) -> np.ndarray:
         if self.numbers:

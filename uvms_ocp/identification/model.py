@@ -38,8 +38,8 @@ _SHARP = 0.01
 def vehicle_dynamics(
     dynamics: SymbolicDynamics, values: Mapping[str, ca.SX], link: int = 0
 ) -> SymbolicDynamics:
-    """The dynamics with the quantities of `vehicle_declaration` for the body that carries a link,
-    and the water on it.
+    """Build the dynamics with the quantities of `vehicle_declaration` for the body that carries a
+    link, and the water on it.
     """
     water = WaterCoefficients(
         added_mass=values["added_mass"],
@@ -103,12 +103,12 @@ class StageFunctions:
     slope: ca.Function
     """``x, u, joints, p, h -> A = dx_next/dx, B = dx_next/dp, C = dx_next/du``"""
     outputs: ca.Function
-    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity, W's
-    vertical, as they are seen.
+    """``x, p -> y (9,), dy/dx, dy/dp``: velocity where it is measured, in B; angular velocity and
+    W's vertical, along the axes of the sensor of attitude.
     """
     begun: ca.Function
-    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: what actuators give after commands
-    of `PAST_STEP` each.
+    """``u (n_u, PAST), p -> w, dw/dp, dw/du (n_u, n_u PAST)``: outputs w of actuators after
+    commands of `PAST_STEP` each.
     """
     delays: ca.Function
     """``p -> d (2,), dd/dp`` [s] of commands, and of measured velocity."""
@@ -134,33 +134,42 @@ def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     zones = (
         vehicle.shared.declaration.quantities[name] for name in ("dead_zone", "dead_zone_reverse")
     )
-    if sharp and not any(one.free.any() for one in zones):
+    if sharp and not any(zone.free.any() for zone in zones):
         edge = _SHARP
     else:
         edge = _EDGE
-    after = _after(vehicle, values, x, u, joints, h, edge)
+    next_state = _after(vehicle, values, x, u, joints, h, edge)
     outputs = _outputs(values, x)
     past = ca.SX.sym("past", n_u, PAST)
     begun = _begun(vehicle, values, past, edge)
-    late = ca.vertcat(values["delay"], values["velocity_delay"])
-    given = [x, u, joints, p, h]
+    delays = ca.vertcat(values["delay"], values["velocity_delay"])
+    arguments = [x, u, joints, p, h]
     options = {"cse": True}
     return StageFunctions(
-        step=ca.Function("step", given, [ca.densify(after)], options),
+        step=ca.Function("step", arguments, [ca.densify(next_state)], options),
         slope=ca.Function(
-            "slope", given, [ca.densify(ca.jacobian(after, one)) for one in (x, p, u)], options
+            "slope",
+            arguments,
+            [ca.densify(ca.jacobian(next_state, variable)) for variable in (x, p, u)],
+            options,
         ),
         outputs=ca.Function(
             "seen",
             [x, p],
-            [ca.densify(outputs), *(ca.densify(ca.jacobian(outputs, one)) for one in (x, p))],
+            [
+                ca.densify(outputs),
+                *(ca.densify(ca.jacobian(outputs, variable)) for variable in (x, p)),
+            ],
         ),
         begun=ca.Function(
             "begun",
             [past, p],
-            [ca.densify(begun), *(ca.densify(ca.jacobian(begun, one)) for one in (p, past))],
+            [
+                ca.densify(begun),
+                *(ca.densify(ca.jacobian(begun, variable)) for variable in (p, past)),
+            ],
         ),
-        delays=ca.Function("delays", [p], [ca.densify(late), ca.densify(ca.jacobian(late, p))]),
+        delays=ca.Function("delays", [p], [ca.densify(delays), ca.densify(ca.jacobian(delays, p))]),
         n_x=x.numel(),
         n_u=n_u,
         n_j=n_j,
@@ -177,18 +186,18 @@ def _after(
     h: ca.SX,
     edge: float,
 ) -> ca.SX:
-    moved = vehicle.dynamics.symbolic.joints[0].kind.integrate
+    integrate = vehicle.dynamics.symbolic.joints[0].kind.integrate
     q = x[:N_Q]
-    given = x[N_Q + N_V :]
+    thrust = x[N_Q + N_V :]
     moves = ca.DM(np.isin(np.arange(N_V), vehicle.axes).astype(float))
     nu = x[N_Q : N_Q + N_V] * moves
     target = _target(vehicle, values, u, edge)
-    left = ca.exp(-h / values["lag"])
-    mean = target + (given - target) * (1 - left) * values["lag"] / h
-    middle = moved(q, nu * h / 2)
+    decay = ca.exp(-h / values["lag"])
+    mean = target + (thrust - target) * (1 - decay) * values["lag"] / h
+    middle = integrate(q, nu * h / 2)
     slope = _acceleration(vehicle, values, middle, nu, mean, joints)
     faster = nu + h * _acceleration(vehicle, values, middle, nu + h / 2 * slope, mean, joints)
-    return ca.vertcat(moved(middle, faster * h / 2), faster, target + (given - target) * left)
+    return ca.vertcat(integrate(middle, faster * h / 2), faster, target + (thrust - target) * decay)
 
 
 def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -> ca.SX:
@@ -196,18 +205,20 @@ def _target(vehicle: Vehicle, values: dict[str, ca.SX], u: ca.SX, edge: float) -
     less by the zone's size.
     """
     beyond = _whole_beyond if vehicle.actuators.whole_beyond else _less_beyond
-    ahead = beyond(u, values["dead_zone"], edge)
-    back = beyond(-u, values["dead_zone_reverse"], edge)
-    return values["gain"] * (ahead - values["reverse"] * back)
+    forward = beyond(u, values["dead_zone"], edge)
+    backward = beyond(-u, values["dead_zone_reverse"], edge)
+    return values["gain"] * (forward - values["reverse"] * backward)
 
 
 def _begun(vehicle: Vehicle, values: dict[str, ca.SX], past: ca.SX, edge: float) -> ca.SX:
-    """After the first command has been held for long, and the others for a step each."""
-    given = _target(vehicle, values, past[:, 0], edge)
+    """Compute the thrust after the first command was held for long, and the others for a step
+    each.
+    """
+    thrust = _target(vehicle, values, past[:, 0], edge)
     for k in range(1, PAST):
         target = _target(vehicle, values, past[:, k], edge)
-        given = target + (given - target) * ca.exp(-PAST_STEP / values["lag"])
-    return given
+        thrust = target + (thrust - target) * ca.exp(-PAST_STEP / values["lag"])
+    return thrust
 
 
 def _less_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
@@ -220,17 +231,17 @@ def _whole_beyond(u: ca.SX, dead: ca.SX, edge: float) -> ca.SX:
 
 
 def _acceleration(
-    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, given: ca.SX, joints: ca.SX
+    vehicle: Vehicle, values: dict[str, ca.SX], q: ca.SX, nu: ca.SX, thrust: ca.SX, joints: ca.SX
 ) -> ca.SX:
     dynamics = vehicle_dynamics(vehicle.dynamics, values, vehicle.link)
     n_j = joints.numel() // 3
     n_links = len(dynamics.links)
     all_q = ca.vertcat(q, joints[:n_j])
     all_v = ca.vertcat(nu, joints[n_j : 2 * n_j])
-    held = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
+    joint_acceleration = ca.vertcat(ca.SX(N_V, 1), joints[2 * n_j :])
     water = ca.repmat(values["current"], 1, n_links), ca.SX(3, n_links)
-    wrench = ca.DM(vehicle.actuators.wrench) @ given + values["bias"] + values["wrench_offset"]
-    force = wrench - dynamics.inverse_dynamics(all_q, all_v, held, *water)[:N_V]
+    wrench = ca.DM(vehicle.actuators.wrench) @ thrust + values["bias"] + values["wrench_offset"]
+    force = wrench - dynamics.inverse_dynamics(all_q, all_v, joint_acceleration, *water)[:N_V]
     axes = list(vehicle.axes)
     D, L_transposed, order = ca.ldl(dynamics.mass_matrix(all_q)[axes, axes], False)
     acceleration = ca.SX(N_V, 1)
@@ -249,5 +260,5 @@ def _outputs(values: dict[str, ca.SX], x: ca.SX) -> ca.SX:
 
 
 def as_measured(values: dict[str, ca.SX], vector: ca.SX) -> ca.SX:
-    """A vector (3,) [any] in B, as the sensor of attitude sits that sees it."""
+    """Turn a vector (3,) [any] in B to the axes of the sensor of attitude."""
     return exp3(values["attitude_turn"] + values["attitude_offset"]).T @ vector

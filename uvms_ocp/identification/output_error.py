@@ -46,13 +46,13 @@ _MOST_STEPS = (
 
 
 def loss(r: np.ndarray, outliers: float) -> float:
-    """Huber loss of all residuals r (...), which count linearly beyond outliers."""
+    """Compute the Huber loss [-] of all residuals r (...), which count linearly beyond outliers."""
     return float((outliers**2 * (np.sqrt(1.0 + (r / outliers) ** 2) - 1.0)).sum())
 
 
 def weights(r: np.ndarray, outliers: float) -> np.ndarray:
-    """Weights (...) of squares of residuals r (...) that have the gradient of the loss, less beyond
-    outliers.
+    """Compute weights (...) of squares of residuals r (...) that have the gradient of the loss,
+    less beyond outliers.
     """
     return np.asarray((1.0 + (r / outliers) ** 2) ** -0.5)
 
@@ -73,19 +73,21 @@ class NormalEquations:
     cost: float
     """Half the weighted squares."""
     H: np.ndarray
-    """(n + m, n + m) [1 / unknowns^2]"""
+    """(n + m, n + m) [1 / unknowns^2] matrix of the unknowns."""
     g: np.ndarray
-    """(n + m,) [1 / unknowns]"""
+    """(n + m,) [1 / unknowns] gradient by the unknowns."""
     H_starts: np.ndarray
-    """(18, 9 l) [1 / unknowns^2] the lower band, diagonal by diagonal, as LAPACK has it."""
+    """(18, 9 l) [1 / unknowns^2] lower band of the starts' matrix, diagonal by diagonal, as LAPACK
+    has it.
+    """
     g_starts: np.ndarray
-    """(9 l,) [1 / unknowns]"""
+    """(9 l,) [1 / unknowns] gradient by the starts."""
     cross: np.ndarray
-    """(9 l, n + m) [1 / unknowns^2]"""
+    """(9 l, n + m) [1 / unknowns^2] matrix between starts and unknowns."""
 
     def without_starts(self, damping: float, n: int) -> tuple[np.ndarray, np.ndarray, Elimination]:
-        """Schur complement (n, n), (n,) of n shared unknowns, and what gives the others, their
-        diagonal raised by damping.
+        """Compute the Schur complement (n, n), (n,) of n shared unknowns, and the map from their
+        change to those of the others, whose diagonal is raised by damping.
         """
         from scipy.linalg import solveh_banded  # a tenth of a second
 
@@ -96,13 +98,15 @@ class NormalEquations:
         )
         H = self.H - self.cross.T @ solved[:, :-1]
         g = self.g - self.cross.T @ solved[:, -1]
-        own = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
-        solved_own = np.linalg.solve(own, np.column_stack([H[n:, :n], g[n:]]))
+        own_block = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
+        solved_own = np.linalg.solve(own_block, np.column_stack([H[n:, :n], g[n:]]))
 
         def others(change: np.ndarray) -> np.ndarray:
-            """(m + 9 l,) changes of the others, where those of the shared ones are change (n,)."""
-            moved = -solved_own @ np.r_[change, 1.0]
-            return np.r_[moved, -solved @ np.r_[change, moved, 1.0]]
+            """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
+            ones.
+            """
+            own_change = -solved_own @ np.r_[change, 1.0]
+            return np.r_[own_change, -solved @ np.r_[change, own_change, 1.0]]
 
         return (
             H[:n, :n] - H[:n, n:] @ solved_own[:, :-1],
@@ -116,7 +120,9 @@ def finite(blocks: Sequence[NormalEquations]) -> bool:
     cost.
     """
     return all(
-        np.isfinite(part).all() for one in blocks for part in (one.cost, one.H, one.H_starts)
+        np.isfinite(part).all()
+        for block in blocks
+        for part in (block.cost, block.H, block.H_starts)
     )
 
 
@@ -125,20 +131,25 @@ def finite(blocks: Sequence[NormalEquations]) -> bool:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class SearchPoint:
-    """Unknowns and starts."""
+    """Iterate of a search: unknowns and starts."""
 
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     own: tuple[np.ndarray, ...]
-    """(m,) [as `Unknowns.start`] of each recording."""
+    """(m,) [as `Unknowns.start`] unknowns of each recording alone."""
     starts: tuple[tuple[SegmentStart, ...], ...]
     """Starts of the segments of each recording."""
 
 
-def difference(of: SegmentStart, to: SegmentStart) -> np.ndarray:
-    """(9,) [m/s, rad/s, rad] that moves one start to another."""
-    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(of.q[3:]), to.q[3:]))
-    return np.concatenate([to.v - of.v, np.asarray(turn).ravel()])
+def _measured_start(segment: Segment) -> SegmentStart:
+    """Return the start of a segment as it was measured."""
+    return SegmentStart(q=segment.q, v=segment.v)
+
+
+def difference(begin: SegmentStart, end: SegmentStart) -> np.ndarray:
+    """Compute the change (9,) [m/s, rad/s, rad] that moves one start to another."""
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(begin.q[3:]), end.q[3:]))
+    return np.concatenate([end.v - begin.v, np.asarray(turn).ravel()])
 
 
 # A number of the unknowns that is drawn to a value, as if it had been measured.
@@ -156,12 +167,12 @@ class ProfilePenalty:
     unknown].
     """
     target: float
-    """[as the number]"""
+    """[as the number] value to which it is drawn."""
     sigma: float
-    """[as the number] by which it may be off at the price of a half."""
+    """[as the number] deviation that costs a half."""
 
     def cost(self, shared: np.ndarray) -> float:
-        """At the unknowns shared (n,) [as `Unknowns.start`]."""
+        """Compute the penalty [-] at the unknowns shared (n,) [as `Unknowns.start`]."""
         return ((self.number(shared)[0] - self.target) / self.sigma) ** 2 / 2
 
     def normal(self, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,10 +214,10 @@ class FitStatus(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Noise:
-    """Standard deviations of what is seen and of what happens between stretches."""
+    """Standard deviations of measurements and of changes of state between stretches."""
 
     velocity: float = 0.02
-    """[m/s] of measured velocity, what the model cannot explain included."""
+    """[m/s] of measured velocity, errors of the model included."""
     rate: float = 0.05
     """[rad/s] of angular velocity."""
     vertical: float = 0.03
@@ -214,19 +225,19 @@ class Noise:
     process: float = 0.05
     """[m/s, rad/s, rad] between the end of a stretch and the beginning of the next."""
     start: float = 0.1
-    """[m/s, rad/s, rad] between where a stretch begins and what was seen there."""
+    """[m/s, rad/s, rad] between the start of a stretch and the measurements there."""
     outliers: float = 3.0
     """Standard deviations beyond which the loss is linear."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Estimate:
-    """Unknowns with what they were found from."""
+    """Unknowns with their cost, information and the status of the search."""
 
     shared: np.ndarray
-    """(n,) [as `Unknowns.start`]"""
+    """(n,) [as `Unknowns.start`] unknowns of all recordings."""
     own: Mapping[str, np.ndarray]
-    """(m,) [as `Unknowns.start`] of each recording, by its name."""
+    """(m,) [as `Unknowns.start`] unknowns of each recording alone, by its name."""
     starts: tuple[SegmentStart, ...]
     """Starts of the segments."""
     cost: float
@@ -236,8 +247,8 @@ class Estimate:
     status: FitStatus
     iterations: int
     assumed: np.ndarray | float = 0.0
-    """(n, n) [unknowns^2] covariance from what the recordings do not tell: the step of the
-    simulation, assumed constants.
+    """(n, n) [unknowns^2] covariance from other sources than noise: the step of the simulation,
+    assumed constants.
     """
 
 
@@ -259,7 +270,7 @@ class OutputErrorProblem:
         self._rollout = rollout
         self._pull = pull
         self._recordings = [
-            tuple(group) for _, group in groupby(stretches, key=lambda one: one.recording)
+            tuple(group) for _, group in groupby(stretches, key=lambda segment: segment.recording)
         ]
         self._n = len(vehicle.shared.start)
         self._m = len(vehicle.own.start)
@@ -270,33 +281,38 @@ class OutputErrorProblem:
         """Return the first iterate: unknowns as declared, or shared (n,) [as `Unknowns.start`];
         segments begin as measured.
         """
-        begins = tuple(
-            tuple(SegmentStart(q=one.q, v=one.v) for one in group) for group in self._recordings
-        )
-        own = tuple(self._vehicle.own.start for _ in self._recordings)
+        begins = tuple(tuple(map(_measured_start, group)) for group in self._recordings)
+        own_unknowns = tuple(self._vehicle.own.start for _ in self._recordings)
         return SearchPoint(
-            shared=self._vehicle.shared.start if shared is None else shared, own=own, starts=begins
+            shared=self._vehicle.shared.start if shared is None else shared,
+            own=own_unknowns,
+            starts=begins,
         )
 
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
-        own = tuple(estimate.own[group[0].recording] for group in self._recordings)
-        left = iter(estimate.starts)
-        begins = tuple(tuple(next(left) for _ in group) for group in self._recordings)
-        return SearchPoint(shared=estimate.shared, own=own, starts=begins)
+        own_unknowns = tuple(estimate.own[group[0].recording] for group in self._recordings)
+        remaining_starts = iter(estimate.starts)
+        begins = tuple(tuple(next(remaining_starts) for _ in group) for group in self._recordings)
+        return SearchPoint(shared=estimate.shared, own=own_unknowns, starts=begins)
 
     def stepped(
         self, point: SearchPoint, blocks: list[NormalEquations] | None = None
     ) -> tuple[SearchPoint, float]:
-        """After one step of Gauss and Newton, and the cost there. blocks: of the point, the same
-        whatever number is pulled.
+        """Take one step of Gauss and Newton; return the point after it and the cost there.
+
+        blocks: normal equations at the point, the same for every number that is pulled.
         """
-        after = self._moved(
+        next_point = self._moved(
             point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False
         )
         with np.errstate(all="ignore"):
-            return after, self._total(
-                after, [self._cost(k, after, seen) for k, seen in enumerate(self._all_seen(after))]
+            return next_point, self._total(
+                next_point,
+                [
+                    self._cost(k, next_point, outputs)
+                    for k, outputs in enumerate(self._all_seen(next_point))
+                ],
             )
 
     def solve(
@@ -315,30 +331,31 @@ class OutputErrorProblem:
         """
         blocks = self.blocks(point)
         status = FitStatus.ITERATION_LIMIT
-        done = 0
+        n_done = 0
         if not finite(blocks):
             return self._estimate(point, blocks, FitStatus.RUNS_AWAY, 0)
-        while done < iterations:
-            done += 1
-            self.progress(f"step {done} of at most {iterations}")
-            tried = self._step(point, blocks, damping, done <= frozen)
-            if tried is None:
+        while n_done < iterations:
+            n_done += 1
+            self.progress(f"step {n_done} of at most {iterations}")
+            trial = self._step(point, blocks, damping, n_done <= frozen)
+            if trial is None:
                 status = FitStatus.STALLED
                 break
-            after, damping, cost, further = tried
-            gained = 1.0 - cost / self._total(point, [block.cost for block in blocks])
-            point = after
-            blocks = further
-            if gained < tolerance and (done > frozen or frozen >= iterations):
+            next_point, damping, cost, next_blocks = trial
+            gain = 1.0 - cost / self._total(point, [block.cost for block in blocks])
+            point = next_point
+            blocks = next_blocks
+            if gain < tolerance and (n_done > frozen or frozen >= iterations):
                 # A step that damping held back gains little anywhere.
                 held = frozen >= iterations
                 if held or self._promised_gain(point, blocks) < _PROMISED * tolerance:
                     status = FitStatus.CONVERGED
                     break
-        return self._estimate(point, blocks, status, done)
+        return self._estimate(point, blocks, status, n_done)
 
     def _promised_gain(self, point: SearchPoint, blocks: list[NormalEquations]) -> float:
-        """Share of the cost by which the undamped step of the shared unknowns would lower it.
+        """Compute the share of the cost by which the undamped step of the shared unknowns would
+        lower it.
 
         By the gradient and the normal equations where the search stands (half the square of
         Newton's decrement), whatever the steps that led there. Unknowns that a bound stops do not
@@ -352,14 +369,14 @@ class OutputErrorProblem:
             H = H + stiff
             g = g + force
         shared = self._vehicle.shared
-        stopped = ((point.shared <= shared.lower) & (g > 0.0)) | (
+        stopped_mask = ((point.shared <= shared.lower) & (g > 0.0)) | (
             (point.shared >= shared.upper) & (g < 0.0)
         )
-        free = ~stopped
-        stiffness = H[np.ix_(free, free)] + _NEARLY_NONE * np.eye(int(free.sum()))
-        promised = 0.5 * float(g[free] @ np.linalg.solve(stiffness, g[free]))
+        free_mask = ~stopped_mask
+        stiffness = H[np.ix_(free_mask, free_mask)] + _NEARLY_NONE * np.eye(int(free_mask.sum()))
+        decrease = 0.5 * float(g[free_mask] @ np.linalg.solve(stiffness, g[free_mask]))
         cost = self._total(point, [block.cost for block in blocks])
-        return promised / max(cost, np.finfo(float).tiny)
+        return decrease / max(cost, np.finfo(float).tiny)
 
     def _step(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
@@ -367,27 +384,27 @@ class OutputErrorProblem:
         """Find a step that lowers the cost (Levenberg-Marquardt); returns point, damping, cost and
         problem, all finite.
         """
-        before = self._total(point, [block.cost for block in blocks])
+        present_cost = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
-            after = self._moved(point, blocks, damping, frozen)
-            blocks_there = self.blocks(after)  # with slopes, as most steps are taken
-            cost = self._total(after, [block.cost for block in blocks_there])
-            if np.isfinite(cost) and cost < before and finite(blocks_there):
-                return after, max(damping / 5.0, _NEARLY_NONE), cost, blocks_there
+            next_point = self._moved(point, blocks, damping, frozen)
+            next_blocks = self.blocks(next_point)  # with slopes, as most steps are taken
+            cost = self._total(next_point, [block.cost for block in next_blocks])
+            if np.isfinite(cost) and cost < present_cost and finite(next_blocks):
+                return next_point, max(damping / 5.0, _NEARLY_NONE), cost, next_blocks
             damping *= 8.0
         return None
 
     def _moved(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> SearchPoint:
-        H, g, others = self._reduced(point, blocks, damping)
+        H, g, eliminations = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
             damped = H + damping * np.diag(np.diag(H) + 1e-9)
             if self._pull is not None:
-                stiff, force = self._pull.normal(point.shared)
-                damped = damped + stiff
-                g = g + force
+                penalty_H, penalty_g = self._pull.normal(point.shared)
+                damped = damped + penalty_H
+                g = g + penalty_g
             change = -np.linalg.solve(damped, g)
         shared = np.clip(
             point.shared + np.clip(change, -1.0, 1.0),
@@ -395,35 +412,36 @@ class OutputErrorProblem:
             self._vehicle.shared.upper,
         )
         change = shared - point.shared
-        own = []
+        own_unknowns = []
         starts = []
-        for k, changed in enumerate(others):
-            local = changed(change)
-            own.append(point.own[k] + local[: self._m])
+        for k, elimination in enumerate(eliminations):
+            local = elimination(change)
+            own_unknowns.append(point.own[k] + local[: self._m])
             turns = local[self._m :].reshape(-1, N_START)
             starts.append(
                 tuple(
-                    one.moved(np.clip(c, -0.5, 0.5))
-                    for one, c in zip(point.starts[k], turns, strict=True)
+                    start.moved(np.clip(c, -0.5, 0.5))
+                    for start, c in zip(point.starts[k], turns, strict=True)
                 )
             )
-        return SearchPoint(shared=shared, own=tuple(own), starts=tuple(starts))
+        return SearchPoint(shared=shared, own=tuple(own_unknowns), starts=tuple(starts))
 
     def _reduced(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float
     ) -> tuple[np.ndarray, np.ndarray, list[Elimination]]:
-        """Normal equations of the shared unknowns, and what gives the changes of the others."""
+        """Build the normal equations of the shared unknowns, and the maps from their change to
+        those of the others.
+        """
         weight = 1.0 / self._vehicle.shared.sigma**2
         parts = [block.without_starts(damping, self._n) for block in blocks]
         H = np.diag(weight) + sum(part[0] for part in parts)
-        return (
-            H,
-            weight * (point.shared - self._vehicle.shared.start) + sum(part[1] for part in parts),
-            [one[2] for one in parts],
-        )
+        prior_gradient = weight * (point.shared - self._vehicle.shared.start)
+        g = prior_gradient + sum(part[1] for part in parts)
+        eliminations = [part[2] for part in parts]
+        return H, g, eliminations
 
     def _estimate(
-        self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, done: int
+        self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, iterations: int
     ) -> Estimate:
         informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
         return Estimate(
@@ -431,26 +449,26 @@ class OutputErrorProblem:
             own=dict(
                 zip((group[0].recording for group in self._recordings), point.own, strict=True)
             ),
-            starts=tuple(one for group in point.starts for one in group),
+            starts=tuple(start for group in point.starts for start in group),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
             status=status,
-            iterations=done,
+            iterations=iterations,
         )
 
     def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
-        far = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
+        deviations = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
         if self._pull is None:
-            pulled = 0.0
+            penalty = 0.0
         else:
-            pulled = self._pull.cost(point.shared)
-        return float(sum(costs) + far @ far / 2 + pulled)
+            penalty = self._pull.cost(point.shared)
+        return float(sum(costs) + deviations @ deviations / 2 + penalty)
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
         with np.errstate(all="ignore"):
             return [
-                self._block(k, point, seen)
-                for k, seen in enumerate(self._all_seen(point, slopes=True))
+                self._block(k, point, outputs)
+                for k, outputs in enumerate(self._all_seen(point, slopes=True))
             ]
 
     def _all_seen(
@@ -464,26 +482,27 @@ class OutputErrorProblem:
             for k, group in enumerate(self._recordings)
             for stretch, start in zip(group, point.starts[k], strict=True)
         ]
-        found: dict[int, PredictedOutputs] = {}
+        outputs: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
-            alike = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
+            places = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             size = max(1, _MOST_STEPS // n)
-            for chosen in (alike[first : first + size] for first in range(0, len(alike), size)):
+            for first in range(0, len(places), size):
+                chosen = places[first : first + size]
                 p = np.array(
                     [np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen]
                 )
                 parts = [flat[i][1] for i in chosen]
                 starts = [flat[i][2] for i in chosen]
-                seen = self._rollout.predict(
-                    parts, starts, p, partial(self._weights, parts) if slopes else None
-                )
-                for i, part, one in zip(chosen, parts, seen, strict=True):
+                weighting = partial(self._weights, parts) if slopes else None
+                predictions = self._rollout.predict(parts, starts, p, weighting)
+                for i, part, prediction in zip(chosen, parts, predictions, strict=True):
                     losses = (
-                        loss(r, self._noise.outliers) for r in self._residuals(part, one.rows)
+                        loss(r, self._noise.outliers)
+                        for r in self._residuals(part, prediction.rows)
                     )
-                    found[i] = replace(one, rows=(), loss=sum(losses))
+                    outputs[i] = replace(prediction, rows=(), loss=sum(losses))
         return [
-            [found[i] for i, (k, _, _) in enumerate(flat) if k == group]
+            [outputs[i] for i, (k, _, _) in enumerate(flat) if k == group]
             for group in range(len(self._recordings))
         ]
 
@@ -493,80 +512,85 @@ class OutputErrorProblem:
     def _weights(
         self, parts: Sequence[Segment], k: int, rows: Sequence[np.ndarray]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        pairs = zip(self._residuals(parts[k], rows), self._sigma, strict=True)
-        return [
-            (w / sigma**2, w * r / sigma)
-            for r, sigma in pairs
-            for w in (weights(r, self._noise.outliers),)
-        ]
+        pairs = []
+        for r, sigma in zip(self._residuals(parts[k], rows), self._sigma, strict=True):
+            w = weights(r, self._noise.outliers)
+            pairs.append((w / sigma**2, w * r / sigma))
+        return pairs
 
-    def _cost(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> float:
-        squares = sum(d @ d for d, _ in self._gaps(k, point, seen))
-        return float(sum(one.loss for one in seen) + self._beginnings(k, point)[1] + squares / 2)
+    def _cost(self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]) -> float:
+        squares = sum(d @ d for d, _ in self._gaps(k, point, outputs))
+        return float(
+            sum(prediction.loss for prediction in outputs)
+            + self._beginnings(k, point)[1]
+            + squares / 2
+        )
 
     def _beginnings(self, k: int, point: SearchPoint) -> tuple[list[np.ndarray], float]:
-        """Compute weighted residuals of the starts against what was measured there, and their
-        cost.
-        """
-        far = [
-            difference(SegmentStart(q=one.q, v=one.v), start) / self._noise.start
-            for one, start in zip(self._recordings[k], point.starts[k], strict=True)
+        """Compute weighted residuals of the starts against the measurements, and their cost."""
+        residuals = [
+            difference(_measured_start(segment), start) / self._noise.start
+            for segment, start in zip(self._recordings[k], point.starts[k], strict=True)
         ]
-        own = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
-        return far, float(sum(one @ one for one in far) + own @ own) / 2
+        own_offset = (point.own[k] - self._vehicle.own.start) / self._vehicle.own.sigma
+        squares = sum(residual @ residual for residual in residuals)
+        return residuals, float(squares + own_offset @ own_offset) / 2
 
     def _gaps(
-        self, k: int, point: SearchPoint, seen: list[PredictedOutputs]
+        self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Between the ends of stretches and the next ones, weighted, with their slopes with end
-        states (9, n_x).
+        """Compute weighted gaps (9,) between the ends of stretches and the next starts, with their
+        slopes with end states (9, n_x).
         """
-        found = []
-        for one, after in zip(seen[:-1], point.starts[k][1:], strict=True):
-            end = SegmentStart(q=one.end[:N_Q], v=one.end[N_Q : N_Q + N_V])
-            slope = np.zeros((N_START, len(one.end)))
+        gaps = []
+        for prediction, start in zip(outputs[:-1], point.starts[k][1:], strict=True):
+            end = SegmentStart(q=prediction.end[:N_Q], v=prediction.end[N_Q : N_Q + N_V])
+            slope = np.zeros((N_START, len(prediction.end)))
             slope[:N_V, N_Q : N_Q + N_V] = np.eye(N_V)
             slope[N_V:, 3:N_Q] = 4.0 * turn_slope(end.q[3:]).T
-            found.append(
-                (difference(after, end) / self._noise.process, slope / self._noise.process)
-            )
-        return found
+            gaps.append((difference(start, end) / self._noise.process, slope / self._noise.process))
+        return gaps
 
-    def _block(self, k: int, point: SearchPoint, seen: list[PredictedOutputs]) -> NormalEquations:
+    def _block(
+        self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
+    ) -> NormalEquations:
         n = self._n
         size = self._n + self._m
-        back = -1.0 / self._noise.process
+        slope_back = -1.0 / self._noise.process
         weight = 1.0 / self._vehicle.own.sigma**2
-        far = self._beginnings(k, point)[0]
+        start_residuals = self._beginnings(k, point)[0]
         # Of each segment: with itself, and of its start with the next one.
-        every = np.array([one.H for one in seen])
-        pulls = np.array([one.g for one in seen])
-        every[:, size:, size:] += np.eye(N_START) / self._noise.start**2
-        pulls[:, size:] += np.array(far) / self._noise.start
-        gaps = self._gaps(k, point, seen)
+        hessians = np.array([prediction.H for prediction in outputs])
+        gradients = np.array([prediction.g for prediction in outputs])
+        hessians[:, size:, size:] += np.eye(N_START) / self._noise.start**2
+        gradients[:, size:] += np.array(start_residuals) / self._noise.start
+        gaps = self._gaps(k, point, outputs)
         if gaps:
             J = np.array(
-                [slope @ one.end_slope for one, (_, slope) in zip(seen, gaps, strict=False)]
+                [
+                    slope @ prediction.end_slope
+                    for prediction, (_, slope) in zip(outputs, gaps, strict=False)
+                ]
             )
-            gap = np.array([one for one, _ in gaps])
-            every[:-1] += J.swapaxes(1, 2) @ J
-            every[1:, size:, size:] += back**2 * np.eye(N_START)
-            every[1:, size:, :size] += back * J[:, :, :size]
-            pulls[:-1] += np.einsum("lij,li->lj", J, gap)
-            pulls[1:, size:] += back * gap
+            gap = np.array([residual for residual, _ in gaps])
+            hessians[:-1] += J.swapaxes(1, 2) @ J
+            hessians[1:, size:, size:] += slope_back**2 * np.eye(N_START)
+            hessians[1:, size:, :size] += slope_back * J[:, :, :size]
+            gradients[:-1] += np.einsum("lij,li->lj", J, gap)
+            gradients[1:, size:] += slope_back * gap
         # Both, one under the other: row r of a column is on the diagonal that is so far below that
         # of the column's own entry.
-        both = np.zeros((3 * N_START, len(seen), N_START))
-        both[:N_START] = np.moveaxis(every[:, size:, size:], 1, 0)
+        band = np.zeros((3 * N_START, len(outputs), N_START))
+        band[:N_START] = np.moveaxis(hessians[:, size:, size:], 1, 0)
         if gaps:
-            both[N_START : 2 * N_START, :-1] = back * np.moveaxis(J[:, :, size:], 1, 0)
+            band[N_START : 2 * N_START, :-1] = slope_back * np.moveaxis(J[:, :, size:], 1, 0)
         rows = np.arange(2 * N_START)[:, None, None] + np.arange(N_START)
         return NormalEquations(
-            cost=self._cost(k, point, seen),
-            H=np.diag(np.r_[np.zeros(n), weight]) + every[:, :size, :size].sum(axis=0),
+            cost=self._cost(k, point, outputs),
+            H=np.diag(np.r_[np.zeros(n), weight]) + hessians[:, :size, :size].sum(axis=0),
             g=np.r_[np.zeros(n), weight * (point.own[k] - self._vehicle.own.start)]
-            + pulls[:, :size].sum(axis=0),
-            H_starts=np.take_along_axis(both, rows, axis=0).reshape(2 * N_START, -1),
-            g_starts=pulls[:, size:].ravel(),
-            cross=every[:, size:, :size].reshape(-1, size),
+            + gradients[:, :size].sum(axis=0),
+            H_starts=np.take_along_axis(band, rows, axis=0).reshape(2 * N_START, -1),
+            g_starts=gradients[:, size:].ravel(),
+            cross=hessians[:, size:, :size].reshape(-1, size),
         )

@@ -45,7 +45,7 @@ AT_ONCE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Fixed:
-    """Known: it stays as it is."""
+    """Status of a quantity that stays as declared."""
 
     only: tuple[str, ...] | None = All
     """Coordinates by their names; the others of the quantity stay as they were declared."""
@@ -53,15 +53,15 @@ class Fixed:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Free:
-    """Unknown: the recordings alone decide."""
+    """Status of a quantity that the recordings alone determine."""
 
     only: tuple[str, ...] | None = All
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Bounded:
-    """Unknown within bounds; for quantities whose coordinates are entries: not for coupled
-    matrices.
+    """Status of a quantity within bounds; for quantities whose coordinates are entries: not for
+    coupled matrices.
     """
 
     lower: float
@@ -71,7 +71,7 @@ class Bounded:
     only: tuple[str, ...] | None = All
 
     def __post_init__(self) -> None:
-        """Raises `InvalidInput` for bounds in the wrong order."""
+        """Check the bounds. Raises `InvalidInput` for bounds in the wrong order."""
         if not self.lower < self.upper:
             raise InvalidInput(
                 f"bounds {self.lower} and {self.upper} given; allowed: lower < upper"
@@ -80,7 +80,7 @@ class Bounded:
 
 @checked_dataclass()
 class Prior:
-    """Believed: as the start has it, give or take a standard deviation."""
+    """Status of a quantity with a prior about its start."""
 
     sigma: Positive
     """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
@@ -95,22 +95,20 @@ ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Quantity:
-    """One quantity with what is known of each of its coordinates; fixed unless it is said
-    otherwise.
-    """
+    """One quantity with bounds, prior and status of each of its coordinates."""
 
     unit: str
     coordinates: QuantityCoordinates
     x: np.ndarray
-    """(n,) [-, or the unit of the quantity] where they are, and the middle of priors."""
+    """(n,) [-, or the unit of the quantity] values of the coordinates, and the middle of priors."""
     free: np.ndarray
-    """(n,) whether they may be learnt."""
+    """(n,) [bool] mask of the coordinates that may be learnt."""
     sigma: np.ndarray
     """(n,) [as x] standard deviations of priors, infinite without."""
     lower: np.ndarray
-    """(n,) [as x]"""
+    """(n,) [as x] lower bounds."""
     upper: np.ndarray
-    """(n,) [as x]"""
+    """(n,) [as x] upper bounds."""
     own: bool = False
     """True where every recording has its own."""
     begin: np.ndarray | None = None
@@ -120,15 +118,16 @@ class Quantity:
 
     @property
     def value(self) -> np.ndarray:
-        """(...) [unit of the quantity] where it is, or a search begins."""
+        """(...) [unit of the quantity] value, or value at which a search begins."""
         return np.array(ca.evalf(self.coordinates.decode(ca.SX(ca.DM(self.x)))))
 
     @staticmethod
     def fixed(
         unit: str, coordinates: QuantityCoordinates, value: np.ndarray, *, own: bool = False
     ) -> Quantity:
-        """Known to be value (...) [unit of the quantity]. Raises InvalidInput for a value that
-        coordinates do not reach.
+        """Make a quantity fixed at value (...) [unit of the quantity].
+
+        Raises InvalidInput for a value that coordinates do not reach.
         """
         x = coordinates.encode(value)
         none = np.zeros(len(x), dtype=bool)
@@ -145,8 +144,9 @@ class Quantity:
         )
 
     def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
-        """A copy of which this is known; called: its name. Raises NameNotFound for no coordinate of
-        it, and InvalidInput.
+        """Return a copy with another status; called: its name in messages.
+
+        Raises NameNotFound for no coordinate of it, and InvalidInput.
         """
         names = self.coordinates.names
         for name in status.only or ():
@@ -158,6 +158,7 @@ class Quantity:
         chosen = np.array(
             [status.only is None or name in status.only for name in names], dtype=bool
         )
+        sigma = status.sigma if isinstance(status, Prior) else np.inf
         if self.begin is not None and not isinstance(status, Fixed):
             return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(
                 status, called
@@ -166,9 +167,7 @@ class Quantity:
         return replace(
             self,
             free=np.where(chosen, not isinstance(status, Fixed), self.free),
-            sigma=np.where(
-                chosen, status.sigma if isinstance(status, Prior) else np.inf, self.sigma
-            ),
+            sigma=np.where(chosen, sigma, self.sigma),
             lower=np.where(chosen, lower, self.lower),
             upper=np.where(chosen, upper, self.upper),
         )
@@ -194,22 +193,27 @@ class Declaration:
     quantities: Mapping[str, Quantity]
 
     def with_status(self, **status: ParameterStatus) -> Declaration:
-        """A copy in which these quantities are known so. Raises NameNotFound for one that there is
-        not, and InvalidInput.
+        """Return a copy in which these quantities have these statuses.
+
+        Raises NameNotFound for a quantity that there is not, and InvalidInput.
         """
         return self._with(
-            {name: self._found(name).with_status(one, name) for name, one in status.items()}
+            {
+                name: self._found(name).with_status(quantity_status, name)
+                for name, quantity_status in status.items()
+            }
         )
 
     def with_start(self, **values: np.ndarray) -> Declaration:
-        """A copy whose quantities start at other values (...) [unit of the quantity]. Raises
-        NameNotFound, InvalidInput.
+        """Return a copy whose quantities start at other values (...) [unit of the quantity].
+
+        Raises NameNotFound, InvalidInput.
         """
-        found = {name: self._found(name) for name in values}
+        quantities = {name: self._found(name) for name in values}
         return self._with(
             {
-                name: replace(one, x=one.coordinates.encode(values[name]))
-                for name, one in found.items()
+                name: replace(quantity, x=quantity.coordinates.encode(values[name]))
+                for name, quantity in quantities.items()
             }
         )
 
@@ -239,8 +243,8 @@ class Unknowns:
         """Names of the unknowns, as ``added_mass surge``."""
         return tuple(
             f"{name} {coordinate}".strip()
-            for name, one in self._items()
-            for coordinate, free in zip(one.coordinates.names, one.free, strict=True)
+            for name, quantity in self._items()
+            for coordinate, free in zip(quantity.coordinates.names, quantity.free, strict=True)
             if free
         )
 
@@ -265,50 +269,60 @@ class Unknowns:
         return self._free("upper")
 
     def values(self, theta: ca.SX) -> dict[str, ca.SX]:
-        """Every quantity of this kind by its name, where theta (n,) [as start] are the unknowns."""
-        found = {}
+        """Compute each quantity of this kind, by its name, at unknowns theta (n,) [as start]."""
+        quantities = {}
         first = 0
-        for name, one in self._items():
-            n = int(one.free.sum())
-            x = ca.SX(ca.DM(one.x))
+        for name, quantity in self._items():
+            n = int(quantity.free.sum())
+            x = ca.SX(ca.DM(quantity.x))
             if n:
-                x[np.flatnonzero(one.free).tolist()] = theta[first : first + n]
-            found[name] = one.coordinates.decode(x)
+                x[np.flatnonzero(quantity.free).tolist()] = theta[first : first + n]
+            quantities[name] = quantity.coordinates.decode(x)
             first = first + n
-        return found
+        return quantities
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
-        """A copy that starts, and whose priors are, about (n,) [as start]; wider: factor of their
+        """Return a copy with starts and priors about (n,) [as start]; wider: factor of their
         deviations.
         """
         moved = self._with("x", about)
-        found = {name: replace(one, sigma=wider * one.sigma) for name, one in moved._items()}
-        return Unknowns(Declaration(quantities={**moved.declaration.quantities, **found}), self.own)
+        widened = {
+            name: replace(quantity, sigma=wider * quantity.sigma)
+            for name, quantity in moved._items()
+        }
+        return Unknowns(
+            Declaration(quantities={**moved.declaration.quantities, **widened}), self.own
+        )
 
     def held(self, which: np.ndarray) -> Unknowns:
-        """A copy in which those of which (n,) [bool] are next to known: where they start."""
+        """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
         return self._with("sigma", np.where(which, _HELD, self.sigma))
 
     def _with(self, column: str, values: np.ndarray) -> Unknowns:
-        """A copy with other values (n,) of a column of all unknowns."""
-        found = dict(self.declaration.quantities)
+        """Return a copy with other values (n,) of a column of all unknowns."""
+        quantities = dict(self.declaration.quantities)
         first = 0
-        for name, one in self._items():
-            changed = getattr(one, column).copy()
-            n = int(one.free.sum())
-            changed[one.free] = values[first : first + n]
-            found[name] = replace(one, **{column: changed})
+        for name, quantity in self._items():
+            changed = getattr(quantity, column).copy()
+            n = int(quantity.free.sum())
+            changed[quantity.free] = values[first : first + n]
+            quantities[name] = replace(quantity, **{column: changed})
             first = first + n
-        return Unknowns(Declaration(quantities=found), self.own)
+        return Unknowns(Declaration(quantities=quantities), self.own)
 
     def _items(self) -> Iterator[tuple[str, Quantity]]:
         return (
-            (name, one) for name, one in self.declaration.quantities.items() if one.own == self.own
+            (name, quantity)
+            for name, quantity in self.declaration.quantities.items()
+            if quantity.own == self.own
         )
 
     def _free(self, column: str) -> np.ndarray:
         return np.concatenate(
-            [np.zeros(0), *(getattr(one, column)[one.free] for _, one in self._items())]
+            [
+                np.zeros(0),
+                *(getattr(quantity, column)[quantity.free] for _, quantity in self._items()),
+            ]
         )
 
 
@@ -323,7 +337,7 @@ class ActuatorModel:
     wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
     """(6, n) [-, m] per unit of each actuator, linear rows first."""
     allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
-    """(n, m) [-, 1/m] what each is told, per unit of the commands that are recorded."""
+    """(n, m) [-, 1/m] command of each actuator per unit of the recorded commands."""
     lag: float = 0.1
     """[s] time constant of all of them."""
     dead_zone: float = 1e-3
@@ -401,12 +415,12 @@ def vehicle_declaration(
     coefficients. velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no
     vehicle has.
     """
-    known = (
+    quantities = (
         _body(start, hull)
         | _water(start, couplings or AxisCouplings())
         | _actuation(actuators or ActuatorModel())
     )
-    return Declaration(quantities=known | _sensing(velocity_delay))
+    return Declaration(quantities=quantities | _sensing(velocity_delay))
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
@@ -430,9 +444,9 @@ def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quanti
     root = {name: np.sqrt(np.diag(getattr(start, name))) for name in ("added_mass", "linear_drag")}
     added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
     linear = PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag)
-    own = np.diag(start.quadratic_drag)
+    diagonal = np.diag(start.quadratic_drag)
     quadratic = coordinates.QuadraticDrag(
-        axes=AXES, scale=own, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag
+        axes=AXES, scale=diagonal, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag
     )
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
@@ -446,22 +460,22 @@ def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quanti
 
 
 def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
-    each = Positives(names=driven.names)
+    positives = Positives(names=driven.names)
     ones = np.ones(len(driven.names))
     return {
-        "gain": Quantity.fixed("-", each, ones),
-        "reverse": Quantity.fixed("-", each, ones),
+        "gain": Quantity.fixed("-", positives, ones),
+        "reverse": Quantity.fixed("-", positives, ones),
         "lag": Quantity.fixed("s", Positives(names=("",)), np.array([driven.lag])),
-        "dead_zone": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
-        "dead_zone_reverse": Quantity.fixed("N, N m", each, ones * driven.dead_zone),
+        "dead_zone": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
+        "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
         "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
         "delay": _delay(driven.delay, begin=max(driven.delay, 1e-3)),
     }
 
 
 def _sensing(late: float) -> dict[str, Quantity]:
-    """The sensor of attitude and its rate sits in B turned by a rotation vector, to which each
-    recording adds its own.
+    """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
+    which each recording adds its own.
 
     A recording has for itself, too, its current, a force that nobody knows, and the bias of its
     gyro.
@@ -477,10 +491,10 @@ def _sensing(late: float) -> dict[str, Quantity]:
     }
 
 
-def _delay(known: float, begin: float) -> Quantity:
-    """A delay [s] that is known, and from where a search of it would begin."""
+def _delay(delay: float, begin: float) -> Quantity:
+    """Make a quantity fixed at a delay [s], of which a search begins at `begin` [s]."""
     inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
     return replace(
-        Quantity.fixed("s", inside, np.array([max(known, AT_ONCE)])),
+        Quantity.fixed("s", inside, np.array([max(delay, AT_ONCE)])),
         begin=inside.encode(np.array([begin])),
     )

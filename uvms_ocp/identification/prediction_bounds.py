@@ -37,7 +37,7 @@ class PredictionBounds:
     """[s] that these fits took."""
 
     def predictors(self, recording: PreparedRecording) -> dict[str, Predictor]:
-        """Predictors of one of the recordings, by `TOGETHER` and `ALONE`.
+        """Return the predictors of one of the recordings, by `TOGETHER` and `ALONE`.
 
         The vehicle of all has what recordings have for themselves as declared, as any prediction
         has; that of its own has it as identified.
@@ -78,33 +78,37 @@ def fit_bounds(
         progress("bound: one vehicle of all recordings that are predicted")
         together = _refitted(identified, predicted)
     alone = {}
-    sources = list(dict.fromkeys(one.recording.source for one in predicted))
+    sources = list(dict.fromkeys(recording.recording.source for recording in predicted))
     for k, source in enumerate(sources, start=1):
         progress(f"bound {k} of {len(sources)}: {source} alone")
-        parts = [one for one in predicted if one.recording.source == source]
+        parts = [recording for recording in predicted if recording.recording.source == source]
         alone[source] = _refitted(together, parts)
     return PredictionBounds(together=together, alone=alone, seconds=perf_counter() - begin)
 
 
 def _has_seen(identified: FitContext, predicted: Sequence[PreparedRecording]) -> bool:
     """Tell whether a vehicle was identified on these recordings and no others."""
-    seen = {id(one) for one in identified.prepared}
-    return seen == {id(one) for one in predicted}
+    fitted = {id(recording) for recording in identified.prepared}
+    return fitted == {id(recording) for recording in predicted}
 
 
-def _refitted(near: FitContext, recordings: Sequence[PreparedRecording]) -> FitContext:
+def _refitted(identified: FitContext, recordings: Sequence[PreparedRecording]) -> FitContext:
     """Fit the vehicle to other recordings, from where it was identified, by the same settings."""
-    context = replace(near, prepared=tuple(recordings))
+    context = replace(identified, prepared=tuple(recordings))
     problem = context.problem()
-    problem.progress = near.search.progress
-    iterations = near.search.iterations
+    problem.progress = identified.search.progress
+    iterations = identified.search.iterations
     # Starts of segments come near first: they are as measured, the vehicle is identified.
-    first = problem.solve(problem.start(near.estimate.shared), iterations=iterations, frozen=1)
+    first = problem.solve(
+        problem.start(identified.estimate.shared), iterations=iterations, frozen=1
+    )
     return replace(context, estimate=resumed_search(problem, first, iterations))
 
 
 def _with_own(fitted: FitContext, recording: str) -> Predictor:
     """Predict with what a recording has for itself as identified, rather than as declared."""
-    own = fitted.vehicle.own
-    known = own.believed(fitted.estimate.own[recording]).held(np.ones(len(own.start), dtype=bool))
-    return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, own=known))
+    unknowns = fitted.vehicle.own
+    held_unknowns = unknowns.believed(fitted.estimate.own[recording]).held(
+        np.ones(len(unknowns.start), dtype=bool)
+    )
+    return replace(fitted.predictor(), vehicle=replace(fitted.vehicle, own=held_unknowns))

@@ -26,7 +26,8 @@ from uvms_ocp.identification.validation import OTHERS, HeldOutRecording, errors
 def prediction_lines(
     recordings: Sequence[HeldOutRecording], bounds: PredictionBounds | None
 ) -> Iterator[str]:
-    """Lines of Markdown: the verdict, what stands still predicts better, and the bounds.
+    """Yield lines of Markdown: the verdict, the channels that a vehicle at rest predicts better,
+    and the bounds.
 
     Nothing where no recordings were predicted. bounds: as the predictions were made with.
     """
@@ -41,7 +42,7 @@ def prediction_lines(
 
 
 def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
-    """A sentence for each channel that is predicted worse than it stands still, as a list."""
+    """Yield a sentence for each channel that is predicted worse than it stands still, as a list."""
     if not worse:
         yield report_prose.NONE_WORSE.format(share=100.0 * EQUAL_WITHIN)
     for shortfall in worse:
@@ -49,13 +50,13 @@ def still_lines(worse: Sequence[WorseThanStill]) -> Iterator[str]:
 
 
 def verdict_words(name: str, recordings: Sequence[HeldOutRecording]) -> str:
-    """One line on a set of predictions, such as of recordings that were left out."""
+    """Write one line on a set of predictions, such as of recordings that were left out."""
     judgement = judge_predictions(recordings)
     words = f"{name}: {judgement.verdict.value}"
     if judgement.worse:
-        channels = {(each.recording, each.channel) for each in judgement.worse}
+        channels = {(entry.recording, entry.channel) for entry in judgement.worse}
         words += f" in {len(channels)} of {judgement.compared} channels"
-    shares = [each.share for each in judgement.shares if np.isfinite(each.share)]
+    shares = [entry.share for entry in judgement.shares if np.isfinite(entry.share)]
     if shares:
         words += f"; {min(shares):.0f} to {max(shares):.0f} % of what one vehicle could explain"
     if judgement.differing:
@@ -71,7 +72,7 @@ def prediction_data(
     data: dict[str, Any] = {
         "verdict": judgement.verdict.value,
         "advice": judgement.verdict.advice,
-        "worse_than_still": [shortfall_data(each) for each in judgement.worse],
+        "worse_than_still": [shortfall_data(entry) for entry in judgement.worse],
         "unpredicted": list(judgement.unpredicted),
     }
     if bounds is not None:
@@ -79,14 +80,16 @@ def prediction_data(
             "seconds": bounds.seconds,
             "unfinished": list(bounds.unfinished),
             "recordings_differ": list(judgement.differing),
-            "channels": [_shares_data(each) for each in judgement.shares],
-            "recordings": [_recording_data(one) for one in recordings if one.horizons],
+            "channels": [_shares_data(entry) for entry in judgement.shares],
+            "recordings": [
+                _recording_data(recording) for recording in recordings if recording.horizons
+            ],
         }
     return data
 
 
 def shortfall_data(shortfall: WorseThanStill) -> dict[str, Any]:
-    """One channel that is predicted worse than it stands still, for JSON."""
+    """Return a channel that is predicted worse than by a vehicle at rest, for JSON."""
     return {
         "sentence": str(shortfall),
         "recording": shortfall.recording,
@@ -112,13 +115,13 @@ def _shares_data(shares: FitShares) -> dict[str, Any]:
     }
 
 
-def _recording_data(one: HeldOutRecording) -> dict[str, Any]:
-    table = fits_beside_bounds(one)
+def _recording_data(recording: HeldOutRecording) -> dict[str, Any]:
+    table = fits_beside_bounds(recording)
     fits = {
         channel: [_number(value) for value in column]
         for channel, column in zip(FITTED_CHANNELS, table.T, strict=True)
     }
-    return {"recording": one.name, "fits_percent": fits, "tilt_deg": _tilts(one)}
+    return {"recording": recording.name, "fits_percent": fits, "tilt_deg": _tilts(recording)}
 
 
 def _number(value: float) -> float | None:
@@ -135,10 +138,10 @@ def _bound_lines(
     yield report_prose.BOUNDS.format(seconds=bounds.seconds, nearly=NEARLY_ALL, different=DIFFERENT)
     yield f"\n| recording | {' | '.join(FITTED_CHANNELS)} | tilt [deg] |"
     yield "|---" + "|---:" * (len(FITTED_CHANNELS) + 1) + "|"
-    for one in recordings:
-        if one.horizons:
-            cells = [_fit_cell(column) for column in fits_beside_bounds(one).T]
-            yield f"| {one.name} | {' | '.join(cells)} | {_beside(_tilts(one), '.2g')} |"
+    for recording in recordings:
+        if recording.horizons:
+            cells = [_fit_cell(column) for column in fits_beside_bounds(recording).T]
+            yield f"| {recording.name} | {' | '.join(cells)} | {_beside(_tilts(recording), '.2g')} |"
     yield _median_row(judgement.shares)
     yield _share_row(judgement.shares)
     yield ""
@@ -154,15 +157,17 @@ def _bound_lines(
         yield f"\n{sentence} Its figures are no bound."
 
 
-def _tilts(one: HeldOutRecording) -> list[float]:
-    """[deg] root mean squares of the errors of the vertical: predicted, and by both bounds."""
-    longest = one.horizons[-1]
+def _tilts(recording: HeldOutRecording) -> list[float]:
+    """Compute root mean squares [deg] of the errors of the vertical: predicted, and by both
+    bounds.
+    """
+    longest = recording.horizons[-1]
     predictions = (longest.by[OTHERS], longest.bounds[TOGETHER], longest.bounds[ALONE])
-    return [float(errors(each)[-1]) for each in predictions]
+    return [float(errors(prediction)[-1]) for prediction in predictions]
 
 
 def _median_row(shares: Sequence[FitShares]) -> str:
-    by_channel = {each.channel: each for each in shares}
+    by_channel = {entry.channel: entry for entry in shares}
     cells = []
     for channel in FITTED_CHANNELS:
         if channel in by_channel:
@@ -174,7 +179,7 @@ def _median_row(shares: Sequence[FitShares]) -> str:
 
 
 def _share_row(shares: Sequence[FitShares]) -> str:
-    by_channel = {each.channel: each.share for each in shares if np.isfinite(each.share)}
+    by_channel = {entry.channel: entry.share for entry in shares if np.isfinite(entry.share)}
     cells = [
         f"{by_channel[channel]:.0f} %" if channel in by_channel else "-"
         for channel in FITTED_CHANNELS
@@ -189,6 +194,8 @@ def _fit_cell(column: np.ndarray) -> str:
 
 
 def _beside(values: Sequence[float] | np.ndarray, form: str = ".0f") -> str:
-    """A prediction, and in brackets one vehicle that has seen it and one of its own."""
+    """Write a prediction's value, and in brackets those of one vehicle that has seen it and of a
+    vehicle of its own.
+    """
     predicted, together, alone = (format(float(value), form) for value in values)
     return f"{predicted} ({together}; {alone})"

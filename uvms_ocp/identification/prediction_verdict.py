@@ -88,7 +88,7 @@ class MissCause(AdvisedStatus):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class FitShares:
-    """Fit of one channel, beside the fits that vehicles reach which have seen what is predicted."""
+    """Fit of one channel, beside the fits of vehicles that were identified on the predicted data."""
 
     channel: str
     predicted: float
@@ -117,11 +117,11 @@ class FitShares:
         A vehicle of one recording alone may predict less than one of all: it was identified on few
         samples. Then nothing is known to differ between recordings.
         """
-        apart = max(self.one_vehicle, self.alone)
+        bound = max(self.one_vehicle, self.alone)
         return {
             MissCause.FIT: self.one_vehicle - self.predicted,
-            MissCause.RECORDINGS: apart - self.one_vehicle,
-            MissCause.MODEL: 100.0 - apart,
+            MissCause.RECORDINGS: bound - self.one_vehicle,
+            MissCause.MODEL: 100.0 - bound,
         }
 
     @property
@@ -131,7 +131,7 @@ class FitShares:
         return max(missed, key=lambda cause: missed[cause])
 
     def __str__(self) -> str:
-        """One sentence: how much is missed, and by what."""
+        """Write one sentence: how much is missed, and by which causes."""
         parts = ", ".join(f"{part:.0f} by {cause.value}" for cause, part in self.missed.items())
         if np.isnan(self.share):
             share = ""
@@ -173,31 +173,37 @@ class PredictionJudgement:
         if not self.shares:
             return PredictionVerdict.BETTER_THAN_STILL
         # Not "share < ...": where one vehicle explains nothing the share is no number, nor good.
-        if all(each.share >= NEARLY_ALL for each in self.shares):
+        if all(share.share >= NEARLY_ALL for share in self.shares):
             return PredictionVerdict.AS_GOOD_AS_ONE_VEHICLE
         return PredictionVerdict.BELOW_THE_BOUND
 
     @property
     def differing(self) -> tuple[str, ...]:
         """Channels in which recordings differ by more than one vehicle can show."""
-        return tuple(each.channel for each in self.shares if each.recordings_differ)
+        return tuple(
+            channel_shares.channel
+            for channel_shares in self.shares
+            if channel_shares.recordings_differ
+        )
 
 
 def judge_predictions(recordings: Sequence[HeldOutRecording]) -> PredictionJudgement:
     """Judge the predictions of recordings that the vehicle has not seen."""
-    worse = tuple(shortfall for one in recordings for shortfall in one.worse_than_still)
-    predicted = [one for one in recordings if one.horizons]
+    worse = tuple(shortfall for recording in recordings for shortfall in recording.worse_than_still)
+    predicted = [recording for recording in recordings if recording.horizons]
     return PredictionJudgement(
         worse=worse,
         shares=tuple(_shares(predicted)),
-        unpredicted=tuple(one.name for one in recordings if not one.horizons),
+        unpredicted=tuple(recording.name for recording in recordings if not recording.horizons),
         compared=len(predicted) * len(CHANNEL_UNITS),
     )
 
 
 def _shares(recordings: Sequence[HeldOutRecording]) -> Iterator[FitShares]:
-    """Medians over the recordings in which a channel moves, of those with bounds."""
-    tables = [fits_beside_bounds(one) for one in recordings if one.horizons[-1].bounds]
+    """Yield medians over the recordings with bounds in which a channel moves."""
+    tables = [
+        fits_beside_bounds(recording) for recording in recordings if recording.horizons[-1].bounds
+    ]
     for k, channel in enumerate(FITTED_CHANNELS):
         rows = [table[:, k] for table in tables if np.isfinite(table[:, k]).all()]
         if rows:
@@ -210,34 +216,37 @@ def _shares(recordings: Sequence[HeldOutRecording]) -> Iterator[FitShares]:
             )
 
 
-def fits_beside_bounds(one: HeldOutRecording) -> np.ndarray:
-    """(3, 7) [%] fits of `FITTED_CHANNELS` over the longest horizon: as predicted, by one vehicle of
-    all, by one of its own; no number where a channel moves by less than the noise of its sensor.
+def fits_beside_bounds(recording: HeldOutRecording) -> np.ndarray:
+    """Compute fits (3, 7) [%] of `FITTED_CHANNELS` over the longest horizon: as predicted, by one
+    vehicle of all, by one of its own; NaN where a channel moves by less than the noise of its
+    sensor.
     """
-    longest = one.horizons[-1]
+    longest = recording.horizons[-1]
     predictions = [longest.by[OTHERS], longest.bounds[TOGETHER], longest.bounds[ALONE]]
-    found = np.array([_fits(each) for each in predictions])
-    found[:, ~_moves(longest, one.predictor.noise)] = np.nan
-    return found
+    fits = np.array([_fits(prediction) for prediction in predictions])
+    fits[:, ~_moves(longest, recording.predictor.noise)] = np.nan
+    return fits
 
 
 def _fits(predicted: Predicted) -> np.ndarray:
-    """(7,) [%] of `FITTED_CHANNELS`."""
+    """Compute fits (7,) [%] of `FITTED_CHANNELS`."""
     if not predicted.finite:
         return np.full(len(FITTED_CHANNELS), np.nan)
-    found = [
+    fits = [
         fit_percent(predicted.measured[sensor][:, axis], predicted.rows[sensor][:, axis])
         for sensor in range(2)
         for axis in range(3)
     ]
-    seen = predicted.measured[2]
-    missed = np.linalg.norm(predicted.rows[2] - seen)
-    return np.array([*found, 100.0 * (1.0 - missed / np.linalg.norm(seen - seen.mean(axis=0)))])
+    vertical = predicted.measured[2]
+    missed = np.linalg.norm(predicted.rows[2] - vertical)
+    return np.array(
+        [*fits, 100.0 * (1.0 - missed / np.linalg.norm(vertical - vertical.mean(axis=0)))]
+    )
 
 
-def _moves(one: HorizonPrediction, noise: Noise) -> np.ndarray:
-    """(7,) bool: whether a channel's standard deviation is beyond the noise of its sensor."""
-    linear, angular, vertical = one.by[OTHERS].measured
+def _moves(prediction: HorizonPrediction, noise: Noise) -> np.ndarray:
+    """Compare the standard deviation of each channel with the noise of its sensor; (7,) [bool]."""
+    linear, angular, vertical = prediction.by[OTHERS].measured
     spread = [*linear.std(axis=0), *angular.std(axis=0)]
     tilting = float(np.sqrt(vertical.var(axis=0).sum()))
     sensors = [noise.velocity] * 3 + [noise.rate] * 3 + [noise.vertical]

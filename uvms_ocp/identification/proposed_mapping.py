@@ -42,48 +42,53 @@ _Doubt = tuple[str, str]  # of which channel, and what
 
 
 def propose_mapping(path: Path) -> str:
-    """A mapping as YAML, to be edited: every channel with the evidence for it in comments.
+    """Propose a mapping as YAML, to be edited: every channel with the evidence for it in comments.
 
     Raises InvalidInput for a file in which nothing has a name that is known, with the names that
     there are, and NotInstalled.
     """
-    known = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
-    forms = [form for form in _TABLE["forms"] if ("topic" in form) == known]
+    of_topics = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
+    forms = [form for form in _TABLE["forms"] if ("topic" in form) == of_topics]
     if file_kinds.holds_messages(path):
-        named = dict(_fields(path, forms))
+        names_by_topic = dict(_fields(path, forms))
     else:
-        named = {"": list(tables.column_names(path))}
-    found = _Found()
+        names_by_topic = {"": list(tables.column_names(path))}
+    channels = _Found()
     labels = dict[str, tuple[str, str]]()
-    if all(name == f"#{k}" for k, name in enumerate(named.get("", [""]), start=1)):
-        labels = guessed_names(named[""], tables.read_columns(path, named[""]), _TABLE["guesses"])
-    for form, (topic, names) in product(forms, named.items()):
-        used = {
+    if all(name == f"#{k}" for k, name in enumerate(names_by_topic.get("", [""]), start=1)):
+        labels = guessed_names(
+            names_by_topic[""], tables.read_columns(path, names_by_topic[""]), _TABLE["guesses"]
+        )
+    for form, (topic, names) in product(forms, names_by_topic.items()):
+        used_names = {
             name
-            for one in found.values()
-            if one.get("topic", "") == topic
-            for name in _names_of(one)
+            for channel in channels.values()
+            if channel.get("topic", "") == topic
+            for name in _names_of(channel)
         }
-        left = [
+        unused = [
             name
             for name in names
-            if name not in used and (name[:1].isupper() or "capitals" not in form)
+            if name not in used_names and (name[:1].isupper() or "capitals" not in form)
         ]
         labelled = {name: labels.get(name, (_label(topic, name), ""))[0] for name in names}
-        asked = CHANNEL_KINDS[form["channel"]].command or re.compile(_TABLE["asked"])
-        free = {
+        of_commands = CHANNEL_KINDS[form["channel"]].command
+        free_names = {
             name: labelled[name]
-            for name in left
-            if asked is True or not asked.search(_plain(labelled[name]))
+            for name in unused
+            if of_commands or not re.search(_TABLE["asked"], _plain(labelled[name]))
         }
-        columns = _matched(form, free, re.compile("$.")) or _matched(form, free, _SUFFIX)
-        columns *= any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
+        columns = _matched(form, free_names, re.compile("$.")) or _matched(
+            form, free_names, _SUFFIX
+        )
+        has_neighbour = any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
         if (
             columns
-            and form["channel"] not in found
+            and has_neighbour
+            and form["channel"] not in channels
             and re.fullmatch(form.get("topic", ".*"), topic)
         ):
-            given = {
+            keys = {
                 key: form[key]
                 for key in ("format", "frame", "world", "body", "offset", "scale")
                 if key in form
@@ -93,39 +98,41 @@ def propose_mapping(path: Path) -> str:
                 len(units) == 1
                 and units <= reading.units_of(form["channel"], form.get("format")).keys()
             ):
-                given["unit"] = units.pop()
+                keys["unit"] = units.pop()
             rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
             if rows:
-                given["rows"] = rows
-            whole = {"topic": topic} if topic else {}
-            found[form["channel"]] = (
-                whole | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | given
+                keys["rows"] = rows
+            topic_key = {"topic": topic} if topic else {}
+            channels[form["channel"]] = (
+                topic_key | _time(labelled, of_messages=bool(topic)) | {"columns": columns} | keys
             )
-    if not found:
-        there = "; ".join(
-            f"{topic} {', '.join(names[:40])}".strip() for topic, names in named.items()
+    if not channels:
+        names_text = "; ".join(
+            f"{topic} {', '.join(names[:40])}".strip() for topic, names in names_by_topic.items()
         )
         raise InvalidInput(
-            f"{path}: nothing in it has a name that is known: {there}; write a mapping of these"
+            f"{path}: nothing in it has a name that is known: {names_text}; write a mapping of these"
         )
-    found, cured = _cured(path, found)
-    ranges, doubts = _judged(path, found)
+    channels, cured = _cured(path, channels)
+    ranges, doubts = _judged(path, channels)
     lines = ["channels:"]
-    for name, one in found.items():
+    for name, channel in channels.items():
         lines.append(
             f"  {name}:"
-            f" {yaml.safe_dump(one, default_flow_style=True, sort_keys=False, width=10_000).strip()}"
+            f" {yaml.safe_dump(channel, default_flow_style=True, sort_keys=False, width=10_000).strip()}"
         )
-        known_axes = one.keys() & {"world", "body", "frame"} or found.keys() & _TABLE["tells"].get(
-            name, found
-        )
+        known_axes = channel.keys() & {"world", "body", "frame"} or channels.keys() & _TABLE[
+            "tells"
+        ].get(name, channels)
         notes = {
             "by values": [
-                labels[at][1] for at in (str(one.get("time")), *_names_of(one)) if at in labels
+                labels[at][1]
+                for at in (str(channel.get("time")), *_names_of(channel))
+                if at in labels
             ],
             "by names": [ranges[name]] if name in ranges else [],
-            "assumed": [] if known_axes or 0.0 in one["columns"] else [_TABLE["assumed"]],
-            "not measured": [_TABLE["constant"]] if 0.0 in one["columns"] else [],
+            "assumed": [] if known_axes or 0.0 in channel["columns"] else [_TABLE["assumed"]],
+            "not measured": [_TABLE["constant"]] if 0.0 in channel["columns"] else [],
             "cured": cured[name],
             "doubtful": [why for key, why in doubts if key == name],
         }
@@ -137,14 +144,14 @@ def propose_mapping(path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _names_of(one: Mapping[str, Any]) -> list[str]:
-    """Names of the columns of a channel, without signs."""
-    return [str(column).removeprefix("-") for column in one["columns"]]
+def _names_of(channel: Mapping[str, Any]) -> list[str]:
+    """List the names of the columns of a channel, without signs."""
+    return [str(column).removeprefix("-") for column in channel["columns"]]
 
 
 def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
-    """Topics that a form may be of, with the fields of their second message: one that is sent once
-    is no measurement.
+    """Yield topics that a form may be of, with the fields of their second message: a topic that is
+    sent once is no measurement.
     """
     for topic in topics_of(path):
         if any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
@@ -153,8 +160,8 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
                     topic,
                     [
                         name
-                        for _, _, one in islice(messages(path, [topic], None, []), 1, 2)
-                        for name in _leaves("", one)
+                        for _, _, content in islice(messages(path, [topic], None, []), 1, 2)
+                        for name in _leaves("", content)
                     ],
                 )
             except UvmsError as error:  # such as for want of its definition
@@ -188,7 +195,7 @@ def _unit_of(name: str) -> str:
 
 
 def _label(topic: str, name: str) -> str:
-    """Name that says what a field holds: the topic's where it is ``data`` alone, as in ROS standard
+    """Name the quantity of a field: the topic's where it is ``data`` alone, as in ROS standard
     messages.
     """
     return re.sub(r"^data(?=$|\[)", topic.rpartition("/")[2], name)
@@ -197,8 +204,8 @@ def _label(topic: str, name: str) -> str:
 def _matched(
     form: Mapping[str, Any], names: Mapping[str, str], left_out: re.Pattern[str]
 ) -> list[str | float]:
-    """Columns of all axes of a form, by labels without what is left out of them; empty where there
-    are too few.
+    """Choose columns of all axes of a form, by labels without the parts that match `left_out`;
+    empty where there are too few.
     """
     axes = form.get("axes", _TABLE["numbers"])
     groups = defaultdict[str, dict[int, str]](dict)
@@ -207,17 +214,17 @@ def _matched(
         if match:
             groups[match["pre"]].setdefault(k, name)
     fitting = [
-        one for one in groups.values() if one.keys() & set(form.get("must", range(len(axes))))
+        group for group in groups.values() if group.keys() & set(form.get("must", range(len(axes))))
     ]
     best = max(fitting, key=len, default={})
     signs = form.get("signs", [""] * len(axes))
-    there: Sequence[int]
+    axis_numbers: Sequence[int]
     if "axes" in form:
-        there = range(len(axes))
+        axis_numbers = range(len(axes))
     else:
-        there = sorted(best)
+        axis_numbers = sorted(best)
     if len(best) >= form.get("least", len(axes)):
-        return [signs[k] + best[k] if k in best else 0.0 for k in there]
+        return [signs[k] + best[k] if k in best else 0.0 for k in axis_numbers]
     return []
 
 
@@ -225,103 +232,112 @@ def _time(names: Mapping[str, str], *, of_messages: bool) -> dict[str, Any]:
     if any(name.startswith("header.stamp") for name in names) and of_messages:
         return {"time": "header.stamp"}
     pairs = [
-        [one, other]
-        for one, other in product(names, names)
-        if re.fullmatch(_TABLE["stamp"], f"{one} {other}")
+        [seconds, nanoseconds]
+        for seconds, nanoseconds in product(names, names)
+        if re.fullmatch(_TABLE["stamp"], f"{seconds} {nanoseconds}")
     ]
     if pairs and not of_messages:
         return {"time": pairs[0]}
-    found = [
+    candidates = [
         (name, match["unit"])
         for name, label in names.items()
         if (match := re.fullmatch(_TABLE["time"], _plain(label)))
     ]
-    found.sort(key=lambda one: "header" not in one[0])  # rather than when it was logged
-    if found:
-        return {"time": found[0][0]} | (
-            {"time_unit": unit_named(found[0][1])} if found[0][1] else {}
-        )
-    return {}
+    # The time of a header comes before that of logging.
+    candidates.sort(key=lambda candidate: "header" not in candidate[0])
+    if not candidates:
+        return {}
+    name, unit = candidates[0]
+    if unit:
+        return {"time": name, "time_unit": unit_named(unit)}
+    return {"time": name}
 
 
 # Cures: what a doubt says, applied and judged by what is doubtful then.
 
 
-def _cured(path: Path, found: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
+def _cured(path: Path, channels: _Found) -> tuple[_Found, Mapping[str, list[str]]]:
     """Apply of the cures for each doubt the one that leaves fewest; returns the channels, and
     doubts that were cured.
     """
     cured = defaultdict[str, list[str]](list)
-    (ranges, doubts) = _judged(path, found)
+    (ranges, doubts) = _judged(path, channels)
     for _ in range(_ROUNDS):
         for doubt in tuple(doubts):
-            least = _left(found, ranges, doubts, doubts)
+            if doubt not in doubts:  # cured together with another
+                continue
+            lowest_score = _left(channels, ranges, doubts, doubts)
             chosen = None
-            for named, other in _others(doubt, found) if doubt in doubts else ():
-                seen, left = _judged(path, other)
-                score = _left(other, seen, left, doubts)
-                if score < least:
-                    least = score
-                    chosen = (named, other, seen, left)
+            for channel, candidate in _others(doubt, channels):
+                other_ranges, other_doubts = _judged(path, candidate)
+                score = _left(candidate, other_ranges, other_doubts, doubts)
+                if score < lowest_score:
+                    lowest_score = score
+                    chosen = (channel, candidate, other_ranges, other_doubts)
             if chosen:
-                named, found, ranges, doubts = chosen
-                cured[named].append(doubt[1])
-    return found, cured
+                channel, channels, ranges, doubts = chosen
+                cured[channel].append(doubt[1])
+    return channels, cured
 
 
 def _left(
-    found: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]
+    channels: _Found, ranges: Mapping[str, str], doubts: Sequence[_Doubt], before: Sequence[_Doubt]
 ) -> tuple[int, int, int]:
     """Count what a cure leaves: channels that cannot be read, doubts, and doubts of `before` whose
     channel no longer reads.
     """
     hiding = sum("rad: in deg?" in why for _, why in doubts)  # others, that would follow from these
     return (
-        len(found) - len(ranges) + hiding,
+        len(channels) - len(ranges) + hiding,
         len(doubts),
-        sum(one in before for one in doubts if one[0] not in ranges),
+        sum(doubt in before for doubt in doubts if doubt[0] not in ranges),
     )
 
 
-def _others(doubt: _Doubt, found: _Found) -> Iterator[tuple[str, _Found]]:
-    """For each cure of a doubt the channel that it is of, and all channels with it."""
+def _others(doubt: _Doubt, channels: _Found) -> Iterator[tuple[str, _Found]]:
+    """Yield for each cure of a doubt its channel, and all channels with the cure applied."""
     for cure in _TABLE["cures"]:
         channel = cure.get("of", doubt[0])
         match = re.search(cure["doubt"], doubt[1])
-        if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in found:
+        if match is None or cure.get("channel", doubt[0]) != doubt[0] or channel not in channels:
             continue
         keys = yaml.safe_load(
             cure.get("keys", "{}").replace("VALUE", match.groupdict().get("value", ""))
         )
         axes = cure.get("axes", match.groupdict().get("axes", ""))
         if axes:
-            keys["columns"] = _turned(found[channel], axes.split(", "))
+            keys["columns"] = _turned(channels[channel], axes.split(", "))
         named = cure.get("becomes", channel)
         if "all" in cure:
-            meant = {name: reading.frames_of(name, one.get("frame")) for name, one in found.items()}
+            frames = {
+                name: reading.frames_of(name, entry.get("frame"))
+                for name, entry in channels.items()
+            }
             yield (
                 channel,
                 {
-                    name: one | {key: keys[key] for key in keys if key in meant[name]}
-                    for name, one in found.items()
+                    name: entry | {key: keys[key] for key in keys if key in frames[name]}
+                    for name, entry in channels.items()
                 },
             )
         elif keys.get("columns") != []:
-            other = {
-                named if name == channel else name: one | keys if name == channel else one
-                for name, one in found.items()
-            }
-            yield named, other
+            candidate = _Found()
+            for name, entry in channels.items():
+                if name == channel:
+                    candidate[named] = entry | keys
+                else:
+                    candidate[name] = entry
+            yield named, candidate
 
 
-def _turned(one: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
-    """Columns for axes such as ``-y`` of those that there are; empty for others than one for
-    each.
+def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
+    """Return columns of a channel for axes such as ``-y``; empty unless there is an axis for each
+    column.
     """
-    letters = "wxyz" if str(one.get("format")).endswith("wxyz") else "xyzw"
-    if len(one["columns"]) != len(axes):
+    letters = "wxyz" if str(channel.get("format")).endswith("wxyz") else "xyzw"
+    if len(channel["columns"]) != len(axes):
         return []
-    columns = dict(zip(letters, one["columns"], strict=False))
+    columns = dict(zip(letters, channel["columns"], strict=False))
     turned = {
         axis[-1]: _opposite(columns[axis[-1]]) if axis[0] == "-" else columns[axis[-1]]
         for axis in axes
@@ -339,20 +355,20 @@ def _opposite(column: str | float) -> str | float:
     return f"-{column}"
 
 
-def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Ranges of channels that can be read, and what speaks against each; one that cannot be is left
-    out for the others.
+def _judged(path: Path, channels: _Found) -> tuple[dict[str, str], list[tuple[str, str]]]:
+    """Return ranges of the channels that can be read, and doubts about each; a channel that cannot
+    be read is left out.
     """
     try:
         recording = reading.mapped_recording(
-            path, reading.RecordingMapping.model_validate({"channels": found})
+            path, reading.RecordingMapping.model_validate({"channels": channels})
         )
     except UvmsError as error:
         text = str(error)
         wrong = min(
-            found, key=lambda name: text.find(name) if name in text else len(text)
+            channels, key=lambda name: text.find(name) if name in text else len(text)
         )  # the first that is named
-        others = {name: one for name, one in found.items() if name != wrong}
+        others = {name: entry for name, entry in channels.items() if name != wrong}
         if others:
             ranges, doubts = _judged(path, others)
         else:
@@ -362,13 +378,13 @@ def _judged(path: Path, found: _Found) -> tuple[dict[str, str], list[tuple[str, 
     issues = data_quality.check_data_quality(recording)
     ranges = {
         name: (
-            f"{one.values.min():.4g} to {one.values.max():.4g} {CHANNEL_KINDS[name].unit} at"
-            f" {one.rate:.3g} Hz"
+            f"{entry.values.min():.4g} to {entry.values.max():.4g} {CHANNEL_KINDS[name].unit} at"
+            f" {entry.rate:.3g} Hz"
         )
-        for name, one in recording.channels.items()
+        for name, entry in recording.channels.items()
     }
     return ranges, [
-        (one.channel, one.problem) for one in issues if "are left out" not in one.problem
+        (entry.channel, entry.problem) for entry in issues if "are left out" not in entry.problem
     ]
 
 
@@ -396,27 +412,34 @@ def guessed_names(
     """Guess a name, with the evidence for it, for columns (n, k) [as they are], by their places;
     unknown ones are left out.
     """
-    known = np.isfinite(values)
+    finite = np.isfinite(values)
     labels = dict[str, tuple[str, str]]()
-    values = np.where(known.any(axis=0), values, 0.0)[known[:, known.any(axis=0)].all(axis=1)][
+    values = np.where(finite.any(axis=0), values, 0.0)[finite[:, finite.any(axis=0)].all(axis=1)][
         :_MOST
     ]
     if len(values) < _LEAST:
         return labels
     table = _Columns(values)
-    for guess in (one for one in guesses if one["names"] not in table.found):
+    for guess in guesses:
+        if guess["names"] in table.found:
+            continue
         conditions = guess.keys() & _CONDITIONS.keys()
         names = guess["names"].split()
         for group in table.left(len(names)):
             if all(_CONDITIONS[key](table, group, guess[key]) for key in conditions):
                 table.found[guess["names"]] = group
-                said = (
-                    f"{' to '.join(dict.fromkeys((places[group[0]], places[group[-1]])))}:"
-                    f" {guess['why']}"
-                )
-                labels |= {places[k]: (name, said) for k, name in zip(group, names, strict=True)}
+                ends = dict.fromkeys((places[group[0]], places[group[-1]]))
+                evidence = f"{' to '.join(ends)}: {guess['why']}"
+                labels |= {
+                    places[k]: (name, evidence) for k, name in zip(group, names, strict=True)
+                }
                 break
     return labels
+
+
+def _without_peaks(values: np.ndarray) -> np.ndarray:
+    """Clip values (n,) [any] from above at their percentile `_PEAKS`."""
+    return np.minimum(values, np.percentile(values, _PEAKS))
 
 
 class _Columns:
@@ -438,17 +461,13 @@ class _Columns:
         ]
 
     def rates_of(self, pose: range) -> Iterator[range]:
-        """Groups that are as large as the rate of a pose, whatever their axes."""
-        for group in (one for one in self.left(3) if not set(one) & set(pose)):
-            sizes = [
-                np.linalg.norm(x, axis=1) for x in (self.rates[:, pose], self.smooth[:, group])
-            ]
-            if (
-                checks.correlation(
-                    *(np.minimum(size, np.percentile(size, _PEAKS)) for size in sizes)
-                )
-                > _AGREES
-            ):
+        """Yield groups as large as the rate of a pose, with any axes."""
+        for group in self.left(3):
+            if set(group) & set(pose):
+                continue
+            rate = _without_peaks(np.linalg.norm(self.rates[:, pose], axis=1))
+            size = _without_peaks(np.linalg.norm(self.smooth[:, group], axis=1))
+            if checks.correlation(rate, size) > _AGREES:
                 yield group
 
     def is_planar(self, pose: range, group: range) -> bool:
@@ -466,7 +485,7 @@ class _Columns:
         )
 
     def are_commands(self, group: range) -> bool:
-        """Recognise pulse widths, and what stays from row to row."""
+        """Recognise pulse widths, and values that stay from row to row."""
         pulses = (self.values > _PULSES[0]) & (self.values < _PULSES[1])
         held = self.steps == 0.0
         return bool((pulses.all(axis=0) | (held.mean(axis=0) > 0.5))[list(group)].all())

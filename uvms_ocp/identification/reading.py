@@ -165,7 +165,7 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the columns or fields that are measured, without their signs."""
-        return tuple(one.removeprefix("-") for one in self.columns if isinstance(one, str))
+        return tuple(column.removeprefix("-") for column in self.columns if isinstance(column, str))
 
     @property
     def words(self) -> tuple[str | None, ...]:
@@ -174,7 +174,7 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
         """
         return (
             *(None for _ in self.fields),
-            *(one if isinstance(one, str) else None for one in self.rows.values()),
+            *(row if isinstance(row, str) else None for row in self.rows.values()),
         )
 
 
@@ -190,67 +190,68 @@ class RecordingMapping(FileModel, use_attribute_docstrings=True):
 
 
 def read_mapping(path: Path | str) -> RecordingMapping:
-    """A mapping from its YAML file, beside which its folder of messages is.
+    """Read a mapping from its YAML file, beside which its folder of messages is.
 
     Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
     """
     path = Path(path)
-    found = untrusted.read_yaml_as(path, RecordingMapping)
-    for key, one in found.channels.items():
-        _require_meaning(key, one)
-    if found.messages:
-        return found.model_copy(update={"messages": str(path.parent / found.messages)})
-    return found
+    mapping = untrusted.read_yaml_as(path, RecordingMapping)
+    for key, channel in mapping.channels.items():
+        _require_meaning(key, channel)
+    if mapping.messages:
+        return mapping.model_copy(update={"messages": str(path.parent / mapping.messages)})
+    return mapping
 
 
-def _require_meaning(key: str, one: ChannelMapping) -> None:
-    """Raises NameNotFound for no channel, InvalidInput for what means nothing of this one: never
-    ignored.
+def _require_meaning(key: str, mapping: ChannelMapping) -> None:
+    """Check that every key has a meaning for its channel: none is ignored.
+
+    Raises NameNotFound for no channel, InvalidInput for a key without meaning.
     """
     require_known("channel", key, recordings.CHANNEL_KINDS)
     for name in ("format", "frame", "world", "body"):
-        if getattr(one, name) is not None and name not in frames_of(key, one.frame):
+        if getattr(mapping, name) is not None and name not in frames_of(key, mapping.frame):
             raise InvalidInput(
-                f"{key}: {name}: {getattr(one, name)} given, which means nothing of it; leave"
+                f"{key}: {name}: {getattr(mapping, name)} given, which means nothing of it; leave"
                 " it out"
             )
-    if one.unit is not None and one.unit not in (allowed := units_of(key, one.format)):
+    if mapping.unit is not None and mapping.unit not in (allowed := units_of(key, mapping.format)):
         raise InvalidInput(
-            f"{key}: unit {one.unit!r} given; allowed:"
+            f"{key}: unit {mapping.unit!r} given; allowed:"
             f" {', '.join(allowed) or 'none, it has no unit'}"
         )
     for name in ("offset", "scale"):
-        given = getattr(one, name)
-        if isinstance(given, tuple) and len(given) != len(one.columns):
+        values = getattr(mapping, name)
+        if isinstance(values, tuple) and len(values) != len(mapping.columns):
             raise InvalidInput(
-                f"{key}: {len(given)} numbers of {name} given; allowed: one, or one for each column"
+                f"{key}: {len(values)} numbers of {name} given; allowed: one, or one for each column"
             )
-    if one.format == "rpy":
-        wanted = 3
+    if mapping.format == "rpy":
+        width = 3
     else:
-        wanted = len(recordings.CHANNEL_KINDS[key].columns)
+        width = len(recordings.CHANNEL_KINDS[key].columns)
     arrays = (
-        any("." in column or "[" in column for column in one.fields) or one.topic
+        any("." in column or "[" in column for column in mapping.fields) or mapping.topic
     )  # which may have all of them
-    if wanted and (len(one.columns) > wanted or (len(one.columns) < wanted and not arrays)):
-        constant = (
-            "; a number may stand for one that is not measured, such as 0.0"
-            if len(one.columns) < wanted
-            else ""
+    if width and (len(mapping.columns) > width or (len(mapping.columns) < width and not arrays)):
+        constant = ""
+        if len(mapping.columns) < width:
+            constant = "; a number may stand for one that is not measured, such as 0.0"
+        raise InvalidInput(
+            f"{key}: {len(mapping.columns)} columns given; allowed: {width}{constant}"
         )
-        raise InvalidInput(f"{key}: {len(one.columns)} columns given; allowed: {wanted}{constant}")
 
 
 def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
-    """Keys about axes that mean something of a channel, given in a frame."""
+    """Return the keys about axes that have a meaning for a channel in a frame."""
     if key == "attitude":
         return "format", "world", "body"
-    given = {"B": ("frame", "world") if frame == "W" else ("frame", "body"), "W": ("world",)}
-    return given.get(recordings.CHANNEL_KINDS[key].frame, ())
+    by_frame = {"B": ("frame", "world") if frame == "W" else ("frame", "body"), "W": ("world",)}
+    return by_frame.get(recordings.CHANNEL_KINDS[key].frame, ())
 
 
 def units_of(key: str, form: str | None) -> dict[str, float]:
-    """Units that a channel may be given in, an attitude in a form, and their factors."""
+    """Return the units that a channel may have, an attitude in a form, and their factors."""
     if key != "attitude" or form == "rpy":
         bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
     else:
@@ -261,41 +262,46 @@ def units_of(key: str, form: str | None) -> dict[str, float]:
 def mapped_recording(
     source: Path | str, mapping: RecordingMapping, name: str = ""
 ) -> recordings.Recording:
-    """A recording of a file, or of files in a folder whose names have the name of the recording in
-    them.
+    """Read a recording from a file, or from files in a folder whose names have the name of the
+    recording in them.
 
     Times begin with the first sample of any channel. Rows with NaN are left out, and a doubt says
     how many. Raises NameNotFound, NotInstalled and InvalidInput.
     """
     source = Path(source)
-    for key, one in mapping.channels.items():
-        _require_meaning(key, one)
+    for key, channel_mapping in mapping.channels.items():
+        _require_meaning(key, channel_mapping)
     name = name or source.name.partition(".")[0]
     rows = _mapped_rows(source, mapping, name)
     _pass_midnight(rows.values())
-    read = {key: _samples(key, one, rows[key]) for key, one in mapping.channels.items()}
-    in_world = [key for key, one in mapping.channels.items() if one.frame == "W"]
-    found = read | {key: replace(read[key], values=_in_body(key, read)) for key in in_world}
-    start = min(channel.t[0] for channel in found.values())
+    channels = {
+        key: _samples(key, channel_mapping, rows[key])
+        for key, channel_mapping in mapping.channels.items()
+    }
+    in_world = [
+        key for key, channel_mapping in mapping.channels.items() if channel_mapping.frame == "W"
+    ]
+    channels_in_body = channels | {
+        key: replace(channels[key], values=_in_body(key, channels)) for key in in_world
+    }
+    start = min(channel.t[0] for channel in channels_in_body.values())
+    texts = [text for table in rows.values() for text in (table.layout, *table.notes)]
     return recordings.Recording(
         name=name,
-        channels={key: replace(one, t=one.t - start) for key, one in found.items()},
+        channels={
+            key: replace(channel, t=channel.t - start) for key, channel in channels_in_body.items()
+        },
         issues_in_file=tuple(
             doubt
-            for key, one in mapping.channels.items()
-            for doubt in _unknown(key, one, rows[key])
+            for key, channel_mapping in mapping.channels.items()
+            for doubt in _unknown(key, channel_mapping, rows[key])
         ),
-        layout=tuple(
-            filter(
-                None,
-                dict.fromkeys(text for one in rows.values() for text in (one.layout, *one.notes)),
-            )
-        ),
+        layout=tuple(filter(None, dict.fromkeys(texts))),
     )
 
 
 def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
-    """Values of a channel that was given in W, turned to B."""
+    """Turn values of a channel in W to B."""
     if "attitude" not in read:
         raise InvalidInput(
             f"{key}: frame: W given, which needs the attitude; give that channel too"
@@ -307,60 +313,59 @@ def _in_body(key: str, read: Mapping[str, recordings.Channel]) -> np.ndarray:
 def _mapped_rows(
     source: Path, mapping: RecordingMapping, name: str
 ) -> dict[str, tables.TableColumns]:
-    """Times [s] and values [as they are] (n, 1 + k) of every channel; of a file of messages all at
-    once.
+    """Read times [s] and values [as they are] (n, 1 + k) of every channel; from a file of messages
+    all at once.
     """
-    found: dict[str, tables.TableColumns] = {}
+    tables_by_key: dict[str, tables.TableColumns] = {}
     by_path: dict[Path, dict[str, TopicColumns]] = defaultdict(dict)
     known_topics = cache(topics_of)  # which may read all of a file
-    for key, one in mapping.channels.items():
-        if one.file:
-            path = source / one.file.replace("{name}", name)
+    for key, channel in mapping.channels.items():
+        if channel.file:
+            path = source / channel.file.replace("{name}", name)
         else:
             path = source
         if file_kinds.holds_messages(path):
-            if not one.topic and "" not in known_topics(path):  # as messages that name no type are
+            # Messages that name no type are of the topic "".
+            if not channel.topic and "" not in known_topics(path):
                 raise InvalidInput(
                     f"{path}: {key} has no topic; give one of {', '.join(known_topics(path))}"
                 )
-            time = one.time if isinstance(one.time, str) else ""
-            unit = recordings.SECONDS[one.time_unit or "s"]
-            columns = (*one.fields, *one.rows)
+            time = channel.time if isinstance(channel.time, str) else ""
+            unit = recordings.SECONDS[channel.time_unit or "s"]
+            columns = (*channel.fields, *channel.rows)
             by_path[path][key] = TopicColumns(
-                topic=one.topic, columns=columns, time=time, unit=unit, words=one.words
+                topic=channel.topic, columns=columns, time=time, unit=unit, words=channel.words
             )
         else:
-            found[key] = _chosen(key, one, _table_rows(key, one, path, mapping.table))
-    for path, wanted in by_path.items():
-        for key, rows in message_rows(
-            path, wanted, Path(mapping.messages) if mapping.messages else None
-        ).items():
-            one = mapping.channels[key]
-            found[key] = _chosen(
-                key,
-                one,
-                rows if one.time_unit and isinstance(one.time, str) else _in_seconds(one, rows),
+            tables_by_key[key] = _chosen(
+                key, channel, _table_rows(key, channel, path, mapping.table)
             )
-    return found
+    definitions = Path(mapping.messages) if mapping.messages else None
+    for path, topics in by_path.items():
+        for key, rows in message_rows(path, topics, definitions).items():
+            channel = mapping.channels[key]
+            in_seconds = channel.time_unit and isinstance(channel.time, str)
+            tables_by_key[key] = _chosen(
+                key, channel, rows if in_seconds else _in_seconds(channel, rows)
+            )
+    return tables_by_key
 
 
-def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
+def _in_seconds(mapping: ChannelMapping, rows: tables.TableColumns) -> tables.TableColumns:
     """Convert times, in the first column, to seconds: of a unit that is given or said, or whose
     size tells it; or even ones.
     """
     times = rows.values[:, 0]
-    said = rows.units[0]
-    if isinstance(one.time, float):
-        times = one.time * np.arange(len(times))
-        said = "s"
-    unit = one.time_unit or recordings.unit_named(said)
+    time_unit = rows.units[0]
+    if isinstance(mapping.time, float):
+        times = mapping.time * np.arange(len(times))
+        time_unit = "s"
+    unit = mapping.time_unit or recordings.unit_named(time_unit)
     layout = rows.layout
     if unit not in recordings.SECONDS:
         largest = np.abs(times).max(initial=0.0, where=np.isfinite(times))
-        unit = next((name for name, least in _UNIX_TIME.items() if largest >= least), "s")
-        if unit == "s":
-            layout = layout
-        else:
+        unit = next((name for name, smallest in _UNIX_TIME.items() if largest >= smallest), "s")
+        if unit != "s":
             layout = ", ".join(filter(None, (layout, f"times in {unit}")))
     return replace(
         rows,
@@ -370,117 +375,123 @@ def _in_seconds(one: ChannelMapping, rows: tables.TableColumns) -> tables.TableC
 
 
 def _table_rows(
-    key: str, one: ChannelMapping, path: Path, given: TextFormat | None
+    key: str, mapping: ChannelMapping, path: Path, text_format: TextFormat | None
 ) -> tables.TableColumns:
-    named = (*one.fields, *one.rows)
-    if one.topic or not one.time or not named:
+    named = (*mapping.fields, *mapping.rows)
+    if mapping.topic or not mapping.time or not named:
         raise InvalidInput(
             f"{path}: {key} is in a table; give its time, a column or the period [s] of its rows,"
             " and no topic"
         )
     # a period stands for as many times as there are rows of another column
     times: tuple[str, ...]
-    if isinstance(one.time, tuple):
-        times = one.time
-    elif isinstance(one.time, str):
-        times = (one.time,)
+    if isinstance(mapping.time, tuple):
+        times = mapping.time
+    elif isinstance(mapping.time, str):
+        times = (mapping.time,)
     else:
         times = (named[0],)
-    table = tables.read_table(path, [*times, *named], given, (*(None for _ in times), *one.words))
-    if isinstance(one.time, tuple):
+    table = tables.read_table(
+        path, [*times, *named], text_format, (*(None for _ in times), *mapping.words)
+    )
+    if isinstance(mapping.time, tuple):
         both = table.values[:, :2] @ [1.0, 1e-9]
         table = replace(
             table,
             values=np.column_stack([both, table.values[:, 2:]]),
             units=("s", *table.units[2:]),
         )
-    table = _in_seconds(one, table)
+    table = _in_seconds(mapping, table)
     return replace(table, layout=f"{path.name}: {table.layout}" if table.layout else "")
 
 
-def _chosen(key: str, one: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
-    """Rows that are wanted, with sentinels as NaN, signs and constants, in the unit of the channel.
+def _chosen(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
+    """Choose the rows of a channel, with sentinels as NaN, signs and constants, in its unit.
 
     Where most rows have no cell at all, a file has those of other channels between them.
     """
-    n = len(one.rows)
+    n = len(mapping.rows)
     values = table.values[:, : table.values.shape[1] - n]
     which = table.values[:, table.values.shape[1] - n :]
     if n:
-        values = values[
-            (which == [1.0 if isinstance(each, str) else each for each in one.rows.values()]).all(
-                axis=1
-            )
+        row_values = [
+            1.0 if isinstance(number, str) else number for number in mapping.rows.values()
         ]
+        values = values[(which == row_values).all(axis=1)]
     if not len(values) and len(table.values):
         raise InvalidInput(
-            f"{key}: no row has {one.rows}; leave rows out, or give values that there are"
+            f"{key}: no row has {mapping.rows}; leave rows out, or give values that there are"
         )
     empty = ~np.isfinite(values[:, 1:]).any(axis=1)
-    values = (
-        values[~empty] if _FOREIGN * len(empty) < empty.sum() < len(empty) else values
-    )  # those are of other channels
-    for missing in one.missing:
+    if _FOREIGN * len(empty) < empty.sum() < len(empty):  # rows of other channels
+        values = values[~empty]
+    for missing in mapping.missing:
         values = np.hstack(
             [
                 values[:, :1],
                 np.where(np.isclose(values[:, 1:], missing, rtol=1e-12), np.nan, values[:, 1:]),
             ]
         )
-    factors, notes, remarks = _factors(key, one, table.units[1 : values.shape[1]])
+    factors, notes, remarks = _factors(key, mapping, table.units[1 : values.shape[1]])
     numbers = values[:, 1:] * factors
-    if len(one.fields) < len(one.columns) or any(str(name).startswith("-") for name in one.columns):
+    if len(mapping.fields) < len(mapping.columns) or any(
+        str(name).startswith("-") for name in mapping.columns
+    ):
         measured = iter(numbers.T)
-        columns = [
-            next(measured) * (-1 if name[:1] == "-" else 1)
-            if isinstance(name, str)
-            else np.full(len(values), name)
-            for name in one.columns
-        ]
+        columns = list[np.ndarray]()
+        for name in mapping.columns:
+            if not isinstance(name, str):
+                columns.append(np.full(len(values), name))
+            elif name[:1] == "-":
+                columns.append(-next(measured))
+            else:
+                columns.append(next(measured))
         numbers = np.column_stack(columns)
     if (
-        key == "attitude" and one.format != "rpy" and one.lost == "never"
+        key == "attitude" and mapping.format != "rpy" and mapping.lost == "never"
     ):  # zeros: its sender knows no attitude
         numbers = np.where(np.linalg.norm(numbers, axis=1, keepdims=True) > 0.0, numbers, np.nan)
-    found = np.column_stack(
-        [values[:, 0], (numbers + np.asarray(one.offset)) * np.asarray(one.scale)]
+    converted = np.column_stack(
+        [values[:, 0], (numbers + np.asarray(mapping.offset)) * np.asarray(mapping.scale)]
     )
-    return replace(table, values=found, units=(), notes=notes, remarks=(*table.remarks, *remarks))
+    return replace(
+        table, values=converted, units=(), notes=notes, remarks=(*table.remarks, *remarks)
+    )
 
 
 def _factors(
-    key: str, one: ChannelMapping, said: Sequence[str]
+    key: str, mapping: ChannelMapping, file_units: Sequence[str]
 ) -> tuple[np.ndarray, tuple[str, ...], list[str]]:
-    """Factors (k,) of columns to the unit of the channel, as given or as the file says, what it
-    says, and remarks about it.
+    """Return factors (k,) of columns to the unit of the channel, as the mapping or the file has
+    them, notes of the file's units, and remarks about them.
     """
-    known = units_of(key, one.format)
-    if one.unit is not None or one.scale != 1.0:
-        return np.full(len(said), known.get(one.unit or "", 1.0)), (), []
-    units = [recordings.unit_named(unit) or unit.strip() for unit in said]
-    other = sorted({unit for unit in units if unit and unit not in known})
-    turned = sorted({unit for unit in units if known.get(unit, 1.0) != 1.0})
+    factors = units_of(key, mapping.format)
+    if mapping.unit is not None or mapping.scale != 1.0:
+        return np.full(len(file_units), factors.get(mapping.unit or "", 1.0)), (), []
+    units = [recordings.unit_named(unit) or unit.strip() for unit in file_units]
+    foreign_units = sorted({unit for unit in units if unit and unit not in factors})
+    converted_units = sorted({unit for unit in units if factors.get(unit, 1.0) != 1.0})
     notes: tuple[str, ...] = ()
-    if turned:
-        notes = (f"{key}: in {', '.join(turned)}, as the file says",)
-    plain = " or ".join(unit for unit, factor in known.items() if factor == 1.0)
+    if converted_units:
+        notes = (f"{key}: in {', '.join(converted_units)}, as the file says",)
+    plain = " or ".join(unit for unit, factor in factors.items() if factor == 1.0)
     doubtful = (
-        f"in {', '.join(other)} as the file says, and taken for {plain}: give its unit, or a scale"
+        f"in {', '.join(foreign_units)} as the file says, and taken for {plain}: give its unit, or"
+        " a scale"
     )
-    return (
-        np.array([known.get(unit, 1.0) for unit in units]),
-        notes,
-        [doubtful] if other and known else [],
-    )
+    remarks = [doubtful] if foreign_units and factors else []
+    return np.array([factors.get(unit, 1.0) for unit in units]), notes, remarks
 
 
 def _unknown(
-    key: str, one: ChannelMapping, table: tables.TableColumns
+    key: str, mapping: ChannelMapping, table: tables.TableColumns
 ) -> Iterator[tuple[str, str]]:
-    """Columns that stand for others, rows that are no numbers, and units that cannot be."""
+    """Yield doubts about columns that stand twice, rows that are no numbers, and units that cannot
+    be.
+    """
     rows = table.values
     yield from ((key, remark) for remark in table.remarks)
-    twice = sorted({name for name in one.fields if one.fields.count(name) > 1})
+    twice = sorted({name for name in mapping.fields if mapping.fields.count(name) > 1})
     if twice:
         yield (
             key,
@@ -493,18 +504,16 @@ def _unknown(
     n = int(open_cells.any(axis=1).sum())
     if n:
         text = (
-            f"{n} of {len(rows)} rows have NaN ({_named(one, open_cells.any(axis=0))}) and are"
+            f"{n} of {len(rows)} rows have NaN ({_named(mapping, open_cells.any(axis=0))}) and are"
             " left out"
         )
         command = recordings.CHANNEL_KINDS[key].command
-        yield (
-            key,
-            text
-            + (", and a fit takes the command before them for what was asked" if command else ""),
-        )
+        if command:
+            text += ", and a fit takes the command before them for what was asked"
+        yield key, text
     geographic = [
         name
-        for name in one.fields
+        for name in mapping.fields
         if name.rpartition(".")[2].lower().startswith(("lat", "lon", "lng"))
     ]
     if key == "position" and geographic:
@@ -515,7 +524,12 @@ def _unknown(
                 " point"
             ),
         )
-    if key == "attitude" and one.format == "rpy" and one.unit is None and _like_degrees(rows):
+    if (
+        key == "attitude"
+        and mapping.format == "rpy"
+        and mapping.unit is None
+        and _like_degrees(rows)
+    ):
         yield (
             key,
             (
@@ -536,58 +550,55 @@ def _like_degrees(rows: np.ndarray) -> bool:
     return bool(abs(yaw[0]) > _LARGEST_ANGLE or np.percentile(rates, 90.0) > np.pi)
 
 
-def _named(one: ChannelMapping, chosen: np.ndarray) -> str:
-    """Names of the chosen ones of its time and columns (1 + k,); a path to an array stands for all
-    of its columns.
+def _named(mapping: ChannelMapping, chosen: np.ndarray) -> str:
+    """Join the names of time and columns where chosen (1 + k,) is true; a path to an array stands
+    for all of its columns.
     """
-    names = [str(one.time or "time"), *map(str, one.columns)]
+    names = [str(mapping.time or "time"), *map(str, mapping.columns)]
     if len(names) != len(chosen):
         return ", ".join(names[1:])
-    return ", ".join(name for name, each in zip(names, chosen, strict=True) if each)
+    return ", ".join(name for name, is_chosen in zip(names, chosen, strict=True) if is_chosen)
 
 
-def _samples(key: str, one: ChannelMapping, table: tables.TableColumns) -> recordings.Channel:
+def _samples(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> recordings.Channel:
     rows = table.values
-    known = np.isfinite(rows)
-    if len(rows) > 1 and not known.all(axis=1).any():
-        columns = _named(one, ~known.any(axis=0)) or "one column or another"
+    finite = np.isfinite(rows)
+    if len(rows) > 1 and not finite.all(axis=1).any():
+        columns = _named(mapping, ~finite.any(axis=0)) or "one column or another"
         raise InvalidInput(f"{key}: NaN in every row ({columns}); leave the channel out")
-    rows = rows[known.all(axis=1)]
-    if one.lost == "all zero":
+    rows = rows[finite.all(axis=1)]
+    if mapping.lost == "all zero":
         rows = rows[(rows[:, 1:] != 0.0).any(axis=1)]
     if len(rows) < 2:
         raise InvalidInput(f"fewer than two samples of {key}; leave the channel out")
     back = float((np.maximum.accumulate(rows[:, 0]) - rows[:, 0]).max())
     n = len(rows)
     rows = _without_echoes(rows)
-    given = rows[:, 0]
+    times = rows[:, 0]
     t, first = np.unique(
-        given if one.sent_every is None else even_send_times(given, one.sent_every),
+        times if mapping.sent_every is None else even_send_times(times, mapping.sent_every),
         return_index=True,
     )
     return recordings.Channel(
         t=t,
-        values=_converted(key, one, rows[first, 1:]),
-        delay=one.delay,
+        values=_converted(key, mapping, rows[first, 1:]),
+        delay=mapping.delay,
         back=back,
-        repeated=len(given) - len(t),
-        echoes=n - len(given),
-        missing=len(known) - n,
-        constants=tuple(k for k, name in enumerate(one.columns) if not isinstance(name, str)),
+        repeated=len(times) - len(t),
+        echoes=n - len(times),
+        missing=len(finite) - n,
+        constants=tuple(k for k, name in enumerate(mapping.columns) if not isinstance(name, str)),
     )
 
 
-def _pass_midnight(read: Iterable[tables.TableColumns]) -> None:
+def _pass_midnight(tables_read: Iterable[tables.TableColumns]) -> None:
     """Let times of day [s] go on from one day to the next, in all channels where those of any do;
     other times stay.
 
     All are then within half a day, from middle to middle, of the first that does.
     """
-    times = [
-        t
-        for t in (one.values[:, 0] for one in read)
-        if np.isfinite(t).any() and not ((t < 0.0) | (t >= _DAY)).any()
-    ]
+    columns = [table.values[:, 0] for table in tables_read]
+    times = [t for t in columns if np.isfinite(t).any() and not ((t < 0.0) | (t >= _DAY)).any()]
     going_on = [
         np.unwrap(t[np.isfinite(t)], _DAY - 2.0 * _AROUND_MIDNIGHT, period=_DAY) for t in times
     ]
@@ -597,13 +608,15 @@ def _pass_midnight(read: Iterable[tables.TableColumns]) -> None:
         for middle, t in zip(middles, going_on, strict=True)
         if t.min() < 0.0 or t.max() >= _DAY
     ]
-    for given, t, middle in zip(times, going_on, middles, strict=True) if passing else ():
-        given[np.isfinite(given)] = t + _DAY * np.round((passing[0] - middle) / _DAY)
+    if not passing:
+        return
+    for column, t, middle in zip(times, going_on, middles, strict=True):
+        column[np.isfinite(column)] = t + _DAY * np.round((passing[0] - middle) / _DAY)
 
 
 def _without_echoes(rows: np.ndarray) -> np.ndarray:
-    """Rows (n, 1 + k) without messages that say the same again at nearly the same time, as topics
-    that are republished do.
+    """Drop rows (n, 1 + k) that repeat the one before at nearly the same time, as republished
+    topics do.
     """
     steps = np.diff(rows[:, 0])
     same = (np.diff(rows[:, 1:], axis=0) == 0.0).all(axis=1)
@@ -617,48 +630,46 @@ def _without_echoes(rows: np.ndarray) -> np.ndarray:
     return rows[np.r_[True, ~echo]]
 
 
-def _converted(key: str, one: ChannelMapping, values: np.ndarray) -> np.ndarray:
+def _converted(key: str, mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
     if key == "attitude":
-        return continuous_quaternions(_quaternions(one, values))
-    turned = {"W": one.world == "NED", "B": one.body == "FRD"}.get(
-        one.frame or recordings.CHANNEL_KINDS[key].frame, False
+        return continuous_quaternions(_quaternions(mapping, values))
+    turned = {"W": mapping.world == "NED", "B": mapping.body == "FRD"}.get(
+        mapping.frame or recordings.CHANNEL_KINDS[key].frame, False
     )
     if turned:
         return values * np.tile(np.diag(_DOWN), values.shape[1] // 3)
     return values
 
 
-def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
-    """Attitudes (n, 4) of B in W."""
+def _quaternions(mapping: ChannelMapping, values: np.ndarray) -> np.ndarray:
+    """Convert values to attitudes (n, 4) of B in W."""
     from scipy.spatial.transform import Rotation
 
-    width = 3 if one.format == "rpy" else 4
+    width = 3 if mapping.format == "rpy" else 4
     if values.shape[1] != width:
         raise InvalidInput(
             f"attitude: {values.shape[1]} columns given; allowed: 4, or 3 with format: rpy"
         )
     if width == 3 and np.abs(values[:, :2]).max() > _LARGEST_ANGLE:
-        most = float(values.flat[np.argmax(np.abs(values))])
-        there = (values == most).any(axis=1)
-        others = np.abs(values[values != most]).max(initial=0.0)
-        raw = most / units_of("attitude", "rpy")[one.unit or "rad"]
-        if there.sum() > 1 and abs(most) > 2.0 * others:
+        extreme = float(values.flat[np.argmax(np.abs(values))])
+        is_extreme = (values == extreme).any(axis=1)
+        others = np.abs(values[values != extreme]).max(initial=0.0)
+        raw = extreme / units_of("attitude", "rpy")[mapping.unit or "rad"]
+        if is_extreme.sum() > 1 and abs(extreme) > 2.0 * others:
             raise InvalidInput(
-                f"attitude: {raw:.10g} in {there.sum()} of {len(values)} rows: give missing:"
+                f"attitude: {raw:.10g} in {is_extreme.sum()} of {len(values)} rows: give missing:"
                 f" [{raw:.10g}]"
             )
         raise InvalidInput(
             f"attitude: angles up to {np.abs(values).max():.4g} rad given; in deg? give its unit"
         )
-    w_first = one.format == "quaternion wxyz"
+    w_first = mapping.format == "quaternion wxyz"
     if width == 3:
         R = Rotation.from_euler("xyz", values)
     else:
         R = Rotation.from_quat(values, scalar_first=w_first)
-    world, body = (
-        Rotation.from_matrix(_DOWN if z_down else np.eye(3))
-        for z_down in (one.world == "NED", one.body == "FRD")
-    )
+    world = Rotation.from_matrix(_DOWN if mapping.world == "NED" else np.eye(3))
+    body = Rotation.from_matrix(_DOWN if mapping.body == "FRD" else np.eye(3))
     return np.asarray((world * R * body).as_quat())
 
 
@@ -667,8 +678,8 @@ def _quaternions(one: ChannelMapping, values: np.ndarray) -> np.ndarray:
 
 
 def run_recording(record: Record, name: str) -> recordings.Recording:
-    """Channels of a run. Raises InvalidInput for a plan, which nobody has measured, and for fewer
-    rows than ticks.
+    """Build the recording of a run. Raises InvalidInput for a plan, which nobody has measured, and
+    for fewer rows than ticks.
     """
     meta = require_every_tick(record)
     rows = dict(_estimated_rows(record, run_meta.is_floating(record.series, meta)))
@@ -683,25 +694,26 @@ def run_recording(record: Record, name: str) -> recordings.Recording:
         if values.size and key not in channels
     }
     for key, values in _asked(record):
-        one = _channel(t, values)  # a run begins with thrusters at rest
+        commands = _channel(t, values)  # a run begins with thrusters at rest
         channels[key] = replace(
-            one,
-            t=np.r_[one.t[0] - meta.dt, one.t],
-            values=np.vstack([0.0 * one.values[:1], one.values]),
+            commands,
+            t=np.r_[commands.t[0] - meta.dt, commands.t],
+            values=np.vstack([0.0 * commands.values[:1], commands.values]),
         )
     named = {
         "joint_positions": meta.joints,
         "joint_velocities": meta.joints,
         "thrust": meta.thrusters,
     }
-    channels = {key: _with_names(one, named.get(key, ())) for key, one in channels.items()}
+    channels = {key: _with_names(channel, named.get(key, ())) for key, channel in channels.items()}
     return recordings.Recording(
         name=name, channels=channels, issues_in_file=tuple(_spoiled(record)), at_once=True
     )
 
 
 def _estimated_rows(record: Record, floating: bool) -> Iterator[tuple[str, np.ndarray]]:
-    q, v = record["q_estimated"], record["v_estimated"]
+    q = record["q_estimated"]
+    v = record["v_estimated"]
     if floating:
         yield "position", q[:, :3]
         yield "attitude", continuous_quaternions(q[:, 3:_POSE])
@@ -715,19 +727,20 @@ def _measured(record: Record) -> Iterator[tuple[str, recordings.Channel]]:
     """Yield what sensors read: an estimate between slow readings is late, and a fit would take that
     for less added mass.
     """
-    for name in [name for name in _MEASURED if name in record.series]:
+    for name in _MEASURED:
+        if name not in record.series:
+            continue
         channel = name.removeprefix("measured_")
         (values, t) = np.split(record[name], [-1], axis=1)
-        taken = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
-        known = (
-            taken > np.r_[-np.inf, np.maximum.accumulate(taken)[:-1]]
-        )  # clocks that fail give times again
-        if known.sum() > 1:
+        sample_times = np.where(np.isfinite(record[name]).all(axis=1), t[:, 0], -np.inf)
+        # Clocks that fail give times again.
+        fresh = sample_times > np.r_[-np.inf, np.maximum.accumulate(sample_times)[:-1]]
+        if fresh.sum() > 1:
             if channel == "attitude":
-                right = continuous_quaternions(values[known])
+                readings = continuous_quaternions(values[fresh])
             else:
-                right = values[known]
-            yield channel, recordings.Channel(t=t[known, 0], values=right)
+                readings = values[fresh]
+            yield channel, recordings.Channel(t=t[fresh, 0], values=readings)
 
 
 def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordings.Channel:
@@ -738,22 +751,23 @@ def _with_names(channel: recordings.Channel, names: tuple[str, ...]) -> recordin
 
 
 def _asked(record: Record) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the commanded thrust, and the commanded wrench without what thrusters cannot give of
-    it.
+    """Yield the commanded thrust, and the commanded wrench less the part that thrusters cannot
+    give.
     """
-    found = record.series
+    series = record.series
     for name in ("asked_thrust", "thrust"):
-        if name in found and found[name].size:
-            yield "thrust", found[name]
+        if name in series and series[name].size:
+            yield "thrust", series[name]
             break
-    if "wrench" in found:
-        yield "wrench", found["wrench"] - found.get("unreachable", 0.0)
+    if "wrench" in series:
+        yield "wrench", series["wrench"] - series.get("unreachable", 0.0)
 
 
 def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
-    """Channels and what the record itself says against them."""
-    t, found = record["t"], record.series
-    if "thrust" in found and "asked_thrust" not in found:
+    """Yield channels and the doubts that the record itself has of them."""
+    t = record["t"]
+    series = record.series
+    if "thrust" in series and "asked_thrust" not in series:
         yield (
             "thrust",
             (
@@ -767,7 +781,7 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
                 fault.target,
                 f"{fault.text}, a fault of this run: a fit takes vehicle and sensors for sound",
             )
-    if "contact" in found and (touches := (found["contact"] != 0.0).any(axis=1)).any():
+    if "contact" in series and (touches := (series["contact"] != 0.0).any(axis=1)).any():
         yield (
             "position",
             (
@@ -778,10 +792,10 @@ def _spoiled(record: Record) -> Iterator[tuple[str, str]]:
 
 
 def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
-    known = np.isfinite(values).all(axis=1)
-    if known.all():
+    finite = np.isfinite(values).all(axis=1)
+    if finite.all():
         return recordings.Channel(t=t, values=values)
-    return recordings.Channel(t=t[known], values=values[known])
+    return recordings.Channel(t=t[finite], values=values[finite])
 
 
 # A recording of any file: one of ours, a record of a run, or one of others with a mapping.
@@ -790,7 +804,7 @@ def _channel(t: np.ndarray, values: np.ndarray) -> recordings.Channel:
 def read_recording(
     path: Path | str, mapping: RecordingMapping | None = None
 ) -> recordings.Recording:
-    """The recording of a file or a folder; mapping: for what is none of ours.
+    """Read the recording of a file or a folder; mapping: for files of other software.
 
     Raises InvalidInput for one that needs a mapping, NameNotFound and NotInstalled.
     """

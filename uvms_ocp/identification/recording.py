@@ -65,9 +65,11 @@ CHANNEL_KINDS: Mapping[str, ChannelKind] = {
 """Every channel that a recording may have, by its name."""
 
 
-def unit_named(said: str) -> str:
-    """Find what a unit is called here, however it is spelled; empty for one that there is not."""
-    plain = said.lower()
+def unit_named(spelling: str) -> str:
+    """Find the name of a unit in the table of channels from any spelling; empty for an unknown
+    unit.
+    """
+    plain = spelling.lower()
     for pattern, name in CHANNEL_TABLE["spelling"]["in_place_of"]:
         plain = re.sub(pattern, name, plain)
     return _BY_SPELLING.get(plain, "")
@@ -90,7 +92,7 @@ class Channel:
     repeated: int = 0
     """Samples left out, for another had their time."""
     echoes: int = 0
-    """Samples left out, for they said again what had just been said."""
+    """Number of samples left out because they repeat the one before."""
     missing: int = 0
     """Samples left out, for something in them was not measured."""
     columns: tuple[str, ...] = ()
@@ -171,12 +173,12 @@ class Recording:
         object.__setattr__(self, "channels", frozen_mapping(self.channels))
         for name, channel in self.channels.items():
             require_known("channel", name, CHANNEL_KINDS)
-            own = CHANNEL_KINDS[name].columns
+            column_names = CHANNEL_KINDS[name].columns
             width = channel.values.shape[1]
-            if own and width != len(own):
+            if column_names and width != len(column_names):
                 raise InvalidInput(
-                    f"{self.name}: {name}: {width} columns given; allowed: {len(own)},"
-                    f" {', '.join(own)}"
+                    f"{self.name}: {name}: {width} columns given; allowed: {len(column_names)},"
+                    f" {', '.join(column_names)}"
                 )
         attitude = self.channels.get("attitude")
         if (
@@ -193,16 +195,16 @@ class Recording:
         return self.whole or self.name
 
     def channel(self, name: str) -> Channel:
-        """One of them. Raises InvalidInput with those that there are."""
+        """Return a channel by its name. Raises InvalidInput with those that there are."""
         if name not in self.channels:
-            given = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
+            recorded_text = f"{self.name}: no {name} is recorded, only {', '.join(self.channels)}"
             needs = (
                 "a fit needs attitude, linear_velocity or position, commands, and positions of"
                 " joints: map it too"
             )
             needs += ", or give the axes along which alone it moves"
             raise InvalidInput(
-                f"{given}; {needs}, or see what `uvms-ocp check-recording` says of these alone"
+                f"{recorded_text}; {needs}, or see what `uvms-ocp check-recording` says of these alone"
             )
         return self.channels[name]
 
@@ -220,7 +222,8 @@ class ZeroOrderHold:
     """A command that stays from one sample to the next; before the first it is as the first."""
 
     def __init__(self, channel: Channel) -> None:
-        t, values = channel.undelayed_t, channel.values
+        t = channel.undelayed_t
+        values = channel.values
         self.channel = channel
         self._t = t
         self._whole = np.cumsum(
@@ -229,12 +232,12 @@ class ZeroOrderHold:
         """(n, k) [unit of the channel times s] integral up to each sample."""
 
     def at(self, t: np.ndarray) -> np.ndarray:
-        """Values (m, k) [unit of the channel] at t (m,) [s]."""
+        """Return values (m, k) [unit of the channel] at t (m,) [s]."""
         return self.channel.values[self._index(t)]
 
     def mean(self, edges: np.ndarray) -> np.ndarray:
-        """Means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these, whatever
-        the samples do.
+        """Compute means (m - 1, k) [unit of the channel] between edges (m,) [s]: smooth in these,
+        whatever the samples do.
         """
         return np.asarray(np.diff(self.total(edges), axis=0) / np.diff(edges)[:, None])
 
@@ -256,8 +259,8 @@ class ZeroOrderHold:
 
 
 def interpolated(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t (n,)
-    [s].
+    """Return values (m, k) [any] at times at (m,) [s], linear between samples (n, k) [any] at t
+    (n,) [s].
     """
     return np.column_stack([np.interp(at, t, column) for column in values.T])
 
@@ -305,13 +308,13 @@ def angular_rate(attitude: Channel, window: float) -> tuple[np.ndarray, np.ndarr
 
 
 def pose_velocity(position: Channel, attitude: Channel, interval: float) -> Channel:
-    """Mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the middle of
-    each.
+    """Compute mean velocities in B (m, 3) [m/s] between poses about `interval` [s] apart, in the
+    middle of each.
     """
     times = position.undelayed_t
     span = attitude.undelayed_t[[0, -1]]
-    every = max(1, round(interval / float(np.median(np.diff(times)))))
-    chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[::every]
+    stride = max(1, round(interval / float(np.median(np.diff(times)))))
+    chosen = np.flatnonzero((times >= span[0]) & (times <= span[1]))[::stride]
     t = times[chosen]
     rates = np.diff(position.values[chosen], axis=0) / np.diff(times[chosen])[:, None]
     at = (t[1:] + t[:-1]) / 2
@@ -319,10 +322,10 @@ def pose_velocity(position: Channel, attitude: Channel, interval: float) -> Chan
 
 
 def rotations(attitude: Channel, t: np.ndarray) -> np.ndarray:
-    """R_WB (m, 3, 3) at t (m,) [s], between samples interpolated."""
-    found = interpolated(t, attitude.undelayed_t, attitude.values)
-    found /= np.linalg.norm(found, axis=1, keepdims=True)
-    return np.moveaxis(np.array(quaternion_to_matrix(found.T)), -1, 0)
+    """Return R_WB (m, 3, 3) at t (m,) [s], interpolated between samples."""
+    quaternions = interpolated(t, attitude.undelayed_t, attitude.values)
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return np.moveaxis(np.array(quaternion_to_matrix(quaternions.T)), -1, 0)
 
 
 # Recordings with silences, cut there: what was commanded while nothing was recorded is known to
@@ -335,28 +338,32 @@ def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """Cut recordings into parts at their silences. Raises InvalidInput for one that has no part of
     `SHORTEST`.
     """
-    return tuple(part for one in recordings for part in _parts(one))
+    return tuple(part for recording in recordings for part in _parts(recording))
 
 
-def _parts(one: Recording) -> tuple[Recording, ...]:
+def _parts(recording: Recording) -> tuple[Recording, ...]:
     # (n, 2) [s] from the last sample before each to the first after it.
-    t = np.unique(np.concatenate([channel.undelayed_t for channel in one.channels.values()]))
+    t = np.unique(np.concatenate([channel.undelayed_t for channel in recording.channels.values()]))
     last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
     silences = np.column_stack([t[last], t[last + 1]])
-    (begin, end) = one.span
+    (begin, end) = recording.span
     if (
         not len(silences) or begin >= end
     ):  # channels without a time in common are no matter of silences
-        return (one,)
+        return (recording,)
     ends = [-np.inf, *silences.ravel(), np.inf]
-    found = [
-        part for pair in zip(ends[::2], ends[1::2], strict=True) if (part := _between(one, *pair))
+    parts = [
+        part
+        for pair in zip(ends[::2], ends[1::2], strict=True)
+        if (part := _between(recording, *pair))
     ]
     longest = float(np.diff(silences).max())
-    if not found:
-        given = f"{one.name}: nothing is recorded for up to {longest:.3g} s, again and again"
+    if not parts:
+        silence_text = (
+            f"{recording.name}: nothing is recorded for up to {longest:.3g} s, again and again"
+        )
         raise InvalidInput(
-            f"{given}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
+            f"{silence_text}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
             " at its times"
         )
     silence = (
@@ -364,26 +371,26 @@ def _parts(one: Recording) -> tuple[Recording, ...]:
         f" {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
     )
     issues = (
-        *one.issues_in_file,
+        *recording.issues_in_file,
         ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"),
     )
     return tuple(
         replace(
             part,
-            name=f"{one.name} part {k}",
-            whole=one.name,
-            issues_in_file=issues if k == 1 else one.issues_in_file,
+            name=f"{recording.name} part {k}",
+            whole=recording.name,
+            issues_in_file=issues if k == 1 else recording.issues_in_file,
         )
-        for k, part in enumerate(found, start=1)
+        for k, part in enumerate(parts, start=1)
     )
 
 
-def _between(one: Recording, begin: float, end: float) -> Recording | None:
+def _between(recording: Recording, begin: float, end: float) -> Recording | None:
     """Cut a recording from one time [s] to another; `None` if that is too short."""
-    cut = {name: _cut(channel, begin, end) for name, channel in one.channels.items()}
+    cut = {name: _cut(channel, begin, end) for name, channel in recording.channels.items()}
     channels = {name: channel for name, channel in cut.items() if channel is not None}
     if len(channels) == len(cut):
-        part = replace(one, channels=channels)
+        part = replace(recording, channels=channels)
     else:
         part = None
     if part is None or part.span[1] - part.span[0] < SHORTEST:

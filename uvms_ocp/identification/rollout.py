@@ -49,37 +49,39 @@ class Segment:
     """Segment of one recording for multiple shooting, in steps of equal length."""
 
     recording: str
+    """Name of the recording."""
     edges: np.ndarray
-    """(n + 1,) [s] of its steps."""
+    """(n + 1,) [s] edges of its steps."""
     commands: recordings.ZeroOrderHold
     """Commands of the actuators."""
     joints: np.ndarray
-    """(3 n_j, n) [rad, rad/s, rad/s2] in the middle of each step, as `StageFunctions` has them."""
+    """(3 n_j, n) [rad, rad/s, rad/s2] motion of the joints in the middle of each step, as in
+    `StageFunctions`.
+    """
     t: tuple[np.ndarray, ...]
-    """Three of (m,) [s]: of the samples of each sensor."""
+    """Three of (m,) [s]: times of the samples of each sensor."""
     measured: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] samples of each sensor."""
     q: np.ndarray
-    """(7,) [m, -] about where the vehicle was at the beginning."""
+    """(7,) [m, -] measured pose at the beginning, its position 0."""
     v: np.ndarray
-    """(6,) [m/s, rad/s]"""
+    """(6,) [m/s, rad/s] measured velocity in B at the beginning."""
 
     @property
     def step(self) -> float:
-        """[s]"""
+        """[s] length of a step."""
         return float(self.edges[1] - self.edges[0])
 
     def first(self, duration: float) -> Segment:
         """Return its first part of some duration [s], at least a step."""
-        return _cut(
-            self, 0, min(max(1, round(duration / self.step)), len(self.edges) - 1), self.q, self.v
-        )
+        n = min(max(1, round(duration / self.step)), len(self.edges) - 1)
+        return _cut(self, 0, n, self.q, self.v)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class PreparedRecording:
-    """A recording with what follows from its channels: a rate of turning, commands of actuators,
-    joints.
+    """A recording with the angular velocity, commands of actuators and joints that follow from its
+    channels.
     """
 
     recording: recordings.Recording
@@ -94,7 +96,8 @@ class PreparedRecording:
     def of(
         recording: recordings.Recording, vehicle: Vehicle, window: float = RATE_WINDOW
     ) -> PreparedRecording:
-        """window: [s] over which attitude is smoothed where no angular velocity is recorded.
+        """Prepare a recording; window: [s] over which attitude is smoothed where no angular
+        velocity is recorded.
 
         Without a linear velocity means between positions take its place.
 
@@ -105,9 +108,9 @@ class PreparedRecording:
         channels = recording.channels
         begin, end = recording.span
         if not begin < end:
-            given = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
+            spans = f"one channel begins at {begin:.6g} s, and another has ended at {end:.6g} s"
             raise InvalidInput(
-                f"{recording.name}: {given}; give channels of one clock, with times in common"
+                f"{recording.name}: {spans}; give channels of one clock, with times in common"
             )
         if "linear_velocity" not in channels and "position" in channels:
             velocity = recordings.pose_velocity(channels["position"], attitude, POSE_INTERVAL)
@@ -128,8 +131,8 @@ class PreparedRecording:
         )
 
     def stretches(self, step: float, duration: float | None = None) -> tuple[Segment, ...]:
-        """The recording in steps of `step` [s], cut into equal stretches of about `duration` [s];
-        all of it by default.
+        """Cut the recording, in steps of `step` [s], into equal stretches of about `duration` [s];
+        by default into one.
 
         Raises InvalidInput where they would not have a step.
         """
@@ -140,29 +143,31 @@ class PreparedRecording:
         else:
             n = 1
         if total < n:
-            given = (
+            duration_text = (
                 f"{self.recording.name}: {end - begin:.4g} s in stretches of"
                 f" {duration or np.inf:g} s"
             )
             raise InvalidInput(
-                f"{given}; a step takes {step:g} s: record more, or give longer stretches or"
+                f"{duration_text}; a step takes {step:g} s: record more, or give longer stretches or"
                 " shorter steps"
             )
         return self._parts(
             self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n
         )
 
-    def windows(self, step: float, known: float, horizon: float) -> tuple[Segment, ...]:
-        """Stretches in steps of `step` [s], of the times `known` [s] and `horizon` [s] after it,
-        that begin a horizon apart.
+    def windows(self, step: float, start_window: float, horizon: float) -> tuple[Segment, ...]:
+        """Cut stretches in steps of `step` [s], of the times `start_window` [s] and `horizon` [s]
+        after it, that begin a horizon apart.
 
         Their horizons follow each other without gaps; the last one, if it is cut off, is left out.
         """
-        (whole,) = self.stretches(step)
-        before = round(known / step)
-        after = round(horizon / step)
-        n = len(whole.edges) - 1
-        return self._parts(whole, np.arange(0, n - before - after + 1, after), before + after)
+        (segment,) = self.stretches(step)
+        n_before = round(start_window / step)
+        n_after = round(horizon / step)
+        n = len(segment.edges) - 1
+        return self._parts(
+            segment, np.arange(0, n - n_before - n_after + 1, n_after), n_before + n_after
+        )
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude = self.recording.channel("attitude")
@@ -178,31 +183,33 @@ class PreparedRecording:
             v=np.zeros(6),
         )
 
-    def _parts(self, whole: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
+    def _parts(self, segment: Segment, begins: np.ndarray, n: int) -> tuple[Segment, ...]:
         """Cut segments of n steps that begin at edges begins (m,)."""
-        t = whole.edges[begins]
+        t = segment.edges[begins]
         attitude = self.recording.channel("attitude")
         turns = recordings.interpolated(t, attitude.undelayed_t, attitude.values)
         q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
-        v = np.hstack([recordings.interpolated(t, whole.t[k], whole.measured[k]) for k in (0, 1)])
+        v = np.hstack(
+            [recordings.interpolated(t, segment.t[k], segment.measured[k]) for k in (0, 1)]
+        )
         return tuple(
-            _cut(whole, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
+            _cut(segment, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
         )
 
 
-def _cut(whole: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
-    edges = whole.edges[first : last + 1]
+def _cut(segment: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
+    edges = segment.edges[first : last + 1]
     inside = [
         slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right"))
-        for t in whole.t
+        for t in segment.t
     ]
     return replace(
-        whole,
+        segment,
         edges=edges,
-        joints=whole.joints[:, first:last],
-        t=tuple(t[chosen] for t, chosen in zip(whole.t, inside, strict=True)),
+        joints=segment.joints[:, first:last],
+        t=tuple(t[chosen] for t, chosen in zip(segment.t, inside, strict=True)),
         measured=tuple(
-            values[chosen] for values, chosen in zip(whole.measured, inside, strict=True)
+            values[chosen] for values, chosen in zip(segment.measured, inside, strict=True)
         ),
         q=q,
         v=v,
@@ -217,8 +224,8 @@ def _actuator_commands(recording: recordings.Recording, vehicle: Vehicle) -> rec
     if name == "thrust":
         channel = channel.of(vehicle.actuators.names, f"{recording.name}: thrust")
     if channel.values.shape[1] != allocation.shape[1]:
-        given = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
-        raise InvalidInput(f"{given}; the actuators' allocation takes {allocation.shape[1]}")
+        columns_text = f"{recording.name}: {name} has {channel.values.shape[1]} columns"
+        raise InvalidInput(f"{columns_text}; the actuators' allocation takes {allocation.shape[1]}")
     return recordings.Channel(
         t=channel.t, values=channel.values @ allocation.T, delay=channel.delay
     )
@@ -234,14 +241,16 @@ def _only_commands(recording: recordings.Recording) -> str:
 
 
 def _moved(recording: recordings.Recording, vehicle: Vehicle) -> recordings.Channel | None:
-    """Positions of the vehicle's joints, in its order."""
+    """Return the positions of the vehicle's joints, in its order."""
     names = tuple(joint.name for joint in limits.joints_of(vehicle.dynamics.model, free_flyer=True))
     if not names and "joint_positions" not in recording.channels:
         return None
     channel = recording.channel("joint_positions").of(names, f"{recording.name}: joint_positions")
     if channel.values.shape[1] != vehicle.dynamics.model.nq - N_Q:
-        given = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
-        raise InvalidInput(f"{given}; the vehicle has joints {', '.join(names) or 'of no arm'}")
+        columns_text = f"{recording.name}: joint_positions has {channel.values.shape[1]} columns"
+        raise InvalidInput(
+            f"{columns_text}; the vehicle has joints {', '.join(names) or 'of no arm'}"
+        )
     return channel
 
 
@@ -266,9 +275,9 @@ class SegmentStart:
     """State in which a segment begins."""
 
     q: np.ndarray
-    """(7,) [m, -]"""
+    """(7,) [m, -] pose."""
     v: np.ndarray
-    """(6,) [m/s, rad/s]"""
+    """(6,) [m/s, rad/s] velocity in B."""
 
     def moved(self, change: np.ndarray) -> SegmentStart:
         """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
@@ -287,9 +296,9 @@ class PredictedOutputs:
     """
 
     rows: tuple[np.ndarray, ...]
-    """Three of (m, 3) [m/s, rad/s, -]"""
+    """Three of (m, 3) [m/s, rad/s, -] predicted outputs."""
     end: np.ndarray
-    """(n_x,) [as the state] where it is last."""
+    """(n_x,) [as the state] state at the end."""
     H: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(n_p + 9, n_p + 9) [1 / unknowns^2] ``sum w s s'`` of the slopes s of all rows with the
     unknowns, then with the start.
@@ -326,8 +335,10 @@ class Rollout:
         Raises InvalidInput where they have different numbers of steps, or joints other than the
         vehicle's.
         """
-        n = {len(one.edges) - 1 for one in stretches}
-        if len(n) != 1 or any(one.joints.shape[0] != 3 * self.stage.n_j for one in stretches):
+        n = {len(segment.edges) - 1 for segment in stretches}
+        if len(n) != 1 or any(
+            segment.joints.shape[0] != 3 * self.stage.n_j for segment in stretches
+        ):
             raise InvalidInput(
                 f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the"
                 " vehicle"
@@ -338,8 +349,8 @@ class Rollout:
         return run.with_slopes(weights)
 
     def many(self, name: str, function: ca.Function, n: int, m: int) -> ca.Function:
-        """A function n times after itself, m of these beside each other, on all processors; or,
-        with n = 0, only the latter.
+        """Return a function n times after itself, m of these beside each other, on all processors;
+        or, with n = 0, only the latter.
         """
         key = (name, n, m)
         if key not in self._many:
@@ -368,17 +379,19 @@ class _StretchRun:
         self._delays = self._each("delays", self._stage.delays, p.T)
         u = np.vstack(
             [
-                one.commands.mean(one.edges - d[0, 0])
-                for one, (d, _) in zip(stretches, self._delays, strict=True)
+                segment.commands.mean(segment.edges - d[0, 0])
+                for segment, (d, _) in zip(stretches, self._delays, strict=True)
             ]
         )
-        past = np.hstack([one.commands.mean(self._past(k)).T for k, one in enumerate(stretches)])
+        past = np.hstack(
+            [segment.commands.mean(self._past(k)).T for k, segment in enumerate(stretches)]
+        )
         self._begun = self._each("begun", self._stage.begun, past, p.T)
         self._given = (
             u.T,
-            np.hstack([one.joints for one in stretches]),
+            np.hstack([segment.joints for segment in stretches]),
             np.repeat(p, n, axis=0).T,
-            np.repeat([one.step for one in stretches], n)[None],
+            np.repeat([segment.step for segment in stretches], n)[None],
         )
         self._x = np.empty((len(p), n + 1, self._stage.n_x))
         self._x[:, 0] = [
@@ -387,12 +400,13 @@ class _StretchRun:
         ]
         for k in range(0, n, _MOST_STEPS):
             part = [
-                one.reshape(len(one), len(p), n)[:, :, k : k + _MOST_STEPS] for one in self._given
+                segment.reshape(len(segment), len(p), n)[:, :, k : k + _MOST_STEPS]
+                for segment in self._given
             ]
             steps = part[0].shape[2]
-            given = (one.reshape(len(one), len(p) * steps) for one in part)
+            arguments = (segment.reshape(len(segment), len(p) * steps) for segment in part)
             (after,) = _evaluated(
-                rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *given
+                rollout.many("step", rollout.step, steps, len(p)), self._x[:, k].T, *arguments
             )
             self._x[:, k + 1 : k + 1 + steps] = after.T.reshape(len(p), steps, -1)
 
@@ -409,18 +423,18 @@ class _StretchRun:
         m, n, _ = self._x.shape
         y, *slopes = self._outputs(np.arange(m * n))
         y = y.T.reshape(m, n, N_SEEN)
-        (y_x, y_p) = (_blocks(one, -1, m, n) for one in slopes)
+        y_x, y_p = (_blocks(derivative, -1, m, n) for derivative in slopes)
         S = self._sensitivities()
-        found = []
+        outputs = []
         for k in range(len(self._stretches)):
             slopes = y_x[k] @ S[k]
             slopes[:, :, : self._stage.n_p] += y_p[k]
             rows = self._sampled(k, y[k])
             H, g = self._squares(k, y[k], slopes, weights(k, rows))
-            found.append(
+            outputs.append(
                 PredictedOutputs(rows=rows, H=H, g=g, end=self._x[k, -1], end_slope=S[k, -1].copy())
             )
-        return found
+        return outputs
 
     def _squares(
         self,
@@ -429,8 +443,8 @@ class _StretchRun:
         slopes: np.ndarray,
         weights: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Sum over the samples by sums of their weights over steps: there may be many in one, and
-        slopes are linear within it.
+        """Sum weighted squares over the samples by sums of weights over steps: a step may hold many
+        samples, and slopes are linear within it.
         """
         n = self._n
         n_p = slopes.shape[2]
@@ -444,16 +458,19 @@ class _StretchRun:
             # A delay shifts all samples along the rate of their step, but those before the first,
             # where there is only its start.
             steps, place = np.unique(np.where(index + share > 0.0, index, n), return_inverse=True)
-            first, last = (np.where(steps < n, steps + one, 0) for one in (0, 1))
-            shift = (y[last, :3] - y[first, :3])[..., None] / step * late if sensor == 0 else 0.0
+            first = np.where(steps < n, steps, 0)
+            last = np.where(steps < n, steps + 1, 0)
+            shift: np.ndarray | float = 0.0
+            if sensor == 0:
+                shift = (y[last, :3] - y[first, :3])[..., None] / step * late
             ends = [(s[at] + shift).reshape(-1, n_p) for at in (first, last)]
             place = (3 * place.reshape(-1, 1) + np.arange(3)).ravel()
             size = 3 * len(steps)
             sides = list(zip((1.0 - share[:, None], share[:, None]), ends, strict=True))
             for part, end in sides:
                 sums = [
-                    np.bincount(place, (w * part * other).ravel(), size)[:, None] * far
-                    for other, far in sides
+                    np.bincount(place, (w * part * other_part).ravel(), size)[:, None] * far
+                    for other_part, far in sides
                 ]
                 H += end.T @ (sums[0] + sums[1])
                 g += end.T @ np.bincount(place, (wr * part).ravel(), size)
@@ -469,29 +486,32 @@ class _StretchRun:
             function, self._x.reshape(-1, self._stage.n_x)[chosen].T, self._p[chosen // n].T
         )
 
-    def _each(self, name: str, function: ca.Function, *given: np.ndarray) -> list[list[np.ndarray]]:
-        """Results of a function for every stretch, whose arguments are side by side."""
+    def _each(
+        self, name: str, function: ca.Function, *arguments: np.ndarray
+    ) -> list[list[np.ndarray]]:
+        """Evaluate a function for every stretch, whose arguments are side by side."""
         m = len(self._p)
-        results = _evaluated(self._rollout.many(name, function, 0, m), *given)
-        return [
-            [one[:, k * (w := one.shape[1] // m) : (k + 1) * w] for one in results]
-            for k in range(m)
-        ]
+        results = _evaluated(self._rollout.many(name, function, 0, m), *arguments)
+        blocks = [np.split(result, m, axis=1) for result in results]
+        return [[parts[k] for parts in blocks] for k in range(m)]
 
     def _sensitivities(self) -> np.ndarray:
-        """(m, n + 1, n_x, n_p + 9)"""
+        """Compute the slopes (m, n + 1, n_x, n_p + 9) of states with unknowns and starts."""
         m = len(self._stretches)
         n = self._n
         stage = self._stage
         before = self._x[:, :-1].reshape(-1, stage.n_x).T
-        found = _evaluated(
+        derivatives = _evaluated(
             self._rollout.many("slope", self._rollout.slope, 0, m * n), before, *self._given
         )
         widths = stage.n_x, stage.n_p, stage.n_u
-        A, B, C = (_blocks(one, width, m, n) for one, width in zip(found, widths, strict=True))
-        for k, one in enumerate(self._stretches):
+        A, B, C = (
+            _blocks(segment, width, m, n)
+            for segment, width in zip(derivatives, widths, strict=True)
+        )
+        for k, segment in enumerate(self._stretches):
             d, dd = self._delays[k]
-            slope = -one.commands.mean_slope(one.edges - d[0, 0])
+            slope = -segment.commands.mean_slope(segment.edges - d[0, 0])
             B[k] += np.einsum("nij,nj->ni", C[k], slope)[:, :, None] * dd[0]
         first = np.array([self._start_slope(k) for k in range(m)])
         return np.moveaxis(chained(np.moveaxis(A, 1, 0), np.moveaxis(B, 1, 0), first), 0, 1)
@@ -514,29 +534,29 @@ class _StretchRun:
         return S
 
     def _sampled(self, k: int, values: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rows of each sensor at the times of its samples."""
-        found = []
+        """Interpolate the rows of each sensor at the times of its samples."""
+        sampled = []
         for sensor in range(3):
             index, share = self._place(k, sensor)
             rows = values[:, 3 * sensor : 3 * sensor + 3]
             later = share[:, None]
-            found.append((1.0 - later) * rows[index] + later * rows[index + 1])
-        return tuple(found)
+            sampled.append((1.0 - later) * rows[index] + later * rows[index + 1])
+        return tuple(sampled)
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
-        one = self._stretches[k]
+        segment = self._stretches[k]
         if sensor == 0:
             late = float(self._delays[k][0][1, 0])
         else:
             late = 0.0
-        place = np.maximum((one.t[sensor] - late - one.edges[0]) / one.step, 0.0)
+        place = np.maximum((segment.t[sensor] - late - segment.edges[0]) / segment.step, 0.0)
         index = np.clip(place.astype(int), 0, self._n - 1)
         return index, place - index
 
 
 def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """(n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only, those of
-    unknowns.
+    """Solve (n + 1, ..., n_x, k) [any] ``S_next = A S + B``, B for the first n_p columns only,
+    those of unknowns.
 
     A: (n, ..., n_x, n_x) [any], B: (n, ..., n_x, n_p) [any], first: (..., n_x, k) [any].
     """
@@ -550,25 +570,26 @@ def chained(A: np.ndarray, B: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def turn_slope(quaternion: np.ndarray) -> np.ndarray:
-    """Derivative of a quaternion (4,) xyzw by a turn in B, (4, 3) [1/rad]."""
+    """Compute the derivative of a quaternion (4,) xyzw by a turn in B, (4, 3) [1/rad]."""
     x, y, z, w = quaternion
     return np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) / 2
 
 
-def _evaluated(function: ca.Function, *given: np.ndarray) -> list[np.ndarray]:
-    """Results of a function, column by column in memory of their own: in lists of numbers they
-    would take longer than it.
+def _evaluated(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
+    """Evaluate a function; results are column by column in memory of their own, as lists of numbers
+    would take longer than the function.
     """
     evaluated = BufferedFunction(function)
-    evaluated.write(*given)
+    evaluated.write(*arguments)
     evaluated.evaluate()
     return [
-        one.reshape(function.size_out(k), order="F") for k, one in enumerate(evaluated.results)
+        result.reshape(function.size_out(k), order="F")
+        for k, result in enumerate(evaluated.results)
     ]  # columns are (m,) there
 
 
 def _blocks(wide: np.ndarray, width: int, m: int, n: int) -> np.ndarray:
-    """(m, n, rows, width) of m n blocks side by side, in the same memory where that is column by
-    column.
+    """View (m, n, rows, width) of m n blocks side by side, in the same memory where that is column
+    by column.
     """
     return np.moveaxis(wide.T.reshape(m, n, width, len(wide)), 2, 3)

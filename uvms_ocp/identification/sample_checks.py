@@ -113,36 +113,37 @@ class QualityIssue:
 # How well two series agree: in time, in size and in their axes.
 
 
-def explained(seen: np.ndarray, wanted: np.ndarray) -> float:
-    """Share of the squares of wanted (m, 3) [any] that seen (m, 3) [any] has."""
-    return 1.0 - float(((seen - wanted) ** 2).sum() / (wanted**2).sum())
+def explained(measured: np.ndarray, expected: np.ndarray) -> float:
+    """Compute the share of the squares of expected (m, 3) [any] that measured (m, 3) [any] has."""
+    return 1.0 - float(((measured - expected) ** 2).sum() / (expected**2).sum())
 
 
 def named(Q: np.ndarray) -> str:
-    """Axes as Q (3, 3) turns them, such as (y, -x, z)."""
+    """Name the axes as Q (3, 3) turns them, such as (y, -x, z)."""
     entries = [("-" if row.sum() < 0 else "") + "xyz"[int(np.argmax(np.abs(row)))] for row in Q]
     return f"({', '.join(entries)})"
 
 
-def describe_factor(wanted: np.ndarray, seen: np.ndarray) -> str:
-    """How much larger seen (m, k) [any] is than wanted (m, k) [any], and of which unit that is;
-    empty where it may be equal.
+def describe_factor(expected: np.ndarray, measured: np.ndarray) -> str:
+    """Describe how much larger measured (m, k) [any] is than expected (m, k) [any], and the unit
+    that would explain it; empty where they may be equal.
 
     Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon
     each other.
     """
-    x, y = (np.linalg.norm(values, axis=1) for values in (wanted, seen))
+    x = np.linalg.norm(expected, axis=1)
+    y = np.linalg.norm(measured, axis=1)
     low, high = _slopes(x - x.mean(), y - y.mean())
     if low < _SCALE and high > 1 / _SCALE:
         return ""
     factor = float(np.sqrt(low * high))
-    units = [text for one, names in _UNITS.items() for text in _of_unit(factor, one, *names)]
+    units = [text for size, names in _UNITS.items() for text in _of_unit(factor, size, *names)]
     return f"{factor:.2g} times the rate of the {{}}: {(units or ['its units?'])[0]}"
 
 
 def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope of y upon x, and the one that the slope of x upon y implies; anything where the two
-    have nothing in common.
+    """Compute the slope of y upon x, and the slope that x upon y implies; 0 and infinity where the
+    two have nothing in common.
     """
     common = float(x @ y)
     if correlation(x, y) < _AGREES:
@@ -150,49 +151,48 @@ def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return common / float(x @ x), float(y @ y) / common
 
 
-def _of_unit(factor: float, one: float, of_rate: str, of_pose: str) -> Iterator[str]:
-    if 1 / _CLOSE < factor / one < _CLOSE:
+def _of_unit(factor: float, size: float, of_rate: str, of_pose: str) -> Iterator[str]:
+    if 1 / _CLOSE < factor / size < _CLOSE:
         yield f"in {of_rate}?"
-    if of_pose and 1 / _CLOSE < factor * one < _CLOSE:
+    if of_pose and 1 / _CLOSE < factor * size < _CLOSE:
         yield f"is the other in {of_pose}?"
 
 
 def describe_delay(late: float) -> str:
-    """An offset late [s] in words; empty where it is none."""
+    """Describe an offset late [s] in words; empty where it is small."""
     if abs(late) > _LATE:
         return f"{abs(late):.2f} s {'late' if late > 0 else 'early'} against the rate of the {{}}"
     return ""
 
 
 def offset(
-    t: np.ndarray, wanted: np.ndarray, t_seen: np.ndarray, seen: np.ndarray
+    t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
 ) -> tuple[float, bool]:
-    """By how much [s] seen comes after wanted, and whether that is so from beginning to end; 0
-    where they do not agree.
+    """Find by how much [s] measured comes after expected, 0 where they do not agree, and whether
+    both halves of the time have that offset.
 
-    Of wanted (m, k) [any] at t (m,) [s] and seen (n, k) [any] at t_seen (n,) [s], from magnitudes,
-    which have no axes.
+    Of expected (m, k) [any] at t (m,) [s] and measured (n, k) [any] at t_seen (n,) [s], from
+    magnitudes, which have no axes.
     """
-    size = np.linalg.norm(wanted, axis=1)
-    magnitude = np.linalg.norm(seen, axis=1)
-    inside = np.flatnonzero((t > t_seen[0] + _LATEST) & (t < t_seen[-1] - _LATEST))
+    size = np.linalg.norm(expected, axis=1)
+    magnitude = np.linalg.norm(measured, axis=1)
+    inside = np.flatnonzero((t > t_measured[0] + _LATEST) & (t < t_measured[-1] - _LATEST))
     if len(inside) < 2 * _LEAST_SAMPLES:
         return 0.0, True
-    whole, *halves = (
-        np.array(
-            [
-                correlation(size[part], np.interp(t[part] + shift, t_seen, magnitude))
-                for shift in _SHIFTS
-            ]
-        )
-        for part in (inside, *np.array_split(inside, 2))
-    )
-    return float(_SHIFTS[_best(whole)]), not _differ(*halves)
+
+    def agreement(part: np.ndarray) -> np.ndarray:
+        """Correlate a part of the samples at each shift in `_SHIFTS`."""
+        shifted = [np.interp(t[part] + shift, t_measured, magnitude) for shift in _SHIFTS]
+        return np.array([correlation(size[part], values) for values in shifted])
+
+    first_half, second_half = np.array_split(inside, 2)
+    consistent = not _differ(agreement(first_half), agreement(second_half))
+    return float(_SHIFTS[_best(agreement(inside))]), consistent
 
 
 def _best(agreement: np.ndarray) -> int:
-    """Index of the best agreement; of swings that agree again a period later the nearest, and no
-    offset where that does not matter.
+    """Find the index of the best agreement; the nearest of those that swings repeat a period later,
+    and no offset where that is as good.
     """
     middle = len(_SHIFTS) // 2
     if agreement.max() < max(_AGREES, agreement[middle] + _BETTER):
@@ -204,17 +204,17 @@ def _best(agreement: np.ndarray) -> int:
     return int(good[np.argmin(np.abs(_SHIFTS[good]))])
 
 
-def _differ(one: np.ndarray, other: np.ndarray) -> bool:
-    """Check whether each agrees at an offset at which the other does not."""
-    a = _best(one)
-    b = _best(other)
-    parted = min(one[a] - one[b], other[b] - other[a]) > _PARTED
+def _differ(first: np.ndarray, second: np.ndarray) -> bool:
+    """Check whether either agreement is good at an offset at which the other is not."""
+    a = _best(first)
+    b = _best(second)
+    parted = min(first[a] - first[b], second[b] - second[a]) > _PARTED
     return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
 
 
 def correlation(x: np.ndarray, y: np.ndarray) -> float:
-    """Correlation of two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where one does not
-    change.
+    """Correlate two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where either is
+    constant.
     """
     x = x - x.mean()
     y = y - y.mean()
@@ -230,11 +230,11 @@ _FASTEST["joint_positions"] = (4 * np.pi, "deg")
 
 
 def of_samples(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and doubts about their samples."""
     begin, end = recording.span
     if end - begin < _SHORTEST_RECORDING:
-        few = f"{end - begin:.3g} s are in all channels, which are too few to look at"
-        text = few if end > begin else "no time is in all channels"
+        seconds_text = f"{end - begin:.3g} s are in all channels, which are too few to look at"
+        text = seconds_text if end > begin else "no time is in all channels"
         yield (
             next(iter(recording.channels)),
             f"{text}: other clocks, or other units of times, such as min?",
@@ -255,17 +255,14 @@ def has_times(channel: Channel) -> bool:
 
 
 def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Poses and what their rates say against them."""
+    """Yield poses and doubts about their rates."""
     if "position" in recording.channels and not any(
         _far_off("position", recording.channels["position"])
     ):
-        one = recording.channels["position"]
-        _, rate = smoothed(
-            one.undelayed_t,
-            one.values[:, : 2 if one.values[:, 2].min() > _PRESSURE else 3],
-            WINDOW,
-            derivative=1,
-        )
+        position = recording.channels["position"]
+        is_pressure = position.values[:, 2].min() > _PRESSURE
+        moved = position.values[:, :2] if is_pressure else position.values[:, :3]
+        _, rate = smoothed(position.undelayed_t, moved, WINDOW, derivative=1)
         yield from (("position", text) for text in _too_fast(rate, 10.0, "m/s", "mm, or cm"))
     if "attitude" in recording.channels:
         _, omega = angular_rate(recording.channels["attitude"], WINDOW)
@@ -344,8 +341,8 @@ def _lost(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _pairs(channel: Channel) -> float:
-    """Share of samples that follow another at once, within its own interval, and differ from it as
-    much as that from the last.
+    """Compute the share of samples that follow another at once, within its own interval, and differ
+    from it as much as that from the last.
 
     In bursts, of messages that were held up, what follows at once comes after a longer silence.
     """
@@ -357,34 +354,33 @@ def _pairs(channel: Channel) -> float:
     close = close[np.abs((steps[close - 1] + steps[close]) / usual - 1.0) < 0.5]
     if not len(close):
         return 0.0
-    apart = np.abs(values[close + 1] - values[close]).max(axis=1)
+    deviations = np.abs(values[close + 1] - values[close]).max(axis=1)
     moved = np.abs(values[close] - values[close - 1]).max(axis=1)
-    if np.median(apart) >= np.median(moved) / 2:
-        return float((apart > 0.0).mean() * len(close) / len(steps))
+    if np.median(deviations) >= np.median(moved) / 2:
+        return float((deviations > 0.0).mean() * len(close) / len(steps))
     return 0.0
 
 
 def _far_off(name: str, channel: Channel) -> Iterator[str]:
-    """Values far outside all others: of what was not measured, or mistyped."""
+    """Find values far outside all others: sentinels, or mistyped ones."""
     if CHANNEL_KINDS[name].command or name == "attitude":
         return
     for label, values in zip(CHANNEL_KINDS[name].columns, channel.values.T, strict=False):
         for extreme in (float(values.min()), float(values.max())):
-            others = values[values != extreme]
-            if len(others):
-                low, high = np.percentile(others, [0.1, 99.9])
+            other_values = values[values != extreme]
+            if len(other_values):
+                low, high = np.percentile(other_values, [0.1, 99.9])
             else:
                 low = extreme
                 high = extreme
             gap = max(low - extreme, extreme - high)
-            n = len(values) - len(others)
+            n = len(values) - len(other_values)
             if gap > max(
                 _FAR * (high - low), _FARTHEST.get(name, 0.0)
             ) and n < _FOR_LONG / 100 * len(values):
-                cure = (
-                    f"{'mistyped? ' * (n == 1)}give missing: [{extreme:.10g}] where it stands for"
-                    " nothing"
-                )
+                cure = f"give missing: [{extreme:.10g}] where it stands for nothing"
+                if n == 1:
+                    cure = f"mistyped? {cure}"
                 yield (
                     f"{label} is {extreme:.6g} in {n} of {len(values)} samples, all others"
                     f" {low:.3g} to {high:.3g}: {cure}"
@@ -392,7 +388,7 @@ def _far_off(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _spikes(name: str, channel: Channel) -> Iterator[str]:
-    """One and the same value, to which a channel jumps for a sample, and from which it jumps
+    """Find one value to which a channel jumps for a sample again and again, and from which it jumps
     back.
     """
     for label, values in zip(
@@ -401,19 +397,19 @@ def _spikes(name: str, channel: Channel) -> Iterator[str]:
         steps = np.diff(values)
         sizes = np.abs(np.diff(values))
         width = np.ptp(np.percentile(values, [5.0, 95.0]))
-        least = max(
+        threshold = max(
             _SPIKE * np.percentile(sizes, 80.0),
             width / 4,
             _FAR * sizes[sizes > 0.0].min(initial=np.inf),
         )
-        there = values[1:-1][
-            (sizes[:-1] > least) & (sizes[1:] > least) & (steps[:-1] * steps[1:] < 0.0)
+        extremes = values[1:-1][
+            (sizes[:-1] > threshold) & (sizes[1:] > threshold) & (steps[:-1] * steps[1:] < 0.0)
         ]
-        each, counts = np.unique(there, return_counts=True)
-        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(there)) and not any(
+        peaks, counts = np.unique(extremes, return_counts=True)
+        if counts.max(initial=0) >= max(_CLIPPED, 0.8 * len(extremes)) and not any(
             _far_off(name, channel)
         ):
-            value = f"{each[np.argmax(counts)]:.10g}"
+            value = f"{peaks[np.argmax(counts)]:.10g}"
             yield (
                 f"{label} jumps to {value} and back {counts.max()} times: give missing: [{value}]"
                 " where it stands for nothing"
@@ -421,8 +417,8 @@ def _spikes(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _saturated(name: str, channel: Channel) -> Iterator[str]:
-    """Ends of a range that are met exactly, again and again, and far more often than the values
-    next to them.
+    """Find ends of a range that are met exactly, again and again, and far more often than the
+    values next to them.
     """
     kind = CHANNEL_KINDS[name]
     if name in _SATURATES and not any(_far_off(name, channel)):
@@ -432,7 +428,8 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
     for label, values in zip(looked_at, channel.values.T, strict=False):
         for way in (1.0, -1.0):
             ends, counts = np.unique(way * values, return_counts=True)
-            visits = int((np.diff(1 * (way * values == ends[-1])) > 0).sum())
+            at_end = way * values == ends[-1]
+            visits = int((~at_end[:-1] & at_end[1:]).sum())
             n = int(counts[-1])
             if (
                 len(ends) > _LEAST_SAMPLES
@@ -448,7 +445,7 @@ def _saturated(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:
-    """Commands that look like what is sent to motors; 0 is what is sent to those that are off."""
+    """Find commands that look like pulses or shares; 0 is left out: motors that are off get it."""
     if name == "propeller_commands":
         yield from _no_pulse(np.abs(channel.values))
     values = channel.values[channel.values != 0.0]
@@ -473,9 +470,7 @@ def _no_force(name: str, channel: Channel) -> Iterator[str]:
 
 
 def _no_pulse(size: np.ndarray) -> Iterator[str]:
-    """One value of shares (n, k) that is none, where all others are, or values that no share
-    has.
-    """
+    """Find a single value beyond 1 among shares (n, k), or more of them."""
     beyond = size[size > 1.0 + _AT_ONCE]
     if 0 < len(beyond) < size.size and np.ptp(beyond) == 0.0:
         text = (
@@ -495,14 +490,14 @@ def _no_pulse(size: np.ndarray) -> Iterator[str]:
 
 def _units(name: str, channel: Channel) -> Iterator[str]:
     if name in _FASTEST and not any(_far_off(name, channel)):  # which would be in no unit
-        most, other = _FASTEST[name]
-        yield from _too_fast(channel.values, most, CHANNEL_KINDS[name].unit, other)
+        fastest, other_unit = _FASTEST[name]
+        yield from _too_fast(channel.values, fastest, CHANNEL_KINDS[name].unit, other_unit)
 
 
-def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterator[str]:
+def _too_fast(values: np.ndarray, fastest: float, unit: str, other_unit: str) -> Iterator[str]:
     usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
-    if usual > most:
-        yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {other}?"
+    if usual > fastest:
+        yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {other_unit}?"
 
 
 # Which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which side of
@@ -510,7 +505,7 @@ def _too_fast(values: np.ndarray, most: float, unit: str, other: str) -> Iterato
 
 
 def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and doubts about their vertical."""
     channels = recording.channels
     if "specific_force" in channels:
         yield from (("specific_force", text) for text in _felt(channels["specific_force"].values))
@@ -553,7 +548,7 @@ def _lies(attitude: Channel) -> Iterator[str]:
 
 
 def _in_world(attitude: Channel, force: Channel) -> np.ndarray:
-    """Mean (3,) [m/s2] of what is felt, in W."""
+    """Compute the mean specific force (3,) [m/s2] in W."""
     return np.asarray(
         np.einsum("nij,nj->ni", rotations(attitude, force.undelayed_t), force.values).mean(axis=0)
     )
@@ -587,7 +582,7 @@ def _above(z: np.ndarray) -> Iterator[str]:
 
 
 def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Channels and what speaks against them."""
+    """Yield channels and doubts about values that do not change."""
     for pose, velocity in _PAIRS:
         if {pose, velocity} <= recording.channels.keys():
             yield from _frozen(recording, pose, velocity)
@@ -595,15 +590,20 @@ def of_stuck(recording: Recording) -> Iterator[tuple[str, str]]:
 
 
 def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[str, str]]:
-    """By magnitudes, which have no axes."""
-    one, other = recording.channels[pose], recording.channels[velocity]
+    """Find the longest time in which pose or velocity stays as it is while the other moves, by
+    magnitudes, which have no axes.
+    """
+    pose_channel = recording.channels[pose]
+    velocity_channel = recording.channels[velocity]
     if pose == "position":
-        t, rate = smoothed(one.undelayed_t, one.values, WINDOW, derivative=1)
+        t, rate = smoothed(pose_channel.undelayed_t, pose_channel.values, WINDOW, derivative=1)
     else:
-        t, rate = angular_rate(one, WINDOW)
-    speed = np.interp(t, other.undelayed_t, np.linalg.norm(other.values, axis=1))
-    apart = np.linalg.norm(rate, axis=1) - speed
-    for name, mate, channel in ((pose, velocity, one), (velocity, pose, other)):
+        t, rate = angular_rate(pose_channel, WINDOW)
+    speed = np.interp(
+        t, velocity_channel.undelayed_t, np.linalg.norm(velocity_channel.values, axis=1)
+    )
+    excess = np.linalg.norm(rate, axis=1) - speed
+    for name, mate, channel in ((pose, velocity, pose_channel), (velocity, pose, velocity_channel)):
         # [s] from when to when its samples are the same for longest.
         new = np.flatnonzero((np.diff(channel.values, axis=0) != 0.0).any(axis=1)) + 1
         first = np.r_[0, new]
@@ -612,7 +612,7 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
         begin = float(channel.undelayed_t[first[k]])
         end = float(channel.undelayed_t[last[k]])
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
-        if end - begin > _LONG and np.sqrt((apart[inside] ** 2).mean()) > _DIFFER:
+        if end - begin > _LONG and np.sqrt((excess[inside] ** 2).mean()) > _DIFFER:
             yield (
                 name,
                 (
@@ -623,11 +623,11 @@ def _frozen(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[st
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:
-    """Commands that are all zero of a vehicle that never comes to rest."""
+    """Yield commands that are all zero of a vehicle that never comes to rest."""
     zero = [
         n
-        for n, one in recording.channels.items()
-        if CHANNEL_KINDS[n].command and not one.values.any()
+        for n, channel in recording.channels.items()
+        if CHANNEL_KINDS[n].command and not channel.values.any()
     ]
     if not zero or "linear_velocity" not in recording.channels:
         return

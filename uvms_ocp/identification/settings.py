@@ -163,8 +163,8 @@ class CalibratedRobot:
         return self.vehicle.dynamics.links[self.vehicle.link].frame
 
     def hull_in_body(self, hull: Sequence[Sequence[float]]) -> np.ndarray:
-        """(2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and highest
-        corner [m].
+        """Compute the (2, 3) [m] box in B that holds one in the link's frame; hull: its lowest and
+        highest corner [m].
         """
         model = self.vehicle.dynamics.model
         return _box_around(model.frames[model.getFrameId(self.frame)].placement, hull)
@@ -179,19 +179,25 @@ class CalibratedRobot:
         description = self.robot.description
         link = self.robot.description.links.get(self.frame)
         if link is None:
-            found = None
+            nominal = None
         else:
-            found = link.coefficients or _of_shape(description, self.frame)
-        if found is None or description.convention != "FLU" or np.round(found.pose.rpy, 9).any():
+            nominal = link.coefficients or _of_shape(description, self.frame)
+        if (
+            nominal is None
+            or description.convention != "FLU"
+            or np.round(nominal.pose.rpy, 9).any()
+        ):
             raise InvalidInput(
                 f"{self.frame}: give it coefficients along the axes of its link, in FLU, to have it"
                 " calibrated"
             )
-        return found
+        return nominal
 
 
 def _box_around(X: pin.SE3, box: Sequence[Sequence[float]]) -> np.ndarray:
-    """(2, 3) [m] lowest and highest corner of a box around one of another frame, which X places."""
+    """Compute the (2, 3) [m] lowest and highest corner of a box around one of another frame, which
+    X places.
+    """
     middle = X.act(np.mean(box, axis=0))
     reach = np.abs(X.rotation) @ (np.diff(box, axis=0)[0] / 2)
     return np.array([middle - reach, middle + reach])
@@ -207,8 +213,6 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
     robot = loading.load_robot(urdf=urdf, hydrodynamics=file)
     if settings.arm == "taken off":
         robot = assembly.without_arm(robot)
-    else:
-        robot = robot
     if not robot.n_vehicle:
         raise InvalidInput(
             f"robot {robot.name!r} has a fixed base; a vehicle is identified, which must float"
@@ -221,44 +225,62 @@ def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> Calib
         )
     link = _own_link(robot, dynamics)
     start = NominalParameters.of(dynamics, link)
-    learnt = {name: one.status() for name, one in settings.learn.items()}
-    for name in (
-        learnt.keys() & SHAPE_SPREADS.keys() if shape_of(robot, dynamics.links[link].frame) else ()
-    ):
-        if isinstance(learnt[name], parameters.Free):
+    learnt = {name: learnt_status.status() for name, learnt_status in settings.learn.items()}
+    has_shape = bool(shape_of(robot, dynamics.links[link].frame))
+    for name in learnt.keys() & SHAPE_SPREADS.keys():
+        if has_shape and isinstance(learnt[name], parameters.Free):
             learnt[name] = parameters.Prior(sigma=SHAPE_SPREADS[name], only=learnt[name].only)
     hull = _box_around(dynamics.links[link].X_FL.inverse(), settings.hull)
-    known = parameters.vehicle_declaration(
+    declaration = parameters.vehicle_declaration(
         start, hull, actuators, velocity_delay=settings.velocity_delay or 0.0
     )
-    known = known.with_status(
-        **{name: _along(settings.axes, known, name, one) for name, one in learnt.items()}
+    declaration = declaration.with_status(
+        **{
+            name: _along(settings.axes, declaration, name, learnt_status)
+            for name, learnt_status in learnt.items()
+        }
     )
-    shared = Unknowns(known)
-    own = Unknowns(known, own=True)
-    if not (shared.names or own.names):
+    shared = Unknowns(declaration)
+    own_unknowns = Unknowns(declaration, own=True)
+    if not (shared.names or own_unknowns.names):
         raise InvalidInput(
             f"learn: {', '.join(learnt)} given, and nothing in it is free; free some of their"
             " coordinates"
         )
     axes = tuple(k for k, name in enumerate(parameters.AXES) if name in settings.axes)
     vehicle = Vehicle(
-        dynamics=dynamics, shared=shared, own=own, actuators=actuators, link=link, axes=axes
+        dynamics=dynamics,
+        shared=shared,
+        own=own_unknowns,
+        actuators=actuators,
+        link=link,
+        axes=axes,
     )
     return CalibratedRobot(robot=robot, vehicle=vehicle, start=start, file=file)
 
 
 def _along(
-    axes: Sequence[str], known: Declaration, name: str, status: ParameterStatus
+    axes: Sequence[str], declaration: Declaration, name: str, status: ParameterStatus
 ) -> ParameterStatus:
     """Leave out the coordinates of axes along which the vehicle is held: a recording shows nothing
     of them.
     """
-    names = known.quantities[name].coordinates.names if name in known.quantities else ()
-    others = set(parameters.AXES) - set(axes)
-    held = [one for one in names if others.intersection(one.replace(" from ", "-").split("-"))]
-    if held:
-        return replace(status, only=tuple(one for one in status.only or names if one not in held))
+    names = declaration.quantities[name].coordinates.names if name in declaration.quantities else ()
+    held_axes = set(parameters.AXES) - set(axes)
+    held_coordinates = [
+        coordinate
+        for coordinate in names
+        if held_axes.intersection(coordinate.replace(" from ", "-").split("-"))
+    ]
+    if held_coordinates:
+        return replace(
+            status,
+            only=tuple(
+                coordinate
+                for coordinate in status.only or names
+                if coordinate not in held_coordinates
+            ),
+        )
     return status
 
 
@@ -271,33 +293,39 @@ def with_delays(
     open_ones = [
         n for n in parameters.DELAYS if getattr(settings, n) is None and n not in settings.learn
     ]
-    known = subject.vehicle.shared.declaration
+    declaration = subject.vehicle.shared.declaration
     if at_once:
-        known = known.with_start(**dict.fromkeys(open_ones, np.array([parameters.AT_ONCE])))
+        declaration = declaration.with_start(
+            **dict.fromkeys(open_ones, np.array([parameters.AT_ONCE]))
+        )
     else:
-        known = known.with_status(**dict.fromkeys(open_ones, parameters.Prior(sigma=_DELAY_SPREAD)))
+        declaration = declaration.with_status(
+            **dict.fromkeys(open_ones, parameters.Prior(sigma=_DELAY_SPREAD))
+        )
     return replace(
         subject,
-        vehicle=replace(subject.vehicle, shared=Unknowns(known), own=Unknowns(known, own=True)),
+        vehicle=replace(
+            subject.vehicle, shared=Unknowns(declaration), own=Unknowns(declaration, own=True)
+        ),
     )
 
 
 def _own_link(robot: Robot, dynamics: symbolic_dynamics.SymbolicDynamics) -> int:
-    """Place in ``dynamics.links`` of the largest that the vehicle itself carries: a file has them
-    in any order.
+    """Find the place in ``dynamics.links`` of the largest that the vehicle itself carries: a file
+    has them in any order.
     """
-    own = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
-    if not own:
+    carried = [link for link in range(len(dynamics.links)) if dynamics.joint_of(link) == _VEHICLE]
+    if not carried:
         wet = ", ".join(link.frame for link in dynamics.links)
         raise InvalidInput(
             f"robot {robot.name!r} has hydrodynamics of {wet} alone; give it some of the vehicle's"
             " own link"
         )
-    return max(own, key=lambda link: dynamics.links[link].volume)
+    return max(carried, key=lambda link: dynamics.links[link].volume)
 
 
 def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | None]:
-    """URDF and hydrodynamics."""
+    """Return the paths of URDF and hydrodynamics; `None` where there is no such file."""
     urdf = folder / settings.robot
     if urdf.suffix != ".urdf":
         urdf = (urdf if urdf.is_dir() else loading.robot_folder(settings.robot)) / "robot.urdf"
@@ -309,27 +337,27 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
 
 
 def _actuators(settings: CalibrationSettings, robot: Robot) -> ActuatorModel:
-    asked = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
-    given: dict[str, Any] = {
-        name: value or _LEAST for name, value in asked.items() if value is not None
+    optional_values = {name: getattr(settings, name) for name in ("lag", "dead_zone")}
+    set_values: dict[str, Any] = {
+        name: value or _LEAST for name, value in optional_values.items() if value is not None
     }
     channel = "wrench" if settings.commands == "wrench" else "thrust"
-    known = ActuatorModel(
+    model = ActuatorModel(
         delay=_DELAY if settings.delay is None else settings.delay, commands=channel
     )
     if settings.commands == "wrench":
-        return replace(known, **given)
+        return replace(model, **set_values)
     names = robot.thruster_names
     thrusters = robot.description.thrusters
     if not names:
         raise InvalidInput(f"robot {robot.name!r} has no thrusters; give commands: wrench")
     described: dict[str, Any] = {
-        "lag": max(float(np.mean([one.time_constant for one in thrusters])), _LEAST),
-        "dead_zone": max(float(np.mean([one.dead_zone for one in thrusters])), _LEAST),
+        "lag": max(float(np.mean([thruster.time_constant for thruster in thrusters])), _LEAST),
+        "dead_zone": max(float(np.mean([thruster.dead_zone for thruster in thrusters])), _LEAST),
         "whole_beyond": True,
         "allocation": np.eye(len(names)),
     }
-    return replace(known, names=names, wrench=thruster_matrix(robot), **(described | given))
+    return replace(model, names=names, wrench=thruster_matrix(robot), **(described | set_values))
 
 
 # Coefficients of the calibrated link as a robot file has them: those that it has, or those that its
@@ -348,7 +376,7 @@ def shape_of(robot: Robot, frame: str) -> str:
 
 
 def _of_shape(description: RobotDescription, frame: str) -> LinkCoefficients:
-    """Coefficients of a link's shape alone, without floats and ballast."""
+    """Compute the coefficients of a link's shape alone, without floats and ballast."""
     (wet,) = links_in_water(
         description.model_copy(update={"links": {frame: description.links[frame]}, "trim": ()})
     )

@@ -54,7 +54,7 @@ class WorseThanStill:
     """[s] over which it was predicted at a time; `None`: the whole recording."""
 
     def __str__(self) -> str:
-        """One sentence that names the recording, the channel and both errors."""
+        """Write one sentence that names the recording, the channel and both errors."""
         if self.horizon is None:
             span = ""
         else:
@@ -118,20 +118,20 @@ def compared(
 
 
 def deviations(predicted: Predicted) -> dict[str, np.ndarray]:
-    """(m,) [as `CHANNEL_UNITS`] of each channel: predicted less measured, angles by the shorter
-    way.
+    """Compute deviations (m,) [as `CHANNEL_UNITS`] of each channel: predicted less measured, angles
+    by the shorter way.
     """
     outputs = channel_values(predicted, predicted.rows)
     measured = channel_values(predicted, predicted.measured)
-    found = {name: outputs[name] - measured[name] for name in CHANNEL_UNITS}
+    differences = {name: outputs[name] - measured[name] for name in CHANNEL_UNITS}
     for name in ("roll", "pitch"):
-        found[name] = _shorter_way(found[name])
-    return found
+        differences[name] = _shorter_way(differences[name])
+    return differences
 
 
 def channel_values(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> dict[str, np.ndarray]:
-    """(m,) [as `CHANNEL_UNITS`] of each channel from rows of the three sensors, predicted or
-    measured.
+    """Compute values (m,) [as `CHANNEL_UNITS`] of each channel from rows of the three sensors,
+    predicted or measured.
     """
     linear, angular, vertical = rows
     columns = [*linear.T, *angular.T]
@@ -141,19 +141,19 @@ def channel_values(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> dict[s
 
 
 def root_mean_squares(values: dict[str, np.ndarray]) -> dict[str, float]:
-    """Root mean square of each channel, in its unit."""
+    """Compute the root mean square of each channel, in its unit."""
     return {name: float(np.sqrt(np.mean(column**2))) for name, column in values.items()}
 
 
 def _about_mean(predicted: Predicted) -> dict[str, np.ndarray]:
-    """What was measured, less its mean; of angles less the direction of their mean."""
+    """Subtract its mean from each measured channel; from angles the direction of their mean."""
     measured = channel_values(predicted, predicted.measured)
-    found = {name: column - column.mean() for name, column in measured.items()}
+    differences = {name: column - column.mean() for name, column in measured.items()}
     for name in ("roll", "pitch"):
         turns = np.radians(measured[name])
         mean = np.degrees(np.arctan2(np.sin(turns).mean(), np.cos(turns).mean()))
-        found[name] = _shorter_way(measured[name] - mean)
-    return found
+        differences[name] = _shorter_way(measured[name] - mean)
+    return differences
 
 
 def _shorter_way(angles: np.ndarray) -> np.ndarray:

@@ -63,11 +63,12 @@ class TableColumns:
 
 def read_table(
     path: Path,
-    wanted: Sequence[str],
-    given: TextFormat | None = None,
+    columns: Sequence[str],
+    text_format: TextFormat | None = None,
     words: Sequence[str | None] = (),
 ) -> TableColumns:
-    """The wanted columns of a table; words: of columns of text, such that are 1, all others 0.
+    """Read columns of a table, by their names; words: of columns of text, such that are 1, all
+    others 0.
 
     Raises NameNotFound for a column that there is not, NotInstalled, and InvalidInput for what is
     no table of numbers.
@@ -75,24 +76,24 @@ def read_table(
     require_there(path)
     kind = kind_of(path)
     if kind in ("text", "workbook"):
-        layout = text_layout(path, given)
-        places = [place_of(path, layout.names, name) for name in wanted]
-        asked = {
+        layout = text_layout(path, text_format)
+        places = [place_of(path, layout.names, name) for name in columns]
+        place_words = {
             place: word for place, word in zip(places, words, strict=False) if word is not None
         }
-        values, remarks = text_columns(path, places, layout, asked)
+        values, remarks = text_columns(path, places, layout, place_words)
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     if kind == "parquet":
-        values = _from_parquet(path, wanted)
+        values = _from_parquet(path, columns)
     else:
-        values = _from_arrays(path, wanted)
-    return TableColumns(values=values, units=("",) * len(wanted))
+        values = _from_arrays(path, columns)
+    return TableColumns(values=values, units=("",) * len(columns))
 
 
-def read_columns(path: Path, wanted: Sequence[str]) -> np.ndarray:
-    """The wanted columns (n, k) [as they are] of a table; raises as `read_table` does."""
-    return read_table(path, wanted).values
+def read_columns(path: Path, columns: Sequence[str]) -> np.ndarray:
+    """Read columns (n, k) [as they are] of a table; raises as `read_table` does."""
+    return read_table(path, columns).values
 
 
 def column_names(path: Path) -> tuple[str, ...]:
@@ -110,7 +111,7 @@ def column_names(path: Path) -> tuple[str, ...]:
 
 
 def require_there(path: Path) -> None:
-    """Raises InvalidInput for a path where nothing is."""
+    """Check that a path exists. Raises InvalidInput."""
     if not path.exists():
         raise InvalidInput(f"{path}: there is no such file")
 
@@ -118,23 +119,23 @@ def require_there(path: Path) -> None:
 # Named arrays.
 
 
-def _from_arrays(path: Path, wanted: Sequence[str]) -> np.ndarray:
-    found = _arrays(path)
-    names = list(found)
-    columns = [found[names[place_of(path, names, name)]] for name in wanted]
+def _from_arrays(path: Path, selection: Sequence[str]) -> np.ndarray:
+    arrays = _arrays(path)
+    names = list(arrays)
+    columns = [arrays[names[place_of(path, names, name)]] for name in selection]
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
-        given = ", ".join(
-            f"{name}: {len(column)}" for name, column in zip(wanted, columns, strict=True)
+        lengths_text = ", ".join(
+            f"{name}: {len(column)}" for name, column in zip(selection, columns, strict=True)
         )
         raise InvalidInput(
-            f"{path}: columns of {given} numbers; allowed: as many of each, at most {MOST_ROWS}"
+            f"{path}: columns of {lengths_text} numbers; allowed: as many of each, at most {MOST_ROWS}"
         )
     return np.column_stack(columns)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Columns (n,) by name."""
+    """Read columns (n,) by name."""
     with as_input_errors(path):
         readers = {
             "npz": read_arrays,
@@ -144,7 +145,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
             "arrays": _json_arrays,
         }
         arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
-    found: dict[str, np.ndarray] = {}
+    columns: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.dtype.kind == "M":
             numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9
@@ -155,12 +156,11 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         table = numbers.astype(float).reshape(len(numbers), -1)
         table = table.T if table.shape[1] > len(table) else table
         places = (f"{name}[{k}]" if name else f"#{k + 1}" for k in range(table.shape[1]))
-        found |= (
-            {name: table[:, 0]}
-            if name and table.shape[1] == 1
-            else dict(zip(places, table.T, strict=True))
-        )
-    return found
+        if name and table.shape[1] == 1:
+            columns[name] = table[:, 0]
+        else:
+            columns |= zip(places, table.T, strict=True)
+    return columns
 
 
 def _npy_arrays(path: Path) -> Mapping[str, np.ndarray]:
@@ -195,8 +195,8 @@ def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
 
 
 def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a structure and of those within it, by names with dots between them; a list of rows
-    has columns.
+    """Yield arrays of a structure and of those within it, by names with dots between them; a list
+    of rows has columns.
     """
     if (
         isinstance(value, list)
@@ -228,15 +228,19 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
     h5py = optional_module("h5py", "reading HDF5", "h5py")
     with h5py.File(path) as file:
-        found: dict[str, Any] = {}
-        file.visititems(
-            lambda name, one: found.update({name: one}) if isinstance(one, h5py.Dataset) else None
-        )
-        found = {
-            name.replace("/", "."): one for name, one in found.items() if one.dtype.kind in "biuf"
+        datasets: dict[str, Any] = {}
+
+        def collect(name: str, node: Any) -> None:
+            if isinstance(node, h5py.Dataset) and node.dtype.kind in "biuf":
+                datasets[name.replace("/", ".")] = node
+
+        file.visititems(collect)
+        _require_few((name, dataset.shape) for name, dataset in datasets.items())
+
+        return {
+            name: dataset[()].T if dataset.ndim == 2 else dataset[()]
+            for name, dataset in datasets.items()
         }
-        _require_few((name, one.shape) for name, one in found.items())
-        return {name: one[()].T if one.ndim == 2 else one[()] for name, one in found.items()}
 
 
 def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
@@ -251,10 +255,10 @@ def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
 # Parquet.
 
 
-def _from_parquet(path: Path, wanted: Sequence[str]) -> np.ndarray:
+def _from_parquet(path: Path, selection: Sequence[str]) -> np.ndarray:
     with _parquet(path) as file:
         names = list(file.schema_arrow.names)
-        columns = [names[place_of(path, names, name)] for name in wanted]
+        columns = [names[place_of(path, names, name)] for name in selection]
         require_numbers(file, path, columns)
         table = file.read(columns=list(dict.fromkeys(columns)))
         return np.column_stack([_floats(table.column(name)) for name in columns])
@@ -331,8 +335,10 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _labels(name: str, channel: Channel) -> tuple[str, ...]:
-    own = CHANNEL_KINDS[name].columns or tuple(str(k) for k in range(channel.values.shape[1]))
-    return (*(f"{name}.{column}" for column in own), f"{name}.delay")
+    column_names = CHANNEL_KINDS[name].columns or tuple(
+        str(k) for k in range(channel.values.shape[1])
+    )
+    return (*(f"{name}.{column}" for column in column_names), f"{name}.delay")
 
 
 def is_stored(names: Collection[str]) -> bool:
@@ -345,24 +351,24 @@ def stored_recording(path: Path) -> Recording:
     NotInstalled.
     """
     names = column_names(path)
-    found = defaultdict[str, list[str]](list)
+    columns_by_channel = defaultdict[str, list[str]](list)
     for match in filter(None, map(_COLUMN.match, names)):
-        found[match[1]].append(match[0])
-    if not is_stored(names) or not found:
+        columns_by_channel[match[1]].append(match[0])
+    if not is_stored(names) or not columns_by_channel:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     return Recording(
         name=path.name.partition(".")[0],
         channels={
             name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns]))
-            for name, columns in found.items()
+            for name, columns in columns_by_channel.items()
         },
     )
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:
-    there = rows[np.isfinite(rows).all(axis=1)]
-    if len(there) < 2:
+    samples = rows[np.isfinite(rows).all(axis=1)]
+    if len(samples) < 2:
         raise InvalidInput(
-            f"{where} has {len(there)} samples; allowed: 2 or more, or leave its columns out"
+            f"{where} has {len(samples)} samples; allowed: 2 or more, or leave its columns out"
         )
-    return Channel(t=there[:, 0], values=there[:, 1:-1], delay=float(there[0, -1]))
+    return Channel(t=samples[:, 0], values=samples[:, 1:-1], delay=float(samples[0, -1]))

@@ -125,19 +125,19 @@ class TextLayout:
         return f"{text}, decimals after {self.decimal!r}, {header}"
 
 
-def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
+def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout:
     """Find the layout of a table.
 
     Raises InvalidInput for what is none, NotInstalled for a workbook without its library,
     NameNotFound for no such sheet.
     """
-    given = given or TextFormat()
-    encoding = given.encoding or _encoding(path)
-    sheets = _sheets(path, given.sheet)
+    text_format = text_format or TextFormat()
+    encoding = text_format.encoding or _encoding(path)
+    sheets = _sheets(path, text_format.sheet)
     with _opened(path, encoding, sheets[0]) as file:
         head = [(k, line) for k, line in enumerate(islice(_lines(file), _HEAD), 1) if line.strip()]
         rows = [(k, line) for k, line in head if not line.lstrip().startswith(("#", "%"))]
-        delimiter = given.delimiter or _delimiter([line for _, line in rows])
+        delimiter = text_format.delimiter or _delimiter([line for _, line in rows])
         cells = [(k, _split(line, delimiter)) for k, line in rows]
         widest = max((len(row) for _, row in cells), default=0)
         if widest and not any(
@@ -149,7 +149,7 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
         else:
             width = 0
         table = [(k, row) for k, row in cells if len(row) == width]
-        decimal = given.decimal or _decimal([row for _, row in table], delimiter)
+        decimal = text_format.decimal or _decimal([row for _, row in table], delimiter)
         first = _first_row(table, decimal)
         before = [
             (k, row)
@@ -172,28 +172,28 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
             units = before.pop()
         else:
             units = None
-        if given.header is not None:
-            before = [(k, row) for k, row in cells + comments if k == given.header]
-            first = max(first, given.header + 1)
+        if text_format.header is not None:
+            before = [(k, row) for k, row in cells + comments if k == text_format.header]
+            first = max(first, text_format.header + 1)
         if before:
             line, names = before[-1]
         else:
             line = 0
             names = [f"#{k + 1}" for k in range(width)]
         if units:
-            said = tuple(cell.strip("[]() ") for cell in units[1])
+            unit_names = tuple(cell.strip("[]() ") for cell in units[1])
         else:
-            said = tuple(map(_unit_in, names))
+            unit_names = tuple(map(_unit_in, names))
         table_of = {
             "encoding": encoding,
             "delimiter": delimiter,
             "decimal": decimal,
-            "time": given.time,
+            "time": text_format.time,
         }
         return TextLayout(
             **table_of,
             names=tuple(names),
-            units=said,
+            units=unit_names,
             header=line,
             first=first,
             sheet=sheets[0],
@@ -204,8 +204,8 @@ def text_layout(path: Path, given: TextFormat | None = None) -> TextLayout:
 def text_columns(
     path: Path, places: Sequence[int], layout: TextLayout, words: Mapping[int, str]
 ) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Columns (n, k) [as they are] of a table, NaN where a cell says nothing, and remarks about
-    what was left out.
+    """Read columns (n, k) [as they are] of a table, NaN for empty cells, and remarks about rows
+    that were left out.
 
     places: (k,) of `place_of`. words: by place, such that are 1 and all others 0.
     Times of day and ISO 8601 times are in seconds. Raises InvalidInput, and NotInstalled as
@@ -217,25 +217,25 @@ def text_columns(
     return numbers.reshape(-1, len(places)), tuple(remarks)
 
 
-def place_of(path: Path, names: Sequence[str], wanted: str) -> int:
-    """Place of a column by its name, by its name without case, unit and sign of a comment where
-    that is unambiguous, or ``#k``.
+def place_of(path: Path, names: Sequence[str], column: str) -> int:
+    """Find the place of a column by its name, by its name without case, unit and sign of a comment
+    where that is unambiguous, or by ``#k``.
 
     Raises NameNotFound, and InvalidInput for a name that stands more than once.
     """
     for key in (str.strip, _plain):
-        found = [k for k, name in enumerate(names) if key(name) == key(wanted)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            places = ", ".join(f"#{k + 1}" for k in found)
+        matches = [k for k, name in enumerate(names) if key(name) == key(column)]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            places = ", ".join(f"#{k + 1}" for k in matches)
             raise InvalidInput(
-                f"{path.name}: {len(found)} columns are called {wanted!r}; give one by its place:"
+                f"{path.name}: {len(matches)} columns are called {column!r}; give one by its place:"
                 f" {places}"
             )
-    if re.fullmatch(r"#\d+", wanted) and 0 < int(wanted[1:]) <= len(names):
-        return int(wanted[1:]) - 1
-    raise NameNotFound(f"column of {path.name}", wanted, [name.strip() for name in names])
+    if re.fullmatch(r"#\d+", column) and 0 < int(column[1:]) <= len(names):
+        return int(column[1:]) - 1
+    raise NameNotFound(f"column of {path.name}", column, [name.strip() for name in names])
 
 
 def _plain(name: str) -> str:
@@ -243,7 +243,7 @@ def _plain(name: str) -> str:
 
 
 def _unit_in(name: str) -> str:
-    return found[1].strip() if (found := _UNIT.search(name)) else ""
+    return match[1].strip() if (match := _UNIT.search(name)) else ""
 
 
 # Layout.
@@ -286,10 +286,10 @@ def _delimiter(lines: Sequence[str]) -> str:
         if width < 2:
             return 0.0
         cells = [cell for row in rows for cell in row if len(row) == width]
-        known = sum(
+        n_read = sum(
             _is_number(cell, "," if name != "," else ".") or _is_missing(cell) for cell in cells
         )
-        return n / len(rows) * (0.01 + known / len(cells))
+        return n / len(rows) * (0.01 + n_read / len(cells))
 
     return max(_DELIMITERS, key=share)
 
@@ -316,7 +316,7 @@ def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
 
 
 def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
-    """Line of the first row of numbers: as the later rows have them, column by column."""
+    """Find the line of the first row of numbers: as the later rows have them, column by column."""
     later = [row for _, row in table[len(table) // 2 :]]
     columns = enumerate(zip(*later, strict=True))
     numeric = [
@@ -359,13 +359,14 @@ def _numbers(
     words: Mapping[int, str],
     remarks: list[str],
 ) -> Iterator[float]:
-    """One row after the other; a last row that breaks off is left out."""
+    """Yield numbers, one row after the other; a last row that breaks off is left out."""
     lines = islice(_lines(file), layout.first - 1, None)
-    rows: Iterable[list[str]] = (
-        map(str.split, lines)
-        if layout.delimiter == "blank"
-        else csv.reader(lines, delimiter=_DELIMITERS[layout.delimiter], skipinitialspace=True)
-    )
+    rows: Iterable[list[str]]
+    if layout.delimiter == "blank":
+        rows = map(str.split, lines)
+    else:
+        delimiter = _DELIMITERS[layout.delimiter]
+        rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     before = list[str]()
     number = 0
     for row in rows:
@@ -411,7 +412,7 @@ def _cells(
 
 
 def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
-    """A cell that is no plain number: nothing, a time, or groups of digits."""
+    """Read a cell that is no plain number: an empty one, a time, or groups of digits."""
     if _is_missing(cell):
         return float("nan")
     if cell.lower() in _TRUTH:
@@ -420,29 +421,32 @@ def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
         return float(cell.replace(",", ""))
     if layout.time:
         return datetime.strptime(cell, layout.time).replace(tzinfo=timezone.utc).timestamp()
-    found = _TIME.fullmatch(cell)
-    if not found:
-        given = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
+    match = _TIME.fullmatch(cell)
+    if not match:
+        cell_text = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
         read = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"
         raise InvalidInput(
-            f"{given}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
+            f"{cell_text}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
         )
-    said = found.groupdict()
-    if said["half"]:
-        hours = int(said["hours"]) % 12 + 12 * (said["half"] in "pP")
-    else:
-        hours = int(said["hours"])
+    groups = match.groupdict()
+    hours = int(groups["hours"])
+    if groups["half"]:
+        hours %= 12
+        if groups["half"] in "pP":
+            hours += 12
     time = (
         3600.0 * hours
-        + 60.0 * int(said["minutes"])
-        + int(said["seconds"])
-        + float(f"0.{said['part'] or said['ms'] or 0}")
+        + 60.0 * int(groups["minutes"])
+        + int(groups["seconds"])
+        + float(f"0.{groups['part'] or groups['ms'] or 0}")
     )
-    year, month, day = (said[key] for key in ("YMD" if said["Y"] else "ymd"))
+    year, month, day = (groups[key] for key in ("YMD" if groups["Y"] else "ymd"))
     if year:
         time += datetime(int(year), int(month), int(day), tzinfo=timezone.utc).timestamp()
-    if said["zone"]:
-        time -= 3600.0 * int(said["zone"]) + 60.0 * int(said["zone"][0] + (said["more"] or "0"))
+    if groups["zone"]:
+        time -= 3600.0 * int(groups["zone"]) + 60.0 * int(
+            groups["zone"][0] + (groups["more"] or "0")
+        )
     return time
 
 
@@ -471,25 +475,22 @@ def _begins_with(path: Path, mark: bytes) -> bool:
         return file.read(len(mark)) == mark
 
 
-def _sheets(path: Path, wanted: str) -> list[str]:
-    """The sheet of a workbook that is read, and the names of all; of a text an empty name. Raises
-    NameNotFound.
+def _sheets(path: Path, sheet_name: str) -> list[str]:
+    """Return the sheet of a workbook to read, and the names of all; an empty name for a text file.
+
+    Raises NameNotFound.
     """
     if not _begins_with(path, _ZIP):
         return [""]
     with _damage_in_a_line(path), _workbook(path) as book:
         names = [sheet.title for sheet in book.worksheets]
-        if wanted:
-            require_known(f"sheet of {path.name}", wanted, names)
-        heads = (
-            (sheet.title, islice(sheet.iter_rows(values_only=True), _HEAD))
-            for sheet in book.worksheets
-        )
-        return [
-            wanted
-            or next((name for name, rows in heads if any(map(_has_numbers, rows))), names[0]),
-            *names,
-        ]
+        if sheet_name:
+            require_known(f"sheet of {path.name}", sheet_name, names)
+            return [sheet_name, *names]
+        for sheet in book.worksheets:
+            if any(map(_has_numbers, islice(sheet.iter_rows(values_only=True), _HEAD))):
+                return [sheet.title, *names]
+        return [names[0], *names]
 
 
 def _has_numbers(row: Sequence[object]) -> bool:
@@ -501,7 +502,7 @@ def _workbook(path: Path) -> Iterator[Any]:
     openpyxl = optional_module("openpyxl", "reading a workbook", "openpyxl")
     with ZipFile(path) as archive:
         size = path.stat().st_size
-        unpacked = sum(one.file_size for one in archive.infolist())
+        unpacked = sum(member.file_size for member in archive.infolist())
     if unpacked > max(SMALL, DENSEST * size):
         raise InvalidInput(
             f"would unpack to {unpacked >> 20} MB; at most {DENSEST} times a file are read"
@@ -527,7 +528,7 @@ def _damage_in_a_line(path: Path) -> AbstractContextManager[None]:
 
 
 def _lines(file: IO[str]) -> Iterator[str]:
-    """All lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
+    """Yield all lines, in bounds: a few bytes, packed, may hold as many as there is time for."""
     for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE), ""), 1):
         if len(line) == LONGEST_LINE:
             raise InvalidInput(f"a line of more than {LONGEST_LINE >> 20} MB")

@@ -65,19 +65,19 @@ class UnidentifiableDirection:
     sigma: float
     """[as `Unknowns.start`] standard error along it, priors left out."""
     shares: tuple[tuple[str, float], ...]
-    """Unknowns and what they change by along it, the largest first."""
+    """Names of unknowns and their entries [-] in it, the largest first."""
 
 
 def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples that miss alike, as
-    `variance_inflation` finds.
+    """Compute standard errors (n,) [as `Unknowns.start`] of the shared unknowns. inflation: samples
+    that miss alike, as `variance_inflation` finds.
     """
     return np.sqrt(np.diag(covariance(vehicle, estimate, inflation)))
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """(n, n) [unknowns^2] of the shared unknowns, by recordings and priors; together: as in
-    `standard_errors`.
+    """Compute the covariance (n, n) [unknowns^2] of the shared unknowns, by recordings and priors;
+    together: as in `standard_errors`.
 
     Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says
     nothing of the other side.
@@ -95,47 +95,50 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """Combinations of which less is known than `DETERMINED`, the worst first; together: as in
+    """List combinations of which less is known than `DETERMINED`, the worst first; together: as in
     `standard_errors`.
     """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
-    found = []
+    directions = []
     for value, axis in zip(values, axes.T, strict=True):
         sigma = 1.0 / np.sqrt(max(float(value), _NOTHING))
         if sigma > DETERMINED:
             order = np.argsort(-np.abs(axis))
             main = [i for i in order if abs(axis[i]) > _LEAST_SHARE * abs(axis[order[0]])]
             shares = tuple((vehicle.shared.names[i], float(axis[i])) for i in main)
-            found.append(UnidentifiableDirection(sigma=sigma, shares=shares))
-    return tuple(found)
+            directions.append(UnidentifiableDirection(sigma=sigma, shares=shares))
+    return tuple(directions)
 
 
 def _data(vehicle: Vehicle, estimate: Estimate, inflation: float) -> np.ndarray:
-    """Information of the recordings alone."""
+    """Return the information of the recordings alone."""
     return np.asarray(estimate.information - np.diag(1.0 / vehicle.shared.sigma**2)) / inflation
 
 
 def variance_inflation(predicted: Predicted, noise: Noise) -> float:
-    """Variance inflation: samples of a prediction that miss alike, times their squared miss
-    relative to `noise`; at least 1.
+    """Estimate the variance inflation: samples of a prediction that miss alike, times their squared
+    miss relative to `noise`; at least 1.
 
     By Bartlett's formula, ``1 + 2 sum rho_k``, up to the first lag at which residuals are no longer
     correlated. The mean over the channels, but no less than of any that the model does not explain:
     what is wrong with it may be wrong for all numbers.
     """
-    moved = (
+    moving_residuals = (
         residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED
     )
-    found = [
-        float((residual**2).mean()) * bartlett(residual - residual.mean()) for residual in moved
+    inflations = [
+        float((residual**2).mean()) * bartlett(residual - residual.mean())
+        for residual in moving_residuals
     ]
-    left = (one.size**2 * one.inflation for one in whiteness(predicted, noise) if one.unexplained)
-    return max(1.0, float(np.mean(found or [1.0])), *left)
+    floors = (
+        test.size**2 * test.inflation for test in whiteness(predicted, noise) if test.unexplained
+    )
+    return max(1.0, float(np.mean(inflations or [1.0])), *floors)
 
 
 def bartlett(residual: np.ndarray) -> float:
-    """``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag without
-    correlation.
+    """Compute ``1 + 2 sum rho_k`` of a residual (m,) [any] with mean zero, up to the first lag
+    without correlation.
     """
     n = len(residual)
     rho = autocorrelation(residual)[1:]
@@ -144,11 +147,11 @@ def bartlett(residual: np.ndarray) -> float:
 
 
 def autocorrelation(residual: np.ndarray) -> np.ndarray:
-    """(m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
+    """Compute the autocorrelation (m,) from lag 0 on, of a residual (m,) [any] with mean zero."""
     n = len(residual)
     spectrum = np.fft.rfft(residual, 1 << (2 * n - 1).bit_length())
-    found = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
-    return np.asarray(found / max(float(found[0]), 1e-300))
+    covariances = np.fft.irfft((spectrum * spectrum.conj()).real)[:n]
+    return np.asarray(covariances / max(float(covariances[0]), 1e-300))
 
 
 # What has been learnt, as numbers of the vehicle with their units: entries of quantities, and what
@@ -214,15 +217,16 @@ class IdentifiedNumber:
 def numbers(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0, left: Sequence[Whiteness] = ()
 ) -> tuple[IdentifiedNumber, ...]:
-    """Every number that depends on a shared unknown, as far as the model explains the recordings.
+    """Return every number that depends on a shared unknown, as far as the model explains the
+    recordings.
 
     inflation: samples that miss alike, as in `standard_errors`. left: residuals of all channels.
     """
-    found = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
-    explained = not any(one.unexplained and one.size > MISSES for one in left)
+    identified = numbers_at(vehicle, estimate.shared, covariance(vehicle, estimate, inflation))
+    explained = not any(test.unexplained and test.size > MISSES for test in left)
     return tuple(
-        replace(one, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
-        for one in found
+        replace(number, settled=estimate.status is FitStatus.CONVERGED, explained=explained)
+        for number in identified
     )
 
 
@@ -231,11 +235,10 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     C (n, n) [unknowns^2].
     """
     entries, values, slopes = _entries(vehicle, shared)
-    alone = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))  # without recordings
-    sigmas, believed = (
-        np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, one, slopes), 0.0))
-        for one in (C, alone)
-    )
+    # Without recordings.
+    prior_covariance = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
+    sigmas = _propagated(slopes, C)
+    prior_sigmas = _propagated(slopes, prior_covariance)
     return tuple(
         IdentifiedNumber(
             quantity=quantity,
@@ -248,14 +251,19 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
             positive=positive,
         )
         for (quantity, entry, unit, positive), value, sigma, prior in zip(
-            entries, values, sigmas, believed, strict=True
+            entries, values, sigmas, prior_sigmas, strict=True
         )
     )
 
 
+def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Compute standard deviations (m,) of numbers from slopes (m, n) and a covariance C (n, n)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, C, slopes), 0.0)))
+
+
 def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """Quantities and names of the same numbers, and their slopes (m, n) [units of numbers, per
-    unknown].
+    """Return quantities and names of the same numbers, and their slopes (m, n) [units of numbers,
+    per unknown].
 
     At unknowns shared (n,) [as `Unknowns.start`].
     """
@@ -264,16 +272,18 @@ def slopes_of(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[tuple[str, str
 
 
 def number_of(
-    vehicle: Vehicle, one: IdentifiedNumber
+    vehicle: Vehicle, number: IdentifiedNumber
 ) -> Callable[[np.ndarray], tuple[float, np.ndarray]]:
-    """One of `numbers`, as it depends on the unknowns (n,): its value [unit], or logarithm where it
-    is positive; its slope.
+    """Make the function from unknowns (n,) to one of `numbers`: its value [unit], or logarithm
+    where it is positive; its slope.
     """
     theta = ca.SX.sym("theta", len(vehicle.shared.start))
     (value,) = (
-        each for entry, each in _pairs(vehicle, theta) if entry[:2] == (one.quantity, one.entry)
+        candidate
+        for entry, candidate in _pairs(vehicle, theta)
+        if entry[:2] == (number.quantity, number.entry)
     )
-    if one.positive:
+    if number.positive:
         scaled = ca.log(value)
     else:
         scaled = value
@@ -287,8 +297,8 @@ def number_of(
 
 
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
-    """(m,) [units of `numbers`] of the same numbers at other unknowns shared (n,) [as
-    `Unknowns.start`].
+    """Compute values (m,) [units of `numbers`] of the same numbers at other unknowns shared (n,)
+    [as `Unknowns.start`].
     """
     return _entries(vehicle, shared)[1]
 
@@ -301,25 +311,25 @@ def _entries(vehicle: Vehicle, shared: np.ndarray) -> tuple[list[_Entry], np.nda
     function = ca.Function(
         "numbers", [theta], [ca.densify(stacked), ca.densify(ca.jacobian(stacked, theta))]
     )
-    values, slopes = (np.asarray(one) for one in function(shared))
+    values, slopes = map(np.asarray, function(shared))
     chosen = np.flatnonzero(np.abs(slopes).sum(axis=1))
     return [pairs[k][0] for k in chosen], values.ravel()[chosen], slopes[chosen]
 
 
 def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
     quantities = vehicle.shared.values(theta)
-    found = list[tuple[_Entry, ca.SX]]()
+    pairs = list[tuple[_Entry, ca.SX]]()
     for name, value in quantities.items():
-        one = vehicle.shared.declaration.quantities[name]
+        quantity = vehicle.shared.declaration.quantities[name]
         if value.shape[1] > 1:
-            found += _of_matrix(name, one.unit, value)
+            pairs += _of_matrix(name, quantity.unit, value)
             continue
-        positive = one.unit not in SIZES or name == "lag"
-        found += [
-            ((name, entry, one.unit, positive), value[k])
-            for k, entry in enumerate(one.coordinates.names)
+        positive = quantity.unit not in SIZES or name == "lag"
+        pairs += [
+            ((name, entry, quantity.unit, positive), value[k])
+            for k, entry in enumerate(quantity.coordinates.names)
         ]
-    return [*found, *_totals(quantities)]
+    return [*pairs, *_totals(quantities)]
 
 
 def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.SX]]:
@@ -378,18 +388,22 @@ class Whiteness:
         return not self.white and self.size**2 * self.inflation > 4.0
 
 
-def whiteness(left: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
+def whiteness(predicted: Predicted, noise: Noise) -> tuple[Whiteness, ...]:
     """Test the whiteness of every channel in `CHANNELS` that has residuals."""
-    return tuple(_whiteness(*one) for one in _residuals(left, noise) if np.ptp(one[1]) > 0.0)
+    return tuple(
+        _whiteness(*entry) for entry in _residuals(predicted, noise) if np.ptp(entry[1]) > 0.0
+    )
 
 
-def _residuals(left: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,) [s]."""
+def _residuals(predicted: Predicted, noise: Noise) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yield channels in `CHANNELS`, their residuals (m,), relative to the noise, and times (m,)
+    [s].
+    """
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
         for name, residual in zip(
-            CHANNELS[3 * k :], ((left.rows[k] - left.measured[k]) / sigma).T, strict=False
+            CHANNELS[3 * k :], ((predicted.rows[k] - predicted.measured[k]) / sigma).T, strict=False
         ):
-            yield name, residual, left.t[k]
+            yield name, residual, predicted.t[k]
 
 
 def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
@@ -406,8 +420,8 @@ def _whiteness(name: str, residual: np.ndarray, t: np.ndarray) -> Whiteness:
 
 
 def ljung_box(residual: np.ndarray, lags: int = _LAGS) -> tuple[float, np.ndarray]:
-    """P that white noise is as correlated as a residual (m,) [any], and its autocorrelation (k +
-    1,).
+    """Compute the probability that white noise is as correlated as a residual (m,) [any], and its
+    autocorrelation (k + 1,).
 
     lags: that are looked at, a fifth of the samples at most. What a model has been fitted to has a
     little less freedom than the test believes.

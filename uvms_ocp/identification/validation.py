@@ -61,7 +61,7 @@ _OTHER = 0.2  # of the half width, by which ends may be apart that are called eq
 _UPRIGHT = ((0.0, -(0.5**0.5), 0.0, 0.5**0.5), (0.5**0.5, 0.0, 0.0, 0.5**0.5), (0.0, 0.0, 0.0, 1.0))
 
 SCORED = (*parameters.AXES, "tilt")
-"""[m/s, rad/s, deg] what errors are told of."""
+"""[m/s, rad/s, deg] channels whose errors are reported."""
 
 HORIZONS = (5.0, 20.0, 60.0)
 """[s] over which recordings are predicted, the last one as long as they are."""
@@ -99,9 +99,12 @@ class _Best:
     """Optimum of the cost."""
 
     wide: FitContext
+    """Fit with inflated variances."""
     cost: float
+    """Half the weighted squares at the optimum."""
     point: SearchPoint
     blocks: list[NormalEquations]
+    """Normal equations of each recording at the point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,8 +112,9 @@ class _HeldFit:
     """End of a search with a number held."""
 
     place: float
-    """[unit, or its logarithm where it is positive]"""
+    """[unit, or its logarithm where it is positive] value of the number."""
     root: float
+    """Signed root of the deviance."""
     point: SearchPoint
 
 
@@ -128,43 +132,54 @@ def profiles(
     held, and a search where that shows that all is not linear.
     """
     wide = fitted.inflated(inflation)
-    chosen = list(_distinct(wide, [one for one in numbers if one.determined]))
+    chosen = list(_distinct(wide, [number for number in numbers if number.determined]))
     if not chosen:
         return
     # The optimum itself: searches end a little beside it, which deviances would show.
     problem = wide.problem()
     estimate = fitted.estimate
-    found = problem.solve(
+    optimum = problem.solve(
         problem.resumed(estimate), tolerance=_EXACT / max(estimate.cost, 1.0), damping=_DAMPING
     )
-    point = problem.resumed(found)
-    best = _Best(wide, found.cost, point, problem.blocks(point))
-    for k, one in enumerate(chosen, start=1):
-        progress(f"profile {k} of {len(chosen)}: {one.name}")
-        yield _profile(best, one)
+    point = problem.resumed(optimum)
+    best = _Best(wide, optimum.cost, point, problem.blocks(point))
+    for k, number in enumerate(chosen, start=1):
+        progress(f"profile {k} of {len(chosen)}: {number.name}")
+        yield _profile(best, number)
 
 
 def _distinct(wide: FitContext, numbers: Sequence[IdentifiedNumber]) -> Iterator[IdentifiedNumber]:
-    alone: set[int] = set()
-    for one in numbers:
-        unknowns = np.flatnonzero(number_of(wide.vehicle, one)(wide.estimate.shared)[1])
-        if len(unknowns) > 1 or unknowns[0] not in alone:
-            yield one
-        alone.update(unknowns[:1] if len(unknowns) == 1 else ())
+    single: set[int] = set()
+    for number in numbers:
+        unknowns = np.flatnonzero(number_of(wide.vehicle, number)(wide.estimate.shared)[1])
+        if len(unknowns) > 1 or unknowns[0] not in single:
+            yield number
+        if len(unknowns) == 1:
+            single.update(unknowns)
 
 
-def _profile(best: _Best, one: IdentifiedNumber) -> Profile:
-    number = number_of(best.wide.vehicle, one)
+def _profile(best: _Best, identified: IdentifiedNumber) -> Profile:
+    number = number_of(best.wide.vehicle, identified)
     point = best.point
-    sigma = one.sigma / one.value if one.positive else one.sigma
+    sigma = identified.sigma
+    if identified.positive:
+        sigma /= identified.value
     middle = _HeldFit(number(point.shared)[0], 0.0, point)
-    below, above = (_side(best, middle, number, way * sigma) for way in (-1, 1))
-    held = [*below[::-1], middle, *above]
-    places, roots = (np.array([getattr(each, name) for each in held]) for name in ("place", "root"))
-    ends = _crossing(places, roots, -INTERVAL), _crossing(places, roots, INTERVAL)
-    values, interval = (np.exp(each) if one.positive else each for each in (places, np.array(ends)))
+    below = _side(best, middle, number, -sigma)
+    above = _side(best, middle, number, sigma)
+    fits = [*below[::-1], middle, *above]
+    places = np.array([fit.place for fit in fits])
+    roots = np.array([fit.root for fit in fits])
+    ends = np.array([_crossing(places, roots, side) for side in (-INTERVAL, INTERVAL)])
+    if identified.positive:
+        places = np.exp(places)
+        ends = np.exp(ends)
+
     return Profile(
-        number=one, values=values, roots=roots, interval=(float(interval[0]), float(interval[1]))
+        number=identified,
+        values=places,
+        roots=roots,
+        interval=(float(ends[0]), float(ends[1])),
     )
 
 
@@ -174,39 +189,41 @@ def _side(
     number: Callable[[np.ndarray], tuple[float, np.ndarray]],
     step: float,
 ) -> list[_HeldFit]:
-    """One and two standard errors away, and on until the interval closes."""
-    found = []
+    """Hold the number one and two standard errors away, and on until the interval closes."""
+    fits = []
     last = middle
     for k in range(1, _FARTHEST + 1):
         pull = ProfilePenalty(
             number=number, target=middle.place + k * step, sigma=_SOFT * abs(step)
         )
         last = _held(best, last, pull, k)
-        found.append(last)
+        fits.append(last)
         if k > 1 and abs(last.root) > INTERVAL:
             break
-    return found
+    return fits
 
 
-def _held(best: _Best, near: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
+def _held(best: _Best, nearest: _HeldFit, pull: ProfilePenalty, k: int) -> _HeldFit:
     """Hold the number by one step from the optimum if its cost is as predicted, else by more steps
     or a search.
     """
     problem = best.wide.problem(pull)
     point, cost = problem.stepped(best.point, best.blocks)
-    gained = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
+    gain = 2.0 * (cost - pull.cost(point.shared) - best.cost) - k**2
     share = _KEPT * k**2
     for _ in range(_STEPS):
-        if abs(gained) < share:
+        if abs(gain) < share:
             return _found(best, pull, point, cost)
-        after, lower = problem.stepped(point)
-        if not lower <= cost:
+        next_point, next_cost = problem.stepped(point)
+        if not next_cost <= cost:
             break
-        gained = 2.0 * (cost - lower)
-        point = after
-        cost = lower
-    found = problem.solve(near.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING)
-    return _found(best, pull, problem.resumed(found), found.cost)
+        gain = 2.0 * (cost - next_cost)
+        point = next_point
+        cost = next_cost
+    estimate = problem.solve(
+        nearest.point, tolerance=_EXACT / max(best.cost, 1.0), damping=_DAMPING
+    )
+    return _found(best, pull, problem.resumed(estimate), estimate.cost)
 
 
 def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -> _HeldFit:
@@ -215,20 +232,20 @@ def _found(best: _Best, pull: ProfilePenalty, point: SearchPoint, cost: float) -
     return _HeldFit(pull.number(point.shared)[0], float(side * np.sqrt(max(deviance, 0.0))), point)
 
 
-def _crossing(places: np.ndarray, roots: np.ndarray, wanted: float) -> float:
-    """The place where the root is `wanted`, between those that were looked at; infinite where it is
-    beyond them.
+def _crossing(places: np.ndarray, roots: np.ndarray, root: float) -> float:
+    """Interpolate the place at which the signed root of the deviance is `root`; infinite where it
+    lies beyond the places that were tried.
     """
-    sides = roots - wanted
+    sides = roots - root
     for k, (a, b) in enumerate(pairwise(sides)):
         if a <= 0.0 <= b and a < b:
             return float(places[k] + (places[k + 1] - places[k]) * a / (a - b))
-    return float(np.copysign(np.inf, wanted))
+    return float(np.copysign(np.inf, root))
 
 
-def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
+def _line(number: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
     with np.errstate(divide="ignore"):
-        if one.positive:
+        if number.positive:
             return np.log(np.array(ends))
         return np.array(ends)
 
@@ -236,12 +253,12 @@ def _line(one: IdentifiedNumber, ends: tuple[float, float]) -> np.ndarray:
 # Vehicles that do not move, as predictors: others are worth as much as they are better.
 
 
-def static_baseline(stretch: Segment, known: float) -> Predicted:
-    """A vehicle that stays as it was seen last, `known` [s] after the beginning of a stretch, and
-    does not move.
+def static_baseline(stretch: Segment, start_window: float) -> Predicted:
+    """Predict that a vehicle does not move and stays as it was seen last, `start_window` [s] after
+    the beginning of a stretch.
     """
-    before = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + known)
-    vertical = stretch.measured[2][before[-1] if len(before) else 0]
+    samples = np.flatnonzero(stretch.t[2] <= stretch.edges[0] + start_window)
+    vertical = stretch.measured[2][samples[-1] if len(samples) else 0]
     return _resting(stretch, np.broadcast_to(vertical, (len(stretch.t[2]), 3)))
 
 
@@ -251,7 +268,7 @@ class StaticBalance:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        """For a vehicle, at any values of its unknowns."""
+        """Build the function of joints and unknowns for a vehicle."""
         n_j = vehicle.dynamics.model.nq - N_Q
         shared = ca.SX.sym("shared", len(vehicle.shared.start))
         joints = ca.SX.sym("joints", n_j)
@@ -268,15 +285,15 @@ class StaticBalance:
         """
 
     def vertical(self, joints: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """(3, m) for joints (n_j, m) [rad or m], where unknowns are shared (n,) [as
-        `Unknowns.start`].
+        """Compute the vertical (3, m) [-] in B for joints (n_j, m) [rad or m], where unknowns are
+        shared (n,) [as `Unknowns.start`].
         """
         m = joints.shape[1]
         moment = np.asarray(self._function.map(m)(joints, np.repeat(shared[:, None], m, axis=1)))
         return np.asarray(-moment / np.maximum(np.linalg.norm(moment, axis=0), 1e-300))
 
     def of_stretch(self, stretch: Segment, shared: np.ndarray) -> Predicted:
-        """A vehicle that is where it is in balance and does not move, with unknowns shared (n,) [as
+        """Predict that a vehicle stays where it is in balance, with unknowns shared (n,) [as
         `Unknowns.start`].
         """
         middle = (stretch.edges[1:] + stretch.edges[:-1]) / 2
@@ -293,22 +310,24 @@ def _resting(stretch: Segment, vertical: np.ndarray) -> Predicted:
 
 
 def errors(predicted: Predicted) -> np.ndarray:
-    """(7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle between
-    verticals.
+    """Compute (7,) [m/s, rad/s, deg] root mean squares of `SCORED`: velocities, and the angle
+    between verticals.
     """
     moving = [root_mean_square(predicted.rows[k] - predicted.measured[k]) for k in range(2)]
     return np.concatenate([*moving, root_mean_square(np.rad2deg(tilts(predicted))[:, None])])
 
 
 def tilts(predicted: Predicted) -> np.ndarray:
-    """(m,) [rad] angles between the vertical in B as predicted and as seen."""
+    """Compute angles (m,) [rad] between the vertical in B as predicted and as seen."""
     rows = predicted.rows[2]
-    seen = predicted.measured[2]
-    return np.arctan2(np.linalg.norm(np.cross(rows, seen), axis=1), (rows * seen).sum(axis=1))
+    measured = predicted.measured[2]
+    return np.arctan2(
+        np.linalg.norm(np.cross(rows, measured), axis=1), (rows * measured).sum(axis=1)
+    )
 
 
 def root_mean_square(values: np.ndarray) -> np.ndarray:
-    """(k,) [as values] of each column of values (m, k) [any]."""
+    """Compute root mean squares (k,) [as values] of each column of values (m, k) [any]."""
     return np.asarray(np.sqrt((values**2).mean(axis=0)))
 
 
@@ -318,21 +337,21 @@ def root_mean_square(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HorizonPrediction:
-    """Predictions of one recording, horizon by horizon, each from what was known before it."""
+    """Predictions of one recording, horizon by horizon, each from the measurements before it."""
 
     asked: float
-    """[s]"""
+    """[s] horizon that was asked for."""
     length: float
-    """[s] what the recording has of it."""
+    """[s] part of it that the recording has."""
     by: Mapping[str, Predicted]
-    """Predictions of these samples, by the name of what predicts."""
+    """Predictions of these samples, by the name of the predictor."""
     bounds: Mapping[str, Predicted]
     """The same samples, by vehicles that have seen them: `TOGETHER` and `ALONE`; empty without
     bounds.
     """
     open_error: np.ndarray
-    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from what the other recordings leave
-    open of the unknowns.
+    """(7,) [m/s, rad/s, deg] standard deviation of `SCORED` from the uncertainty of the unknowns
+    that the other recordings leave.
     """
     seen_error: np.ndarray
     """(7,) [m/s, rad/s, deg] that the fit has left in the recordings that it was made from."""
@@ -346,16 +365,14 @@ class HorizonPrediction:
 
     @property
     def extrapolated(self) -> tuple[str, ...]:
-        """Names of `SCORED` that rest on what the other recordings do not determine, more than on what
-        they do.
-        """
+        """Names of `SCORED` whose error from uncertain unknowns is larger than that of the fit."""
         return tuple(np.array(SCORED)[self.open_error > self.seen_error].tolist())
 
     @property
     def uninformative(self) -> tuple[str, ...]:
-        """Names of `SCORED` whose predicted motion is less than the error that is expected of it."""
-        moved = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
-        return tuple(np.array(SCORED)[moved < self.expected_error].tolist())
+        """Names of `SCORED` whose predicted motion is less than its expected error."""
+        motion = errors(replace(self.by[OTHERS], measured=self.by[STATIC].rows))
+        return tuple(np.array(SCORED)[motion < self.expected_error].tolist())
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -375,10 +392,12 @@ class HeldOutRecording:
         """Channels in which it is predicted worse than by a vehicle that stands still, horizon by
         horizon.
         """
-        found = list[WorseThanStill]()
-        for each in self.horizons:
-            found += worse_than_still(self.name, each.by[OTHERS], each.by[STATIC], each.asked)
-        return tuple(found)
+        shortfalls = list[WorseThanStill]()
+        for prediction in self.horizons:
+            shortfalls += worse_than_still(
+                self.name, prediction.by[OTHERS], prediction.by[STATIC], prediction.asked
+            )
+        return tuple(shortfalls)
 
 
 def leave_one_out(
@@ -393,7 +412,7 @@ def leave_one_out(
     the others begins where the vehicle is declared: nothing of the recording that is left out is
     known to it. Raises `InvalidInput` where there is one recording alone.
     """
-    if len({one.recording.source for one in fitted.prepared}) < 2:
+    if len({prepared.recording.source for prepared in fitted.prepared}) < 2:
         raise InvalidInput("one recording given; leave-one-out needs at least 2")
     balance = StaticBalance(fitted.vehicle)
     for k, held in enumerate(fitted.prepared, start=1):
@@ -413,10 +432,10 @@ def predict_others(
     bounds: vehicles that have seen these recordings, whose predictions stand beside. Raises
     `InvalidInput` for a recording that the fit has seen.
     """
-    seen = {one.recording.source for one in fitted.prepared}
+    sources = {prepared.recording.source for prepared in fitted.prepared}
     balance = StaticBalance(fitted.vehicle)
     for k, held in enumerate(recordings, start=1):
-        if held.recording.source in seen:
+        if held.recording.source in sources:
             raise InvalidInput(
                 f"{held.recording.name}: the vehicle was identified on it; give recordings to"
                 " predict that are not among those to identify on"
@@ -434,13 +453,13 @@ def _held_out(
 ) -> HeldOutRecording:
     """Predict a recording by a fit to others."""
     predictor = others.predictor()
-    asked = _lengths(held, others.search.step, predictor.start_window, horizons)
-    predicted = tuple(_horizons(others, balance, held, asked, bounds))
+    lengths = _lengths(held, others.search.step, predictor.start_window, horizons)
+    predicted = tuple(_horizons(others, balance, held, lengths, bounds))
     return HeldOutRecording(
         name=held.recording.name,
         estimate=others.estimate,
         predictor=predictor,
-        horizons=tuple(each for each in predicted if each.by[OTHERS].finite),
+        horizons=tuple(horizon for horizon in predicted if horizon.by[OTHERS].finite),
     )
 
 
@@ -448,20 +467,24 @@ def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
     """Fit the other recordings alone, without other parts of the same, from where the vehicle is
     declared.
     """
-    others = tuple(one for one in fitted.prepared if one.recording.source != held.recording.source)
-    found = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
-    return replace(fitted, prepared=others, estimate=found)
+    others = tuple(
+        prepared
+        for prepared in fitted.prepared
+        if prepared.recording.source != held.recording.source
+    )
+    estimate = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
+    return replace(fitted, prepared=others, estimate=estimate)
 
 
 def _lengths(
-    one: PreparedRecording, step: float, known: float, asked: Sequence[float]
+    prepared: PreparedRecording, step: float, window: float, horizons: Sequence[float]
 ) -> Iterator[tuple[float, float]]:
-    """Horizons, and how long they are: the first that a recording is too short for is cut, longer
-    ones are left out.
+    """Yield horizons and their lengths [s]: the first for which a recording is too short is cut,
+    longer ones are left out.
     """
-    begin, end = one.recording.span
-    longest = step * (int((end - begin) / step) - round(known / step))
-    for horizon in sorted(asked):
+    begin, end = prepared.recording.span
+    longest = step * (int((end - begin) / step) - round(window / step))
+    for horizon in sorted(horizons):
         if longest >= step:
             yield horizon, min(horizon, longest)
         if horizon > longest:
@@ -472,7 +495,7 @@ def _horizons(
     others: FitContext,
     balance: StaticBalance,
     held: PreparedRecording,
-    asked: Iterable[tuple[float, float]],
+    lengths: Iterable[tuple[float, float]],
     bounds: PredictionBounds | None,
 ) -> Iterator[HorizonPrediction]:
     step = others.search.step
@@ -482,38 +505,37 @@ def _horizons(
         bounding = bounds.predictors(held)
     predictor = others.predictor()
     before = others.predictor(others.vehicle.shared.start)
-    left = Predicted.joined(list(others.residuals().values()))
-    seen = errors(left)
-    C = covariance(others.vehicle, others.estimate, variance_inflation(left, others.noise))
-    drawn = np.random.default_rng(0).multivariate_normal(
+    residuals = Predicted.joined(list(others.residuals().values()))
+    seen_error = errors(residuals)
+    C = covariance(others.vehicle, others.estimate, variance_inflation(residuals, others.noise))
+    draws = np.random.default_rng(0).multivariate_normal(
         predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore"
     )
-    known = predictor.start_window
+    window = predictor.start_window
     resting = {
-        STATIC: partial(static_baseline, known=known),
+        STATIC: partial(static_baseline, start_window=window),
         BALANCE: partial(balance.of_stretch, shared=predictor.shared),
     }
-    for horizon, length in asked:
-        windows = held.windows(step, known, length)
+    for horizon, length in lengths:
+        windows = held.windows(step, window, length)
         by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}
         for name, predict in resting.items():
             by[name] = Predicted.joined(
-                [predict(one).after(float(one.edges[0]) + known) for one in windows]
+                [predict(segment).after(float(segment.edges[0]) + window) for segment in windows]
             )
-        apart = [
-            replace(others.predictor(each).over(held, step, length), measured=by[OTHERS].rows)
-            for each in drawn
+        disturbed = [
+            replace(others.predictor(shared).over(held, step, length), measured=by[OTHERS].rows)
+            for shared in draws
         ]
-        spread = root_mean_square(
-            np.array(
-                [errors(each) if each.finite else np.full(len(SCORED), np.inf) for each in apart]
-            )
-        )
+        endless = np.full(len(SCORED), np.inf)
+        deviations = [
+            errors(prediction) if prediction.finite else endless for prediction in disturbed
+        ]
         yield HorizonPrediction(
             asked=horizon,
             length=length,
             by=by,
-            bounds={name: each.over(held, step, length) for name, each in bounding.items()},
-            open_error=spread,
-            seen_error=seen,
+            bounds={name: bound.over(held, step, length) for name, bound in bounding.items()},
+            open_error=root_mean_square(np.array(deviations)),
+            seen_error=seen_error,
         )
