@@ -87,8 +87,14 @@ class PlannedMotion:
 
     def state_after(self, plan: Trajectory, start: State, begin: float, seconds: float) -> State:
         """Return the state after a plan was followed for so many seconds from a start at `begin` [s]
-        of its time.
+        of its time; after as long as the whole plan the robot is taken to stay where it is.
         """
+        end = float(plan.t[-1])
+        # Beyond all numbers the end is held, too.
+        if not begin < end:
+            begin = end
+        if not seconds < end:
+            seconds = end
         step = int(np.clip(np.searchsorted(plan.t, begin, side="right") - 1, 0, len(plan.a) - 1))
         q, v, _, _ = self._over(plan, begin, begin + seconds, step, start.q, start.v)
         return unchecked_state(q=q, v=v)
