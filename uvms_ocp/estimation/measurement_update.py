@@ -392,11 +392,10 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
         m.since[c] = math.nan
         if squared > m.gate[c]:
             m.surprise[c] = math.sqrt(size)
-        else:
-            m.surprise[c] = 0.0
-        if squared > m.gate[c]:
             _inflate_surprised(m, c, size)
             vehicle.recall_measurement(m, c, slot, vehicle.active(m))
+        else:
+            m.surprise[c] = 0.0
     elif (
         not_by_fixes
         and math.isfinite(squared)

@@ -117,12 +117,9 @@ class TextLayout:
         else:
             others = ""
         if self.sheet:
-            text = f"sheet {self.sheet}{others}"
-        else:
-            text = f"{self.encoding}, {self.delimiter!r} between cells"
-        if self.sheet:
-            return f"{text}, {header}"
-        return f"{text}, decimals after {self.decimal!r}, {header}"
+            return f"sheet {self.sheet}{others}, {header}"
+        cells = f"{self.encoding}, {self.delimiter!r} between cells"
+        return f"{cells}, decimals after {self.decimal!r}, {header}"
 
 
 def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout:

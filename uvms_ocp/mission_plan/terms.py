@@ -178,18 +178,14 @@ def _heights(
 ) -> tuple[float, float]:
     """Range of the residual [m] for an altitude below the limit [m], or above."""
     if below:
-        level = mission_segments.tightened_limit(limit, margin)
+        altitudes = (-np.inf, mission_segments.tightened_limit(limit, margin))
     else:
-        level = limit + margin
+        altitudes = (limit + margin, np.inf)
     if isinstance(task, LandingAltitude):
         # Its residual is the altitude of rest less the altitude.
-        gap = task.rest_altitude - level
-        if below:
-            return (gap, np.inf)
-        return (-np.inf, gap)
-    if below:
-        return (-np.inf, level)
-    return (level, np.inf)
+        lowest, highest = altitudes
+        return (task.rest_altitude - highest, task.rest_altitude - lowest)
+    return altitudes
 
 
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:

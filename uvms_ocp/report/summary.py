@@ -135,19 +135,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
     Raises `InvalidInput` for the record of a plan.
     """
     meta = record.run_meta
-    if meta.completed and (missed := ended_prematurely(record)):
-        return {
-            "kind": "ended too early",
-            "text": f"complete by the estimate; {'; '.join(map(_missed, missed))}",
-        }
     if meta.completed:
-        doubt = _doubt_of_completion(record)
-    else:
-        doubt = ""
-    if doubt:
-        return {"kind": "truth unknown", "text": f"complete by the estimate; {doubt}"}
-    if meta.completed:
-        return {"kind": "completed", "text": "every phase came to its end"}
+        return _completion(record)
     if meta.stopped:
         return {
             "kind": meta.stopped,
@@ -167,6 +156,18 @@ def cause_of_end(record: Record) -> dict[str, str]:
         cause = {"kind": kind, "text": f"{cause['text']}; {', '.join(map(str, swinging))}"}
     alarms = [f"; last alarm at {alarm.t:.1f} s: {alarm.text}" for alarm in meta.alarms[-1:]]
     return {**cause, "text": "".join([cause["text"], *alarms])}
+
+
+def _completion(record: Record) -> dict[str, str]:
+    """Say whether a mission that is complete by the estimate is so in truth."""
+    missed = ended_prematurely(record)
+    if missed:
+        limits = "; ".join(map(_missed, missed))
+        return {"kind": "ended too early", "text": f"complete by the estimate; {limits}"}
+    doubt = _doubt_of_completion(record)
+    if doubt:
+        return {"kind": "truth unknown", "text": f"complete by the estimate; {doubt}"}
+    return {"kind": "completed", "text": "every phase came to its end"}
 
 
 def _doubt_of_completion(record: Record) -> str:

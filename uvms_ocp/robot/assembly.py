@@ -150,8 +150,6 @@ def mount(
         raise InvalidInput(f"arm {arm.name!r} has a free-flying base; load it with base='fixed'")
     if prefix is None:
         prefix = f"{arm.name}_"
-    else:
-        prefix = prefix
     joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
         _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)

@@ -324,8 +324,6 @@ def load_robot(
         changes["loading"] = settings
     if changes:
         description = descriptions.checked_copy(description, **changes)
-    else:
-        description = description
     try:
         models, notes = models_and_notes(
             urdf_path,

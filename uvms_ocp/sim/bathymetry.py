@@ -197,9 +197,7 @@ def _last_column(title: str) -> str:
     bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]
     words = _WORD.findall(bare)
-    if len(words) > 2:
-        words = words
-    else:
+    if len(words) <= 2:
         words = _WORD.findall(title)
     if len(columns) > 2:
         return columns[-1]

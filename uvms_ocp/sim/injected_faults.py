@@ -90,8 +90,6 @@ def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant,
         for fault in struck:
             if fault.active(t):
                 readings = fault.made.readings(readings, t)
-            else:
-                readings = readings
         return readings
 
     names = " and ".join(map(part_name, makers))

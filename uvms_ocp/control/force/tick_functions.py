@@ -272,13 +272,9 @@ def observe_function(laws: ForceLaws) -> ca.Function:
     observed = replace(
         state, integral=_by_part(laws, ca.if_else(inputs.stop, 0.0, state.integral), state.integral)
     )
-    if laws.observer is None:
-        observed = observed
-    else:
+    if laws.observer is not None:
         observed = _observed(laws, laws.observer, inputs, effectiveness, observed)
-    if laws.residual_filter is None:
-        observed = observed
-    else:
+    if laws.residual_filter is not None:
         observed = _taken_in(laws, laws.residual_filter, inputs, observed)
     return ca.Function(
         "observe", list(x.values()), [ca.cse(column_of(observed))], list(x), ["observed"]

@@ -84,90 +84,97 @@ class ChannelMemory(Layout):
 
     # What is set once.
     number: int
-    """`Channel`"""
+    """`ChannelIndex` of the channel."""
     present: bool
+    """The robot has the channel."""
     size: int
-    """Numbers of its value."""
+    """Numbers of a value of the channel."""
     delay: float
-    """[s]"""
+    """[s] of its readings, as declared."""
     period: float
     """[s] between two readings, 0 for once per tick."""
     losses: float
-    """Readings in a row that are lost by chance."""
+    """Largest number of readings in a row that are lost by chance."""
     rival: int
-    """A channel that may be why the estimate does not agree with this one, -1 for none."""
+    """`ChannelIndex` of a channel that may be why the estimate does not agree with this one; -1 for
+    none.
+    """
     other_rival: int
-    """Another one."""
+    """`ChannelIndex` of a second rival; -1 for none."""
     gate: plausibility.PlausibilityGate
+    """How far a reading may be from the estimate."""
     # The newest reading.
     fresh: bool
-    """There is one since the last tick."""
+    """A reading has come since the last tick."""
     misshapen: int
-    """Number of the text of its wrong shape, 0 where that is right."""
+    """Number of the text about the wrong shape of the reading, 0 where the shape is right."""
     stamp: float
-    """[s] when it was taken."""
+    """[s] time at which the reading was taken."""
     value: Annotated[Vector, Sized("n_width")]
-    """(n_width,) [unit of the channel] of which `size` numbers count."""
+    """(n_width,) [unit of the channel] value of the reading, of which `size` numbers count."""
     # What is remembered.
     seen: float
-    """[s] stamp of the last reading that was looked at."""
+    """[s] stamp of the last reading that was screened."""
     started: bool
-    """There was one."""
+    """A reading was screened before."""
     behind: bool
     """The filter sees an older reading."""
     used: float
     """[s] stamp of the reading that the filter sees, -inf before the first."""
     used_value: Annotated[Vector, Sized("n_width")]
-    """(n_width,) [unit of the channel] its value."""
+    """(n_width,) [unit of the channel] value of the reading that the filter sees."""
     taken: float
-    """[s] when the last reading was taken that the estimate rests on, nan before the first."""
+    """[s] stamp of the last reading that the estimate rests on, nan before the first."""
     used_at: float
-    """[s] when it arrived; before the first, when the run began."""
+    """[s] time at which that reading arrived; before the first, the beginning of the run."""
     refused_at: float
-    """[s] when a reading was last refused, by whomever."""
+    """[s] time of the last refusal of a reading, by the monitor or by the filter's gate."""
     impossible_at: float
-    """[s] when one was last refused before the filter saw it: one that could not be, whatever else
-    is wrong.
+    """[s] time of the last refusal before the filter saw the reading: of one that could not be,
+    whatever else is wrong.
     """
     bad_at: float
-    """[s] when something last spoke against the channel."""
+    """[s] time of the last complaint about the channel."""
     excluded_until: float
-    """[s] when its readings may be used again."""
+    """[s] time from which readings may be used again."""
     compared_at: float
-    """[s] stamp of the last reading whose outcome was heard."""
+    """[s] stamp of the last reading whose outcome at the filter's gate is known."""
     agreed: int
-    """Readings in a row that agreed with the estimate."""
+    """Number of readings in a row that agreed with the estimate."""
     off_in_a_row: int
-    """Readings in a row that did not."""
+    """Number of readings in a row that did not agree with the estimate."""
     empty: bool
     """The sensor works but has nothing to tell."""
     gated: bool
     """The filter has a gate of its own for it."""
     complaint: Complaint
+    """Why the channel is not good."""
     refusal: Complaint
-    """Refusal by the filter's gate, the last one."""
+    """Last refusal by the filter's gate."""
     trust: int
-    """`Trust`"""
+    """`Trust` in the channel."""
     changed: bool
-    """The verdict did, in the last tick."""
+    """The trust changed in the last tick."""
     repeats: plausibility.RepetitionMemory
-    # What came back elsewhere.
+    # Distances from the estimate.
     off: float
-    """[unit of the channel] of the newest reading from the estimate, -1 where they were not
-    compared.
+    """[unit of the channel] distance of the newest reading from the estimate, -1 where they were
+    not compared.
     """
     explained: float
-    """[unit of the channel] of it, by noise and by how far the robot may have moved unforeseen."""
+    """[unit of the channel] part of that distance that noise and unforeseen motion explain."""
     refused_off: float
-    """[unit of the channel] that of the last refused reading, 0 where it was explained."""
+    """[unit of the channel] distance of the last refused reading, 0 where it was explained."""
     jump: float
-    """[unit of the channel] by which two readings in a row were off alike since the last one that
+    """[unit of the channel] distance that two readings in a row had alike since the last one that
     was used.
     """
     shift: float
-    """[unit of the channel] by which the channel came back elsewhere since it was good last."""
+    """[unit of the channel] distance at which the channel came back since it was good last."""
     unexplained: float
-    """[unit of the channel] the largest of these: readings may be wrong since, or were before."""
+    """[unit of the channel] largest unexplained distance: readings may be wrong since, or were
+    before.
+    """
 
 
 class ScreeningResult(Layout):
@@ -185,34 +192,35 @@ class HealthMemory(Layout):
     """Memory of the health monitor."""
 
     n: int
-    """Channels that the robot has."""
+    """Number of channels that the robot has."""
     order: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) their numbers, in the order of `Readings`."""
+    """(9,) `ChannelIndex` of these channels, in the order of `Readings`."""
     clean: float
-    """[s] as the next two of `HealthTuning`."""
+    """[s] `HealthTuning.clean`."""
     clock: float
-    """[s]"""
+    """[s] `HealthTuning.clock`."""
     late: float
-    """[s]"""
+    """[s] `HealthTuning.late`."""
     started: bool
+    """There was a tick before."""
     t: float
-    """[s] of the tick."""
+    """[s] time of the tick."""
     dt: float
-    """[s]"""
+    """[s] period of control."""
     tick_t: float
-    """[s] as the next an input of a tick in machine code."""
+    """[s] time of the tick, an input in machine code."""
     moving: bool
-    """There was a command, and no brakes."""
+    """An input in machine code: there was a command, and no brakes."""
     n_changed: int
-    """Verdicts that changed in it."""
+    """Number of channels whose trust changed in the tick."""
     n_behind: int
-    """Channels that the filter sees an older reading of than the newest."""
+    """Number of channels of which the filter sees an older reading than the newest."""
     exposed: bool
     """The source of the velocity proved wrong in this tick."""
     velocity_unobserved: bool
     """No channel has told the velocity for too long, by this tick."""
     unobserved_at: float
-    """[s] when that was so last, 0 before."""
+    """[s] time at which the velocity was last unobserved, 0 before."""
     now: plausibility.PastEstimate
     history: plausibility.EstimateHistory
     belief: ScreeningResult
@@ -226,11 +234,11 @@ class HealthMemory(Layout):
     encoder: redundancy.RateAgainstEncoder
 
 
-# What is thought of one channel, from complaints, silence and the time without either.
+# Trust in one channel, from complaints, silence and the time without either.
 
 
 def accept(c: ChannelMemory, t: float) -> None:
-    """The filter may see the newest reading at time t [s]; where it has a gate of its own, its
+    """Let the filter see the newest reading at time t [s]; where it has a gate of its own, its
     outcome is waited for.
     """
     c.used = c.stamp
@@ -240,29 +248,30 @@ def accept(c: ChannelMemory, t: float) -> None:
 
 
 def accept_empty(c: ChannelMemory) -> None:
-    """The sensor works but has nothing to tell, such as an echo that does not come back."""
+    """Accept that the sensor works but has nothing to tell, such as an echo that does not come
+    back.
+    """
     c.used = c.stamp
     c.empty = True
     c.behind = False
 
 
 def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
-    """A reading is not used at time t [s], and why."""
+    """Refuse a reading at time t [s], and note why."""
     _mark_refused(c, t)
     c.impossible_at = t
     suspect(c, why, t)
 
 
 def suspect(c: ChannelMemory, why: Complaint, t: float) -> None:
-    """Something speaks against the channel at time t [s]; its readings are used all the same."""
+    """Note a complaint about the channel at time t [s]; its readings are used all the same."""
     if c.trust == Trust.GOOD or c.complaint.code == Reason.NONE:
         copy_complaint(c.complaint, why)
     c.bad_at = t
 
 
 def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
-    """Something speaks against all readings of the channel at time t [s]: none is used for clean
-    [s] after it.
+    """Exclude all readings of the channel at time t [s]: none is used for clean [s] after it.
 
     Returns whether that is news.
     """
@@ -280,7 +289,7 @@ def is_excluded(c: ChannelMemory, t: float) -> bool:
 def update_gate_outcome(
     m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
 ) -> None:
-    """The outcome of the filter's own gate on a reading of a channel, at time t [s].
+    """Note the outcome of the filter's own gate on a reading of a channel, at time t [s].
 
     squared: its innovation, normalised and squared, of `degrees` of freedom. The gate is narrow
     enough to refuse a sound reading now and then: refusals count as silence, and give it their
@@ -296,7 +305,7 @@ def update_gate_outcome(
 
 
 def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
-    """Look at the clock. Returns whether the verdict changed."""
+    """Update the trust in a channel by the clock. Returns whether it changed."""
     if math.isnan(c.used_at):
         c.used_at = m.t
     quiet = m.t - c.used_at
@@ -317,8 +326,6 @@ def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
     c.changed = trust != c.trust
     if c.trust == Trust.GOOD and c.changed:
         c.shift = 0.0
-    else:
-        c.shift = c.shift
     c.trust = trust
     return c.changed
 

@@ -146,9 +146,7 @@ class StageLevelSolver:
         level = self._levels.level(self._index)
         ranges = self._levels.ranges(bounds, self._index)
         warm = start.solution if isinstance(start, StagewisePoint) else None
-        if warm is not None and warm.shape == level.shape:
-            warm = warm
-        else:
+        if warm is not None and warm.shape != level.shape:
             warm = None
         return self._outcome(
             StageSqp(level, ranges, self._options, self._deadline, self._watch).run(warm), start

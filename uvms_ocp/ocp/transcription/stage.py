@@ -50,11 +50,9 @@ class ActuationModel:
         n = robot.n_vehicle
         if thrusters:
             self.matrix = thruster_matrix(robot)[:n]
-        else:
-            self.matrix = np.eye(n)
-        if thrusters:
             limits = thrust_limits(robot)
         else:
+            self.matrix = np.eye(n)
             limits = (np.full(n, -np.inf), np.full(n, np.inf))
         self.thrust_unit = finite_or(
             np.maximum(np.abs(limits[0]), np.abs(limits[1])), _VEHICLE_FORCE
