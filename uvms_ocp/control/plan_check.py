@@ -36,6 +36,8 @@ from uvms_ocp.robot.signals import State, unchecked_state
 
 _LONGEST_STEP = 0.1
 """[s] of the simulation, in which drag is implicit."""
+_PREDICTION_STEP = 0.01
+"""[s] of the simulation of what comes before a plan begins: within it joints follow their motors."""
 
 _POSITION = 1e-3
 """[rad or m] by which joints may pass the limits of their positions."""
@@ -78,7 +80,7 @@ class PlannedMotion:
         v[0] = start.v
         for k in range(n_steps):
             q[k + 1], v[k + 1], thrust[k], torque[k] = self._over(
-                plan, plan.t[k], plan.t[k + 1], k, q[k], v[k]
+                plan, plan.t[k], plan.t[k + 1], k, q[k], v[k], _LONGEST_STEP
             )
         a = np.diff(v, axis=0) / np.diff(plan.t)[:, None]
         return Trajectory(
@@ -96,17 +98,27 @@ class PlannedMotion:
         if not seconds < end:
             seconds = end
         step = int(np.clip(np.searchsorted(plan.t, begin, side="right") - 1, 0, len(plan.a) - 1))
-        q, v, _, _ = self._over(plan, begin, begin + seconds, step, start.q, start.v)
+        q, v, _, _ = self._over(
+            plan, begin, begin + seconds, step, start.q, start.v, _PREDICTION_STEP
+        )
         return unchecked_state(q=q, v=v)
 
     def _over(
-        self, plan: Trajectory, begin: float, end: float, step: int, q: np.ndarray, v: np.ndarray
+        self,
+        plan: Trajectory,
+        begin: float,
+        end: float,
+        step: int,
+        q: np.ndarray,
+        v: np.ndarray,
+        longest: float,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Follow a plan from `begin` to `end` [s], in the water of a step, from q (n_q,) [m, rad] and
-        v (n_v,) [m/s, rad/s]; return both at the end, and the mean thrust and torque.
+        v (n_v,) [m/s, rad/s], in steps of `longest` [s] at most; return both at the end, and the mean
+        thrust and torque.
         """
         model = self._robot.model
-        n_parts = max(1, int(np.ceil((end - begin) / _LONGEST_STEP)))
+        n_parts = max(1, int(np.ceil((end - begin) / longest)))
         h = (end - begin) / n_parts
         thrusts = []
         torques = []
