@@ -195,6 +195,31 @@ def test_a_machine_that_is_busy_changes_no_result_unless_time_is_asked_for(
     assert busy(NlpOptions(time_limit=20.0)).status is NlpStatus.TIME_LIMIT
 
 
+def test_once_the_levels_above_are_met_the_last_one_has_all_of_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    x = ca.SX.sym("x", 3)
+    levels = [NlpLevel(y=x[2] - 1), NlpLevel(y=rosenbrock(x))]
+    start = np.array([-1.2, 1.0, 1.0])
+    quiet = LexicographicNlp(lexicographic_program(x, levels)).solve(start)
+    enough = 3.0 * sum(quiet.iterations)
+    assert quiet.anticipated
+    assert enough > 30.0
+
+    def timed(limit: float) -> LexicographicResult:
+        """A second passes with every look at the clock."""
+        nlp = LexicographicNlp(lexicographic_program(x, levels), NlpOptions(time_limit=limit))
+        readings = itertools.count()
+        monkeypatch.setattr(nlp.deadline, "_clock", lambda: float(next(readings)))
+        return nlp.solve(start)
+
+    assert timed(enough).status is NlpStatus.SOLVED
+    half_is_too_little = timed(0.9 * sum(quiet.iterations))
+    assert half_is_too_little.anticipated
+    assert half_is_too_little.status is NlpStatus.SOLVED
+    np.testing.assert_allclose(half_is_too_little.x, quiet.x, atol=1e-6)
+
+
 def test_an_expression_that_is_not_a_number_is_a_status() -> None:
     x = ca.SX.sym("x", 1)
     result = solve(x, [NlpLevel(y=ca.log(x))], np.array([-1.0]))

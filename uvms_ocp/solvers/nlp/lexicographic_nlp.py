@@ -190,7 +190,7 @@ class LexicographicNlp:
         # An anticipation that fails must leave time for the levels in their order.
         self.deadline.set(limit / 2)
         with self.watch.running(progress):
-            met = run.anticipated(start)
+            met = run.anticipated(start, limit)
             self.deadline.set(limit - (perf_counter() - begin))
             return met or run.in_order()
 
@@ -236,10 +236,12 @@ class _Run:
         self._tolerance = solver.options.tolerance
         self._spent = 0  # iterations of an anticipation that failed
 
-    def anticipated(self, start: np.ndarray | LexicographicResult) -> LexicographicResult | None:
+    def anticipated(
+        self, start: np.ndarray | LexicographicResult, limit: float
+    ) -> LexicographicResult | None:
         """The solution in which every level above the last is met in full, if there is one: no order
         of levels gives more than that, so it is taken whether the last level came to its optimum or
-        not.
+        not. It may take all of the limit [s] once these levels are met.
         """
         failed_before = isinstance(start, LexicographicResult) and not start.anticipated
         above = self._levels[:-1]
@@ -250,6 +252,8 @@ class _Run:
         for level in above:
             bounds = bounds.with_rows(level.frozen, (level.lower, level.upper))
         outcome = self._nlp.levels[-1](self._points[-1], self._p, bounds)
+        if outcome.usable and outcome.status is nlp.NlpStatus.TIME_LIMIT:
+            outcome = self._continued(outcome, bounds, limit)
         if not outcome.usable:
             self._spent = outcome.iterations
             if self._nlp.watch.should_stop:
@@ -264,6 +268,16 @@ class _Run:
             points,
             True,
         )
+
+    def _continued(
+        self, outcome: level_solver.NlpOutcome, bounds: nlp.RowBounds, limit: float
+    ) -> level_solver.NlpOutcome:
+        """Go on with the last level until the whole limit [s] is over."""
+        self._nlp.deadline.set(limit - (perf_counter() - self._begin))
+        further = self._nlp.levels[-1](outcome.point, self._p, bounds)
+        if not further.usable:
+            return outcome
+        return replace(further, iterations=outcome.iterations + further.iterations)
 
     def in_order(self) -> LexicographicResult:
         """Solve level by level. Below a level that fails, all are skipped."""
