@@ -25,7 +25,7 @@ from uvms_ocp.control.force.computed_torque import (
     undriven_axes,
 )
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, hold_guess
+from uvms_ocp.ocp.trajectory import Trajectory, has_thrusters, hold_guess, intervals_of
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermNodes, TermNumbers
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.dynamics import robot_dynamics
@@ -97,7 +97,7 @@ class PlannedMotion:
             begin = end
         if not seconds < end:
             seconds = end
-        step = int(np.clip(np.searchsorted(plan.t, begin, side="right") - 1, 0, len(plan.a) - 1))
+        step = int(intervals_of(plan.t, begin))
         q, v, _, _ = self._over(
             plan, begin, begin + seconds, step, start.q, start.v, _PREDICTION_STEP
         )
@@ -182,7 +182,7 @@ class PlanCheck:
         self._whole = transcription
         self._problem = transcription.problem
         self._accuracy = accuracy
-        self.followed = PlannedMotion(transcription.problem, gains)
+        self.planned_motion = PlannedMotion(transcription.problem, gains)
         self._constrained = [
             (block, block.rows.own)
             for block in transcription.blocks
@@ -190,7 +190,7 @@ class PlanCheck:
         ]
         # All functions are made before any clock runs.
         hold = hold_guess(self._problem)
-        self.unsafe(self.followed.of(hold, self._problem.start), 0.0)
+        self.unsafe(self.planned_motion.of(hold, self._problem.start), 0.0)
 
     def judged(self, plan: Trajectory, start: State, t0: float, violation: float) -> CheckedPlan:
         """Judge a plan that begins at t0 [s] in a start.
@@ -202,7 +202,7 @@ class PlanCheck:
             return CheckedPlan(motion=None, reason="no step of the solver came to an end")
         if violation <= self._accuracy:
             return CheckedPlan(motion=plan, reason="")
-        motion = self.followed.of(plan, start)
+        motion = self.planned_motion.of(plan, start)
         reason = self.unsafe(motion, t0)
         return CheckedPlan(motion=None if reason else motion, reason=reason)
 

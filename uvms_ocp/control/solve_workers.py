@@ -46,7 +46,7 @@ HOLD = -1
 another.
 """
 _FIRST_SOLVES = 10
-"""For the first plan, whose guess is to stay where the robot is."""
+"""solves of the first plan, whose guess is to stay where the robot is."""
 _REMEMBERED = 30
 """guesses that were rejected."""
 _SAME = 1e-6
@@ -359,7 +359,9 @@ class Replanner:
         then, from the measured state. No plan brings back an axis that nothing drives.
         """
         age = request.t - now.begin
-        return self._check.followed.state_after(now.trajectory, request.state, age, request.delay)
+        return self._check.planned_motion.state_after(
+            now.trajectory, request.state, age, request.delay
+        )
 
 
 # Where the solves of receding-horizon control run: within the tick, or in a process beside it.

@@ -52,7 +52,7 @@ _DAY = 86_400.0
 _AROUND_MIDNIGHT = 600.0
 _DOWN = np.diag([1.0, -1.0, -1.0])  # from axes with z down to axes with z up, and back
 UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
-"""By the unit of a channel: units that its values may be given in, and factors."""
+"""Factors of the units that values of a channel may be given in, by the unit of the channel."""
 _OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
 _FOREIGN = 0.5  # of all rows, above which those without any cell are of other channels
 _LARGEST_ANGLE = (

@@ -77,7 +77,7 @@ _CLIPPED = 5  # samples at the end of a range, from which on it is the sensor's
 _PULSES = (900.0, 2200.0)  # [us]
 _NARROW = 0.1  # of the size of commands, in which all of them stay: no vehicle is driven so
 _SELDOM = ("current", *(name for name, kind in CHANNEL_KINDS.items() if kind.command))
-"""What may be told when it changes alone."""
+"""Channels that may be recorded only when they change."""
 # [s] of a recording; of it over what its samples take up
 _SHORTEST_RECORDING = 5.0
 _SPARSEST = 100.0

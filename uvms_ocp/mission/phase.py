@@ -23,8 +23,8 @@ from uvms_ocp.record.meta_values import (
 from uvms_ocp.types import Count, Finite, Magnitude, Positive, Shape
 
 GoalFunctions: TypeAlias = tuple[tuple[Callable[[float], np.ndarray], bool], ...]
-"""For each task, highest priority first: its goal at a time [s] as `Task.reference` gives it, and
-whether that time is the time since the start of the phase.
+"""Goal of each task as a function of time [s], as `Task.reference` gives it, and whether that time
+counts from the start of the phase; highest priority first.
 """
 
 

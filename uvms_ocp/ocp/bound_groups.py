@@ -20,7 +20,7 @@ _MOST_AXES = 3
 
 
 class RelaxationUnit(Enum):
-    """In what a group gives way, and how that is said."""
+    """Measure in which a group gives way, and the words for it."""
 
     SHARE = "{name} would have to be {amount:.0%} higher"
     POSITION = "{name} would have to be {amount:.3g} rad (m) wider"
@@ -35,7 +35,7 @@ class BoundGroup:
     measure: RelaxationUnit
 
     def named(self, axes: tuple[str, ...]) -> str:
-        """With the axes that matter."""
+        """Name the group, with the axes that matter."""
         if axes:
             return f"{self.name} ({', '.join(axes)})"
         return self.name

@@ -169,8 +169,8 @@ def is_missed(level: OcpLevel, residual: float) -> bool:
 
 
 def _gain_beyond(step: LevelGain, relax: float) -> float:
-    """By how much a step lowers a level below what it may rise to for the sake of levels below it:
-    to (1 + relax) times the least cost.
+    """Reduce the gain of a step by what a level may rise for the sake of levels below it: to
+    (1 + relax) times the least cost.
     """
     if not np.isfinite(step.gain):
         return step.gain

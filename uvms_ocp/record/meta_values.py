@@ -50,7 +50,7 @@ are as the controller of forces finds them, 0 without one.
 """
 ENERGIES = OWN_QUANTITIES[4:]
 LARGEST = 1e30
-"""What reports and figures reckon with: its square is finite, and single precision, which scenes
+"""Largest number of reports and figures: its square is finite, and single precision, which scenes
 are kept in, holds it.
 """
 Number = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]

@@ -21,8 +21,8 @@ _LEAST = 3  # repetitions, however unlikely: some sensors send a reading twice
 _NEVER = 1e-300
 
 CHANCE = 1e-9
-"""That noise repeats a value, or losses a silence, by themselves; 1e8 readings fit into a hundred
-hours of gyro.
+"""Probability below which noise does not repeat a value, nor chance lose readings in a row; 1e8
+readings fit into a hundred hours of gyro.
 """
 
 

@@ -205,6 +205,19 @@ class Deadline:
         return self._clock() > self._end
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class NlpLinearization:
+    """Values and slopes of one NLP at a point."""
+
+    cost: float
+    gradient: np.ndarray
+    """(n_x,) [1/unit of x] of the cost."""
+    rows: np.ndarray
+    """(m,) [unit of the row]"""
+    jacobian: ca.DM
+    """(m, n_x) [unit of the row / unit of x]"""
+
+
 class OptimalityConditions:
     """Conditions of first order of one NLP, looked at without its solver: IPOPT scales its own by
     the gradient at the start, and calls it an end where its steps become too small.
@@ -221,34 +234,36 @@ class OptimalityConditions:
         self._gradient = ca.Function("gradient", [x, p], [f, ca.gradient(f, x)])
         self._jacobian = ca.Function("jacobian", [x, p], [g, ca.jacobian(g, x)])
 
-    def row_values(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Values (m,) [unit of the row] of the rows at x (n_x,) [unit of x]: those that IPOPT gives
-        belong to no point where it stops early.
+    def linearized(self, x: np.ndarray, p: np.ndarray) -> NlpLinearization:
+        """Linearize at x (n_x,) [unit of x]: cost and rows that IPOPT returns belong to no point
+        where it stops early.
         """
-        return np.array(self._jacobian(x, p)[0]).ravel()
+        cost, gradient = self._gradient(x, p)
+        rows, jacobian = self._jacobian(x, p)
+        return NlpLinearization(
+            cost=float(cost),
+            gradient=np.array(gradient).ravel(),
+            rows=np.array(rows).ravel(),
+            jacobian=jacobian,
+        )
 
-    def cost(self, x: np.ndarray, p: np.ndarray) -> float:
-        """Cost of the level at x (n_x,) [unit of x], for the same reason."""
-        return float(self._gradient(x, p)[0])
-
-    def error(self, point: NlpPoint, p: np.ndarray, bounds: RowBounds) -> float:
+    def error(self, point: NlpPoint, linear: NlpLinearization, bounds: RowBounds) -> float:
         """Largest entry [1/unit of x] of the gradient of the Lagrangian, or product of a multiplier
         with what is left to its bound, in units of the steepest cost at the point above
-        `_STEEP_GRADIENT`.
+        `_STEEP_GRADIENT`; linear: the NLP at the point.
         """
         assert point.x_multipliers is not None
         assert point.row_multipliers is not None
-        gradient = np.array(self._gradient(point.x, p)[1]).ravel()
-        g, J = self._jacobian(point.x, p)
         y = point.row_multipliers[self._rows]
-        slope = gradient + np.array(J.T @ y).ravel() + point.x_multipliers
+        pulled = np.array(linear.jacobian.T @ y).ravel()
+        slope = linear.gradient + pulled + point.x_multipliers
         lower = bounds.lower[self._rows]
         upper = bounds.upper[self._rows]
         complementarity = max(
-            _left(y, np.array(g).ravel(), lower, upper),
+            _left(y, linear.rows, lower, upper),
             _left(point.x_multipliers, point.x, bounds.x_lower, bounds.x_upper),
         )
-        scale = max(1.0, float(np.abs(gradient).max(initial=0.0)) / _STEEP_GRADIENT)
+        scale = max(1.0, float(np.abs(linear.gradient).max(initial=0.0)) / _STEEP_GRADIENT)
         return max(float(np.abs(slope).max(initial=0.0)), complementarity) / scale
 
 
@@ -318,14 +333,14 @@ class LevelSolver:
         solution = {name: np.array(value).ravel() for name, value in called.items()}
         stats = solver.stats()
         iterations = int(stats.get("iter_count", 0))
-        g = self._conditions.row_values(solution["x"], p)
-        if not (np.isfinite(solution["x"]).all() and np.isfinite(g).all()):
+        linear = self._conditions.linearized(solution["x"], p)
+        if not (np.isfinite(solution["x"]).all() and np.isfinite(linear.rows).all()):
             return NlpOutcome(
                 point=start, status=NlpStatus.NOT_A_NUMBER, iterations=iterations, violation=np.inf
             )
         multipliers = np.zeros(self._n_rows)
         multipliers[rows] = np.nan_to_num(solution["lam_g"])
-        violation = bounds.violation(solution["x"], g, rows)
+        violation = bounds.violation(solution["x"], linear.rows, rows)
         point = NlpPoint(
             x=solution["x"],
             x_multipliers=np.nan_to_num(solution["lam_x"]),
@@ -334,19 +349,19 @@ class LevelSolver:
         return NlpOutcome(
             point=point,
             usable=violation <= self._options.feasibility,
-            status=self._judged(status_of(stats), point, p, bounds),
+            status=self._judged(status_of(stats), point, linear, bounds),
             iterations=iterations,
             violation=violation,
-            cost=self._conditions.cost(solution["x"], p),
+            cost=linear.cost,
         )
 
     def _judged(
-        self, reported: NlpStatus, point: NlpPoint, p: np.ndarray, bounds: RowBounds
+        self, reported: NlpStatus, point: NlpPoint, linear: NlpLinearization, bounds: RowBounds
     ) -> NlpStatus:
         """Check a status of an optimum by the optimality conditions at the point."""
         if not reported.optimal:
             return reported
-        error = self._conditions.error(point, p, bounds)
+        error = self._conditions.error(point, linear, bounds)
         if reported is NlpStatus.SOLVED and error <= self._options.convergence:
             return reported
         reduced = error <= _REDUCED_ACCURACY * self._options.convergence
