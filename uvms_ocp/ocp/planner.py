@@ -225,16 +225,18 @@ class Planner:
         time_limit: Bound | None = None,
         progress: Progress | None = None,
         tightened: Tightening = NO_TIGHTENING,
+        around: tuple[np.ndarray, float] | None = None,
     ) -> LexicographicResult:
         """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of
         `Transcription.parameters`.
 
         problem: that of p, by default the one this planner was built from. time_limit [s]: where it
         is to be shorter than that of the options. progress: as `plan` takes it. tightened: what
-        is asked of nodes beyond their ranges, as p was made for it.
+        is asked of nodes beyond their ranges, as p was made for it. around: configurations (N + 1,
+        n_q) [m, rad] and how far [m, rad] joints may go from there.
         """
         with self.transcription.turn:
-            lower, upper = self.transcription.bounds(problem, tightened)
+            lower, upper = self.transcription.bounds(problem, tightened, around)
             ranges = self.transcription.ranges(problem, tightened)
             return unchecked_method(self._nlp.solve)(
                 self._start(guess),

@@ -29,12 +29,16 @@ if TYPE_CHECKING:
     from uvms_ocp.ocp.planner import Planner
 
 
-_MOST_ROUNDS = 14
+_MOST_ROUNDS = 20
 AGREES = 8e-4  # [m] between rows that decide and distances
 # [m] of these, from which on what is missing is missing between nodes, not because rows are
 # elsewhere
 _NEAR = 5e-3
 _GAIN = 1e-3  # share of a residual that is not worth another round
+# share of what rows were off before, above which a round goes less far from where they are written
+_FALLS = 0.6
+_AT_THE_END = 0.99  # share of the reach from which on a round has gone as far as it may
+_MOST_RESTARTS = 3
 _PATIENCE = 3  # rounds of which one leaves so much less between nodes than the one before them
 _HELPS = 0.9
 _ZERO = 1e-4  # residual of a level that is met
@@ -61,25 +65,45 @@ class Refinement:
     """Callback after every iteration."""
 
     def solved(self, guess: MotionGuess) -> RefinedResult:
-        """The last that is no worse, or usable; of several that leave ranges between nodes the one
-        that leaves them least.
+        """Solve in rounds; where shapes ask nodes for more in the end, again from there without
+        that, as it was asked for at motions that are left behind.
         """
-        q = (guess.trajectory if isinstance(guess, Plan) else guess).q
-        if len(q) != self.given.n_steps + 1:
-            q = np.tile(
-                self.given.start.q, (self.given.n_steps + 1, 1)
-            )  # a guess that `solve` refuses
+        motion = guess.trajectory if isinstance(guess, Plan) else guess
+        if len(motion.q) == self.given.n_steps + 1:
+            q = motion.q
+        else:  # a guess that `solve` refuses
+            q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))
+        best = self._in_rounds(guess, q)
+        if not best.has_sides:
+            return best
+        for _ in range(_MOST_RESTARTS):
+            if self._left <= 0 or best.result.violation > USABLE:
+                break
+            path = self._path(best)
+            again = self._in_rounds(path, path.q).after(best.result)
+            if NlpStatus.INTERRUPTED in again.result.level_status:
+                return best.after_all(again).stopped_as(again.result)
+            gain = _gain(best.result, again.result)
+            if again.result.violation > USABLE or again.lack > best.lack or gain <= _GAIN:
+                return best.after_all(again)
+            best = again
+        return best
+
+    def _in_rounds(self, guess: Guess, q: np.ndarray) -> RefinedResult:
+        """The last round that is no worse, or usable, written first at configurations q (n_nodes,
+        n_q) [m, rad]; of several that leave ranges between nodes the one that leaves them least.
+        """
         best = self.solved_once(guess, q)
-        looked_at: list[tuple[float, RefinedResult]] = []
+        looked_at: list[RefinedResult] = []
         gained = np.inf
+        reach = Reach()
         for _ in range(_MOST_ROUNDS):
-            path = admissible(
-                self.planner.transcription.unpack(best.result.x, self.given), self.given.robot
-            )
+            path = self._path(best)
             off = self._mismatch(best, path)
-            same = gained <= _GAIN
+            reach = reach.after(off, moved=float(np.abs(path.q - best.near).max()))
+            same = abs(gained) <= _GAIN
             if best.result.status.optimal:
-                settled = off <= AGREES or same
+                settled = (off <= AGREES and not reach.was_reached) or same
             else:  # another round from the same point ends as this one did
                 settled = off <= AGREES and same
             stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
@@ -87,21 +111,32 @@ class Refinement:
             if best.result.violation <= USABLE and (settled or off <= _NEAR):
                 checks = between_checks(self.given, path, t0=self.t0)
                 missing = missing_between(checks)
-                looked_at.append((lack(checks), best))
+                best = replace(best, lack=lack(checks))
+                looked_at.append(best)
             if stopped or (not missing and (settled or not self._terms)) or _in_vain(looked_at):
                 break
             more = tightened(best.tightened, missing, self.given, path, self.t0)
-            candidate = self.solved_once(best.result, path.q, more).after(best.result)
-            if candidate.result.violation > max(best.result.violation, USABLE):
+            worst = max(best.result.violation, USABLE)
+            candidate = self.solved_once(best.result, path.q, more, reach.radius)
+            if candidate.result.violation > worst and np.isfinite(reach.radius):
+                reach = Reach()
+                candidate = self.solved_once(best.result, path.q, more)
+            if candidate.result.violation > worst:
                 break
             gained = _gain(best.result, candidate.result)
-            best = candidate
+            best = candidate.after(best.result)
         return _least_lacking(looked_at, best)
 
     def solved_once(
-        self, guess: Guess, q: np.ndarray, more: Tightening = NO_TIGHTENING
+        self,
+        guess: Guess,
+        q: np.ndarray,
+        more: Tightening = NO_TIGHTENING,
+        reach: float = np.inf,
     ) -> RefinedResult:
-        """Solve with terms written at configurations q (n_nodes, n_q), and more asked of nodes."""
+        """Solve with terms written at configurations q (n_nodes, n_q), more asked of nodes, and
+        joints no farther from q than reach [m, rad].
+        """
         p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=more)
         solve = unchecked_method(self.planner.solve)
         seconds_left = max(self._left, 0.0)
@@ -112,8 +147,13 @@ class Refinement:
             time_limit=seconds_left,
             progress=self.progress,
             tightened=more,
+            around=(q, reach),
         )
         return RefinedResult(result=result, p=p, near=q, tightened=more)
+
+    def _path(self, refined: RefinedResult) -> Trajectory:
+        motion = self.planner.transcription.unpack(refined.result.x, self.given)
+        return admissible(motion, self.given.robot)
 
     def _mismatch(self, best: RefinedResult, path: Trajectory) -> float:
         """[m] By how much rows that follow the motion are off at it."""
@@ -129,6 +169,34 @@ class Refinement:
         return [term for term in self.given.terms if isinstance(term, ShapeClearance)]
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Reach:
+    """How far joints may go in a round from where its rows are written: a trust region, without
+    which rounds throw a motion to and fro between two places, each of which is right only by the
+    rows of the other one.
+    """
+
+    radius: float = np.inf
+    """[m, rad] for the next round."""
+    off: float = np.inf
+    """[m] by which rows were off after the last round."""
+    was_reached: bool = False
+    """The last round went as far as it might."""
+
+    def after(self, off: float, moved: float) -> Reach:
+        """Halve it where rows are off by no less than before after a round that moved the joints by
+        so much [m, rad]; double it where it was in the way of rows that agree.
+        """
+        was_reached = moved >= _AT_THE_END * self.radius
+        if off > max(AGREES, _FALLS * self.off):
+            radius = 0.5 * min(self.radius, moved)
+        elif was_reached and off <= AGREES:
+            radius = 2.0 * self.radius
+        else:
+            radius = self.radius
+        return Reach(radius=radius, off=off, was_reached=was_reached)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RefinedResult:
     """A result, and the parameters of its program."""
@@ -140,6 +208,15 @@ class RefinedResult:
     """(n_nodes, n_q) [m, rad] where terms were written."""
     tightened: Tightening
     """Margins of nodes for what was missing between them."""
+    lack: float = np.inf
+    """What is missing between nodes still, as a multiple of what is allowed; infinite where nobody
+    looked.
+    """
+
+    @property
+    def has_sides(self) -> bool:
+        """Nodes are asked for more by shapes."""
+        return any(term.has_sides for term in self.tightened.terms)
 
     def after(self, before: LexicographicResult) -> RefinedResult:
         """With the iterations of an earlier result as well."""
@@ -156,38 +233,41 @@ class RefinedResult:
         result = replace(self.result, level_status=ended, status=NlpStatus.INTERRUPTED)
         return replace(self, result=result)
 
+    def stopped_as(self, last: LexicographicResult) -> RefinedResult:
+        """With the words of the last result, which was stopped by hand."""
+        result = replace(self.result, level_status=last.level_status, status=last.status)
+        return replace(self, result=result)
+
     def after_all(self, last: RefinedResult) -> RefinedResult:
         """With the iterations of the last result."""
         return replace(self, result=replace(self.result, iterations=last.result.iterations))
 
 
-def _in_vain(looked_at: list[tuple[float, RefinedResult]]) -> bool:
+def _in_vain(looked_at: list[RefinedResult]) -> bool:
     """Check whether asking nodes for more has not helped several times over."""
-    amounts = [amount for amount, _ in looked_at]
+    amounts = [result.lack for result in looked_at]
     return len(amounts) > _PATIENCE and min(amounts[-_PATIENCE:]) > _HELPS * amounts[-_PATIENCE - 1]
 
 
-def _least_lacking(
-    looked_at: list[tuple[float, RefinedResult]], last: RefinedResult
-) -> RefinedResult:
+def _least_lacking(looked_at: list[RefinedResult], last: RefinedResult) -> RefinedResult:
     """The latest result of those that lack least, of all that were looked at: rounds may end at one
     whose rows are still far from its distances.
     """
     if not looked_at:
         return last
-    smallest = min(amount for amount, _ in looked_at)
-    latest = [result for amount, result in looked_at if amount == smallest][-1]
+    smallest = min(result.lack for result in looked_at)
+    latest = [result for result in looked_at if result.lack == smallest][-1]
     return latest.after_all(last)
 
 
 def _gain(before: LexicographicResult, after: LexicographicResult) -> float:
-    """Share of its residual by which the first level that changed has changed."""
+    """Share of its residual by which the first level that changed has fallen."""
     old = before.level_residuals
     new = after.level_residuals
     share = (old - new) / np.maximum(old, _ZERO)
     changed = np.flatnonzero((np.abs(share) > _GAIN) & (np.maximum(old, new) > _ZERO))
     if len(changed):
-        return float(abs(share[changed[0]]))
+        return float(share[changed[0]])
     return 0.0
 
 

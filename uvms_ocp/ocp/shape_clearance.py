@@ -163,17 +163,21 @@ class ShapeClearance(Term):
         return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
 
     def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
-        """[m] By how much rows that decide at q (n, n_q) [m, rad], written at configurations
-        written (n, n_q) [m, rad], are off.
+        """[m] By how much rows written at configurations written (n, n_q) [m, rad] are off at q
+        (n, n_q) [m, rad]: those that decide there by the difference from the true distance, those
+        that leave a pair free by what it lacks of its margin.
 
         times (n,) [s].
         """
         poses = Poses.of(self.scene.coordinates.robot.model, q)
         true = self.distances(times, q)
-        least = np.full(true.shape, np.inf)
-        for found in self._chosen(times, written, self._margins(len(q), None)):
-            np.minimum.at(least, (found.sample, found.pair), found.heights(poses))
-        return float(np.abs(least - true)[least - self.margins < _BINDING].max(initial=0.0))
+        by_rows = np.full(true.shape, np.inf)
+        for chosen in self._chosen(times, written, self._margins(len(q), None)):
+            np.minimum.at(by_rows, (chosen.sample, chosen.pair), chosen.heights(poses))
+        decides = by_rows - self.margins < _BINDING
+        difference = np.abs(by_rows[decides] - true[decides])
+        overlooked = (self.margins - true)[~decides]
+        return float(np.concatenate([difference, overlooked]).max(initial=0.0))
 
     def _margins(self, n: int, tightened: Array | None) -> Array:
         """(n, n_pairs) [m]"""

@@ -154,6 +154,22 @@ def test_rows_of_single_pairs_have_the_distances_of_these_pairs_wherever_the_veh
     assert min(columns) >= 7  # what moves all links alike is left out
 
 
+def test_what_rows_written_elsewhere_overlook_counts_as_off(robot: Robot) -> None:
+    """Rows are few: a pair that has none was taken for one that agrees, however deep it was."""
+    term = replace(clearance(robot, []), n_own_rows=1)
+    written = apart(term, postures(robot, 40, 5))[:1]
+    rows = rows_of(term, robot)
+    parameters = term.references([0.0], written)[0]
+    overlooked = 0
+    for q in postures(robot, 40, 6):
+        lack = -float(term.distances([0.0], q[None]).min())
+        heights = np.array(rows(q, parameters)).ravel()
+        if lack > 0.0 and heights.min() > 0.01:
+            overlooked += 1
+            assert term.mismatch([0.0], written, q[None]) >= lack - 1e-6
+    assert overlooked > 3
+
+
 def test_the_derivative_of_a_distance_is_between_those_of_its_least_rows(robot: Robot) -> None:
     """Of one row at a corner, of two where an edge lies along the plane."""
     term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])])

@@ -154,6 +154,21 @@ class VariableLayout:
             up[first] = np.inf
         return low, up
 
+    def bounds_around(
+        self, q: np.ndarray, radius: float, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Bounds (n_x,) narrower by joints that go no farther than radius [m, rad] from
+        configurations q (N + 1, n_q) [m, rad], the start excepted, which is given.
+        """
+        places = self.model.robot.limited_positions
+        columns = self.all_columns[1:, places]
+        inside = np.clip(q[1:, places], lower[columns], upper[columns])
+        narrow_lower = lower.copy()
+        narrow_upper = upper.copy()
+        narrow_lower[columns] = np.maximum(lower[columns], inside - radius)
+        narrow_upper[columns] = np.minimum(upper[columns], inside + radius)
+        return narrow_lower, narrow_upper
+
     def _narrow(self, tightened: Tightening, low: np.ndarray, up: np.ndarray) -> None:
         """Narrow bounds (n_x,) of what has them."""
         layout = self.model.layout

@@ -413,11 +413,24 @@ class Transcription:
         )
 
     def bounds(
-        self, problem: OcpProblem | None = None, tightened: Tightening = NO_TIGHTENING
+        self,
+        problem: OcpProblem | None = None,
+        tightened: Tightening = NO_TIGHTENING,
+        around: tuple[np.ndarray, float] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Bounds (n_x,) of the variables: limits of the robot, durations; narrower where nodes are
-        asked for more.
+        asked for more, or joints go no farther than so much [m, rad] from configurations around
+        (N + 1, n_q) [m, rad].
         """
+        lower, upper = self._given_bounds(problem, tightened)
+        if around is None or not np.isfinite(around[1]):
+            return lower, upper
+        q, radius = around
+        return self.variables.bounds_around(q, radius, lower, upper)
+
+    def _given_bounds(
+        self, problem: OcpProblem | None, tightened: Tightening
+    ) -> tuple[np.ndarray, np.ndarray]:
         if tightened.limits:
             return self.variables.bounds(problem or self.problem, tightened)
         if problem is None or not problem.free_time:
