@@ -1,0 +1,50 @@
+"""Laws of the rounds in which a problem is solved until its rows are written where its motion is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reaches import patient, reach
+
+from uvms_ocp.ocp.refinement import AGREES, Reach
+from uvms_ocp.ocp.trajectory import hold_guess
+from uvms_ocp.robot.robot import Robot
+
+
+def test_rows_that_stay_off_shorten_the_reach_until_they_agree() -> None:
+    reach_now = Reach()
+    moves: list[float] = []
+    for _ in range(12):
+        moved = min(2.0, reach_now.radius)
+        moves.append(moved)
+        reach_now = reach_now.after(off=0.04, moved=moved)
+    assert moves[0] == 2.0
+    assert reach_now.radius == pytest.approx(2.0 * 0.5**11)
+
+
+def test_rows_that_come_closer_keep_the_reach() -> None:
+    far = Reach(radius=0.5, off=0.04)
+    assert far.after(off=0.01, moved=0.2).radius == 0.5
+
+
+def test_a_reach_that_is_in_the_way_of_rows_that_agree_grows() -> None:
+    bound = Reach(radius=0.5, off=0.04).after(off=0.5 * AGREES, moved=0.5)
+    assert bound.was_reached
+    assert bound.radius == 1.0
+    assert not bound.after(off=0.0, moved=0.7).was_reached
+
+
+@pytest.mark.parametrize("plugin", ["ipopt", "stagewise"])
+def test_joints_go_no_farther_than_the_reach(robot: Robot, plugin: str) -> None:
+    planner = patient(reach(robot), plugin)
+    hold = hold_guess(planner.problem)
+    p = planner.transcription.parameters(near=hold.q)
+    joints = robot.limited_positions
+
+    def moved(around: tuple[np.ndarray, float] | None) -> float:
+        result = planner.solve(p, hold, around=around)
+        motion = planner.transcription.unpack(result.x, planner.problem)
+        return float(np.abs(motion.q - hold.q)[:, joints].max())
+
+    assert moved(None) > 0.1
+    assert moved((hold.q, 0.05)) == pytest.approx(0.05, abs=1e-4)
