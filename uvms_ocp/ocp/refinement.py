@@ -81,7 +81,7 @@ class Refinement:
                 break
             path = self._path(best)
             again = self._in_rounds(path, path.q).after(best.result)
-            if NlpStatus.INTERRUPTED in again.result.level_status:
+            if again.is_interrupted:
                 return best.after_all(again).stopped_as(again.result)
             gain = _gain(best.result, again.result)
             if again.result.violation > USABLE or again.lack > best.lack or gain <= _GAIN:
@@ -106,7 +106,7 @@ class Refinement:
                 settled = (off <= AGREES and not reach.was_reached) or same
             else:  # another round from the same point ends as this one did
                 settled = off <= AGREES and same
-            stopped = NlpStatus.INTERRUPTED in best.result.level_status or self._left <= 0
+            stopped = best.is_interrupted or self._left <= 0
             missing: list[RangeCheck] = []
             if best.result.violation <= USABLE and (settled or off <= _NEAR):
                 checks = between_checks(self.given, path, t0=self.t0)
@@ -118,7 +118,8 @@ class Refinement:
             more = tightened(best.tightened, missing, self.given, path, self.t0)
             worst = max(best.result.violation, USABLE)
             candidate = self.solved_once(best.result, path.q, more, reach.radius)
-            if candidate.result.violation > worst and np.isfinite(reach.radius):
+            bounded_in_vain = candidate.result.violation > worst and np.isfinite(reach.radius)
+            if bounded_in_vain and not candidate.is_interrupted and self._left > 0:
                 reach = Reach()
                 candidate = self.solved_once(best.result, path.q, more)
             if candidate.result.violation > worst:
@@ -209,13 +210,18 @@ class RefinedResult:
     tightened: Tightening
     """Margins of nodes for what was missing between them."""
     lack: float = np.inf
-    """What is missing between nodes still, as a multiple of what is allowed; infinite where nobody
-    looked.
+    """Largest excess of a range between nodes, as a multiple of what is allowed; infinite where the
+    motion between nodes was not looked at.
     """
 
     @property
+    def is_interrupted(self) -> bool:
+        """True where a level was stopped by hand."""
+        return NlpStatus.INTERRUPTED in self.result.level_status
+
+    @property
     def has_sides(self) -> bool:
-        """Nodes are asked for more by shapes."""
+        """True where shapes ask nodes for more."""
         return any(term.has_sides for term in self.tightened.terms)
 
     def after(self, before: LexicographicResult) -> RefinedResult:
@@ -234,7 +240,7 @@ class RefinedResult:
         return replace(self, result=result)
 
     def stopped_as(self, last: LexicographicResult) -> RefinedResult:
-        """With the words of the last result, which was stopped by hand."""
+        """Give this result the statuses of a later one that was stopped by hand."""
         result = replace(self.result, level_status=last.level_status, status=last.status)
         return replace(self, result=result)
 
