@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record import untrusted as array_file
-from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.record import array_file
+from uvms_ocp.record.array_file import read_arrays
 
 
 def npy(array: np.ndarray, **header: object) -> bytes:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record import untrusted as array_file
+from uvms_ocp.record import array_file
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.record import Record, Recorder
 from uvms_ocp.record.run_meta import RunMeta, write_meta

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.record.untrusted import read_arrays, read_xml, read_yaml
+from uvms_ocp.record.array_file import read_arrays
+from uvms_ocp.record.xml_file import read_xml
+from uvms_ocp.record.yaml_file import read_yaml
 from uvms_ocp.robot.description import read_description
 from uvms_ocp.robot.shapes.obstacles import read_obstacles
 from uvms_ocp.robot.urdf import read_urdf

@@ -22,7 +22,7 @@ from tiny_robots import TINY, robot_of, scenario_of
 from uvms_ocp.cli import run
 from uvms_ocp.cli.show import _file_at
 from uvms_ocp.errors import InvalidInput, OutputError
-from uvms_ocp.record import record as records, row_files, untrusted
+from uvms_ocp.record import array_file, record as records, row_files
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.output import RUNNING
 from uvms_ocp.record.record import Record, Recorder
@@ -202,7 +202,7 @@ def test_a_mapped_record_is_saved_over_its_own_file(
 ) -> None:
     """Before, the file was cut while its rows were read from it: a bus error, and nothing left."""
     monkeypatch.setattr("uvms_ocp.record.record.SMALL", 100)
-    monkeypatch.setattr("uvms_ocp.record.untrusted._LARGE", 8)
+    monkeypatch.setattr("uvms_ocp.record.array_file._LARGE", 8)
     whole = filled(Recorder(), 200).freeze(META)
     whole.save(tmp_path / "r.npz")
     mapped = Record.load(tmp_path / "r.npz")
@@ -243,7 +243,7 @@ def test_large_series_are_mapped_and_what_is_damaged_is_found(
 ) -> None:
     whole = filled(Recorder(), 9).freeze(META)
     monkeypatch.setattr(records, "SMALL", 0)
-    monkeypatch.setattr(untrusted, "_LARGE", 16)
+    monkeypatch.setattr(array_file, "_LARGE", 16)
     whole.save(tmp_path / "r.npz")
     found = Record.load(tmp_path / "r.npz")
     require_same(found, whole, 9)

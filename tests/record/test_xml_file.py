@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.record.untrusted import MOST_ELEMENTS
+from uvms_ocp.record.xml_file import MOST_ELEMENTS
 from uvms_ocp.robot.urdf import read_urdf
 
 _LINK = (

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
+from uvms_ocp.record.yaml_file import BoundedLoader, read_yaml
 from uvms_ocp.robot.description import read_description
 from uvms_ocp.robot.shapes.obstacles import read_obstacles
 

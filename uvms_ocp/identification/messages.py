@@ -27,7 +27,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
-from uvms_ocp.record import mcap, untrusted
+from uvms_ocp.record import mcap, untrusted, yaml_file
 
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
@@ -83,7 +83,7 @@ def _files(path: Path) -> list[Path]:
     if not path.is_dir():
         return [path]
     with untrusted.as_input_errors(path / BAG_METADATA):
-        about: Any = untrusted.read_yaml(path / BAG_METADATA)
+        about: Any = yaml_file.read_yaml(path / BAG_METADATA)
         information = about["rosbag2_bagfile_information"]
         packed = str(information.get("compression_mode") or "none").lower()
         names = information["relative_file_paths"] if packed == "none" else []

@@ -42,7 +42,7 @@ from uvms_ocp.identification import file_kinds, recording as recordings, tables
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.model_errors import FileModel, one_line_errors
-from uvms_ocp.record import output, run_meta, untrusted
+from uvms_ocp.record import output, run_meta, yaml_file
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.row_files import META
 from uvms_ocp.robot.spatial import continuous_quaternions
@@ -195,7 +195,7 @@ def read_mapping(path: Path | str) -> RecordingMapping:
     Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
     """
     path = Path(path)
-    mapping = untrusted.read_yaml_as(path, RecordingMapping)
+    mapping = yaml_file.read_yaml_as(path, RecordingMapping)
     for key, channel in mapping.channels.items():
         _require_meaning(key, channel)
     if mapping.messages:

@@ -36,7 +36,7 @@ from uvms_ocp.identification.parameters import (
     Unknowns,
 )
 from uvms_ocp.model_errors import FileModel, one_line_errors
-from uvms_ocp.record.untrusted import read_yaml_as
+from uvms_ocp.record.yaml_file import read_yaml_as
 from uvms_ocp.robot import assembly, loading, symbolic_dynamics
 from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, RobotDescription

@@ -33,8 +33,9 @@ from uvms_ocp.identification.text_tables import (
     text_columns,
     text_layout,
 )
+from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.record.tables import arrow, require_numbers
-from uvms_ocp.record.untrusted import as_input_errors, read_arrays
+from uvms_ocp.record.untrusted import as_input_errors
 
 _MOST_NUMBERS = 20 * MOST_ROWS
 _LARGEST_JSON = 1 << 25

@@ -21,9 +21,10 @@ from uvms_ocp.model_errors import one_line, printable
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import NearestPair
+from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.record.meta_values import MetaValue, Number, SurroundingsMeta
 from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.record.untrusted import json_object, read_arrays, read_text
+from uvms_ocp.record.untrusted import json_object, read_text
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint

@@ -18,6 +18,7 @@ from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput, NameNotFound, OutputError, require_known
 from uvms_ocp.model_errors import printable
 from uvms_ocp.record import display, durable_files, mcap, output, row_rates, tables
+from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.record.meta_values import LARGEST, UNIT_NORM_TOLERANCE, LimitsMeta
 from uvms_ocp.record.row_files import META, append_rows, forget, parts, read_row_files
 from uvms_ocp.record.run_meta import (
@@ -31,7 +32,7 @@ from uvms_ocp.record.run_meta import (
     write_meta,
 )
 from uvms_ocp.record.tables import SERIES, Series, meaning_of, unit_of
-from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_arrays, read_text
+from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_text
 from uvms_ocp.types import Positive
 
 # What the series of a stored record have to be, so that every report and figure can bear them.

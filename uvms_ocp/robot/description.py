@@ -23,7 +23,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.model_errors import FileModel, one_line, problems_of
-from uvms_ocp.record.untrusted import BoundedLoader, read_yaml
+from uvms_ocp.record.yaml_file import BoundedLoader, read_yaml
 from uvms_ocp.robot.hydrodynamics import (
     check_added_mass,
     check_flow_drag,

@@ -28,7 +28,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.record.untrusted import note_file_read, read_xml, read_xml_text
+from uvms_ocp.record.untrusted import note_file_read
+from uvms_ocp.record.xml_file import read_xml, read_xml_text
 from uvms_ocp.robot import urdf_checks
 from uvms_ocp.robot.mimic import Groups, coupled, leader_of, position_of
 

@@ -12,7 +12,7 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
-from uvms_ocp.record.untrusted import read_arrays
+from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.sim.seafloor import LEVEL_RAY, Points, Seafloor
 from uvms_ocp.types import Array, Finite, Range, Shape, Vector3
 

@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import printable
+from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.record.untrusted import read_arrays
 from uvms_ocp.types import Array, Count, Finite, Positive, read_only
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)

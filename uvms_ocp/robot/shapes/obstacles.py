@@ -26,7 +26,7 @@ from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.model_errors import FileModel, printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
-from uvms_ocp.record.untrusted import read_yaml
+from uvms_ocp.record.yaml_file import read_yaml
 from uvms_ocp.types import Finite, Range, Shape
 
 Numbers = Annotated[ArrayLike, Range(open=True)]
