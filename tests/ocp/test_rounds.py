@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from time import perf_counter
+
 import numpy as np
 import pytest
 from reaches import patient, reach
 
-from uvms_ocp.ocp.refinement import AGREES, Reach
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING
+from uvms_ocp.ocp.refinement import AGREES, Reach, RefinedResult, Refinement
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.solvers import NlpStatus
 
 
 def test_rows_that_stay_off_shorten_the_reach_until_they_agree() -> None:
@@ -48,3 +53,38 @@ def test_joints_go_no_farther_than_the_reach(robot: Robot, plugin: str) -> None:
 
     assert moved(None) > 0.1
     assert moved((hold.q, 0.05)) == pytest.approx(0.05, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("ended", "n_solves"), [(NlpStatus.INFEASIBLE, 2), (NlpStatus.INTERRUPTED, 1)]
+)
+def test_a_round_in_vain_is_solved_again_without_its_reach_unless_it_was_stopped(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch, ended: NlpStatus, n_solves: int
+) -> None:
+    planner = patient(reach(robot))
+    hold = hold_guess(planner.problem)
+    refinement = Refinement(
+        planner=planner, given=planner.problem, t0=0.0, deadline=perf_counter() + 600.0
+    )
+    start = refinement.solved_once(hold, hold.q)
+    in_vain = replace(
+        start.result,
+        violation=1.0,
+        status=ended,
+        level_status=tuple(ended for _ in start.result.level_status),
+    )
+    reaches: list[float] = []
+
+    def fail(
+        _: Refinement, guess: object, q: np.ndarray, more: object, radius: float = np.inf
+    ) -> RefinedResult:
+        reaches.append(radius)
+        return replace(start, result=in_vain)
+
+    monkeypatch.setattr(Refinement, "solved_once", fail)
+    result, reach_after = refinement._next_round(
+        start.result, hold.q, NO_TIGHTENING, Reach(radius=0.1), allowed_violation=1e-5
+    )
+    assert reaches == [0.1, np.inf][:n_solves]
+    assert result.result.iterations == tuple(n_solves * n for n in start.result.iterations)
+    assert np.isinf(reach_after.radius) == (n_solves == 2)

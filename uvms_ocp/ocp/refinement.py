@@ -116,17 +116,36 @@ class Refinement:
             if stopped or (not missing and (settled or not self._terms)) or _in_vain(looked_at):
                 break
             more = tightened(best.tightened, missing, self.given, path, self.t0)
-            worst = max(best.result.violation, USABLE)
-            candidate = self.solved_once(best.result, path.q, more, reach.radius)
-            bounded_in_vain = candidate.result.violation > worst and np.isfinite(reach.radius)
-            if bounded_in_vain and not candidate.is_interrupted and self._left > 0:
-                reach = Reach()
-                candidate = self.solved_once(best.result, path.q, more)
-            if candidate.result.violation > worst:
+            allowed_violation = max(best.result.violation, USABLE)
+            candidate, reach = self._next_round(
+                best.result, path.q, more, reach, allowed_violation=allowed_violation
+            )
+            if candidate.result.violation > allowed_violation:
                 break
             gained = _gain(best.result, candidate.result)
             best = candidate.after(best.result)
         return _least_lacking(looked_at, best)
+
+    def _next_round(
+        self,
+        start: LexicographicResult,
+        q: np.ndarray,
+        more: Tightening,
+        reach: Reach,
+        *,
+        allowed_violation: float,
+    ) -> tuple[RefinedResult, Reach]:
+        """Solve with terms written at configurations q (n_nodes, n_q), within the reach; without it
+        where nothing within it keeps the constraints and nobody has stopped the search. Return the
+        result and the reach it was found with.
+        """
+        bounded = self.solved_once(start, q, more, reach.radius)
+        is_kept = bounded.result.violation <= allowed_violation
+        is_stopped = bounded.is_interrupted or self._left <= 0
+        if is_kept or is_stopped or np.isinf(reach.radius):
+            return bounded, reach
+        free = self.solved_once(start, q, more)
+        return free.after(bounded.result), Reach()
 
     def solved_once(
         self,
