@@ -1,7 +1,8 @@
 """What README claims, by the files that hold it, and the commands that measure it anew.
 
     python -m benchmarks                            the table, from what is recorded
-    python -m benchmarks NAME ... --peers FOLDER    run these benchmarks, for minutes each; all: every one of the table
+    python -m benchmarks NAME ... --peers FOLDER    run these benchmarks, for minutes each;
+                                                    all: every one of the table
     python -m benchmarks --into README.md           write the table there
 
 The peers' environments: python benchmarks/peer_environments.py FOLDER

@@ -18,9 +18,10 @@ ROBOTS = {"girona_maris7_full": 150.0, "bluerov2_alpha5": 40.0}
 KINDS = ("dead", "weak", "stuck", "reversed")
 WRONG = ((1.0, 1.0), (0.8, 0.8), (1.2, 1.2), (0.8, 1.2), (1.2, 0.8))
 PROSE = """
-Each thruster fails in {seeds} runs of {duration:g} s per kind, amid small manoeuvres in a gusty current, with the noise of the
-sensors. Weak gives half of what it is asked; stuck gives a share of its limit, either way. Fault-free runs: {free} a robot, in
-gusts, with added mass and drag that are not what the controller knows.
+Each thruster fails in {seeds} runs of {duration:g} s per kind, amid small manoeuvres in a gusty
+current, with the noise of the sensors. Weak gives half of what it is asked; stuck gives a share of
+its limit, either way. Fault-free runs: {free} a robot, in gusts, with added mass and drag that are
+not what the controller knows.
 """
 
 

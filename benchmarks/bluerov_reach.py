@@ -21,8 +21,8 @@ from uvms_ocp.scenario.cases.bluerov import reach
 ROBOT = "bluerov2_alpha5"
 NOMINAL = "nominal"
 PROSE = """
-{runs} missions of the scenario `reach` with noisy sensors, seeds {first} to {last}: {completed} complete. The largest
-error of the tool where they do: {worst}. Not completed: {causes}.
+{runs} missions of the scenario `reach` with noisy sensors, seeds {first} to {last}: {completed}
+complete. The largest error of the tool where they do: {worst}. Not completed: {causes}.
 """
 
 

@@ -22,9 +22,10 @@ from uvms_ocp.robot.loading import list_robots, load_robot
 SIZES = {"gentle": 0.02, "beyond the limits": 1.0}
 """share of the wrench of all thrusters together, one sigma per axis."""
 PROSE = """
-Dynamics: means over batches of {calls} calls at a random state, in water that moves differently at every link; of
-{batches} batches. Allocation: the shortest of {repeats} calls for each of {wrenches} random wrenches; gentle ones have
-one sigma of {gentle:g} of the wrench of all thrusters together on every axis, those beyond the limits of {beyond:g}.
+Dynamics: means over batches of {calls} calls at a random state, in water that moves differently at
+every link; of {batches} batches. Allocation: the shortest of {repeats} calls for each of {wrenches}
+random wrenches; gentle ones have one sigma of {gentle:g} of the wrench of all thrusters together on
+every axis, those beyond the limits of {beyond:g}.
 """
 FORMATS = {"robot": "", "call": "", "p50_us": ".2f", "p99_us": ".2f", "max_us": ".2f"}
 

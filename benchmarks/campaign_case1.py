@@ -20,11 +20,12 @@ from uvms_ocp.campaign import Campaign, campaign_report, read_table
 from uvms_ocp.campaign.success_criteria import parse_bounds
 
 PROSE = """
-{runs} runs on the {plant} plant, drawn by a Sobol' sequence of seed {seed}: {parameters}. The controller knows the
-nominal robot and sensors.
+{runs} runs on the {plant} plant, drawn by a Sobol' sequence of seed {seed}: {parameters}. The
+controller knows the nominal robot and sensors.
 
-Counted strictly, with every goal of every phase truly reached: {strict}. A phase ends when the estimate is below its limit, on
-whichever side the truth is. Counted as a mission that is finished with the tool truly within {useful_mm:.0f} mm: {useful}.
+Counted strictly, with every goal of every phase truly reached: {strict}. A phase ends when the
+estimate is below its limit, on whichever side the truth is. Counted as a mission that is finished
+with the tool truly within {useful_mm:.0f} mm: {useful}.
 
 {took}
 

@@ -20,8 +20,9 @@ from uvms_ocp.campaign import read_table
 from uvms_ocp.campaign.cluster import run_jobs
 
 PROSE = """
-{runs} runs that do nothing, of which every row goes to the disk. From the first row on, when processes have started, a run
-takes {cost:.2f} ms with {workers} workers; {allowed:.0f} ms are allowed. The client grew to {memory:.0f} MB at most.
+{runs} runs that do nothing, of which every row goes to the disk. From the first row on, when
+processes have started, a run takes {cost:.2f} ms with {workers} workers; {allowed:.0f} ms are
+allowed. The client grew to {memory:.0f} MB at most.
 """
 _ALLOWED = 3.0  # [ms]
 

@@ -25,9 +25,10 @@ from uvms_ocp.campaign.jobs import VARYING
 from uvms_ocp.campaign.store import part_paths
 
 PROSE = """
-{runs} runs of the beginning of Case 1, killed {kills} times by SIGKILL at random moments, {workers} of them one of its workers
-and else the client with all of them, then started again with the same command. Rows that were on the disk before a kill and not
-after it: {lost}. The table equals that of a campaign that nobody disturbed, time and place of the runs aside: {equal}.
+{runs} runs of the beginning of Case 1, killed {kills} times by SIGKILL at random moments, {workers}
+of them one of its workers and else the client with all of them, then started again with the same
+command. Rows that were on the disk before a kill and not after it: {lost}. The table equals that of
+a campaign that nobody disturbed, time and place of the runs aside: {equal}.
 """
 
 

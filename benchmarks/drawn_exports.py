@@ -17,13 +17,16 @@ from recording.report import Report, Row, Table, begin, parser_of
 from studies.drawn_exports import FUSING, PLAIN, drawn_exports, totals
 
 PROSE = """
-{exports} exports, drawn with seeds from {first} to {last}; one row each in `drawn_exports.csv`. *The same bits*: on every tick
-all that C tells, velocities, thrusts, torques, quantities, flags, phases and statuses, is what Python told, to the last bit.
-*Apart*: some number has another bit on some tick. *Refused*: the package refuses robot, mission or export in one line.
-Built with `{plain}`, every eighth with `{fusing}`, by which compilers fuse multiplications where nobody keeps them from it.
+{exports} exports, drawn with seeds from {first} to {last}; one row each in `drawn_exports.csv`.
+*The same bits*: on every tick all that C tells, velocities, thrusts, torques, quantities, flags,
+phases and statuses, is what Python told, to the last bit. *Apart*: some number has another bit on
+some tick. *Refused*: the package refuses robot, mission or export in one line. Built with
+`{plain}`, every eighth with `{fusing}`, by which compilers fuse multiplications where nobody keeps
+them from it.
 
-{same} are the same on all of {ticks} ticks, {apart} are apart, the largest difference is {largest:.2g}; {refused} are refused,
-{faults} end otherwise. Seeds of what is apart, and of faults: {seeds}.
+{same} are the same on all of {ticks} ticks, {apart} are apart, the largest difference is
+{largest:.2g}; {refused} are refused, {faults} end otherwise. Seeds of what is apart, and of faults:
+{seeds}.
 """
 COMPILER_NEEDED = "needs a C compiler: install gcc or clang as cc"
 

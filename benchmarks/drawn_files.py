@@ -18,10 +18,12 @@ from recording.report import Report, Row, Table, begin, parser_of
 from studies.drawn_files import REASONS, drawn_files, reason_of, totals
 
 PROSE = """
-{files} files, drawn with seeds from {first} to {last}; one row each in `drawn_files.csv`. A file is through, or refused in one
-line by the first step that refuses it; anything else that is raised, mass that is lost, a tool that is none, or a record that
-is another one once saved and loaded, is a fault: {faults} of {files}. Runs last {seconds:g} s each, at {rate:.0f} Hz, and are
-made of what pre-flight refuses, too; without a compiler, but for the first {exports}, which go through `export` as well.
+{files} files, drawn with seeds from {first} to {last}; one row each in `drawn_files.csv`. A file is
+through, or refused in one line by the first step that refuses it; anything else that is raised,
+mass that is lost, a tool that is none, or a record that is another one once saved and loaded, is a
+fault: {faults} of {files}. Runs last {seconds:g} s each, at {rate:.0f} Hz, and are made of what
+pre-flight refuses, too; without a compiler, but for the first {exports}, which go through `export`
+as well.
 
 Reasons, and how many files were refused for each: {reasons}. For none of these: {others}.
 """

@@ -30,18 +30,21 @@ from studies.drawn_robots import (
 )
 
 PROSE = """
-{robots} robots, drawn with seeds from {first} to {last}; one row each in `drawn_robots.csv`. Their files are those that
-`new-robot --from` proposes, with buoyancy off by up to {trim:g} m and by {ballast:.1%} of the weight, and thrusters of half to
-twice what it takes for usual. Missions of shipped tasks (JL, MAC, HA, AT, MU, tools, PC, MP) at {rate:.0f} Hz last {longest:g} s
-at most; half of them are in a current of up to {current:g} m/s, {noisy} have the noise of sensors, and {loaded} a load that
-nobody knows of.
+{robots} robots, drawn with seeds from {first} to {last}; one row each in `drawn_robots.csv`. Their
+files are those that `new-robot --from` proposes, with buoyancy off by up to {trim:g} m and by
+{ballast:.1%} of the weight, and thrusters of half to twice what it takes for usual. Missions of
+shipped tasks (JL, MAC, HA, AT, MU, tools, PC, MP) at {rate:.0f} Hz last {longest:g} s at most; half
+of them are in a current of up to {current:g} m/s, {noisy} have the noise of sensors, and {loaded} a
+load that nobody knows of.
 
-{completed} complete, {gave_up} give up, {over} are stopped when time is over, {refused} are refused by pre-flight and {faults}
-raise something else. Wrong are {wrong}, {noisy_wrong} of them with noise: {flees} flee, by more than {farther:g} m farther from
-their way point than at the start, {touches} touch the floor, {unseen} roll or pitch by more than {seen:g} rad to either side
-without a word in alarms or report, and {blames} end by a sensor that is sound.
+{completed} complete, {gave_up} give up, {over} are stopped when time is over, {refused} are refused
+by pre-flight and {faults} raise something else. Wrong are {wrong}, {noisy_wrong} of them with
+noise: {flees} flee, by more than {farther:g} m farther from their way point than at the start,
+{touches} touch the floor, {unseen} roll or pitch by more than {seen:g} rad to either side without a
+word in alarms or report, and {blames} end by a sensor that is sound.
 
-Reasons of refusals, and how many for each: {reasons}. For none of these: {others}. Seeds of what is wrong: {seeds}.
+Reasons of refusals, and how many for each: {reasons}. For none of these: {others}. Seeds of what is
+wrong: {seeds}.
 """
 
 

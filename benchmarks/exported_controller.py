@@ -41,10 +41,11 @@ TARGETS = {
     "64-bit ARM, emulated": ("aarch64-linux-gnu-gcc", ("-O2", "-static"), ("qemu-aarch64",)),
 }
 PROSE = """
-{missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust, torque, quantity or share has
-other bits than Python told, or a flag, phase or status is another. Other robots and missions: `drawn_exports.md`. All files are
-compiled without a warning ({strict}); in hand-written ones unused parameters are refused too. *us_per_tick*: time of the
-processor, reading of the record included; of emulated and sanitized programs it says little. {largest}
+{missions} missions, {ticks} replayed ticks in all. *apart*: ticks on which a velocity, thrust,
+torque, quantity or share has other bits than Python told, or a flag, phase or status is another.
+Other robots and missions: `drawn_exports.md`. All files are compiled without a warning ({strict});
+in hand-written ones unused parameters are refused too. *us_per_tick*: time of the processor,
+reading of the record included; of emulated and sanitized programs it says little. {largest}
 """
 COLUMNS = {
     "mission": "",

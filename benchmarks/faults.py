@@ -34,21 +34,24 @@ from studies.study import Study
 from uvms_ocp.report.metrics import CHANCE
 
 PROSE = """
-Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the middle of each of the
-phases by the times of a run without faults ({onsets}), {pairs} runs with two of them, drawn with their phases, and {free} runs
-without faults, in still water and in gusts of {gusts:g} m/s. One row each in `faults.csv`, by the truth: `contact_s` and
-`contact_m` are contact with the floor that the mission did not take for its landing, `arm_m` is the least height of arm and
-tool above the floor, `joints_rad` the largest excess of a joint limit, `rate_share` the largest true velocity of a joint as a
-share of its limit, `astray_m` the farthest from the way of a run without faults, `tool_m` the tool's true error at the end of
-what completed.
+Case 1 with noisy sensors; {runs} of {cases} runs: {kinds} kinds of faults, each setting in in the
+middle of each of the phases by the times of a run without faults ({onsets}), {pairs} runs with two
+of them, drawn with their phases, and {free} runs without faults, in still water and in gusts of
+{gusts:g} m/s. One row each in `faults.csv`, by the truth: `contact_s` and `contact_m` are contact
+with the floor that the mission did not take for its landing, `arm_m` is the least height of arm and
+tool above the floor, `joints_rad` the largest excess of a joint limit, `rate_share` the largest
+true velocity of a joint as a share of its limit, `astray_m` the farthest from the way of a run
+without faults, `tool_m` the tool's true error at the end of what completed.
 
-A run has passed that does not end in contact, has arm and tool no deeper than {floor:g} m in the floor, passes no joint limit
-by more than {joints:g} mrad and strays no farther than {astray:g} m, names in its summary a joint whose true velocity passes
-{rates:g} times its limit, or {new_rates:g} times within {new:g} s of a fault (`rates_named`), and completes or names
-what is wrong, of two faults one; limits are widened by a bias or a drift that no other channel can show. Passed: {passed} of
-{struck} runs with faults, {passed_pairs} of {pairs} with two. False alarms: {false} in {free} runs without. In still water
-the tool's true error at the end was within its reported bound of {chance:.0%} in {within} of {still} runs; the bound is
-{bound:.1f} mm on average, {ratio:.2f} times what {chance:.0%} of these errors do not exceed.
+A run has passed that does not end in contact, has arm and tool no deeper than {floor:g} m in the
+floor, passes no joint limit by more than {joints:g} mrad and strays no farther than {astray:g} m,
+names in its summary a joint whose true velocity passes {rates:g} times its limit, or {new_rates:g}
+times within {new:g} s of a fault (`rates_named`), and completes or names what is wrong, of two
+faults one; limits are widened by a bias or a drift that no other channel can show. Passed: {passed}
+of {struck} runs with faults, {passed_pairs} of {pairs} with two. False alarms: {false} in {free}
+runs without. In still water the tool's true error at the end was within its reported bound of
+{chance:.0%} in {within} of {still} runs; the bound is {bound:.1f} mm on average, {ratio:.2f} times
+what {chance:.0%} of these errors do not exceed.
 """
 TABLE = {
     "kind": "",

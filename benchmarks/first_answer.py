@@ -29,16 +29,19 @@ STEPS = 40
 FEW = 10
 QUIET = 3.0  # [s], longer than a process takes to start
 PROSE = """
-Each row is a command in a process of its own, with byte code as an installed package has it; the rows of one `group` share a
-cache that is empty at first. *wall_s*: the whole command, from imports to figures; *solve_s*: of that the search itself;
-*behind_s*: for how long after its end a process behind all others compiles what the command did not wait for, which the next
-row finds; *libraries*: how many were compiled, with *size_MB* of machine code. A reach of `girona_maris7_full` in water, {steps}
-steps, around a sphere; then around two, then with an attitude at the goal, then the same again. A robot and a mission of one's
-own: the first run, again, and after the hold at the goal was made longer.
+Each row is a command in a process of its own, with byte code as an installed package has it; the
+rows of one `group` share a cache that is empty at first. *wall_s*: the whole command, from imports
+to figures; *solve_s*: of that the search itself; *behind_s*: for how long after its end a process
+behind all others compiles what the command did not wait for, which the next row finds; *libraries*:
+how many were compiled, with *size_MB* of machine code. A reach of `girona_maris7_full` in water,
+{steps} steps, around a sphere; then around two, then with an attitude at the goal, then the same
+again. A robot and a mission of one's own: the first run, again, and after the hold at the goal was
+made longer.
 
-Below, the same reaches in one process, imports left out, from a cache that is empty at first: *build_s* is `Planner(problem)`,
-of which *build_processor_s* in this process, *solve_s* is `Planner.plan` from the start held still; then *behind_s* until all
-is compiled that nobody waited for, after which the next is asked. A term of one's own is a constraint that no robot had before.
+Below, the same reaches in one process, imports left out, from a cache that is empty at first:
+*build_s* is `Planner(problem)`, of which *build_processor_s* in this process, *solve_s* is
+`Planner.plan` from the start held still; then *behind_s* until all is compiled that nobody waited
+for, after which the next is asked. A term of one's own is a constraint that no robot had before.
 """
 PLANNERS = {
     "step": "",

@@ -35,14 +35,16 @@ SOLVERS: dict[str, HierarchySolver] = {
     "icat": Icat(),
 }
 PROSE = """
-Kinematic plant, {rate:.0f} Hz. A change counts from its begin for {window:g} s; *all* is the whole run, whose t is the
-time to finish.
+Kinematic plant, {rate:.0f} Hz. A change counts from its begin for {window:g} s; *all* is the whole
+run, whose t is the time to finish.
 
-- *step*: largest change of any axis of v in one tick, as a share of its acceleration limit times dt.
-- *jerk*: largest second difference of v of any axis [m/s^3, rad/s^3], and its root mean square over the ticks.
-- *lost*: what any constraint, safety task or prerequisite that is fully on misses of the rate that the acceleration
-  limits let it reach [m/s, rad/s]: tracking that lower levels or the regularisation take from the levels above the
-  action.
+- *step*: largest change of any axis of v in one tick, as a share of its acceleration limit times
+  dt.
+- *jerk*: largest second difference of v of any axis [m/s^3, rad/s^3], and its root mean square over
+  the ticks.
+- *lost*: what any constraint, safety task or prerequisite that is fully on misses of the rate that
+  the acceleration limits let it reach [m/s, rad/s]: tracking that lower levels or the
+  regularisation take from the levels above the action.
 
 Largest jerk at the phase changes of a mission:
 

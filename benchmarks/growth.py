@@ -32,10 +32,13 @@ import uvms_ocp as uo
 from uvms_ocp.scenario.own_code import own_code
 
 def scenario(**options):
-    made = own_code(str(Path(__file__).with_name("mission.py"))).load()(**{"noise": True, "current": (0.1, 0.05, 0.0), **options})
-    approach, reach = made.mission.phases
+    load = own_code(str(Path(__file__).with_name("mission.py"))).load()
+    finite = load(**{"noise": True, "current": (0.1, 0.05, 0.0), **options})
+    approach, reach = finite.mission.phases
     never = replace(reach.transitions[0], when=(uo.Below(quantity="TP.position_error", limit=1e-9),))
-    return replace(made, mission=replace(made.mission, phases=(approach, replace(reach, transitions=(never,))), abort=None))
+    endless = replace(reach, transitions=(never,))
+    mission = replace(finite.mission, phases=(approach, endless), abort=None)
+    return replace(finite, mission=mission)
 """
 IN_PYTHON = """
 import sys
@@ -60,17 +63,21 @@ PLACES = {
 }
 COMMAND = (sys.executable, "-m", "uvms_ocp")
 PROSE = """
-Each in a process of its own, after one that compiled; *peak_mb*: the most memory that a process held, what is mapped of files
-included, of copies that draw figures the largest. The size of the first five is the length of the run [s]. *run*: `uvms-ocp
-run`, with record, report, figures and scene; *loop, folder* and *loop, memory*: `Scenario.run` alone, with a folder for its rows
-and without; *identify*: `uvms-ocp identify` of current, added mass and drag. *plan, an iteration*: the tool reach over so many
-stages, solved, processor time of an iteration, each of a stage in *us_each*. *hierarchy*: random ones of so many unknowns, the
-median, cold, from Python; *of a humanoid*: most unknowns with simple bounds; *cascade*: `LexicographicQp` with qpOASES, of
-*problems* so many *inexact*, on rows that depend on each other, and on model predictive control with twice as many
-inequalities. *campaign*: so many noisy runs of Case 1 of {ticks} ticks, each made anew in one process; *set-up*: of such runs,
-until the first tick. *tick*: the layer of velocities, its median, past so many spheres, and with so many arms, a goal for each.
-The exponents are those of power laws through all sizes: one where it is in proportion, nought where it is the same at any;
-*then*: before any of this was measured at length, on another machine, where it was measured at all.
+Each in a process of its own, after one that compiled; *peak_mb*: the most memory that a process
+held, what is mapped of files included, of copies that draw figures the largest. The size of the
+first five is the length of the run [s]. *run*: `uvms-ocp run`, with record, report, figures and
+scene; *loop, folder* and *loop, memory*: `Scenario.run` alone, with a folder for its rows and
+without; *identify*: `uvms-ocp identify` of current, added mass and drag. *plan, an iteration*: the
+tool reach over so many stages, solved, processor time of an iteration, each of a stage in
+*us_each*. *hierarchy*: random ones of so many unknowns, the median, cold, from Python; *of a
+humanoid*: most unknowns with simple bounds; *cascade*: `LexicographicQp` with qpOASES, of
+*problems* so many *inexact*, on rows that depend on each other, and on model predictive control
+with twice as many inequalities. *campaign*: so many noisy runs of Case 1 of {ticks} ticks, each
+made anew in one process; *set-up*: of such runs, until the first tick. *tick*: the layer of
+velocities, its median, past so many spheres, and with so many arms, a goal for each. The exponents
+are those of power laws through all sizes: one where it is in proportion, nought where it is the
+same at any; *then*: before any of this was measured at length, on another machine, where it was
+measured at all.
 """
 COLUMNS = {"work": "", "size": ".0f", "time_s": ".3g", "peak_mb": ".0f", "disk_mb": ".0f"}
 COLUMNS |= {

@@ -32,25 +32,29 @@ PASSES = 3
 PROSE = """
 All rows are from one run. Every solver has one call to warm up.
 
-- *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of {passes} passes. pink:
-  kinematics and `solve_ik` of what the phases of Case 1 ask for, in its own terms (`hierarchy_solvers/peer_pink.py`): weights,
-  no strict levels; not exact: ticks that its solver refused. It builds its QP in every call.
+- *whole tick*: all ticks of Case 1, kinematics included, called from Python, the shortest of
+  {passes} passes. pink: kinematics and `solve_ik` of what the phases of Case 1 ask for, in its own
+  terms (`hierarchy_solvers/peer_pink.py`): weights, no strict levels; not exact: ticks that its
+  solver refused. It builds its QP in every call.
 - *build_s*: symbolic levels, code and its compilation, from an empty cache, once for a mission.
 - *random states, cold*: Case 1 at random states, no active set to start from.
-- Other problems: matrices given, from Python. *case1*: every recorded tick, in sequence (warm). The rest is cold.
-- *grown*: a box, four levels of equalities and inequalities whose rows grow with n, least velocity below; *box and equalities*:
-  three levels of equalities in their place, hardly a conflict; *humanoid's size*: simple bounds of most variables, four levels
-  below. Ours with its call from Python and its certificate, LexLS without.
-- *not exact*: results that the solver itself does not call exact; daqp: an exit flag below one. iCAT is regularised by
-  design.
-- *largest certificate where exact*: by how much any level can be above its least at most [rate], of results called exact. The
-  cascade is certified in Python in every call, which is most of its time.
-- *largest excess*: of a level's residual norm over the best certified to {certified:g}, at the first level that differs
-  by more than {excess:g}; below that, rounding cannot tell who is better, because the norm of a level is flat at its
-  optimum.
-- *dependent to {nearly:.0e}* has rows between dependent and independent: only a truthful status is asked for there.
-- *exactness*: every one of {exactness} hierarchies certified, rows dependent exactly or separated by {separated:g} and
-  more.
+- Other problems: matrices given, from Python. *case1*: every recorded tick, in sequence (warm). The
+  rest is cold.
+- *grown*: a box, four levels of equalities and inequalities whose rows grow with n, least velocity
+  below; *box and equalities*: three levels of equalities in their place, hardly a conflict;
+  *humanoid's size*: simple bounds of most variables, four levels below. Ours with its call from
+  Python and its certificate, LexLS without.
+- *not exact*: results that the solver itself does not call exact; daqp: an exit flag below one.
+  iCAT is regularised by design.
+- *largest certificate where exact*: by how much any level can be above its least at most [rate], of
+  results called exact. The cascade is certified in Python in every call, which is most of its time.
+- *largest excess*: of a level's residual norm over the best certified to {certified:g}, at the
+  first level that differs by more than {excess:g}; below that, rounding cannot tell who is better,
+  because the norm of a level is flat at its optimum.
+- *dependent to {nearly:.0e}* has rows between dependent and independent: only a truthful status is
+  asked for there.
+- *exactness*: every one of {exactness} hierarchies certified, rows dependent exactly or separated
+  by {separated:g} and more.
 """
 FORMATS = {
     "problem": "",

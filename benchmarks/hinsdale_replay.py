@@ -42,43 +42,46 @@ from recording.report import Report, Table, begin, parser_of
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 
 PROSE = """
-{recordings} recordings of a BlueROV2 with a Reach Alpha 5 arm (H. Kolano, UVMS-SysID-with-EAs): the measured joint motion
-drives the arm of the simulated vehicle, no thrust, and roll and pitch are compared with the motion capture. From both the
-mean of the first {offset_time:g} s is removed, nothing else. The first table has medians over the {moving} recordings in
-which the arm moves, the second what the fit changes in the replay.
+{recordings} recordings of a BlueROV2 with a Reach Alpha 5 arm (H. Kolano, UVMS-SysID-with-EAs): the
+measured joint motion drives the arm of the simulated vehicle, no thrust, and roll and pitch are
+compared with the motion capture. From both the mean of the first {offset_time:g} s is removed,
+nothing else. The first table has medians over the {moving} recordings in which the arm moves, the
+second what the fit changes in the replay.
 
 ## Fitted centre of buoyancy
 
-Three numbers, found with the replay itself on the moving recordings other than the one reported. From the author's
-{centre} m the fits move it by {shift_x} mm along x, {shift_y} mm along y and {shift_z} mm along z. An independent check:
-the constant offset that the comparison removes, and the fit therefore never sees, goes from {offset_roll} deg in roll and
-{offset_pitch} deg in pitch to {fitted_roll} and {fitted_pitch} deg.
+Three numbers, found with the replay itself on the moving recordings other than the one reported.
+From the author's {centre} m the fits move it by {shift_x} mm along x, {shift_y} mm along y and
+{shift_z} mm along z. An independent check: the constant offset that the comparison removes, and the
+fit therefore never sees, goes from {offset_roll} deg in roll and {offset_pitch} deg in pitch to
+{fitted_roll} and {fitted_pitch} deg.
 
 ## Lag and overshoot
 
-The arm moves slowly: the replay is the static balance plus {lag} s of lag, and is {swing} deg away from it at most after
-the arm has stopped. Against the measurement the pitch of the static balance lags by up to {static_lag:.2f} s and
-overshoots by up to {static_overshoot:.0f} %: these are wrong shapes, not delays. The fitted righting moment is {ratio}
-times the author's.
+The arm moves slowly: the replay is the static balance plus {lag} s of lag, and is {swing} deg away
+from it at most after the arm has stopped. Against the measurement the pitch of the static balance
+lags by up to {static_lag:.2f} s and overshoots by up to {static_overshoot:.0f} %: these are wrong
+shapes, not delays. The fitted righting moment is {ratio} times the author's.
 
 ## What does not match
 
-- **Free swinging.** Linearised at rest, our vehicle rolls with a period of {roll_period} s and pitches with
-  {pitch_period} s, damping ratios {roll_damping} and {pitch_damping}. Measured after the arm has stopped, where a damped
-  swing explains {explained:.0f} % of the motion: {measured}.
+- **Free swinging.** Linearised at rest, our vehicle rolls with a period of {roll_period} s and
+  pitches with {pitch_period} s, damping ratios {roll_damping} and {pitch_damping}. Measured after
+  the arm has stopped, where a damped swing explains {explained:.0f} % of the motion: {measured}.
 - **The fit makes worse** the pitch of {worse}.
 - **Worse than standing still** are, with the fitted centre of buoyancy: {still}
-- **Starts.** Roll and pitch spread most within the first {offset_time:g} s, whose mean is the offset, in {restless}; the
-  replay starts at rest.
-- **Measurement.** Samples of the motion capture that jump by more than {jump:g} deg: {jumps}. Where the arm rests the
-  measured attitude wanders all the same: {wander}. The best that a prediction can do there is the error in the second
-  table.
+- **Starts.** Roll and pitch spread most within the first {offset_time:g} s, whose mean is the
+  offset, in {restless}; the replay starts at rest.
+- **Measurement.** Samples of the motion capture that jump by more than {jump:g} deg: {jumps}. Where
+  the arm rests the measured attitude wanders all the same: {wander}. The best that a prediction can
+  do there is the error in the second table.
 - The tether is not modelled, nor the free surface; the vehicle's drift in the pool is not compared.
 
 ## Assumed
 
-Ballast of {ballast:g} kg/m^3 and foam of {foam:g} kg/m^3 (inertia only); the author's inertia taken to hold an added
-inertia of {added:g} kg m^2 about each axis; jaw fixed; joint positions smoothed by local cubics over {smoothing:.2f} s.
+Ballast of {ballast:g} kg/m^3 and foam of {foam:g} kg/m^3 (inertia only); the author's inertia taken
+to hold an added inertia of {added:g} kg m^2 about each axis; jaw fixed; joint positions smoothed by
+local cubics over {smoothing:.2f} s.
 """
 SCORES = {"prediction": "", "roll RMSE [deg]": ".2f", "pitch RMSE [deg]": ".2f"}
 

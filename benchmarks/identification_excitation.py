@@ -51,24 +51,26 @@ SCALED = ("mass", "gain")
 common factor.
 """
 PROSE = """
-A vehicle like a BlueROV2 without its arm, from rest, for {duration:g} s, with {thrust:g} N of each thruster, {slew:g} N/s,
-and a pool of {pool} m. Mass and gains of the thrusters are known: motions tell forces and masses but for a common factor, and
-how well that is known is the same for every excitation. All else of the vehicle is learnt. By hand are steps of full thrust of
-one axis after the other, chirps likewise, and drawn steps of all axes with chirps beside them, flown with a spring that keeps
-the vehicle in the pool, and as large as the pool allows.
+A vehicle like a BlueROV2 without its arm, from rest, for {duration:g} s, with {thrust:g} N of each
+thruster, {slew:g} N/s, and a pool of {pool} m. Mass and gains of the thrusters are known: motions
+tell forces and masses but for a common factor, and how well that is known is the same for every
+excitation. All else of the vehicle is learnt. By hand are steps of full thrust of one axis after
+the other, chirps likewise, and drawn steps of all axes with chirps beside them, flown with a spring
+that keeps the vehicle in the pool, and as large as the pool allows.
 
-The design is asked for half the standard error of the best of these, number by number, and looks most at those that are
-farthest from it. Of {n} numbers that are determined (standard error below {known:.0f} % of their size), it has {median:.2f}
-times that standard error in the median, and {most:.2f} times in the worst, {worst}; {half:.0f} % have at most half. Of the
-{single} that are farthest, a design for that number alone, where nothing else matters, has: {possible}. Against each of them
-alone: {alone}.
+The design is asked for half the standard error of the best of these, number by number, and looks
+most at those that are farthest from it. Of {n} numbers that are determined (standard error below
+{known:.0f} % of their size), it has {median:.2f} times that standard error in the median, and
+{most:.2f} times in the worst, {worst}; {half:.0f} % have at most half. Of the {single} that are
+farthest, a design for that number alone, where nothing else matters, has: {possible}. Against each
+of them alone: {alone}.
 
-Fits of simulated recordings, of {vehicles} vehicles with drawn numbers that nobody knew when commands were made: errors of the
-same numbers have a root mean square of {fitted:.2f} times those after "{best}", the best by hand, in the median over the
-numbers.
+Fits of simulated recordings, of {vehicles} vehicles with drawn numbers that nobody knew when
+commands were made: errors of the same numbers have a root mean square of {fitted:.2f} times those
+after "{best}", the best by hand, in the median over the numbers.
 
-The design takes {seconds:.0f} s of a processor. The root mean square of thrust is {roots}. Whether they stay in the pool, as
-simulated: {inside}.
+The design takes {seconds:.0f} s of a processor. The root mean square of thrust is {roots}. Whether
+they stay in the pool, as simulated: {inside}.
 """
 
 

@@ -38,20 +38,23 @@ PERIOD = 10.0
 DAMPING = 30.0
 """[deg] asked for in roll and pitch, [%] of a swing's period, [%] of its damping ratio."""
 PROSE = """
-{n} recordings of a BlueROV2 with a Reach Alpha 5 arm that moves (H. Kolano, UVMS-SysID-with-EAs); no thrust. Its measured
-joints drive a vehicle whose buoyancy, inertia and drag in roll and pitch, and the way in which the sensor of attitude sits in
-it, were identified on the other recordings. Of the recording that is predicted the first {known:g} s give its start and a
-constant offset of the attitude; then the mean of the first {offset:g} s is removed from both, as in the replay. The table has
-medians of the RMSE in roll and pitch. Asked for: {wanted:g} deg by the motion capture in both.
+{n} recordings of a BlueROV2 with a Reach Alpha 5 arm that moves (H. Kolano, UVMS-SysID-with-EAs);
+no thrust. Its measured joints drive a vehicle whose buoyancy, inertia and drag in roll and pitch,
+and the way in which the sensor of attitude sits in it, were identified on the other recordings. Of
+the recording that is predicted the first {known:g} s give its start and a constant offset of the
+attitude; then the mean of the first {offset:g} s is removed from both, as in the replay. The table
+has medians of the RMSE in roll and pitch. Asked for: {wanted:g} deg by the motion capture in both.
 
 ## What bounds it
 
-The vehicle's own IMU and the motion capture see the same motion, and differ: "{apart}" is their RMS difference, with both
-turned as they were found to sit. The motion capture sits turned by {turn_mocap:.1f} deg about z, the IMU by {turn_imu:.1f} deg;
-markers that are mistaken for others make its attitude jump. No prediction is nearer to the motion capture than this, but by
-chance. A vehicle that has seen all recordings, "{seen}", is the best that one vehicle can do; "{alone}" is a vehicle
-identified on the predicted recording alone, the best that this model can do. Where the vehicle comes to rest differs
-between recordings by {rest_imu} deg (standard deviations of the offsets in roll and pitch, by the IMU).
+The vehicle's own IMU and the motion capture see the same motion, and differ: "{apart}" is their RMS
+difference, with both turned as they were found to sit. The motion capture sits turned by
+{turn_mocap:.1f} deg about z, the IMU by {turn_imu:.1f} deg; markers that are mistaken for others
+make its attitude jump. No prediction is nearer to the motion capture than this, but by chance. A
+vehicle that has seen all recordings, "{seen}", is the best that one vehicle can do; "{alone}" is a
+vehicle identified on the predicted recording alone, the best that this model can do. Where the
+vehicle comes to rest differs between recordings by {rest_imu} deg (standard deviations of the
+offsets in roll and pitch, by the IMU).
 
 ## Of what one vehicle could explain
 
@@ -61,8 +64,9 @@ Fits are `100 (1 - RMSE / standard deviation)`, medians over the recordings:
 
 ## Worse than standing still
 
-Left-out predictions that err more than a vehicle that does not move, or than one at the mean of what was then seen. Of
-recordings in which the arm is at rest too, {at_rest}, which nothing is identified on and no median holds:
+Left-out predictions that err more than a vehicle that does not move, or than one at the mean of
+what was then seen. Of recordings in which the arm is at rest too, {at_rest}, which nothing is
+identified on and no median holds:
 
 {worse}
 
@@ -70,10 +74,11 @@ By more than the sensors differ there: {beyond}.
 
 ## Free swings
 
-Where the arm rests and a damped swing explains the motion that the IMU saw, {n_swings} in all, the left-out prediction is read
-in the same way. Of those of more than {large:g} deg (standard deviation) periods are off by {periods} % ({period:g} allowed) and
-damping ratios by {dampings} % ({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %, and
-damping ratios by {small_damping} % in the median: motions of two axes add up in them, and little damps them.
+Where the arm rests and a damped swing explains the motion that the IMU saw, {n_swings} in all, the
+left-out prediction is read in the same way. Of those of more than {large:g} deg (standard
+deviation) periods are off by {periods} % ({period:g} allowed) and damping ratios by {dampings} %
+({damping:g} allowed). Of the smaller ones periods are off by {small_periods} %, and damping ratios
+by {small_damping} % in the median: motions of two axes add up in them, and little damps them.
 """
 
 

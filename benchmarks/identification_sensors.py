@@ -62,13 +62,16 @@ SETTINGS = {
 }
 """Settings that say nothing of thrusters' gains, delays and places of sensors."""
 PROSE = """
-{robots} vehicles like a BlueROV2 without its arm, a recording of {duration:g} s of each. Drawn are added mass and drag (a third),
-gains of thrusters ahead and astern ({gain:.0f} %), their lag ({lag:.0f} %), delays of commands and of velocity by a factor of
-about two, where velocity is measured ({point:.0f} cm), how the sensor of attitude sits ({turn:.1f} degrees), and biases of the
-gyroscope ({bias:g} rad/s); noise is {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a second.
-Settings name what is to be learnt and the noise alone. Steps of {step:g} s: {inside:.1f} % of {n} true numbers lie within their
-intervals of {share:.0f} %, {narrow:.1f} % without what is assumed. Of the first {few} vehicles with steps of {long:g} s, too long
-for them: {coarse:.1f} %, and {coarse_narrow:.1f} % without. A fit takes {seconds:.0f} s of a processor in the median.
+{robots} vehicles like a BlueROV2 without its arm, a recording of {duration:g} s of each. Drawn are
+added mass and drag (a third), gains of thrusters ahead and astern ({gain:.0f} %), their lag
+({lag:.0f} %), delays of commands and of velocity by a factor of about two, where velocity is
+measured ({point:.0f} cm), how the sensor of attitude sits ({turn:.1f} degrees), and biases of the
+gyroscope ({bias:g} rad/s); noise is {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the
+vertical, ten times a second. Settings name what is to be learnt and the noise alone. Steps of
+{step:g} s: {inside:.1f} % of {n} true numbers lie within their intervals of {share:.0f} %,
+{narrow:.1f} % without what is assumed. Of the first {few} vehicles with steps of {long:g} s, too
+long for them: {coarse:.1f} %, and {coarse_narrow:.1f} % without. A fit takes {seconds:.0f} s of a
+processor in the median.
 """
 
 

@@ -44,18 +44,20 @@ SEARCH = Search(step=0.005)
 lags.
 """
 PROSE = """
-{robots} vehicles like a BlueROV2 without its arm, with drawn numbers, and {recordings} recordings of {duration:g} s of each, all
-with the same excitation: one that was designed for the vehicle as it is believed to be, for a pool of {pool} m, in which {inside}
-of the others stay too. Sensors have a noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a
-second; thrusters have a lag, and commands and velocities a delay, which are drawn too. Beliefs of a number have {robots} parts
-that are equally likely, and one vehicle in each. A number is called determined where its standard error is below
-{known:.0f} % of its size, lengths and times relative to {length:g} cm and {time:g} ms. Of these, {covered:.0f} % lie within
-their {share:.0f} % intervals, with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the
+{robots} vehicles like a BlueROV2 without its arm, with drawn numbers, and {recordings} recordings
+of {duration:g} s of each, all with the same excitation: one that was designed for the vehicle as it
+is believed to be, for a pool of {pool} m, in which {inside} of the others stay too. Sensors have a
+noise of {velocity:g} m/s, {rate:g} rad/s and {vertical:g} in the vertical, ten times a second;
+thrusters have a lag, and commands and velocities a delay, which are drawn too. Beliefs of a number
+have {robots} parts that are equally likely, and one vehicle in each. A number is called determined
+where its standard error is below {known:.0f} % of its size, lengths and times relative to
+{length:g} cm and {time:g} ms. Of these, {covered:.0f} % lie within their {share:.0f} % intervals,
+with a median error of {error:.1f} %; {open} of {n} numbers are called undetermined in half of the
 vehicles or more{named}. A vehicle takes {seconds:.0f} s of a processor in the median.
 
-Numbers of one vehicle are not independent of each other: all forces and masses are known but for a factor, which priors alone
-tell. Squares of errors, weighed by the information, are {weighed:.2f} times what is expected of them, by vehicle from
-{least:.2f} to {most:.2f}.
+Numbers of one vehicle are not independent of each other: all forces and masses are known but for a
+factor, which priors alone tell. Squares of errors, weighed by the information, are {weighed:.2f}
+times what is expected of them, by vehicle from {least:.2f} to {most:.2f}.
 """
 
 

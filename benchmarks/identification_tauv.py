@@ -50,31 +50,36 @@ WANTED = {"surge": 60.0, "sway": 55.0, "heave": 65.0, "yaw rate": 50.0}
 WANTED_SOON = 75.0
 """[%] asked for over the shortest horizon."""
 PROSE = """
-{n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one vehicle, identified on all
-others by a search that begins at the prior and knows nothing of the one that is left out: from the commanded wrench alone, its
-start fitted on the first {known:g} s. The fit is `100 (1 - |error| / |y - mean|)` in percent, of a channel where its standard
-deviation exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the attitude, smoothed by local quadratics over
-{window:g} s. The table has medians over the recordings.
+{n} recordings of {length:.0f} s of an AUV that is driven by its thrusters. Each is predicted by one
+vehicle, identified on all others by a search that begins at the prior and knows nothing of the one
+that is left out: from the commanded wrench alone, its start fitted on the first {known:g} s. The
+fit is `100 (1 - |error| / |y - mean|)` in percent, of a channel where its standard deviation
+exceeds {least:g} m/s ({turning:g} rad/s in yaw). Yaw rate is that of the attitude, smoothed by
+local quadratics over {window:g} s. The table has medians over the recordings.
 
 Asked for over whole recordings: {wanted}. Over {short:g} s: {asked:g} in each.
 
 ## What bounds it
 
-Forces in heave differ between recordings: with the same command the vehicle sinks in one and hovers in another. Vehicles are
-identified with a constant heave force for every recording besides, {forces} N; a recording that is predicted has none. Where it
-is found from the first {known:g} s too, as a part of the state, predictions say "{force}".
+Forces in heave differ between recordings: with the same command the vehicle sinks in one and hovers
+in another. Vehicles are identified with a constant heave force for every recording besides,
+{forces} N; a recording that is predicted has none. Where it is found from the first {known:g} s
+too, as a part of the state, predictions say "{force}".
 
-- "{one_vehicle}": identified on all recordings that are predicted, and predicting them in the same way, with no force of their
-  own: the best that one vehicle can do.
-- "{half}": every second recording is predicted by a vehicle identified on the others, and these by one identified on them.
-  "{half_seen}" is the bound of that: by the vehicle identified on the predicted half.
-- "{seen}": a vehicle that has seen all recordings, and is told the force and the start of each. Over {short:g} s, with
-  the force found, it has no more than "{soon}".
+- "{one_vehicle}": identified on all recordings that are predicted, and predicting them in the same
+  way, with no force of their own: the best that one vehicle can do.
+- "{half}": every second recording is predicted by a vehicle identified on the others, and these by
+  one identified on them. "{half_seen}" is the bound of that: by the vehicle identified on the
+  predicted half.
+- "{seen}": a vehicle that has seen all recordings, and is told the force and the start of each.
+  Over {short:g} s, with the force found, it has no more than "{soon}".
 - "{alone}": a vehicle identified on the predicted recording alone: the best that this model can do.
-- "{filter}": no vehicle, but a linear filter for each channel with {coefficients} coefficients, of {memory:g} s of what eight
-  thrusters were told and of what of it was beyond their dead zone, fitted to the very recordings that it is judged on.
-- "{twice}": the measured velocity by the derivative of the measured position, smoothed over {smoothing:g} s, at the lag at which
-  both agree best: what is left is noise of the one or the other.
+- "{filter}": no vehicle, but a linear filter for each channel with {coefficients} coefficients, of
+  {memory:g} s of what eight thrusters were told and of what of it was beyond their dead zone,
+  fitted to the very recordings that it is judged on.
+- "{twice}": the measured velocity by the derivative of the measured position, smoothed over
+  {smoothing:g} s, at the lag at which both agree best: what is left is noise of the one or the
+  other.
 
 ## Of what one vehicle could explain
 

@@ -16,9 +16,10 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 PACKAGE = "uvms-ocp"
 PROSE = """
-`pip install {package}` without extras: {n} packages beside it, {total:.0f} MB of files as they were installed, without what
-Python compiles of them later. *own_MB*: of the package alone; *with_MB*: with all that it brings, directly or not; *alone_MB*:
-of that, what nothing else brings, and what would go if it went.
+`pip install {package}` without extras: {n} packages beside it, {total:.0f} MB of files as they were
+installed, without what Python compiles of them later. *own_MB*: of the package alone; *with_MB*:
+with all that it brings, directly or not; *alone_MB*: of that, what nothing else brings, and what
+would go if it went.
 """
 ASKED = {
     "package": "",

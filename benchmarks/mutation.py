@@ -32,15 +32,18 @@ QUICK_FILES = ("uvms_ocp/codegen/elementwise.py",)
 QUICK_TESTS = ("tests/solvers/test_intervals.py",)
 QUICK_SAMPLE = 3
 PROSE = """
-{n} changes of one operator, number, condition, loop or exception each, by the operators of cosmic-ray, in the Python source
-of {rooms}: places drawn with seed {seed}, then one change of each. Of {judgeable} that change something, the tests notice
-**{killed} ({share:.1f} %)**; {equivalent} are equivalent.
+{n} changes of one operator, number, condition, loop or exception each, by the operators of
+cosmic-ray, in the Python source of {rooms}: places drawn with seed {seed}, then one change of each.
+Of {judgeable} that change something, the tests notice **{killed} ({share:.1f} %)**; {equivalent}
+are equivalent.
 
-Annotations, decorators and ``zip(strict=...)`` are left as they are. A mutant meets the tests that run its line, the quick
-ones first, then the others of their files, until one fails or {budget:.0f} s of tests have passed; a crash, or three times
-the usual time, counts as noticed. Compiled code comes from the cache; what a mutant changes is not compiled. {left_out} tests
-are left out: they take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes are left
-out too. The C source is not mutated. Run were those of {tests}; mutants that others had noticed before are kept as noticed.
+Annotations, decorators and ``zip(strict=...)`` are left as they are. A mutant meets the tests that
+run its line, the quick ones first, then the others of their files, until one fails or {budget:.0f}
+s of tests have passed; a crash, or three times the usual time, counts as noticed. Compiled code
+comes from the cache; what a mutant changes is not compiled. {left_out} tests are left out: they
+take more than {slow:.0f} s, or do not pass without a compiler. Tests that start other processes are
+left out too. The C source is not mutated. Run were those of {tests}; mutants that others had
+noticed before are kept as noticed.
 """
 
 

@@ -14,21 +14,25 @@ from recording.report import Report, Table, begin, parser_of
 from uvms_ocp.robot.loading import load_robot
 
 PROSE = """
-{seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared error of a part of the state,
-*NIS* the squared innovation of a channel, both over their own covariance and per degree of freedom: they should be one. Errors
-count at times apart by their correlation time; *least* and *most* hold {together:.0%} for all rows of a table together. Inside:
+{seeds} truths drawn from the filter's own process model, {duration:g} s each. *NEES* is the squared
+error of a part of the state, *NIS* the squared innovation of a channel, both over their own
+covariance and per degree of freedom: they should be one. Errors count at times apart by their
+correlation time; *least* and *most* hold {together:.0%} for all rows of a table together. Inside:
 {inside} of {rows} with readings in time, {late_inside} of {rows} with all of them late.
 
-Delays: root mean square errors of the same truths with a channel late, over those with none ({largest:.2f} at most for position,
-attitude and altitude with an accelerometer and one channel late). These truths are slower, above a floor with a slope of
-{slope:g}: how a rougher one goes on since a late echo nobody can know. Without an accelerometer nothing tells what the vehicle
-did since the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is the bound of any
-filter.
+Delays: root mean square errors of the same truths with a channel late, over those with none
+({largest:.2f} at most for position, attitude and altitude with an accelerometer and one channel
+late). These truths are slower, above a floor with a slope of {slope:g}: how a rougher one goes on
+since a late echo nobody can know. Without an accelerometer nothing tells what the vehicle did since
+the newest reading of its velocity: {bound:.0f} mm/s after {dvl:g} s of the driving jerk, which is
+the bound of any filter.
 
-Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio* is the mean squared error over
-the mean variance. One row per seed in `navigation_mission.csv`; here root mean squares over all seeds.
+Mission: Case 1 with default sensors and noise, whose vehicle is not driven by white jerk; *ratio*
+is the mean squared error over the mean variance. One row per seed in `navigation_mission.csv`; here
+root mean squares over all seeds.
 
-Time of a tick, of the processor: the whole estimator, readings in and measurement out, and its core in C alone.
+Time of a tick, of the processor: the whole estimator, readings in and measurement out, and its core
+in C alone.
 """
 FIGURES = {"of": "", "mean": ".3f", "least": ".3f", "most": ".3f", "n": "", "inside": ""}
 

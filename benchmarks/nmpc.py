@@ -23,21 +23,23 @@ LATE = 1.0
 TICKS = 1.2
 """highest percentile of ticks with plans beside to that without."""
 PROSE = """
-{seeds} runs of {seconds:g} s each, mean current {current:g} m/s, gusts of {gusts:g} m/s (double: {double:g} m/s) standard
-deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g} s; control at {rate:.0f} Hz. A plan takes
-effect one period after the state it starts from was measured, or later if it took longer by processor time, or by the
-clock on the wall where named so. Errors and thrust are the largest of all runs, but rms errors, energies and times their
-means, counts their sums; times are processor time unless named otherwise. Targets: largest error {largest_error:g} mm, at
-most {late:g} % late. Strict levels are the tool, then tilt and a range of postures, then effort; NMPC without them weighs
-the tool against effort.
+{seeds} runs of {seconds:g} s each, mean current {current:g} m/s, gusts of {gusts:g} m/s (double:
+{double:g} m/s) standard deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g}
+s; control at {rate:.0f} Hz. A plan takes effect one period after the state it starts from was
+measured, or later if it took longer by processor time, or by the clock on the wall where named so.
+Errors and thrust are the largest of all runs, but rms errors, energies and times their means,
+counts their sums; times are processor time unless named otherwise. Targets: largest error
+{largest_error:g} mm, at most {late:g} % late. Strict levels are the tool, then tilt and a range of
+postures, then effort; NMPC without them weighs the tool against effort.
 
-NMPC keeps the first in {kept} of {cases} cases, with strict levels in {kept_strictly}; {late_share:.2f} % and
-{late_strictly:.2f} % of the plans are late.
+NMPC keeps the first in {kept} of {cases} cases, with strict levels in {kept_strictly};
+{late_share:.2f} % and {late_strictly:.2f} % of the plans are late.
 
-**Beside the loop.** Ticks at {rate:.0f} Hz in real time with one level, in {rounds} rounds of blocks of {block:g} s that take
-turns: with a plan every {seldom:g} s, whose ticks do not count, with all plans in line, and beside. Times are processor time of
-the tick's own thread unless named otherwise; ratios are medians of those of neighbouring blocks. Beside, the highest percentile
-shown is {share:.2f} times that without plans; wanted: {most:g} times at most.
+**Beside the loop.** Ticks at {rate:.0f} Hz in real time with one level, in {rounds} rounds of
+blocks of {block:g} s that take turns: with a plan every {seldom:g} s, whose ticks do not count,
+with all plans in line, and beside. Times are processor time of the tick's own thread unless named
+otherwise; ratios are medians of those of neighbouring blocks. Beside, the highest percentile shown
+is {share:.2f} times that without plans; wanted: {most:g} times at most.
 """
 
 

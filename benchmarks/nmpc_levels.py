@@ -21,16 +21,19 @@ HELD = 5.0
 BACK = 10.0
 """[mm] most of the tool below tilt, of the vehicle above the tool, and of the tool afterwards."""
 PROSE = """
-{seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times processor time. *tilt above
-tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the vehicle goes along without tilting; wanted: the tool within
-{tool:g} mm. *vehicle above tool*: the same, out of the reach of the arm, while the vehicle stays; wanted: the vehicle within
-{held:g} mm, the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that is stretched at
-first towards a goal out of reach. *clearance above tool*: a ball comes to where the tool is to be and leaves again; wanted: a gap
-of {margin:g} mm, for which plans keep {leeway:g} mm more at their nodes, and the tool as before. `unfit` are plans that broke
-constraints, so that the last one went on. Everywhere thrusters are driven {lead:g} times faster than their lag, and the vehicle
-follows its plans with {damping:g} /s.
+{seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times
+processor time. *tilt above tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the
+vehicle goes along without tilting; wanted: the tool within {tool:g} mm. *vehicle above tool*: the
+same, out of the reach of the arm, while the vehicle stays; wanted: the vehicle within {held:g} mm,
+the tool within {back:g} mm from {settling:g} s after the goal's return. The same with an arm that
+is stretched at first towards a goal out of reach. *clearance above tool*: a ball comes to where the
+tool is to be and leaves again; wanted: a gap of {margin:g} mm, for which plans keep {leeway:g} mm
+more at their nodes, and the tool as before. `unfit` are plans that broke constraints, so that the
+last one went on. Everywhere thrusters are driven {lead:g} times faster than their lag, and the
+vehicle follows its plans with {damping:g} /s.
 
-Weights rank the same terms in one level, those of a level so many times as heavy as those of the next.
+Weights rank the same terms in one level, those of a level so many times as heavy as those of the
+next.
 
 Strict levels keep what is wanted in {kept} of {all} runs, with {unfit} of {solves} plans unfit.
 """

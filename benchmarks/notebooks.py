@@ -23,7 +23,8 @@ QUICK = ("10_stepping_a_robot",)
 _LONGEST = 4 * 3600  # [s] of one cell
 _FAST = re.compile(r"^FAST = True$", re.MULTILINE)
 PROSE = """
-{run} of {number} notebooks run to their end{mode}, each in an empty folder; {total:.0f} s together, by the clock on the wall.
+{run} of {number} notebooks run to their end{mode}, each in an empty folder; {total:.0f} s together,
+by the clock on the wall.
 """
 
 

@@ -64,20 +64,23 @@ PLANS = {
 }
 _EVERY = 20  # rows of the record between two that are looked at
 PROSE = """
-Greedy: the mission as `uvms-ocp run` flies it, phase after phase, by the velocity hierarchy above the dynamic layer. As one
-problem: `uo.plan_mission`, within the time that the greedy mission took, flown by `uvms-ocp run --follow`: the same
-dynamic layer, the same mission that goes from phase to phase by what it measures, and the hierarchy in reserve. Sensors have
-the noise, rates and delays of the robot's file.
+Greedy: the mission as `uvms-ocp run` flies it, phase after phase, by the velocity hierarchy above
+the dynamic layer. As one problem: `uo.plan_mission`, within the time that the greedy mission took,
+flown by `uvms-ocp run --follow`: the same dynamic layer, the same mission that goes from phase to
+phase by what it measures, and the hierarchy in reserve. Sensors have the noise, rates and delays of
+the robot's file.
 
-Energy is electrical, of thrusters and joints; over drag: that of the thrusters over what a quasi-static flight of the same way
-takes at least, in the same water; with inertia, what it takes with the accelerations that were flown. The bound of drag says
-what a mission has to pay where the water, whose mean speed along the way stands beside it, moves; in water at rest it goes
-to nothing as the way gets slower, and what is above it are accelerations and the noise that control answers.
+Energy is electrical, of thrusters and joints; over drag: that of the thrusters over what a
+quasi-static flight of the same way takes at least, in the same water; with inertia, what it takes
+with the accelerations that were flown. The bound of drag says what a mission has to pay where the
+water, whose mean speed along the way stands beside it, moves; in water at rest it goes to nothing
+as the way gets slower, and what is above it are accelerations and the noise that control answers.
 
-Threshold used: the largest true value of a condition as its phase ended, over the limit that it had to be below; estimated:
-the same value as the controller knew it. Where the true one alone is over the limit, the error is the estimate's, which no
-plan can take away. Clear: the least distance on a plan between links, and to obstacles. Left: when and why the hierarchy
-took over. The current of `case1 in a current` is {current} m/s.
+Threshold used: the largest true value of a condition as its phase ended, over the limit that it had
+to be below; estimated: the same value as the controller knew it. Where the true one alone is over
+the limit, the error is the estimate's, which no plan can take away. Clear: the least distance on a
+plan between links, and to obstacles. Left: when and why the hierarchy took over. The current of
+`case1 in a current` is {current} m/s.
 """
 
 

@@ -27,27 +27,31 @@ REPEATS = 5
 STEPS = (20, 40, 100)
 ROUNDS = 6
 PROSE = """
-Every call is made once to warm up and {repeats} times, or until {long:g} s are over, to take the least time, by the peers as by
-ours. *build_s* is what has to be done once before: transcription, code and its compilation from an empty cache, for ours;
-the problem's classes for the peers. It is empty for PyRoboPlan, which builds in every call, so that its times hold both.
+Every call is made once to warm up and {repeats} times, or until {long:g} s are over, to take the
+least time, by the peers as by ours. *build_s* is what has to be done once before: transcription,
+code and its compilation from an empty cache, for ours; the problem's classes for the peers. It is
+empty for PyRoboPlan, which builds in every call, so that its times hold both.
 
-**Shooting**: {dofs} degrees of freedom on a free-flyer, no water, no gravity, no limits; {duration:g} s; running cost on
-all forces and on the state, terminal cost on tool pose and state; semi-implicit Euler on both sides, so that the costs
-are the same number. The peer's states and forces, put into our equations and our cost, give the cost and the violation in
-its row. Cold: from rest at the start with zero forces. `ratio` is to the peer's processor time, `off` the relative
-difference of the cost. The number in a setting is the convergence tolerance. {found} IPOPT needs more because its linear
-solver knows nothing of steps, the exact Hessian because it is indefinite far from the solution, and the virtual machine
-because it interprets. The second table has crocoddyl and stagewise, with its Hessian and a tolerance of {tolerance:g}, in turn:
-{rounds} rounds of both at each number of steps, so that they have the same of the machine.
+**Shooting**: {dofs} degrees of freedom on a free-flyer, no water, no gravity, no limits;
+{duration:g} s; running cost on all forces and on the state, terminal cost on tool pose and state;
+semi-implicit Euler on both sides, so that the costs are the same number. The peer's states and
+forces, put into our equations and our cost, give the cost and the violation in its row. Cold: from
+rest at the start with zero forces. `ratio` is to the peer's processor time, `off` the relative
+difference of the cost. The number in a setting is the convergence tolerance. {found} IPOPT needs
+more because its linear solver knows nothing of steps, the exact Hessian because it is indefinite
+far from the solution, and the virtual machine because it interprets. The second table has crocoddyl
+and stagewise, with its Hessian and a tolerance of {tolerance:g}, in turn: {rounds} rounds of both
+at each number of steps, so that they have the same of the machine.
 
-**Limited**: the same with hard limits on the velocity of every axis, on the torque and the position of every joint, a third
-below what the unlimited motion takes. The peer is mim-solvers' constrained SQP with crocoddyl's models, with as many
-iterations as crocoddyl gets; `ratio` is to its processor time whether it converges or not.
+**Limited**: the same with hard limits on the velocity of every axis, on the torque and the position
+of every joint, a third below what the unlimited motion takes. The peer is mim-solvers' constrained
+SQP with crocoddyl's models, with as many iterations as crocoddyl gets; `ratio` is to its processor
+time whether it converges or not.
 
-**Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on velocity and
-acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result exceeds it, `ratio` is to the
-fastest peer. crocoddyl has neither free time nor hard limits on the state; the other two have no forces, so each problem
-is with those that can express it.
+**Quickest**: the arm alone on a fixed base, posture to posture in the least time within limits on
+velocity and acceleration. The answer is known ({best:.4g} s); `off` is the share by which a result
+exceeds it, `ratio` is to the fastest peer. crocoddyl has neither free time nor hard limits on the
+state; the other two have no forces, so each problem is with those that can express it.
 """
 FORMATS = {
     "problem": "",

@@ -27,18 +27,20 @@ OPTIONS = NlpOptions(max_iterations=300)
 LEVELS = "levels"
 SOLVED = "solved"
 PROSE = """
-**Levels against a weighted sum.** Every goal of the sum weighs `weight` times the next, residuals squared afterwards;
-effort and smoothness weigh one. `errors_m` are the distances of the frames from their goals at the end, highest priority
-first; `above_best_m` is what they exceed the known optimum by (negative: the goals above paid for it). `condition` is an
-estimate for the matrix of Newton's step at the solution. Levels freeze within {tolerance:g} and need no weight.
+**Levels against a weighted sum.** Every goal of the sum weighs `weight` times the next, residuals
+squared afterwards; effort and smoothness weigh one. `errors_m` are the distances of the frames from
+their goals at the end, highest priority first; `above_best_m` is what they exceed the known optimum
+by (negative: the goals above paid for it). `condition` is an estimate for the matrix of Newton's
+step at the solution. Levels freeze within {tolerance:g} and need no weight.
 
-*arm*: {links} joints in a plane; the tool can reach its goal, elbow and shoulder cannot below it: geometry gives
-{arm_best} m. *vehicle and arm*: the vehicle is to stay where it is while the tool is to reach {ahead:g} m ahead, in
-water, with the limits of thrusters and joints.
+*arm*: {links} joints in a plane; the tool can reach its goal, elbow and shoulder cannot below it:
+geometry gives {arm_best} m. *vehicle and arm*: the vehicle is to stay where it is while the tool is
+to reach {ahead:g} m ahead, in water, with the limits of thrusters and joints.
 
 {found}
 
-**Toys** have two variables, and answers known from algebra or from a search along the curve that the first level leaves.
+**Toys** have two variables, and answers known from algebra or from a search along the curve that
+the first level leaves.
 """
 FORMATS = {
     "problem": "",

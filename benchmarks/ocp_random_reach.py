@@ -39,17 +39,20 @@ PEER = "ipopt"
 NEAR = 0.01
 EDGES = (0, 5, 10, 20, 40, 80, 160, 1000)  # of the histogram of iterations
 PROSE = """
-{drawn} reaches of {dofs} degrees of freedom in water, within the limits of thrusters and joints, {steps} steps in
-{duration:g} s: the vehicle's yaw, the posture of the arm within half of its ranges, the way of the tool (up to {way:g} m),
-its turn (up to {turn:g} rad about every axis) and the current (up to {current:g} m/s) are drawn with seed {seed}. From rest
-to rest, first the pose of the tool, below it least effort and acceleration, cold and without a second try.
+{drawn} reaches of {dofs} degrees of freedom in water, within the limits of thrusters and joints,
+{steps} steps in {duration:g} s: the vehicle's yaw, the posture of the arm within half of its
+ranges, the way of the tool (up to {way:g} m), its turn (up to {turn:g} rad about every axis) and
+the current (up to {current:g} m/s) are drawn with seed {seed}. From rest to rest, first the pose of
+the tool, below it least effort and acceleration, cold and without a second try.
 
-{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of seventeen motions over {coarse} steps towards
-postures of the arm, as `Planner.plan` does where it is given no guess. Processor time, these included: {median:.0f} ms at the
-median, {most:.0f} ms at most. IPOPT, from a guess that stays where it is: {peer_solved} solved, {peer_median:.0f} ms and
-{peer_most:.0f} ms; it is the faster one in {slower}. Where both are solved, they end in the same minimum, or in another one, as
-arms reach a pose in several postures: `to_ipopt` is the cost over IPOPT's. Stage by stage it is lower by more than
-{near:.0%} in {lower} and higher in {higher}; the median is {middle:.4f}, the mean {mean:.3f}, the most {worst:.3f}.
+{solved} of {drawn} are solved stage by stage ({share:.1%}), from the best of seventeen motions over
+{coarse} steps towards postures of the arm, as `Planner.plan` does where it is given no guess.
+Processor time, these included: {median:.0f} ms at the median, {most:.0f} ms at most. IPOPT, from a
+guess that stays where it is: {peer_solved} solved, {peer_median:.0f} ms and {peer_most:.0f} ms; it
+is the faster one in {slower}. Where both are solved, they end in the same minimum, or in another
+one, as arms reach a pose in several postures: `to_ipopt` is the cost over IPOPT's. Stage by stage
+it is lower by more than {near:.0%} in {lower} and higher in {higher}; the median is {middle:.4f},
+the mean {mean:.3f}, the most {worst:.3f}.
 
 Reaches by outcome: {outcomes}. By iterations: {histogram}.
 """

@@ -30,15 +30,16 @@ STEPS = (20, 40, 80)
 OPTIONS = NlpOptions(max_iterations=3)
 """Of a quick run."""
 PROSE = """
-{dofs} degrees of freedom in water, {thrusters} thrusters and {joints} joints within their limits: in {duration:g} s the
-tool moves {way:.2f} m, turns, and comes to rest; below that, least effort and acceleration. Two levels, anticipated: one
-NLP where the goal can be met. *build_s*: transcription, code and its compilation from an empty cache, once. Cold: from
-rest at the start; warm: again from the solution; moved: from the solution too, but the start is {shift:g} m and {turn:g}
-rad away from where it was. Times are of whole calls of `Planner.plan`, the least of {repeats} after one to warm up;
-`goal` is the residual of the first level, `cost` that of the second.
+{dofs} degrees of freedom in water, {thrusters} thrusters and {joints} joints within their limits:
+in {duration:g} s the tool moves {way:.2f} m, turns, and comes to rest; below that, least effort and
+acceleration. Two levels, anticipated: one NLP where the goal can be met. *build_s*: transcription,
+code and its compilation from an empty cache, once. Cold: from rest at the start; warm: again from
+the solution; moved: from the solution too, but the start is {shift:g} m and {turn:g} rad away from
+where it was. Times are of whole calls of `Planner.plan`, the least of {repeats} after one to warm
+up; `goal` is the residual of the first level, `cost` that of the second.
 
-Carried out on the physical plant, N = {steps}: tool off by {end_mm:.2f} mm and {end_mrad:.2f} mrad at the end,
-{most_mm:.2f} mm at most on the way.
+Carried out on the physical plant, N = {steps}: tool off by {end_mm:.2f} mm and {end_mrad:.2f} mrad
+at the end, {most_mm:.2f} mm at most on the way.
 """
 FORMATS = {
     "steps": "",

@@ -17,11 +17,12 @@ from uvms_ocp.robot.loading import load_robot
 
 ROBOT = "girona_maris7_full"
 PROSE = """
-{scenes} scenes: {solved} are solved and certified free of collision, {false} of them falsely by {samples} samples of coal. The
-guess is the curve of `plan_soft_collision`, at {slower:g} times its duration, which thrust does not know; the clearance
-that is asked for is {clearance:g} m, or what start or goal have. The median of the processor time is {median:.2f} s for all of
-it, curve and proof included, the largest {largest:.2f} s; one planner is kept for all scenes, and building it took
-{building:.1f} s. Not solved or not certified: {rest}.
+{scenes} scenes: {solved} are solved and certified free of collision, {false} of them falsely by
+{samples} samples of coal. The guess is the curve of `plan_soft_collision`, at {slower:g} times its
+duration, which thrust does not know; the clearance that is asked for is {clearance:g} m, or what
+start or goal have. The median of the processor time is {median:.2f} s for all of it, curve and
+proof included, the largest {largest:.2f} s; one planner is kept for all scenes, and building it
+took {building:.1f} s. Not solved or not certified: {rest}.
 """
 
 

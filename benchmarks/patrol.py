@@ -27,10 +27,11 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.scenario import Scenario, reach
 
 PROSE = """
-`uvms_ocp.scenario.reach` with two phases in place of its own, {way:g} m out and home, where it stays for {rest:g} s, until
-{hours:g} h are nearly over; {rate:g} ticks a second, a row a second. Faults: {faults}. *peak_mb*: the most memory of the process;
-*killed_after_s*: from its first rows on, and the time of the last row that can be opened; what is left says of itself that it was
-cut off.
+`uvms_ocp.scenario.reach` with two phases in place of its own, {way:g} m out and home, where it
+stays for {rest:g} s, until {hours:g} h are nearly over; {rate:g} ticks a second, a row a second.
+Faults: {faults}. *peak_mb*: the most memory of the process; *killed_after_s*: from its first rows
+on, and the time of the last row that can be opened; what is left says of itself that it was cut
+off.
 """
 WAY = 3.0
 REST = 30.0

@@ -36,16 +36,16 @@ STAYS = 30.0
 SOON = (5.0, 10.0, 30.0)
 CERTAIN = 1.96  # standard errors
 PROSE = """
-A robot carries a payload from the start, of which its controller is told nothing. It keeps station for {stays:g} s and then goes
-to small way points and moves its arm, {duration:g} s in all; {seeds} runs a row, with other ways and other noise. Current and
-gusts have {current:g} and {gusts:g} m/s.
+A robot carries a payload from the start, of which its controller is told nothing. It keeps station
+for {stays:g} s and then goes to small way points and moves its arm, {duration:g} s in all; {seeds}
+runs a row, with other ways and other noise. Current and gusts have {current:g} and {gusts:g} m/s.
 
-- *error*: of the net weight [N] after so many seconds, the largest of the runs; *near*: the time [s] from which on it stays
-  within {near:.0f} % in all runs.
-- *mass known*: the time [s] from which on the mass is determined in all runs; *mass error* [kg]: the largest at the end of those
-  in which it is.
-- *weight inside*, *mass inside*: share of all seconds at which the truth lies within {certain:g} standard errors; of the mass,
-  of those at which it is determined.
+- *error*: of the net weight [N] after so many seconds, the largest of the runs; *near*: the time
+  [s] from which on it stays within {near:.0f} % in all runs.
+- *mass known*: the time [s] from which on the mass is determined in all runs; *mass error* [kg]:
+  the largest at the end of those in which it is.
+- *weight inside*, *mass inside*: share of all seconds at which the truth lies within {certain:g}
+  standard errors; of the mass, of those at which it is determined.
 """
 G = 9.81  # [m/s2]
 

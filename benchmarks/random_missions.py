@@ -15,16 +15,17 @@ from studies.random_missions import random_missions
 from studies.study import StudyResult
 
 PROSE = """
-Seeds {first} to {last}, {plant} plant, {rate:.0f} Hz; one row each in `random_missions.csv`. Drawn: start, heading,
-target, way point, current, floor and, in {boulders} of them, a boulder beside the way with the clearance task on
-(`random_mission` has the ranges). Clearance is that of the whole robot, by coal: from floor and boulder while the minimum
-altitude is fully on, from the boulder over the whole run.
+Seeds {first} to {last}, {plant} plant, {rate:.0f} Hz; one row each in `random_missions.csv`. Drawn:
+start, heading, target, way point, current, floor and, in {boulders} of them, a boulder beside the
+way with the clearance task on (`random_mission` has the ranges). Clearance is that of the whole
+robot, by coal: from floor and boulder while the minimum altitude is fully on, from the boulder over
+the whole run.
 
-What is accepted and completes lasts {shortest:.0f} to {longest:.0f} s; {collided} of the accepted collide. Accepted but
-not completed: {failed}.
+What is accepted and completes lasts {shortest:.0f} to {longest:.0f} s; {collided} of the accepted
+collide. Accepted but not completed: {failed}.
 
-The {refused} refused missions were run all the same: {false} of them complete, refusals that were false: {false_seeds}.
-Tasks whose goals were the cause of a refusal, and how often: {causes}.
+The {refused} refused missions were run all the same: {false} of them complete, refusals that were
+false: {false_seeds}. Tasks whose goals were the cause of a refusal, and how often: {causes}.
 """
 
 

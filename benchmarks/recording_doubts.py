@@ -30,16 +30,19 @@ SETTINGS = {
     "hull": [[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]],
 }
 PROSE = """
-{sound} sound recordings of {duration:g} s of drawn vehicles with an arm, driven by random steps of thrust, and {n} spoiled ones,
-each by one of {kinds} kinds. A spoiled one is found where a doubt is about the channel that is wrong, or about the one that it is
-compared with, and the sound recording has none like it. {found:.1f} % are found, {missed:.1f} % missed. Of the sound recordings
-{false:.1f} % raise a doubt, and {others:.1f} % of the doubts about spoiled ones are about channels that are sound.
+{sound} sound recordings of {duration:g} s of drawn vehicles with an arm, driven by random steps of
+thrust, and {n} spoiled ones, each by one of {kinds} kinds. A spoiled one is found where a doubt is
+about the channel that is wrong, or about the one that it is compared with, and the sound recording
+has none like it. {found:.1f} % are found, {missed:.1f} % missed. Of the sound recordings
+{false:.1f} % raise a doubt, and {others:.1f} % of the doubts about spoiled ones are about channels
+that are sound.
 
-In the second table, by doubt: of the spoiled recordings that it is meant to find those that it misses, and those of them that no
-other doubt finds either; of the sound ones those about which it is raised; and of those that are spoiled in another way, those
-where it is raised about the channel that is wrong (the same fault by another name, or one that follows from it), and about
-channels that are sound, which alone is false. {stated} more doubts state what a file, or the settings of a fit, say themselves:
-{statements}.
+In the second table, by doubt: of the spoiled recordings that it is meant to find those that it
+misses, and those of them that no other doubt finds either; of the sound ones those about which it
+is raised; and of those that are spoiled in another way, those where it is raised about the channel
+that is wrong (the same fault by another name, or one that follows from it), and about channels that
+are sound, which alone is false. {stated} more doubts state what a file, or the settings of a fit,
+say themselves: {statements}.
 """
 _PARTNERS: Mapping[str, tuple[str, ...]] = {
     "linear_velocity": ("position", "attitude"),

@@ -1,8 +1,8 @@
 """Compare what two versions of the code compute, number by number: runs, plans, a campaign, an
 identification, exported C.
 
-    python benchmarks/same_numbers.py --record FOLDER      write the golden values of this version, one file per item
-    python benchmarks/same_numbers.py --against FOLDER     compute them again and compare; exit code 1 where they differ
+    python benchmarks/same_numbers.py --record FOLDER    write the golden values, one file per item
+    python benchmarks/same_numbers.py --against FOLDER   compute again and compare; exit code 1 where they differ
 
 Both on one machine and with OMP_NUM_THREADS=1: the last bits of a sum depend on the processor and
 on threads. Times of computation and texts for people are left out. What a version calls otherwise

@@ -30,9 +30,10 @@ COMMANDS = (
 )
 QUICK = ("--help", "list")
 PROSE = """
-Every command in a process of its own and an empty folder, record, report, figures and scene written, by the clock on the wall.
-*warm_s*: the median of {runs} runs that find what they need compiled, and *warm_processor_s* what these take of all processors.
-*cold_s*: the first run, with an empty cache of compiled code. *compiling_s*: how much longer that is.
+Every command in a process of its own and an empty folder, record, report, figures and scene
+written, by the clock on the wall. *warm_s*: the median of {runs} runs that find what they need
+compiled, and *warm_processor_s* what these take of all processors. *cold_s*: the first run, with an
+empty cache of compiled code. *compiling_s*: how much longer that is.
 """
 COLUMNS = {
     "command": "",

@@ -31,14 +31,15 @@ MISSIONS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 PROFILED = ("case1", "case1, noise")
 PROSE = """
-One process, control at {rate:.0f} Hz, the plant in its usual steps; the median of {runs} runs of each, after one that
-compiled. *real_time*: simulated time for one second of the loop, preparation aside; *in_python*: the same where somebody looks
-at every tick, so that Python calls the parts one by one, each run after one of the others. *prepare_s*: time of the processor
-before and after the loop, with CasADi's expressions, what has been compiled is loaded. *tick*: levels, solve, viability and
-mission; *controller*: all from measurement to thrust and torque.
+One process, control at {rate:.0f} Hz, the plant in its usual steps; the median of {runs} runs of
+each, after one that compiled. *real_time*: simulated time for one second of the loop, preparation
+aside; *in_python*: the same where somebody looks at every tick, so that Python calls the parts one
+by one, each run after one of the others. *prepare_s*: time of the processor before and after the
+loop, with CasADi's expressions, what has been compiled is loaded. *tick*: levels, solve, viability
+and mission; *controller*: all from measurement to thrust and torque.
 
-The other tables: mean time of each kernel for a tick, with a clock between them, and of the whole loop, with events, swings and
-rows, for {profiled}, in turn.
+The other tables: mean time of each kernel for a tick, with a clock between them, and of the whole
+loop, with events, swings and rows, for {profiled}, in turn.
 """
 COLUMNS = {
     "mission": "",

@@ -15,13 +15,13 @@ from studies.table2 import FLOORS, MARGIN, table2
 from uvms_ocp.sim.rough_seafloor import RELIEFS
 
 PROSE = """
-{runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes {shortest:.0f} to
-{longest:.0f} s, and {completed} complete. Smallest and largest of the clearances [m] of the whole robot in each cell, by
-coal against a mesh of the floor; contact counts as {contact} or less, {margin:g} m as safe. Verdicts as in
-`studies.table2.verdict`.
+{runs} transits of {length:g} m on the kinematic plant, {seeds} floors for each cell; each takes
+{shortest:.0f} to {longest:.0f} s, and {completed} complete. Smallest and largest of the clearances
+[m] of the whole robot in each cell, by coal against a mesh of the floor; contact counts as
+{contact} or less, {margin:g} m as safe. Verdicts as in `studies.table2.verdict`.
 
-{agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have protuberances of {reliefs}
-(`uvms_ocp.sim.rough_seafloor.RELIEFS`).
+{agree} cells of {cells} agree. The paper names its floors but does not measure them; ours have
+protuberances of {reliefs} (`uvms_ocp.sim.rough_seafloor.RELIEFS`).
 """
 FORMATS = {
     "floor": "",

@@ -18,9 +18,10 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 REPEATS = 20
 PROSE = """
-Times of minimum snap are the least of {repeats} calls after one to warm up, for the peer too; times of plans are of one
-run per scene. They are by the clock on the wall unless named otherwise. Errors of gradients and Hessians are the largest
-differences from central differences, relative to the largest entry.
+Times of minimum snap are the least of {repeats} calls after one to warm up, for the peer too; times
+of plans are of one run per scene. They are by the clock on the wall unless named otherwise. Errors
+of gradients and Hessians are the largest differences from central differences, relative to the
+largest entry.
 """
 
 

@@ -21,9 +21,10 @@ from studies.random_limits import (
 )
 
 PROSE = """
-{runs} runs of the study `random_limits` at each rate of control, kinematic plant. {phases} phases with goals and tasks that
-nobody checked, among {obstacles} obstacles and above a floor; each run starts at rest inside all limits, so that braking could
-always have kept them. Violations are the largest of any tick of any run, from the true configurations.
+{runs} runs of the study `random_limits` at each rate of control, kinematic plant. {phases} phases
+with goals and tasks that nobody checked, among {obstacles} obstacles and above a floor; each run
+starts at rest inside all limits, so that braking could always have kept them. Violations are the
+largest of any tick of any run, from the true configurations.
 """
 
 

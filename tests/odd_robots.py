@@ -28,8 +28,10 @@ _FAST = '<limit lower="-50" upper="50" effort="1e3" velocity="0.8"/>'
 _SLIDES = f"""<link name="aside"/><link name="ahead"/>
 <joint name="slide0" type="prismatic"><parent link="arm0"/><child link="ahead"/><origin xyz="0.3 0 0"/>
   <axis xyz="1 0 0"/>{_FAST}</joint>
-<joint name="slide1" type="prismatic"><parent link="ahead"/><child link="aside"/><axis xyz="0 1 0"/>{_FAST}</joint>
-<joint name="turn1" type="revolute"><parent link="aside"/><child link="arm1"/><axis xyz="0 0 1"/>{_FAST}</joint>"""
+<joint name="slide1" type="prismatic"><parent link="ahead"/><child link="aside"/>
+  <axis xyz="0 1 0"/>{_FAST}</joint>
+<joint name="turn1" type="revolute"><parent link="aside"/><child link="arm1"/>
+  <axis xyz="0 0 1"/>{_FAST}</joint>"""
 
 
 class _SlidingTwin(Tiny):

@@ -37,7 +37,8 @@ PATIENCE = 900.0  # [s] for what compiles on a busy machine
 ALL_CELLS = {"windowingMode": "none"}  # also those that nobody scrolls to
 READY = """(path) => {
   const {context, sessionContext} = window.jupyterapp?.shell.currentWidget ?? {};
-  return context?.path === path && context.isReady && sessionContext.isReady && sessionContext.session?.kernel?.status === 'idle';
+  const isReady = context?.path === path && context.isReady && sessionContext.isReady;
+  return isReady && sessionContext.session?.kernel?.status === 'idle';
 }"""
 MODEL = "() => window.jupyterapp.shell.currentWidget.content.model.toJSON()"
 BUSY = (

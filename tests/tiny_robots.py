@@ -28,7 +28,8 @@ _BOOM = """<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="0.6
 <joint name="{joint}" type="{kind}"><parent link="{parent}"/><child link="{name}"/><origin xyz="0.3 0 0"/>
   <axis xyz="{axis}"/>{limit}</joint>"""
 _TOOL = """<link name="tool"/>
-<joint name="mount" type="fixed"><parent link="{parent}"/><child link="tool"/><origin xyz="0.3 0 0"/></joint>"""
+<joint name="mount" type="fixed"><parent link="{parent}"/><child link="tool"/>
+  <origin xyz="0.3 0 0"/></joint>"""
 LIMIT = '<limit lower="-1.2" upper="1.2" effort="8" velocity="0.7"/>'
 _ENDLESS = '<limit effort="8" velocity="0.7"/>'
 _WET = """coefficients: {added_mass: [9, 14, 18, 0.3, 0.4, 0.5], linear_drag: [12, 15, 20, 1, 1, 1],
@@ -95,8 +96,10 @@ _SONAR = """<link name="sonar"><inertial><mass value="0.05"/>
   <limit lower="0" upper="0" effort="0" velocity="0"/></joint>"""
 _PROPELLER = """<link name="propeller"><inertial><mass value="0.001"/>
   <inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/></inertial></link>
-<joint name="propeller_joint" type="continuous"><parent link="base_link"/><child link="propeller"/><axis xyz="1 0 0"/></joint>"""
-_STAND = """<link name="stand"><collision><origin xyz="0 0 -6"/><geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
+<joint name="propeller_joint" type="continuous"><parent link="base_link"/><child link="propeller"/>
+  <axis xyz="1 0 0"/></joint>"""
+_STAND = """<link name="stand"><collision><origin xyz="0 0 -6"/>
+  <geometry><box size="0.2 0.2 0.2"/></geometry></collision></link>
 <joint name="stand_mount" type="fixed"><parent link="base_link"/><child link="stand"/></joint>"""
 
 TINY = {

@@ -1,9 +1,10 @@
 """The least energy that drag and weight set along a way, whatever flies it.
 
-At every moment of the way the thrusters have to balance, at least, what the water does to the robot at the velocity that it
-has relative to it, and what weight and buoyancy do: the generalized force of moving on steadily, without accelerating.
-Among all thrusts that give the vehicle's part of it the least power is taken, ``sum factor |T|^exponent``. Integrated
-over the way this is the energy of flying it quasi-statically; accelerations, noise and errors of control come on top.
+At every moment of the way the thrusters have to balance, at least, what the water does to the robot
+at the velocity that it has relative to it, and what weight and buoyancy do: the generalized force
+of moving on steadily, without accelerating. Among all thrusts that give the vehicle's part of it
+the least power is taken, ``sum factor |T|^exponent``. Integrated over the way this is the energy of
+flying it quasi-statically; accelerations, noise and errors of control come on top.
 """
 
 from __future__ import annotations

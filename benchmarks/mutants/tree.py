@@ -30,7 +30,8 @@ _COPIED = (
     "CONTRIBUTING.md",
 )
 _COMPILER = """#!/bin/sh
-# Code that is in the cache is used; where it may not be compiled, what a mutant changes runs in the slower way.
+# Code that is in the cache is used; where it may not be compiled, what a mutant changes runs in the
+# slower way.
 [ "$1" = --version ] || [ -z "$MUTANTS_DO_NOT_COMPILE" ] || exit 1
 exec cc "$@"
 """

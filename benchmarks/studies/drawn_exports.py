@@ -64,7 +64,8 @@ _FOLLOWER = """<link name="finger"><inertial><origin xyz="0.02 0 0"/><mass value
   <origin xyz="0.2 0.03 0"/><axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="8" velocity="0.7"/>
   <mimic joint="{leader}" multiplier="{multiplier}"/></joint>"""
 _TOOL = """<link name="tool"/>
-<joint name="mount" type="fixed"><parent link="{parent}"/><child link="tool"/><origin xyz="0.3 0 0"/></joint>"""
+<joint name="mount" type="fixed"><parent link="{parent}"/><child link="tool"/>
+  <origin xyz="0.3 0 0"/></joint>"""
 _WATER = """coefficients: {{added_mass: [9, 14, 18, 0.3, 0.4, 0.5], linear_drag: [12, 15, 20, 1, 1, 1],
     quadratic_drag: [30, 45, 60, 2, 2, 2], volume: {volume}, centre_of_buoyancy: [0.011, 0, 0.03]}}"""
 _AXES = ("0 1 0", "0 0 1", "1 0 0")

@@ -28,7 +28,10 @@ _ODD_FLOATS = (
     ),
     *(math.inf, -math.inf, math.nan, -math.nan),
 )
-_ODD_LETTERS = "\0\x00\t\n\r\x1b\x7f\x85\xa0\xad\u0130\u0301\u0660\u200b\u202e\u2028\ufeff\uffff\U0001f41f\U0010ffff"
+_ODD_LETTERS = (
+    "\0\x00\t\n\r\x1b\x7f\x85\xa0\xad\u0130\u0301\u0660\u200b\u202e\u2028\ufeff\uffff"
+    "\U0001f41f\U0010ffff"
+)
 _LETTERS = "".join(map(chr, range(32, 127)))
 _LAST_LETTER = 0x10FFFF
 _SURROGATES = range(0xD800, 0xE000)

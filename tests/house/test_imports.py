@@ -19,7 +19,7 @@ _CODE = """
 import pkgutil, sys, uvms_ocp, uvms_ocp.cli
 for module in pkgutil.iter_modules(uvms_ocp.cli.__path__, "uvms_ocp.cli."):
     __import__(module.name)
-packages = {module.name for module in pkgutil.iter_modules(uvms_ocp.__path__)}  # which may load what their own calls need
+packages = {module.name for module in pkgutil.iter_modules(uvms_ocp.__path__)}
 for name in set(dir(uvms_ocp)) - packages:
     getattr(uvms_ocp, name)
 print(*sys.modules)
