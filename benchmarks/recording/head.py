@@ -48,17 +48,17 @@ class Head:
                 " partly theirs"
             )
         share = f"Other programs used {self.others:.1f} % of the processors"
-        return (
-            share
-            if self.quiet
-            else f"{share}, more than {QUIET:.0f} %: times are partly theirs, record again"
-        )
+        if self.quiet:
+            return share
+        return f"{share}, more than {QUIET:.0f} %: times are partly theirs, record again"
 
     def lines(self) -> list[str]:
         """Of text; the same in every file of a run."""
         return [
             f"Written by `{self.command}` on {self.date}.",
-            *(f"{x}." for x in (self.versions, self.machine, self.load)),
+            f"{self.versions}.",
+            f"{self.machine}.",
+            f"{self.load}.",
         ]
 
 
@@ -72,23 +72,21 @@ class Beginning:
 
     def head(self, peers: Mapping[str, str] | None = None) -> Head:
         """Of what has run since; peers: versions of other packages that were measured."""
-        packages = {name: version(name) for name in PACKAGES} | dict(peers or {})
-        now = ProcessorTimes.now()
-        others = (
-            None if now is None or self.processors is None else self.processors.others_until(now)
-        )
+        packages = {name: version(name) for name in PACKAGES}
+        packages |= dict(peers or {})
+        versions = [f"Python {platform.python_version()}"]
+        versions += [f"{name} {number}" for name, number in packages.items()]
+        end = ProcessorTimes.now()
+        others_share = None
+        if self.processors is not None and end is not None:
+            others_share = self.processors.others_until(end)
         took = (datetime.now(timezone.utc) - self.date).total_seconds()
         return Head(
             command=self.command,
             date=f"{self.date:%Y-%m-%d %H:%M} UTC, in {took:.0f} s",
-            versions=", ".join(
-                [
-                    f"Python {platform.python_version()}",
-                    *(" ".join(item) for item in packages.items()),
-                ]
-            ),
+            versions=", ".join(versions),
             machine=_machine(),
-            others=others,
+            others=others_share,
         )
 
 

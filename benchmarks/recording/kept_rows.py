@@ -32,7 +32,7 @@ def add_study_options(parser: argparse.ArgumentParser) -> None:
 
 
 def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
-    """Rows in the order of the cases, of those that are known once `hours` [h] are over."""
+    """Rows in the order of the cases, of those that are finished once `hours` [h] are over."""
     end = time.monotonic() + 3600.0 * hours
     order = spread_out(range(len(study.cases)))
 
@@ -44,13 +44,10 @@ def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
     spread = replace(study, cases=[study.cases[k] for k in order])
     with suppress(Over):
         spread.run(folder, workers=jobs, progress=tell)
-    known = finished_rows(folder) if part_paths(folder) else {}
-    return [
-        row
-        for _, row in sorted(
-            ((order[run], row) for run, row in known.items()), key=lambda entry: entry[0]
-        )
-    ]
+    if not part_paths(folder):
+        return []
+    row_of_case = {order[run]: row for run, row in finished_rows(folder).items()}
+    return [row_of_case[case] for case in sorted(row_of_case)]
 
 
 def spread_out(cases: Sequence[int]) -> list[int]:

@@ -29,12 +29,15 @@ def run_script(
     compiler: False hides the C compiler, so that step functions run in CasADi's virtual machine.
     cache: of compiled code, for which nobody waits; that of this process by default.
     """
-    kept = {} if cache is None else {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
-    ours = (
-        os.environ.get("PYTHONPATH") if str(python) == sys.executable else None
-    )  # the same package as this process
-    places = os.pathsep.join(filter(None, [str(_FOLDER), ours]))
-    environment = os.environ | {"PYTHONPATH": places} | kept | ({} if compiler else _HIDDEN)
+    import_paths = [str(_FOLDER)]
+    inherited = os.environ.get("PYTHONPATH")
+    if str(python) == sys.executable and inherited:
+        import_paths.append(inherited)  # the same package as this process
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(import_paths)}
+    if cache is not None:
+        environment |= {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
+    if not compiler:
+        environment |= _HIDDEN
     subprocess.run([str(word) for word in (python, script, *words)], check=True, env=environment)
 
 
@@ -45,8 +48,9 @@ def as_installed(cache: Path | str) -> dict[str, str]:
     cache: of compiled code.
     """
     compileall.compile_dir(str(Path(uvms_ocp.__file__).parent), quiet=2)
-    changed = os.environ | {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
-    return {name: value for name, value in changed.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment = os.environ | {"UVMS_OCP_CACHE": str(cache), "UVMS_OCP_WAIT_FOR_COMPILER": ""}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    return environment
 
 
 def hide_compiler() -> None:

@@ -20,7 +20,7 @@ class ProcessorTimes:
     """[s]"""
     busy: float
     """[s] with any program, or taken away by the host of a virtual machine."""
-    own: float
+    ours: float
     """[s] with this process and those of its children that have ended."""
 
     @staticmethod
@@ -28,12 +28,15 @@ class ProcessorTimes:
         """None where the system does not tell."""
         if not _STAT.exists():
             return None
-        ticks = [int(word) for word in _STAT.read_text().split("\n", 1)[0].split()[1:]][:_GUEST]
-        hertz, own = os.sysconf("SC_CLK_TCK"), os.times()
+        first_line = _STAT.read_text().split("\n", 1)[0]
+        ticks = [int(word) for word in first_line.split()[1:]][:_GUEST]
+        idle_ticks = sum(ticks[column] for column in _IDLE)
+        ticks_per_second = os.sysconf("SC_CLK_TCK")
+        process = os.times()
         return ProcessorTimes(
-            total=sum(ticks) / hertz,
-            busy=(sum(ticks) - sum(ticks[column] for column in _IDLE)) / hertz,
-            own=own.user + own.system + own.children_user + own.children_system,
+            total=sum(ticks) / ticks_per_second,
+            busy=(sum(ticks) - idle_ticks) / ticks_per_second,
+            ours=process.user + process.system + process.children_user + process.children_system,
         )
 
     def others_until(self, later: ProcessorTimes) -> float:
@@ -41,13 +44,15 @@ class ProcessorTimes:
         total = later.total - self.total
         if total <= 0.0:
             return 0.0
-        return max(0.0, 100.0 * (later.busy - self.busy - (later.own - self.own)) / total)
+        return max(0.0, 100.0 * (later.busy - self.busy - (later.ours - self.ours)) / total)
 
 
 def processor_name() -> str:
     """Of the first processor, empty where the system does not tell."""
     info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    return next(
-        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), ""
-    )
+    if not info.exists():
+        return ""
+    for line in info.read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return ""

@@ -33,14 +33,11 @@ class Table:
     def lines(self) -> list[str]:
         """Markdown."""
         columns = self.columns or dict.fromkeys(columns_of(self.rows), "")
-        head = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
-        return [
-            *head,
-            *(
-                _line(cell(row.get(name), form) for name, form in columns.items())
-                for row in self.rows
-            ),
-        ]
+        lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+        for row in self.rows:
+            cells = [cell(row.get(name), form) for name, form in columns.items()]
+            lines.append("| " + " | ".join(cells) + " |")
+        return lines
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,18 +58,21 @@ class Report:
     def markdown(self, head: Head) -> str:
         """The whole report below its head."""
         parts = [f"# {self.title}", "\n".join(_flowing(head.lines())), filled(self.prose)]
-        return "\n\n".join([*parts, *("\n".join(table.lines()) for table in self.tables)]) + "\n"
+        parts += ["\n".join(table.lines()) for table in self.tables]
+        return "\n\n".join(parts) + "\n"
 
     def write(self, folder: Path, head: Head) -> list[Path]:
         """Write Markdown and CSV; returns their paths."""
         folder.mkdir(parents=True, exist_ok=True)
         report = folder / f"{self.name}.md"
         report.write_text(self.markdown(head), encoding="utf-8")
+        paths = [report]
         data = self.data or {self.name: self.tables[0].rows}
-        return [
-            report,
-            *(_write_csv(rows, folder / f"{name}.csv", head) for name, rows in data.items()),
-        ]
+        for name, rows in data.items():
+            path = folder / f"{name}.csv"
+            _write_csv(rows, path, head)
+            paths.append(path)
+        return paths
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -121,29 +121,38 @@ def begin(parser: argparse.ArgumentParser) -> tuple[argparse.Namespace, Run]:
     What is timed is compiled before.
     """
     os.environ.setdefault("UVMS_OCP_WAIT_FOR_COMPILER", "1")
-    given = parser.parse_args()
-    if given.quick and given.out.resolve() == RESULTS:
+    arguments = parser.parse_args()
+    if arguments.quick and arguments.out.resolve() == RESULTS:
         parser.error(
             "--quick measures too little to be recorded; give another folder with --out PATH"
         )
-    return given, Run(out=given.out, quick=given.quick, beginning=Beginning(this_command()))
+    return arguments, Run(
+        out=arguments.out, quick=arguments.quick, beginning=Beginning(this_command())
+    )
 
 
 def columns_of(rows: Sequence[Row]) -> list[str]:
     """All columns of the rows, in the order in which they first occur."""
-    return list(dict.fromkeys(name for row in rows for name in row))
+    columns: dict[str, None] = {}
+    for row in rows:
+        columns |= dict.fromkeys(row)
+    return list(columns)
 
 
 def filled(text: str) -> str:
     """Paragraphs and lists in lines of one length."""
-    return "\n\n".join(
-        "\n".join(map(_filled, _items(paragraph))) for paragraph in text.strip().split("\n\n")
-    )
+    paragraphs = []
+    for paragraph in text.strip().split("\n\n"):
+        items = [_filled(item) for item in _items(paragraph)]
+        paragraphs.append("\n".join(items))
+    return "\n\n".join(paragraphs)
 
 
 def _items(paragraph: str) -> list[str]:
     """The items of a list; a paragraph that is none, as it is."""
-    return re.split(r"\n(?=- )", paragraph) if paragraph.startswith("- ") else [paragraph]
+    if not paragraph.startswith("- "):
+        return [paragraph]
+    return re.split(r"\n(?=- )", paragraph)
 
 
 def _filled(item: str) -> str:
@@ -161,14 +170,11 @@ def cell(value: Any, form: str = "") -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return format(value, form or (".0f" if abs(value) >= 1e3 else ".3g"))
-    return (
-        format(value, form) if form and isinstance(value, int) else str(value).replace("|", "\\|")
-    )
-
-
-def _line(cells: Any) -> str:
-    return "| " + " | ".join(cells) + " |"
+        default_form = ".0f" if abs(value) >= 1e3 else ".3g"
+        return format(value, form or default_form)
+    if form and isinstance(value, int):
+        return format(value, form)
+    return str(value).replace("|", "\\|")
 
 
 def _flowing(lines: Sequence[str]) -> list[str]:
@@ -176,10 +182,9 @@ def _flowing(lines: Sequence[str]) -> list[str]:
     return [f"{line}  " for line in lines[:-1]] + [lines[-1]]
 
 
-def _write_csv(rows: Sequence[Row], path: Path, head: Head) -> Path:
+def _write_csv(rows: Sequence[Row], path: Path, head: Head) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {line}\n" for line in head.lines())
         table = csv.DictWriter(file, columns_of(rows), restval="", lineterminator="\n")
         table.writeheader()
         table.writerows(rows)
-    return path

@@ -14,6 +14,7 @@ from typing import Any
 
 import coal
 import numpy as np
+from recording.rows import rows_where
 
 from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
@@ -87,9 +88,11 @@ class Machine:
 def drawn_machine(rng: np.random.Generator) -> Machine:
     """A vehicle of none to 8 thrusters with none to 5 joints, or a fixed base with an arm."""
     floating = bool(rng.random() < 0.85)
-    joints = int(rng.integers(0 if floating else 1, _MOST_JOINTS + 1))
+    fewest_joints = 0 if floating else 1
+    joints = int(rng.integers(fewest_joints, _MOST_JOINTS + 1))
     kinds = tuple(rng.choice(JOINT_KINDS, p=_OFTEN, size=joints).tolist())
-    follower = bool(kinds and kinds[0] in ("revolute", "prismatic") and rng.random() < 0.2)
+    can_be_followed = bool(kinds) and kinds[0] in ("revolute", "prismatic")
+    follower = can_be_followed and bool(rng.random() < 0.2)
     thrusters = int(rng.integers(_MOST_THRUSTERS + 1)) if floating else 0
     return Machine(floating=floating, thrusters=thrusters, joints=kinds, follower=follower)
 
@@ -102,15 +105,13 @@ def write_machine(machine: Machine, rng: np.random.Generator, folder: Path) -> R
     parts = [_HULL.format(mass=mass)]
     parent = "base_link"
     for k, kind in enumerate(machine.joints):
+        reach = round(float(rng.uniform(0.2, 0.35)), 3)
+        axis = "0 0 1"
+        if kind != "planar":
+            axis = _AXES[int(rng.integers(3))]
+        limit = _limit(kind, rng)
         parts.append(
-            _BOOM.format(
-                k=k,
-                kind=kind,
-                parent=parent,
-                reach=round(float(rng.uniform(0.2, 0.35)), 3),
-                axis="0 0 1" if kind == "planar" else _AXES[int(rng.integers(3))],
-                limit=_limit(kind, rng),
-            )
+            _BOOM.format(k=k, kind=kind, parent=parent, reach=reach, axis=axis, limit=limit)
         )
         parent = f"arm{k}"
     if machine.follower:
@@ -191,28 +192,30 @@ def drawn_scenario(robot: Robot, rng: np.random.Generator, name: str) -> Scenari
     )
     start = _posture(robot, pose_at(_START, (0.0, 0.0, float(rng.uniform(-3.0, 3.0)))), rng)
     tasks = list(_tasks(robot, start, rng))
-    others = {task.name: task for task in _tasks(robot, start, rng)}
+    later_tasks = {task.name: task for task in _tasks(robot, start, rng)}
     if rng.random() < _OBSTRUCTED:
-        near = np.array(_START if robot.n_vehicle else (0.0, 0.0, 0.0)) + _BESIDE
-        ball = obstacle("ball", coal.Sphere(0.3), near)
-        around = CollisionModel(robot, (ball,), self_collision=False)
-        tasks.insert(0, Clearance(model=around, n_nearest=4))
-    phases = tuple(_phases(tasks, others, 0.4 * duration, rng))
-    abort = abort_phase("PC") if "PC" in others and rng.random() < 0.5 else None
+        base = _START if robot.n_vehicle else (0.0, 0.0, 0.0)
+        ball = obstacle("ball", coal.Sphere(0.3), np.array(base) + _BESIDE)
+        surroundings = CollisionModel(robot, (ball,), self_collision=False)
+        tasks.insert(0, Clearance(model=surroundings, n_nearest=4))
+    phases = tuple(_phases(tasks, later_tasks, 0.4 * duration, rng))
+    abort = None
+    if "PC" in later_tasks and rng.random() < 0.5:
+        abort = abort_phase("PC")
     mission = mission_of(robot, tasks, phases, abort=abort)
     return run.scenario(name=name, mission=mission, start=start, markers={})
 
 
 def _posture(robot: Robot, pose: Any, rng: np.random.Generator) -> np.ndarray:
     """(n_q,) with joints anywhere in the middle of their range."""
-    place = {"position": pose.translation, "rpy": (0.0, 0.0, 0.0)} if robot.n_vehicle else {}
-    q = robot.configuration(**place)
-    low, high = (
-        np.clip(bound, -1.0, 1.0)
-        for bound in (robot.limits.position_lower, robot.limits.position_upper)
-    )
+    if robot.n_vehicle:
+        q = robot.configuration(position=pose.translation, rpy=(0.0, 0.0, 0.0))
+    else:
+        q = robot.configuration()
     if not robot.n_joints:
         return q
+    low = np.clip(robot.limits.position_lower, -1.0, 1.0)
+    high = np.clip(robot.limits.position_upper, -1.0, 1.0)
     return robot.with_joint_values(q, 0.5 * rng.uniform(low, high))
 
 
@@ -251,28 +254,33 @@ def _joints_of_one_axis(robot: Robot) -> dict[str, int]:
 
 
 def _phases(
-    tasks: Sequence[Task], others: dict[str, Task], longest: float, rng: np.random.Generator
+    tasks: Sequence[Task], later_tasks: dict[str, Task], longest: float, rng: np.random.Generator
 ) -> Iterator[Phase]:
-    """The first ends where the first goal is near, or by time; the second has goals of its own."""
+    """The first ends where the first goal is near, or by time; the second has goals of its own.
+
+    later_tasks: by name, with the goals of the second phase. longest [s]: of the first phase.
+    """
     names = [task.name for task in tasks]
     goal = "PC" if "PC" in names else "T"
-    near = (Below(quantity=f"{goal}.position_error", limit=0.1),)
-    over = (Above(quantity="phase.time", limit=longest),)
-    onward = (Transition(to="B", when=near, hold=0.1), Transition(to="B", when=over))
-    some = {name: 1.0 for name in names if name in ("JL", goal) or rng.random() < 0.6}
-    yield Phase(name="A", activations=some, transitions=onward)
-    goals: dict[str, Any] = {
-        name: others[name].goal  # type: ignore[attr-defined]
-        for name in ("PC", "T")
-        if name in names and type(others[name]) is type(tasks[names.index(name)])
-    }
+    arrived = (Below(quantity=f"{goal}.position_error", limit=0.1),)
+    time_over = (Above(quantity="phase.time", limit=longest),)
+    onward = (Transition(to="B", when=arrived, hold=0.1), Transition(to="B", when=time_over))
+    active_at_first = {}
+    for name in names:
+        if name in ("JL", goal) or rng.random() < 0.6:
+            active_at_first[name] = 1.0
+    yield Phase(name="A", activations=active_at_first, transitions=onward)
+    goals: dict[str, Any] = {}
+    for name in ("PC", "T"):
+        if name in names and type(later_tasks[name]) is type(tasks[names.index(name)]):
+            goals[name] = later_tasks[name].goal  # type: ignore[attr-defined]
     tracking = next((task for task in tasks if isinstance(task, JointTracking)), None)
     if tracking is not None and rng.random() < 0.4:
         goals["MP"] = _ramp(len(tracking.joints), longest, rng)
     yield Phase(
         name="B",
         activations=activate(*names),
-        transitions=(Transition(to=DONE, when=near, hold=0.1),),
+        transitions=(Transition(to=DONE, when=arrived, hold=0.1),),
         goals=goals,
     )
 
@@ -299,12 +307,12 @@ def replayed(folder: Path, name: str, flags: Sequence[str]) -> dict[str, Any]:
     """
     sources = sorted(path.name for path in folder.glob(f"{name}_*.c"))
     _called(folder, "cc", *flags, *sources, "-lm", "-o", "replay")
-    said = _called(folder, "./replay", f"{name}_recorded.bin", ok=(0, 1))
-    ticks, _, apart = said.split()[:3]
+    printed = _called(folder, "./replay", f"{name}_recorded.bin", ok=(0, 1))
+    ticks, _, apart = printed.split()[:3]
     return {
         "ticks": int(ticks),
         "apart": int(apart),
-        "largest_difference": float(said.split("difference ")[1].split(",")[0]),
+        "largest_difference": float(printed.split("difference ")[1].split(",")[0]),
     }
 
 
@@ -313,8 +321,8 @@ def _called(folder: Path, *words: str, ok: Sequence[int] = (0,)) -> str:
         words, cwd=folder, capture_output=True, text=True, timeout=_TIMEOUT, check=False
     )
     if process.returncode not in ok:
-        said = plain_line(process.stderr, 300)
-        raise RuntimeError(f"{words[0]} failed with {process.returncode}: {said}")
+        complaint = plain_line(process.stderr, 300)
+        raise RuntimeError(f"{words[0]} failed with {process.returncode}: {complaint}")
     return process.stdout
 
 
@@ -374,21 +382,21 @@ def run_export(case: dict[str, Any]) -> Row:
 
 def totals(rows: Sequence[Row]) -> list[Row]:
     """Outcomes, by what was drawn."""
+    fusing = " ".join(FUSING)
     kinds = {
         "all": list(rows),
-        "LexicographicActiveSet": [
-            row for row in rows if row["solver"] == "LexicographicActiveSet"
-        ],
-        "Icat": [row for row in rows if row["solver"] == "Icat"],
-        "dynamic": [row for row in rows if row["plant"] == "dynamic"],
-        "kinematic": [row for row in rows if row["plant"] == "kinematic"],
-        "without joints": [row for row in rows if row["joints"] == "none"],
+        "LexicographicActiveSet": rows_where(rows, "solver", "LexicographicActiveSet"),
+        "Icat": rows_where(rows, "solver", "Icat"),
+        "dynamic": rows_where(rows, "plant", "dynamic"),
+        "kinematic": rows_where(rows, "plant", "kinematic"),
+        "without joints": rows_where(rows, "joints", "none"),
         "without thrusters": [row for row in rows if not row["thrusters"]],
-        "fixed base": [row for row in rows if row["base"] == "fixed"],
-        **{kind: [row for row in rows if kind in row["joints"].split()] for kind in JOINT_KINDS},
-        "a finger that follows": [row for row in rows if row["follower"]],
-        " ".join(FUSING): [row for row in rows if row["flags"] == " ".join(FUSING)],
+        "fixed base": rows_where(rows, "base", "fixed"),
     }
+    for kind in JOINT_KINDS:
+        kinds[kind] = [row for row in rows if kind in row["joints"].split()]
+    kinds["a finger that follows"] = [row for row in rows if row["follower"]]
+    kinds[fusing] = rows_where(rows, "flags", fusing)
     return [_total(name, chosen) for name, chosen in kinds.items()]
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
+from recording.rows import column
 from typer.testing import CliRunner
 
 from studies.study import Study, seeds_from
@@ -59,15 +60,15 @@ class Drawn:
         """A new link; shape: size of a box."""
         link = ElementTree.SubElement(self.urdf, "link", name=name)
         if mass:
-            moment = repr(0.01 * mass)
             inertial = ElementTree.SubElement(link, "inertial")
             ElementTree.SubElement(inertial, "origin", xyz=at)
             ElementTree.SubElement(inertial, "mass", value=repr(mass))
-            moments = dict.fromkeys(("ixx", "iyy", "izz"), moment) | dict.fromkeys(
-                ("ixy", "ixz", "iyz"), "0"
-            )
+            moments = dict.fromkeys(("ixx", "iyy", "izz"), repr(0.01 * mass))
+            moments |= dict.fromkeys(("ixy", "ixz", "iyz"), "0")
             ElementTree.SubElement(inertial, "inertia", moments)
-        for kind in ("visual", "collision") if shape else ():
+        if not shape:
+            return link
+        for kind in ("visual", "collision"):
             part = ElementTree.SubElement(link, kind)
             ElementTree.SubElement(part, "origin", xyz=at)
             ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), "box", size=shape)
@@ -107,16 +108,14 @@ class Drawn:
     @property
     def joints(self) -> list[Element]:
         """Joints of arms."""
-        return [
-            j for j in self.urdf.findall("joint") if j.get("type") not in ("fixed", "continuous")
-        ]
+        joints = self.urdf.findall("joint")
+        return [joint for joint in joints if joint.get("type") not in ("fixed", "continuous")]
 
     @property
     def mass(self) -> float:
         """[kg] of all links."""
-        return sum(
-            float(mass.get("value", "0")) for mass in self.urdf.iterfind("link/inertial/mass")
-        )
+        masses = self.urdf.iterfind("link/inertial/mass")
+        return sum(float(mass.get("value", "0")) for mass in masses)
 
     @property
     def first(self) -> str:
@@ -126,12 +125,12 @@ class Drawn:
     def carrier(self, tip: Element) -> Element:
         """The link that carries a tip."""
         links = {link.get("name"): link for link in self.urdf.findall("link")}
-        joint = next(
-            j
-            for j in self.urdf.findall("joint")
-            if next(j.iter("child")).get("link") == tip.get("name")
-        )
-        return links[next(joint.iter("parent")).get("link")]
+        for joint in self.urdf.findall("joint"):
+            parent = next(joint.iter("parent")).get("link")
+            child = next(joint.iter("child")).get("link")
+            if child == tip.get("name"):
+                return links[parent]
+        raise LookupError(f"nothing carries {tip.get('name')}")
 
 
 def sound(arms: int) -> Drawn:
@@ -144,8 +143,11 @@ def sound(arms: int) -> Drawn:
     for name, xyz in (("altimeter", "0 0 -0.2"), ("camera", "0.35 0 0")):
         drawn.link(name)
         drawn.joint("hull", name, xyz=xyz)
-    for k in range(arms):
-        drawn.arm(("left", "right")[k], (0.15, -0.15)[k] if arms == 2 else 0.0)
+    if arms == 1:
+        drawn.arm("left", 0.0)
+    if arms == 2:
+        drawn.arm("left", 0.15)
+        drawn.arm("right", -0.15)
     return drawn
 
 
@@ -165,12 +167,14 @@ def _set(path: str, part: slice = slice(None), **values: str) -> Change:
     return change
 
 
-def _joints(kind: str, *, one: bool = False) -> Change:
-    """Joints of arms, or one of them, of another type."""
+def _joints(kind: str, *, single: bool = False) -> Change:
+    """Joints of arms, or a drawn one of them, of another type."""
 
     def change(drawn: Drawn, rng: np.random.Generator) -> None:
         joints = drawn.joints
-        for joint in [joints[int(rng.integers(len(joints)))]] if one and joints else joints:
+        if single and joints:
+            joints = [joints[int(rng.integers(len(joints)))]]
+        for joint in joints:
             joint.set("type", kind)
 
     return change
@@ -192,27 +196,34 @@ def _without(*words: str) -> Change:
 
 
 def _drop(drawn: Drawn, leaves: Callable[[str], bool]) -> None:
-    links = drawn.urdf.findall("link")
-    waiting = [name for link in links if leaves(name := link.get("name", ""))]
+    """Remove the links whose names leave, their joints and all that hangs on them."""
+    names = [link.get("name", "") for link in drawn.urdf.findall("link")]
+    waiting = [name for name in names if leaves(name)]
     while waiting:
         name = waiting.pop()
-        for part in drawn.urdf.findall("link") + drawn.urdf.findall("joint"):
-            ends = [
-                end.get("link", "") for end in (*part.findall("parent"), *part.findall("child"))
-            ]
-            if name in (part.get("name") if part.tag == "link" else "", *ends):
-                drawn.urdf.remove(part)
-                waiting += [end for end in ends[1:] if ends[0] == name]
-    kept = drawn.urdf.findall("link")
-    drawn.tips = [tip for tip in drawn.tips if tip in kept]
+        for link in drawn.urdf.findall("link"):
+            if link.get("name") == name:
+                drawn.urdf.remove(link)
+        for joint in drawn.urdf.findall("joint"):
+            parents = [parent.get("link", "") for parent in joint.findall("parent")]
+            children = [child.get("link", "") for child in joint.findall("child")]
+            ends = [*parents, *children]
+            if name not in ends:
+                continue
+            drawn.urdf.remove(joint)
+            waiting += [end for end in ends[1:] if ends[0] == name]
+    links = drawn.urdf.findall("link")
+    drawn.tips = [tip for tip in drawn.tips if tip in links]
 
 
 def _renamed(new: Callable[[str], str]) -> Change:
+    """Other names of links and joints, wherever they stand."""
+
     def change(drawn: Drawn, rng: np.random.Generator) -> None:
         for element in drawn.urdf.iter():
-            for key in (
-                ("name", "link") if element.tag in ("link", "joint", "parent", "child") else ()
-            ):
+            if element.tag not in ("link", "joint", "parent", "child"):
+                continue
+            for key in ("name", "link"):
                 if key in element.attrib:
                     element.set(key, new(element.attrib[key]))
 
@@ -220,8 +231,12 @@ def _renamed(new: Callable[[str], str]) -> Change:
 
 
 def _numbered(drawn: Drawn, rng: np.random.Generator) -> None:
-    names = list(dict.fromkeys(link.get("name", "") for link in drawn.urdf.findall("link")))
-    numbers = {name: f"part{k}" for k, name in enumerate(names) if "thruster" not in name}
+    """Names without a meaning for all links but thrusters."""
+    names = [link.get("name", "") for link in drawn.urdf.findall("link")]
+    numbers = {}
+    for k, name in enumerate(dict.fromkeys(names)):
+        if "thruster" not in name:
+            numbers[name] = f"part{k}"
     _renamed(lambda name: numbers.get(name, name))(drawn, rng)
 
 
@@ -346,8 +361,8 @@ URDF: dict[str, Change] = {
     "prefixes with /": _renamed(lambda name: f"rov/{name}"),
     "unicode": _renamed(lambda name: f"{name} größe_機"),
     "continuous joints": _joints("continuous"),
-    "a prismatic joint": _joints("prismatic", one=True),
-    "a planar joint": _joints("planar", one=True),
+    "a prismatic joint": _joints("prismatic", single=True),
+    "a planar joint": _joints("planar", single=True),
     "zero range": _set("joint/limit", lower="0", upper="0"),
     "range without 0": _set("joint/limit", lower="0.3"),
     "no limits": _take_out("limit", "joint"),
@@ -388,7 +403,7 @@ def _left_out(*keys: str) -> Change:
     return change
 
 
-def _given(make: Callable[[dict[str, Any]], dict[str, Any]]) -> Change:
+def _content(make: Callable[[dict[str, Any]], dict[str, Any]]) -> Change:
     """Other content of the file, where there is one."""
 
     def change(drawn: Drawn, rng: np.random.Generator) -> None:
@@ -433,11 +448,11 @@ WATER: dict[str, Change] = {
     "no limits in the file": _left_out("vehicle_limits", "joints"),
     "no links in the file": _left_out("links"),
     "no file beside it": _no_file,
-    "one wet link": _given(_one_wet),
-    "all links dry but one": _given(_dry),
-    "a tool that is not there": _given(lambda water: {"tool": "nowhere"}),
-    "one thruster": _given(lambda water: {"thrusters": water.get("thrusters", [])[:1]}),
-    "ballast": _given(_ballast),
+    "one wet link": _content(_one_wet),
+    "all links dry but one": _content(_dry),
+    "a tool that is not there": _content(lambda water: {"tool": "nowhere"}),
+    "one thruster": _content(lambda water: {"thrusters": water.get("thrusters", [])[:1]}),
+    "ballast": _content(_ballast),
 }
 
 
@@ -501,10 +516,16 @@ def run_file(case: dict[str, Any]) -> Row:
     with tempfile.TemporaryDirectory() as place:
         changes = [WATER[name] for name in chosen if name in WATER]
         _follow(way, drawn, Path(place), changes, rng, exports=case["exports"])
-    outcome = "fault" if way.faults else "refused" if way.refusals else "through"
-    said = way.faults or sorted(
-        way.refusals, key=lambda text: bool(reason_of(text))
-    )  # what has no reason first
+    if way.faults:
+        outcome = "fault"
+        texts = way.faults
+    elif way.refusals:
+        outcome = "refused"
+        # what has no reason first
+        texts = sorted(way.refusals, key=lambda text: bool(reason_of(text)))
+    else:
+        outcome = "through"
+        texts = []
     return {
         **case,
         "arms": arms,
@@ -512,7 +533,7 @@ def run_file(case: dict[str, Any]) -> Row:
         "second": chosen[1],
         "outcome": outcome,
         "completed": not way.faults,
-        "text": "".join(said[:1]).replace(place, "DIR"),
+        "text": "".join(texts[:1]).replace(place, "DIR"),
     }
 
 
@@ -566,16 +587,16 @@ def _follow(
 
 def _check_kept(drawn: Drawn, robot: Robot) -> None:
     """Nothing is lost, and no other tool is taken."""
-    mass = float(pin.computeTotalMass(robot.model)) - sum(
-        body.mass for body in robot.description.trim
-    )
+    trim = sum(body.mass for body in robot.description.trim)
+    mass = float(pin.computeTotalMass(robot.model)) - trim
     if not np.isclose(mass, drawn.mass, rtol=1e-9):
         raise Fault(f"{mass:g} kg of {drawn.mass:g} kg")
     meant = {tip.get("name", "") for tip in drawn.tips}
     for tool in robot.tools:
         frame = robot.model.frames[robot.frame_id(tool)]
         link = tool if tool in meant else robot.model.frames[frame.parentFrame].name
-        if link not in meant and f"{link}_hook" not in meant and not str(link).endswith("_hook"):
+        is_hook = f"{link}_hook" in meant or str(link).endswith("_hook")
+        if link not in meant and not is_hook:
             raise Fault(f"the tool is {link}; meant: {', '.join(sorted(meant)) or 'none'}")
 
 
@@ -584,32 +605,40 @@ def _scenario(mission: Path, plant: str, duration: float) -> Scenario:
 
 
 def _fly(mission: Path, plant: str, place: Path) -> None:
+    """Run the mission; its record must survive its file, and be one to summarize and to show."""
     scenario = _scenario(mission, plant, _DURATION)
     record = scenario.run()
     record.save(place / "record.npz")
-    again = Record.load(place / "record.npz")
-    if repr(again.meta) != repr(record.meta) or any(
-        not np.array_equal(again[name], values, equal_nan=True)
-        for name, values in record.series.items()
-    ):
+    loaded = Record.load(place / "record.npz")
+    if not _is_same_record(record, loaded):
         raise Fault("the record is another one once saved and loaded")
     if not all(np.isfinite(record[name]).all() for name in ("q", "v")):
         raise Fault("the motion is not finite")
-    summarize(again)
-    show(again).write(place / "scene.html")  # which finds the robot by itself
+    summarize(loaded)
+    show(loaded).write(place / "scene.html")  # which finds the robot by itself
+
+
+def _is_same_record(record: Record, loaded: Record) -> bool:
+    if repr(loaded.meta) != repr(record.meta):
+        return False
+    return all(
+        np.array_equal(loaded[name], values, equal_nan=True)
+        for name, values in record.series.items()
+    )
 
 
 def _plan(robot: Robot, place: Path) -> None:
-    vehicle = {"position": (0.0, 0.0, -5.0)} if robot.n_vehicle else {}
-    joints = (
-        {}
-        if robot.n_vehicle
-        else dict(zip(robot.joint_names, (robot.home + 0.1).tolist(), strict=True))
-    )
-    goal = PostureGoal(position=(1.0, 0.2, -5.2) if robot.n_vehicle else None, joints=joints)
-    found = plan_path(PlanRequest(robot=robot, start=robot.configuration(**vehicle), goal=goal))
-    if found.plan is not None:
-        motion_record(found, found.plan).save(place / "plan.npz")
+    """Plan a path to a posture near home, of the vehicle where there is one, else of the joints."""
+    if robot.n_vehicle:
+        start = robot.configuration(position=(0.0, 0.0, -5.0))
+        goal = PostureGoal(position=(1.0, 0.2, -5.2), joints={})
+    else:
+        start = robot.configuration()
+        joints = (robot.home + 0.1).tolist()
+        goal = PostureGoal(position=None, joints=dict(zip(robot.joint_names, joints, strict=True)))
+    path = plan_path(PlanRequest(robot=robot, start=start, goal=goal))
+    if path.plan is not None:
+        motion_record(path, path.plan).save(place / "plan.npz")
 
 
 def drawn_files(*, n: int = 500, seed: Count = 0, exports: bool = False) -> Study:
@@ -632,16 +661,18 @@ def drawn_files(*, n: int = 500, seed: Count = 0, exports: bool = False) -> Stud
 
 
 def totals(rows: Sequence[Row]) -> list[Row]:
-    """How the files with each change fared."""
-    made = []
+    """How the files with each change fared, and all of them."""
+    table = []
     for name in (*URDF, *WATER):
-        having = [row for row in rows if name in (row["first"], row["second"])]
-        number = Counter(row["outcome"] for row in having)
-        made.append(
-            {"change": name, "files": len(having), **{key: number[key] for key in OUTCOMES}}
-        )
-    number = Counter(row["outcome"] for row in rows)
-    return [*made, {"change": "all", "files": len(rows), **{key: number[key] for key in OUTCOMES}}]
+        changed = [row for row in rows if name in (row["first"], row["second"])]
+        table.append(_total(name, changed))
+    return [*table, _total("all", rows)]
+
+
+def _total(change: str, rows: Sequence[Row]) -> Row:
+    number = Counter(column(rows, "outcome"))
+    outcomes = {outcome: number[outcome] for outcome in OUTCOMES}
+    return {"change": change, "files": len(rows), **outcomes}
 
 
 OUTCOMES = ("through", "refused", "fault")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
+from recording.rows import column
 
 from studies.drawn_files import Drawn
 from studies.study import Study, seeds_from
@@ -57,9 +58,8 @@ _GRAVITY = 9.81
 # [m] by which buoyancy is off; of the mass
 TRIM = 0.02
 BALLAST = 0.005
-_MIDDLE = np.array(
-    [[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
-)  # vectored ahead, across and up
+# vectored ahead, across and up
+_MIDDLE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _KINDS = ("revolute", "prismatic", "continuous")
 _OFTEN = (0.8, 0.1, 0.1)
 
@@ -85,8 +85,11 @@ def drawn_body(rng: np.random.Generator) -> Body:
     mass = float(np.exp(rng.uniform(np.log(10.0), np.log(1500.0))))
     shape = rng.uniform([1.2, 0.8, 0.5], [2.5, 1.2, 0.9])
     size = shape * (mass / _WATER / float(np.prod(shape))) ** (1 / 3)
-    arms = tuple(rng.integers(1, 9, size=int(rng.integers(3))).tolist())
-    load = float(rng.uniform(0.0, 0.05) * mass) if arms and rng.random() < 0.5 else 0.0
+    n_arms = int(rng.integers(3))
+    arms = tuple(rng.integers(1, 9, size=n_arms).tolist())
+    load = 0.0
+    if arms and rng.random() < 0.5:
+        load = float(rng.uniform(0.0, 0.05) * mass)
     x, y, z = size.tolist()
     return Body(mass=mass, size=(x, y, z), thrusters=int(rng.integers(4, 11)), arms=arms, load=load)
 
@@ -97,9 +100,8 @@ def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
     """
     drawn = Drawn(urdf=ElementTree.Element("robot", name="drawn"), tips=[])
     length, width, height = body.size
-    _solid(
-        drawn, "hull", body.mass, body.size, (0.0, 0.0, 0.0), folder if rng.random() < 0.3 else None
-    )
+    meshes = folder if rng.random() < 0.3 else None
+    _solid(drawn, "hull", body.mass, body.size, (0.0, 0.0, 0.0), meshes)
     for k in range(body.thrusters):
         at = rng.uniform(-0.5, 0.5, 3) * body.size
         drawn.fan(f"thruster_{k}", _text(at), _text(_direction(k, rng)))
@@ -126,9 +128,10 @@ def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
 
 def _direction(k: int, rng: np.random.Generator) -> np.ndarray:
     """Of a thruster: near one of the usual ones, or any."""
-    usual = _MIDDLE[k % 3] * [1.0, rng.choice([-1.0, 1.0]), 1.0] + 0.1 * rng.normal(size=3)
-    found = usual if rng.random() < 0.7 else rng.normal(size=3)
-    return np.asarray(found / np.linalg.norm(found))
+    direction = _MIDDLE[k % 3] * [1.0, rng.choice([-1.0, 1.0]), 1.0] + 0.1 * rng.normal(size=3)
+    if rng.random() >= 0.7:
+        direction = rng.normal(size=3)
+    return np.asarray(direction / np.linalg.norm(direction))
 
 
 def _text(values: Sequence[float] | np.ndarray) -> str:
@@ -148,9 +151,8 @@ def _solid(
     squares = np.square(size)
     moments = mass / 12.0 * (squares.sum() - squares)
     for inertia in link.iter("inertia"):
-        inertia.attrib.update(
-            dict(zip(("ixx", "iyy", "izz"), map(repr, moments.tolist()), strict=True))
-        )
+        for name, moment in zip(("ixx", "iyy", "izz"), moments.tolist(), strict=True):
+            inertia.set(name, repr(moment))
     if meshes is None:
         return
     _write_box(meshes / f"{name}.stl", np.array(size))
@@ -169,12 +171,10 @@ def _write_box(file: Path, size: np.ndarray) -> None:
                 corner = np.zeros(3)
                 corner[[axis, first, second]] = side, a, b
                 corners.append(f"vertex {_text(corner * size)}")
-            for three in ((0, 1, 2), (0, 2, 3)):
-                lines += [
-                    "facet normal 0 0 0 outer loop",
-                    *(corners[k] for k in three),
-                    "endloop endfacet",
-                ]
+            for i, j, k in ((0, 1, 2), (0, 2, 3)):
+                lines.append("facet normal 0 0 0 outer loop")
+                lines += [corners[i], corners[j], corners[k]]
+                lines.append("endloop endfacet")
     file.write_text("\n".join([*lines, "endsolid box"]), encoding="utf-8")
 
 
@@ -205,20 +205,9 @@ def _arm(
         joint = drawn.joint(
             parent, link, kind, xyz, ("0 1 0", "0 0 1", "1 0 0")[int(rng.integers(3))]
         )
-        left = reach - k * length
-        slides = kind == "prismatic"
-        limit = {
-            "effort": f"{strength * weight * (1.0 if slides else left):.4g}",
-            "velocity": "0.1" if slides else "0.6",
-        }
         if kind != "continuous":
-            low = rng.uniform(0.1, 0.5) * length if slides else rng.uniform(0.5, 2.0)
-            high = rng.uniform(0.5, 2.0)
-            limit |= {
-                "lower": f"{-low if not slides else 0.0:.4g}",
-                "upper": f"{low if slides else high:.4g}",
-            }
             joint.remove(next(joint.iter("limit")))
+        limit = _joint_limit(kind, length, strength * weight, reach - k * length, rng)
         ElementTree.SubElement(joint, "limit", limit)
         parent = link
         xyz = f"{length:.6g} 0 0"
@@ -238,6 +227,29 @@ def _arm(
                 parent, finger, "prismatic", f"{xyz.split()[0]} {y * reach:.4g} 0", "0 1 0"
             )
         ElementTree.SubElement(follower, "mimic", joint=f"{names[0]}_joint", multiplier="-1")
+
+
+def _joint_limit(
+    kind: str, length: float, force: float, remaining: float, rng: np.random.Generator
+) -> dict[str, str]:
+    """Draw the limits of a joint.
+
+    length [m]: of its link. force [N] that its motor bears; remaining [m]: reach beyond it.
+    """
+    slides = kind == "prismatic"
+    if slides:
+        limit = {"effort": f"{force * 1.0:.4g}", "velocity": "0.1"}
+    else:
+        limit = {"effort": f"{force * remaining:.4g}", "velocity": "0.6"}
+    if kind == "continuous":
+        return limit
+    if slides:
+        stroke = rng.uniform(0.1, 0.5) * length
+        rng.uniform(0.5, 2.0)  # drawn for every kind of joint, so that seeds keep their robots
+        return limit | {"lower": f"{0.0:.4g}", "upper": f"{stroke:.4g}"}
+    low = rng.uniform(0.5, 2.0)
+    high = rng.uniform(0.5, 2.0)
+    return limit | {"lower": f"{-low:.4g}", "upper": f"{high:.4g}"}
 
 
 # A mission: to a way point, then each tool to a target that it can reach from there, with some of
@@ -264,21 +276,21 @@ def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenar
     start_yaw = rng.uniform(-np.pi, np.pi)
     speed = rng.uniform(0.0, CURRENT)
     drift = rng.uniform(-np.pi, np.pi)
-    carried = (
-        TrimBody(
+    payload = None
+    if body.load:
+        payload = TrimBody(
             name="load", link=robot.tools[0], position=(0.0, 0.0, 0.0), mass=body.load, volume=0.0
         )
-        if body.load
-        else None
-    )
+    noise = bool(rng.random() < 0.3)
+    current = None
+    if rng.random() < 0.5:
+        current = (speed * math.cos(drift), speed * math.sin(drift), 0.0)
     run = run_options(
         {
             "robot": robot,
-            "payload": carried,
-            "noise": bool(rng.random() < 0.3),
-            "current": (speed * math.cos(drift), speed * math.sin(drift), 0.0)
-            if rng.random() < 0.5
-            else None,
+            "payload": payload,
+            "noise": noise,
+            "current": current,
             "seed": int(rng.integers(1000)),
             "dt": DT,
             "duration": DURATION,
@@ -314,11 +326,10 @@ def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterat
     for k, tool in enumerate(robot.tools):
         target = Kinematics(robot, reached).pose(tool)
         name = f"T{k + 1}"
-        yield (
-            ToolPose(name=name, frame=tool, goal=target)
-            if whole
-            else ToolPosition(name=name, frame=tool, goal=target)
-        )
+        if whole:
+            yield ToolPose(name=name, frame=tool, goal=target)
+        else:
+            yield ToolPosition(name=name, frame=tool, goal=target)
     yield VehiclePose(goal=way_point)
     if robot.n_joints:
         yield JointTracking(joints=robot.joint_names, goal=robot.home)
@@ -327,9 +338,8 @@ def _tasks(robot: Robot, way_point: pin.SE3, rng: np.random.Generator) -> Iterat
 def _some_posture(robot: Robot, q: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """(n_q,) with joints half way from home to anywhere, all within their limits."""
     step = np.zeros(robot.n_v)
-    low, high = (
-        np.clip(x, -1.5, 1.5) for x in (robot.limits.position_lower, robot.limits.position_upper)
-    )
+    low = np.clip(robot.limits.position_lower, -1.5, 1.5)
+    high = np.clip(robot.limits.position_upper, -1.5, 1.5)
     home = robot.home
     step[robot.joint_v] = 0.5 * (rng.uniform(np.minimum(low, high), high) - home)
     return np.asarray(pin.integrate(robot.model, q, step))
@@ -341,23 +351,18 @@ def _phases(tasks: Sequence[Task]) -> Iterator[Phase]:
     arrived = [Below(quantity="PC.position_error", limit=0.2)]
     if "AT" in names:
         arrived.append(Below(quantity="AT.misalignment", limit=0.15))
-    on = activate(*(name for name in names if name not in tools))
-    yield Phase(
-        name="A",
-        activations=on,
-        transitions=(Transition(to="B" if tools else DONE, when=tuple(arrived), hold=1.0),),
-    )
+    others = [name for name in names if name not in tools]
+    onward = Transition(to="B" if tools else DONE, when=tuple(arrived), hold=1.0)
+    yield Phase(name="A", activations=activate(*others), transitions=(onward,))
     if tools:
-        there = tuple(Below(quantity=f"{name}.position_error", limit=0.05) for name in tools)
-        yield Phase(
-            name="B",
-            activations=activate(*names),
-            transitions=(Transition(to=DONE, when=there, hold=1.0),),
-        )
+        reached = tuple(Below(quantity=f"{name}.position_error", limit=0.05) for name in tools)
+        end = Transition(to=DONE, when=reached, hold=1.0)
+        yield Phase(name="B", activations=activate(*names), transitions=(end,))
 
 
 def _abort(tasks: Sequence[Task]) -> Any:
-    return abort_phase(*(task.name for task in tasks if task.name in ("JL", "MAC", "HA", "MP")))
+    names = [task.name for task in tasks]
+    return abort_phase(*(name for name in names if name in ("JL", "MAC", "HA", "MP")))
 
 
 # What became of it.
@@ -411,9 +416,12 @@ def run_robot(case: dict[str, Any]) -> Row:
             preflight = scenario.check()
             if preflight.accepted and case["flies"]:
                 return {**row, **blank, **judge(scenario, scenario.run())}
-            outcome, text = (
-                ("accepted", "") if preflight.accepted else ("refused", preflight.errors[0].text)
-            )
+            if preflight.accepted:
+                outcome = "accepted"
+                text = ""
+            else:
+                outcome = "refused"
+                text = preflight.errors[0].text
         except UvmsError as error:
             outcome = "refused"
             text = str(error).replace(place, "DIR")
@@ -449,37 +457,33 @@ def _circumstances(scenario: Scenario) -> dict[str, Any]:
 def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
     """Outcome, what was wrong about the run, and what it says of itself."""
     cause = cause_of_end(record)
-    outcome = (
-        "completed"
-        if cause["kind"] == "completed"
-        else "gave up"
-        if cause["kind"] in ("aborted", "given up")
-        else "time over"
-    )
+    if cause["kind"] == "completed":
+        outcome = "completed"
+    elif cause["kind"] in ("aborted", "given up"):
+        outcome = "gave up"
+    else:
+        outcome = "time over"
     farther = farther_by(scenario, record)
-    told = swings(record)
-    clearance = closest_approach(
-        scenario.robot, scenario.environment, record["q"][::_EVERY]
-    ).distance
-    seen = {swing.what for swing in told} | {
-        alarm.text.partition(" ")[0] for alarm in record.run_meta.alarms
-    }
-    wrong = [
-        *(["flees"] if farther > FARTHER else []),
-        *(["touches"] if clearance <= 0.0 else []),
-        *(["swings unseen"] if any(what not in seen for what in tilting(record)) else []),
-        *(
-            ["blames a sound sensor"]
-            if re.search(r"\b[a-z]+_?[a-z]* lost: ", cause["text"])
-            else []
-        ),
-    ]
+    reported_swings = swings(record)
+    configurations = record["q"][::_EVERY]
+    clearance = closest_approach(scenario.robot, scenario.environment, configurations).distance
+    reported = {swing.what for swing in reported_swings}
+    reported |= {alarm.text.partition(" ")[0] for alarm in record.run_meta.alarms}
+    wrong = []
+    if farther > FARTHER:
+        wrong.append("flees")
+    if clearance <= 0.0:
+        wrong.append("touches")
+    if any(angle not in reported for angle in tilting(record)):
+        wrong.append("swings unseen")
+    if re.search(r"\b[a-z]+_?[a-z]* lost: ", cause["text"]):
+        wrong.append("blames a sound sensor")
     return {
         "outcome": outcome,
         "t": round(float(record["t"][-1]), 1),
         "clearance_m": round(clearance, 2),
         "farther_m": round(farther, 2),
-        "swings": "; ".join(map(str, told)),
+        "swings": "; ".join(map(str, reported_swings)),
         "text": _short(cause["text"]),
         "wrong": "; ".join(wrong),
         "completed": not wrong,
@@ -490,32 +494,27 @@ def farther_by(scenario: Scenario, record: Record) -> float:
     """By how much [m] the vehicle was farther from its way point than at the start, while the
     mission had not given up.
     """
-    given_up = next(
-        (
-            event.t
-            for event in record.run_meta.events
-            if event.target in (ABORT, record.run_meta.abort_phase)
-        ),
-        np.inf,
-    )
-    away = np.linalg.norm(
-        record["q"][record["t"] <= given_up, :3] - scenario.markers["way point"], axis=1
-    )
-    return float(away.max() - away[0])
+    abort_phases = (ABORT, record.run_meta.abort_phase)
+    times = [event.t for event in record.run_meta.events if event.target in abort_phases]
+    given_up = times[0] if times else np.inf
+    positions = record["q"][record["t"] <= given_up, :3]
+    distances = np.linalg.norm(positions - scenario.markers["way point"], axis=1)
+    return float(distances.max() - distances[0])
 
 
 def tilting(record: Record) -> Iterator[str]:
     """Roll and pitch that oscillate at the end of a run, by the reversals of their rate alone."""
     n = round(20.0 / record.run_meta.dt)
     R = np.array([pin.Quaternion(q).matrix() for q in record["q"][-n:, 3:7]])
-    for what, tilt in (
-        ("roll", np.arctan2(R[:, 2, 1], R[:, 2, 2])),
-        ("pitch", -np.arcsin(np.clip(R[:, 2, 0], -1, 1))),
-    ):
+    tilts = {
+        "roll": np.arctan2(R[:, 2, 1], R[:, 2, 2]),
+        "pitch": -np.arcsin(np.clip(R[:, 2, 0], -1, 1)),
+    }
+    for angle, tilt in tilts.items():
         turns = np.flatnonzero(np.diff(np.sign(np.diff(tilt))) != 0)
         halves = np.abs(np.diff(tilt[turns])) / 2
         if np.count_nonzero(halves > SEEN) >= 4:
-            yield what
+            yield angle
 
 
 def drawn_robots(*, n: int = 2000, seed: Count = 0, flies: bool = True) -> Study:
@@ -540,22 +539,27 @@ def reason_of(text: str) -> str:
 
 def totals(rows: Sequence[Row]) -> list[Row]:
     """How the robots fared, by their arms."""
-    made: list[Row] = []
-    for arms in ("none", "one", "two", "all"):
-        count = {"none": 0, "one": 1, "two": 2}.get(arms)
-        having = [
-            row
-            for row in rows
-            if count is None or len(str(row["joints"]).split("+")) * bool(row["joints"]) == count
-        ]
-        number = Counter(row["outcome"] for row in having)
-        wrong = Counter(name for row in having for name in WRONGS if name in row["wrong"])
-        made.append(
-            {
-                "arms": arms,
-                "robots": len(having),
-                **{k: number[k] for k in OUTCOMES if k != "accepted"},
-                **{k: wrong[k] for k in WRONGS},
-            }
-        )
-    return made
+    return [
+        _total("none", [row for row in rows if _n_arms(row) == 0]),
+        _total("one", [row for row in rows if _n_arms(row) == 1]),
+        _total("two", [row for row in rows if _n_arms(row) == 2]),
+        _total("all", rows),
+    ]
+
+
+def _n_arms(row: Row) -> int:
+    """Of a robot whose joints are stated as their numbers by arm, such as 3+5."""
+    if not row["joints"]:
+        return 0
+    return len(str(row["joints"]).split("+"))
+
+
+def _total(arms: str, rows: Sequence[Row]) -> Row:
+    outcomes = Counter(column(rows, "outcome"))
+    total: dict[str, Any] = {"arms": arms, "robots": len(rows)}
+    for outcome in OUTCOMES:
+        if outcome != "accepted":
+            total[outcome] = outcomes[outcome]
+    for wrong in WRONGS:
+        total[wrong] = sum(wrong in row["wrong"] for row in rows)
+    return total

@@ -5,12 +5,13 @@ truth.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from recording.rows import column, known_values, rows_where
 
 from studies import fault_truth as truth
 from studies.fault_table import (
@@ -63,38 +64,36 @@ def faults(
     faults, whose kinds and phases are drawn. Sensors are noisy. dt [s]: control period; duration
     [s] of a run at most. Raises `NameNotFound` for an unknown kind or phase.
     """
-    for what, given, known in (("one of kinds", kinds, KINDS), ("one of phases", phases, PHASES)):
-        for name in given:
-            if name not in known:
-                raise NameNotFound(what, name, known)
+    _check_names("one of kinds", kinds, KINDS)
+    _check_names("one of phases", phases, PHASES)
     common = {"plant": plant, "dt": dt, "duration": duration}
-    struck = [
-        {"kind": kind, "phase": phase, "seed": seed + k, **common}
-        for kind in kinds
-        for phase in phases
-        for k in range(n)
-    ]
-    sound = [
-        {"kind": kind, "phase": "", "seed": seed + k, **common}
-        for kind in (STILL, GUSTY)
-        for k in range(fault_free)
-    ]
+    cases = list[dict[str, Any]]()
+    for kind in kinds:
+        for phase in phases:
+            for k in range(n):
+                cases.append({"kind": kind, "phase": phase, "seed": seed + k, **common})
     rng = np.random.default_rng(seed)
-    two = list[dict[str, Any]]()
-    for k in range(pairs if len(kinds) > 1 else 0):
-        drawn = rng.choice(list(kinds), 2, replace=False).tolist()
-        when = rng.choice(list(phases), 2).tolist()
-        two.append(
-            {"kind": PAIR, "phase": " ".join(when), "pair": drawn, "seed": seed + k, **common}
-        )
-    title = f"Case 1 with {len(kinds)} kinds of faults"
+    n_pairs = pairs if len(kinds) > 1 else 0
+    for k in range(n_pairs):
+        pair = rng.choice(list(kinds), 2, replace=False).tolist()
+        phase = " ".join(rng.choice(list(phases), 2).tolist())
+        cases.append({"kind": PAIR, "phase": phase, "pair": pair, "seed": seed + k, **common})
+    for kind in (STILL, GUSTY):
+        for k in range(fault_free):
+            cases.append({"kind": kind, "phase": "", "seed": seed + k, **common})
     return Study(
         name="faults",
-        title=title,
-        cases=[*struck, *two, *sound],
+        title=f"Case 1 with {len(kinds)} kinds of faults",
+        cases=cases,
         run_case=run_faults,
         summarize=by_kind,
     )
+
+
+def _check_names(argument: str, names: Sequence[str], allowed: Collection[str]) -> None:
+    for name in names:
+        if name not in allowed:
+            raise NameNotFound(argument, name, allowed)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -112,9 +111,9 @@ def nominal(plant: str, dt: float) -> Nominal:
     """The run of seed 0 on this plant; dt [s]: control period."""
     record = case1(noise=True, plant=plant, dt=dt).run()
     times = [0.0, *(event.t for event in record.run_meta.events)]
-    middles = {
-        name: round(0.5 * (a + b), 1) for name, a, b in zip(PHASES, times, times[1:], strict=False)
-    }
+    middles = {}
+    for name, begin, end in zip(PHASES, times, times[1:], strict=False):
+        middles[name] = round(0.5 * (begin + end), 1)
     return Nominal(way=record["q"][::_EVERY, :3].copy(), middles=middles)
 
 
@@ -127,22 +126,26 @@ def run_faults(case: dict[str, Any]) -> Row:
     names = case.get("pair", [case["kind"]])
     parts = [KINDS[name] for name in names if name in KINDS]
     onsets = [usual.middles[phase] for phase in case["phase"].split()]
-    struck = tuple(
-        fault for part, onset in zip(parts, onsets, strict=True) for fault in part.faults(onset)
-    )
-    joints, floor = (sum(getattr(part, name) for part in parts) for name in ("joints", "floor"))
+    injected: tuple[Fault, ...] = ()
+    for part, onset in zip(parts, onsets, strict=True):
+        injected += part.faults(onset)
+    joints = sum(part.joints for part in parts)
+    floor = sum(part.floor for part in parts)
     kind = FaultKind(name=case["kind"], texts=(), joints=joints, floor=floor)
+    current = None
+    if case["kind"] == GUSTY:
+        current = GustyCurrent(sigma=GUSTS, seed=case["seed"])
     scenario = case1(
         noise=True,
         seed=case["seed"],
         plant=case["plant"],
         dt=case["dt"],
         duration=case["duration"],
-        faults=struck,
-        current=GustyCurrent(sigma=GUSTS, seed=case["seed"]) if case["kind"] == GUSTY else None,
+        faults=injected,
+        current=current,
     )
     head = {name: case[name] for name in ("kind", "phase", "seed")}
-    head |= {"faults": " ".join(map(str, struck)), "onset_s": min(onsets, default=None)}
+    head |= {"faults": " ".join(map(str, injected)), "onset_s": min(onsets, default=None)}
     try:
         record = scenario.run()
     except Exception as error:  # whatever it is: the study has to tell
@@ -177,16 +180,20 @@ _COLUMNS = (
 def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal) -> Row:
     cause = cause_of_end(record)
     contact = truth.contact_outside_landing(scenario, record, kind.floor)
-    told = _told(scenario.toolkit_faults, scenario, record, cause["text"], kind.name == PAIR)
+    alarms = _alarms(scenario.toolkit_faults, scenario, record, cause["text"], kind.name == PAIR)
     joints = truth.joint_excess(scenario.robot, record["q"])
     way = truth.astray(usual.way, record["q"])
     completed = record.run_meta.completed
     rates = truth.rate_share(scenario.robot, record["v"])
     arm = truth.arm_height(scenario, record["q"])
-    passes = truth.passes_rates(
-        scenario.robot, record, [fault.onset for fault in scenario.toolkit_faults]
-    )
+    onsets = [fault.onset for fault in scenario.toolkit_faults]
+    passes = truth.passes_rates(scenario.robot, record, onsets)
     rates_named = not passes or bool(summarize(record)["passed_rates"])
+    tool_error = None
+    tool_bound = None
+    if completed:
+        tool_error = record.run_meta.true_quantity("T.position_error")
+        tool_bound = error_bound(record, "T.position_error")
     harmless = (
         not contact.at_the_end
         and joints <= JOINTS + kind.joints
@@ -198,7 +205,7 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "end": _COMPLETED if completed else cause["kind"],
         "end_s": float(record["t"][-1]),
         "cause": cause["text"],
-        **told,
+        **alarms,
         "contact_s": contact.seconds,
         "contact_m": contact.depth,
         "ends_in_contact": contact.at_the_end,
@@ -207,70 +214,71 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
         "rate_share": rates,
         "rates_named": rates_named,
         "astray_m": way,
-        "tool_m": record.run_meta.true_quantity("T.position_error") if completed else None,
-        "tool_bound_m": error_bound(record, "T.position_error") if completed else None,
-        "passed": harmless and (completed or bool(told["named"])),
+        "tool_m": tool_error,
+        "tool_bound_m": tool_bound,
+        "passed": harmless and (completed or bool(alarms["named"])),
     }
     return {name: values[name] for name in _COLUMNS}
 
 
-def _told(
-    struck: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool
+def _alarms(
+    faults: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool
 ) -> Row:
     """What the robot said, and when: alarms before the onset are false ones. Of a pair, one ends
     what would show the other.
     """
     alarms = record.run_meta.alarms
-    onset = min((fault.onset for fault in struck), default=np.inf)
+    onset = min((fault.onset for fault in faults), default=np.inf)
     after = [alarm for alarm in alarms if alarm.t >= onset]
-    begun = [fault for fault in struck if fault.onset <= record["t"][-1]]
-    texts = [cause, *(alarm.text for alarm in alarms)]
-    named = any if pair else all
-    return {
+    row: dict[str, Any] = {
         "alarms_before": len(alarms) - len(after),
-        "alarm_s": after[0].t if after else None,
-        "alarm": after[0].text if after else (alarms[0].text if alarms else ""),
-        "to_detect_s": after[0].t - onset if after else None,
-        "named": named(truth.is_named([fault], scenario.robot, texts) for fault in begun)
-        if struck
-        else None,
+        "alarm_s": None,
+        "alarm": alarms[0].text if alarms else "",
+        "to_detect_s": None,
+        "named": None,
     }
+    if after:
+        row["alarm_s"] = after[0].t
+        row["alarm"] = after[0].text
+        row["to_detect_s"] = after[0].t - onset
+    if faults:
+        texts = [cause, *(alarm.text for alarm in alarms)]
+        begun = [fault for fault in faults if fault.onset <= record["t"][-1]]
+        named = [truth.is_named([fault], scenario.robot, texts) for fault in begun]
+        row["named"] = any(named) if pair else all(named)
+    return row
 
 
 def by_kind(rows: Sequence[Row]) -> list[Row]:
     """One row per kind: how its runs ended, the worst of what truly happened, and how soon it was
     noticed.
     """
-    kinds = dict.fromkeys(row["kind"] for row in rows)
-    return [_sum(kind, [row for row in rows if row["kind"] == kind]) for kind in kinds]
+    kinds = dict.fromkeys(column(rows, "kind"))
+    return [_sum(kind, rows_where(rows, "kind", kind)) for kind in kinds]
 
 
 def _sum(kind: str, rows: Sequence[Row]) -> Row:
-    ends = Counter(row["end"] for row in rows)
-    others = {end: number for end, number in ends.items() if end != _COMPLETED}
-    noticed = [row["to_detect_s"] for row in rows if row["to_detect_s"] is not None]
+    ends = Counter(column(rows, "end"))
+    other_ends = [f"{end} {number}" for end, number in ends.items() if end != _COMPLETED]
+    noticed = known_values(rows, "to_detect_s")
+    not_named = 0
+    for row in rows:
+        if row["faults"] and row["end"] != _COMPLETED and not row["named"]:
+            not_named += 1
+    largest = {}
+    for name in ("contact_m", "joints_rad", "rate_share", "astray_m", "tool_m"):
+        largest[f"largest_{name}"] = max(known_values(rows, name), default=None)
     return {
         "kind": kind,
         "runs": len(rows),
         "completed": ends[_COMPLETED],
-        "other_ends": ", ".join(f"{end} {number}" for end, number in others.items()),
-        "not_named": sum(
-            bool(row["faults"]) and row["end"] != _COMPLETED and not row["named"] for row in rows
-        ),
-        "false_alarms": sum(row["alarms_before"] or 0 for row in rows),
+        "other_ends": ", ".join(other_ends),
+        "not_named": not_named,
+        "false_alarms": sum(known_values(rows, "alarms_before")),
         "noticed": len(noticed),
         "median_to_detect_s": float(np.median(noticed)) if noticed else None,
         "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
-        **{
-            f"largest_{name}": _largest(rows, name)
-            for name in ("contact_m", "joints_rad", "rate_share", "astray_m", "tool_m")
-        },
-        "least_arm_m": min(
-            (row["arm_m"] for row in rows if row["arm_m"] is not None), default=None
-        ),
+        **largest,
+        "least_arm_m": min(known_values(rows, "arm_m"), default=None),
         "passed": sum(bool(row["passed"]) for row in rows),
     }
-
-
-def _largest(rows: Sequence[Row], name: str) -> float | None:
-    return max((row[name] for row in rows if row[name] is not None), default=None)

@@ -4,7 +4,7 @@ may miss because of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from uvms_ocp.sim.faults import Fault, parse_fault
@@ -112,20 +112,20 @@ class FaultKind:
 
 
 def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
-    bias, drift = (
-        ",".join(f"{value:g}" for value in values) for values in (sizes.bias, sizes.drift)
-    )
+    bias = ",".join(f"{value:g}" for value in sizes.bias)
+    drift = ",".join(f"{value:g}" for value in sizes.drift)
     endless = {
         "frozen": "frozen",
         "lost": "lost",
         "spikes": f"spikes={sizes.spikes:g},{SPIKED:g}",
         "late": f"late={sizes.late:g}",
     }
+    kinds = [
+        FaultKind(name=f"{channel} {word}", texts=(f"{channel}:{text}",))
+        for word, text in endless.items()
+    ]
     return (
-        *(
-            FaultKind(name=f"{channel} {word}", texts=(f"{channel}:{text}",))
-            for word, text in endless.items()
-        ),
+        *kinds,
         FaultKind(name=f"{channel} nan", texts=(f"{channel}:nan",), lasts=BURST),
         FaultKind(
             name=f"{channel} bias",
@@ -142,15 +142,14 @@ def _of_channel(channel: str, sizes: Sizes) -> tuple[FaultKind, ...]:
     )
 
 
-KINDS: Mapping[str, FaultKind] = {
-    kind.name: kind
-    for kind in (
-        *(kind for channel, sizes in SIZES.items() for kind in _of_channel(channel, sizes)),
-        *(
-            FaultKind(name=f"{channel} clock ahead", texts=(f"{channel}:ahead={AHEAD:g}",))
-            for channel in CLOCKS
-        ),
-        *(FaultKind(name=name, texts=texts) for name, texts in OTHERS.items()),
-    )
-}
+def _all_kinds() -> Iterator[FaultKind]:
+    for channel, sizes in SIZES.items():
+        yield from _of_channel(channel, sizes)
+    for channel in CLOCKS:
+        yield FaultKind(name=f"{channel} clock ahead", texts=(f"{channel}:ahead={AHEAD:g}",))
+    for name, texts in OTHERS.items():
+        yield FaultKind(name=name, texts=texts)
+
+
+KINDS: Mapping[str, FaultKind] = {kind.name: kind for kind in _all_kinds()}
 """All kinds by name."""

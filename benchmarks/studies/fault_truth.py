@@ -77,7 +77,9 @@ def joint_excess(robot: Robot, q: np.ndarray) -> float:
     joints = q[:, robot.joint_q]
     limits = robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper).max()
-    return max(float(beyond), 0.0) if np.isfinite(beyond) else np.inf
+    if not np.isfinite(beyond):
+        return np.inf
+    return max(float(beyond), 0.0)
 
 
 def rate_share(robot: Robot, v: np.ndarray) -> float:
@@ -85,7 +87,9 @@ def rate_share(robot: Robot, v: np.ndarray) -> float:
     infinite where no number.
     """
     shares = np.abs(v[:, robot.joint_v]) / robot.limits.velocity[robot.joint_v]
-    return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
+    if not np.isfinite(shares).all():
+        return np.inf
+    return float(shares.max(initial=0.0))
 
 
 def passes_rates(robot: Robot, record: Record, onsets: Sequence[float]) -> bool:
@@ -93,16 +97,15 @@ def passes_rates(robot: Robot, record: Record, onsets: Sequence[float]) -> bool:
     faults.
     """
     t, v = record["t"], record["v"]
-    new = (
-        np.any([(t >= onset) & (t <= onset + NEW) for onset in onsets], axis=0)
-        if len(onsets)
-        else np.zeros(len(t), bool)
-    )
-    return any(
-        rate_share(robot, v[rows]) > most
-        for rows, most in ((~new, RATES), (new, NEW_RATES))
-        if rows.any()
-    )
+    is_new = np.zeros(len(t), bool)
+    for onset in onsets:
+        is_new |= (t >= onset) & (t <= onset + NEW)
+    passes = False
+    if not is_new.all():
+        passes |= rate_share(robot, v[~is_new]) > RATES
+    if is_new.any():
+        passes |= rate_share(robot, v[is_new]) > NEW_RATES
+    return passes
 
 
 def arm_height(scenario: Scenario, q: np.ndarray) -> float:
@@ -118,8 +121,9 @@ def arm_height(scenario: Scenario, q: np.ndarray) -> float:
         if not np.isfinite(row).all():
             return -np.inf
         pin.framesForwardKinematics(robot.model, data, row)
-        places = [X.translation for X in (*data.oMi[2:], data.oMf[tool])]
-        lowest = min(lowest, *(z - floor.height(x, y) for x, y, z in places))
+        for X in (*data.oMi[2:], data.oMf[tool]):
+            x, y, z = X.translation
+            lowest = min(lowest, z - floor.height(x, y))
     return float(lowest)
 
 
@@ -130,7 +134,10 @@ def astray(way: np.ndarray, q: np.ndarray) -> float:
     from scipy.spatial import cKDTree  # a quarter of a second, which few need
 
     places = q[::_EVERY, :3]
-    return float(cKDTree(way).query(places)[0].max()) if np.isfinite(places).all() else np.inf
+    if not np.isfinite(places).all():
+        return np.inf
+    distances, _ = cKDTree(way).query(places)
+    return float(distances.max())
 
 
 def is_named(faults: Sequence[Fault], robot: Robot, texts: Sequence[str]) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from recording.rows import column
 
 from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
@@ -80,7 +81,7 @@ def close_quarters(
     machine = run.robot
     obstacles = (
         floor_obstacle(FlatSeafloor(z=_FLOOR), centre=(0.0, 0.0), extent=40.0),
-        *_obstacles(rng),
+        *(_obstacle(rng, index) for index in range(N_OBSTACLES)),
     )
     clear = Clearance(
         model=CollisionModel(machine, obstacles, self_collision=False), threshold=CLEARANCE
@@ -134,23 +135,27 @@ def limit_violations(scenario: Scenario, record: Record) -> dict[str, float]:
     """
     robot = scenario.robot
     q = record["q"]
-    known = bool(np.isfinite(q).all())
     joints = q[:, robot.joint_q]
     limits = robot.limits
     beyond = np.maximum(limits.position_lower - joints, joints - limits.position_upper)
-    found = {"joints_rad": beyond.max()}
+    violations = {"joints_rad": _violation(beyond.max())}
     for task in scenario.mission.hierarchy.tasks:
+        if not isinstance(task, (MinimumAltitude, Clearance)):
+            continue
+        if not np.isfinite(q).all():
+            violations[f"{task.name}_m"] = np.inf
+            continue
         if isinstance(task, MinimumAltitude):
-            found[f"{task.name}_m"] = (
-                task.threshold - _altitudes(scenario, task, q).min() if known else np.nan
-            )
-        elif isinstance(task, Clearance):
-            found[f"{task.name}_m"] = (
-                task.threshold - np.min([task.model.values(row) for row in q]) if known else np.nan
-            )
-    return {
-        name: np.inf if np.isnan(value) else max(float(value), 0.0) for name, value in found.items()
-    }
+            smallest = _altitudes(scenario, task, q).min()
+        else:
+            smallest = np.min([task.model.values(row) for row in q])
+        violations[f"{task.name}_m"] = _violation(task.threshold - smallest)
+    return violations
+
+
+def _violation(excess: float) -> float:
+    """0 where a limit is kept, infinite where the excess is no number."""
+    return np.inf if np.isnan(excess) else max(float(excess), 0.0)
 
 
 def _altitudes(scenario: Scenario, task: MinimumAltitude, q: np.ndarray) -> np.ndarray:
@@ -172,18 +177,21 @@ def largest(rows: Sequence[Row]) -> list[Row]:
     violated by > 1e-6.
     """
     violations = [name for name in rows[0] if name.endswith(("_rad", "_m")) and name != "path_m"]
-    violated = [row for row in rows if not all(row[name] <= TOLERANCE for name in violations)]
+    seeds = []
+    for row in rows:
+        if not all(row[name] <= TOLERANCE for name in violations):
+            seeds.append(str(row["seed"]))
+    maxima = {}
+    for name in (*violations, "largest_step"):
+        maxima[name] = float(np.max(column(rows, name)))
     return [
         {
             "runs": len(rows),
-            "violated": len(violated),
-            "seeds": " ".join(str(row["seed"]) for row in violated),
-            **{
-                name: float(np.max([row[name] for row in rows]))
-                for name in (*violations, "largest_step")
-            },
-            "slowed_share": float(np.mean([row["slowed_share"] for row in rows])),
-            "mean_path_m": float(np.mean([row["path_m"] for row in rows])),
+            "violated": len(seeds),
+            "seeds": " ".join(seeds),
+            **maxima,
+            "slowed_share": float(np.mean(column(rows, "slowed_share"))),
+            "mean_path_m": float(np.mean(column(rows, "path_m"))),
         }
     ]
 
@@ -191,7 +199,8 @@ def largest(rows: Sequence[Row]) -> list[Row]:
 def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     """A phase that ends by the clock, with goals on both sides of the limits."""
     low, high = _joint_range(robot)
-    way, turn = rng.uniform([-3.0, -3.0, -3.5], [3.0, 3.0, -1.0]), rng.uniform(-np.pi, np.pi)
+    way = rng.uniform([-3.0, -3.0, -3.5], [3.0, 3.0, -1.0])
+    turn = rng.uniform(-np.pi, np.pi)
     goals = {
         "PC": pose_at(tuple(way), (0.0, 0.0, turn)),
         "T": pose_at(
@@ -202,18 +211,12 @@ def _phase(robot: Robot, rng: np.random.Generator, index: int) -> Phase:
     }
     # Any altitude is above 0: the condition holds at once, and the phase ends when it has held.
     clock = (Above(quantity="MAC.altitude", limit=1e-6),)
-    last = index == N_PHASES - 1
-    end = Transition(
-        to=DONE if last else str(index + 2),
-        when=clock,
-        hold=float(rng.uniform(_SHORTEST, _LONGEST)),
-    )
+    next_phase = str(index + 2)
+    if index == N_PHASES - 1:
+        next_phase = DONE
+    end = Transition(to=next_phase, when=clock, hold=float(rng.uniform(_SHORTEST, _LONGEST)))
     activations = activate("JL", "MAC", "HA", "CL", "SC", *_WAYS[rng.integers(len(_WAYS))])
     return Phase(name=str(index + 1), activations=activations, transitions=(end,), goals=goals)
-
-
-def _obstacles(rng: np.random.Generator) -> tuple[Obstacle, ...]:
-    return tuple(_obstacle(rng, index) for index in range(N_OBSTACLES))
 
 
 def _obstacle(rng: np.random.Generator, index: int) -> Obstacle:

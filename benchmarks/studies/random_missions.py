@@ -9,6 +9,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from recording.rows import column, known_values
 
 from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
@@ -72,7 +73,8 @@ def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> S
         [-rng.uniform(1.2, 1.8), rng.uniform(-0.3, 0.3), rng.uniform(1.6, 2.4)]
     )
     start = way_point + R @ rng.uniform([-3.0, -2.0, 0.0], [0.5, 2.0, 3.0])
-    angle, speed = rng.uniform(-np.pi, np.pi), rng.uniform(0.0, 0.3)
+    angle = rng.uniform(-np.pi, np.pi)
+    speed = rng.uniform(0.0, 0.3)
     tilt = rng.uniform(-0.05, 0.05, 2)
     turns = (rng.uniform(-1.0, 1.0), rng.uniform(-0.5, 0.5))
     has_boulder = bool(rng.random() < _WITH_BOULDER)
@@ -91,7 +93,9 @@ def random_mission(*, seed: int, plant: str = "dynamic", dt: Period = 0.02) -> S
     )
     environment = replace(scenario.environment, seafloor=floor)
     scenario = replace(scenario, name=f"random{seed}", environment=environment, duration=150.0)
-    return _past(scenario, _boulder(rng, start, way_point)) if has_boulder else scenario
+    if not has_boulder:
+        return scenario
+    return _past(scenario, _boulder(rng, start, way_point))
 
 
 def run_mission(case: dict[str, Any]) -> Row:
@@ -147,23 +151,26 @@ def totals(rows: Sequence[Row]) -> list[Row]:
     accepted = [row for row in rows if row["accepted"]]
     failed = [row for row in accepted if not row["completed"]]
     forced = [row for row in rows if not row["accepted"] and row["cause"] != "refused"]
-    nearest = {key: [row[key] for row in accepted if row[key] is not None] for key in _CLEARANCES}
+    smallest = {}
+    for name in _CLEARANCES:
+        smallest[f"smallest_{name}"] = min(known_values(accepted, name), default=None)
     return [
         {
             "missions": len(rows),
             "accepted": len(accepted),
             "completed": len(accepted) - len(failed),
             "share": (len(accepted) - len(failed)) / max(len(accepted), 1),
-            "collided": sum(
-                any(row[key] is not None and row[key] <= 0 for key in _CLEARANCES)
-                for row in accepted
-            ),
-            **{f"smallest_{key}": min(values, default=None) for key, values in nearest.items()},
+            "collided": sum(_collides(row) for row in accepted),
+            **smallest,
             "refused_and_forced": len(forced),
-            "of_which_completed": sum(row["completed"] for row in forced),
+            "of_which_completed": sum(column(forced, "completed")),
             "causes": "; ".join(f"{row['seed']}: {row['cause']}, {row['text']}" for row in failed),
         }
     ]
+
+
+def _collides(row: Row) -> bool:
+    return any(row[name] is not None and row[name] <= 0 for name in _CLEARANCES)
 
 
 _CLEARANCES = ("clearance_m", "boulder_clearance_m")
@@ -183,7 +190,8 @@ def _towards(origin: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 def _boulder(rng: np.random.Generator, start: np.ndarray, way_point: np.ndarray) -> Obstacle:
     """A ball beside the straight way, near enough to be hit by the hull and not straight ahead."""
-    radius, share = rng.uniform(0.3, 0.6), rng.uniform(0.45, 0.55)
+    radius = rng.uniform(0.3, 0.6)
+    share = rng.uniform(0.45, 0.55)
     ahead = _towards(start, way_point)
     side = np.array([-ahead[1], ahead[0], 0.0]) * rng.choice([-1.0, 1.0])
     place = start + share * (way_point - start) + side * (radius + rng.uniform(0.1, 0.6))

@@ -40,11 +40,9 @@ class StudyResult(TableDisplay):
 
     def _table(self) -> SmallTable:
         head = tuple(self.table[0]) if self.table else ()
-        rows = (row.values() for row in self.table)
+        rows = tuple(tuple(map(format_value, row.values())) for row in self.table)
         title = f"{self.title} ({len(self.cases)} cases)"
-        return SmallTable(
-            title=title, head=head, rows=tuple(tuple(map(format_value, row)) for row in rows)
-        )
+        return SmallTable(title=title, head=head, rows=rows)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values only."""
@@ -137,13 +135,13 @@ class _Cases(CampaignJob):
     def make(self, run: int) -> RunResult:
         row = dict(self.study.run_case(self.study.cases[run]))
         success = next((bool(row[name]) for name in _SUCCESS if name in row), True)
-        outcome = COMPLETED if success else str(row.get("end", row.get("cause", "failed")))
-        told = {
-            "outcome": outcome,
-            "success": success,
-            "cause": str(row.get("text", row.get("cause", ""))),
-        }
-        return RunResult(row={_ROW: json.dumps(row), **told})
+        outcome = COMPLETED
+        if not success:
+            outcome = str(row.get("end", row.get("cause", "failed")))
+        cause = str(row.get("text", row.get("cause", "")))
+        return RunResult(
+            row={_ROW: json.dumps(row), "outcome": outcome, "success": success, "cause": cause}
+        )
 
 
 def finished_rows(out: Path) -> dict[int, Row]:

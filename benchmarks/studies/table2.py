@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from recording.rows import column, rows_where
+
 from studies.study import Study
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
@@ -41,18 +43,13 @@ def table2(
     The kinematic plant is a tenth of the work; so slow a transit keeps the same clearances on the
     dynamic one.
     """
-    cases = [
-        {
-            "floor": floor,
-            "threshold_m": threshold,
-            "seed": seed + k,
-            "length_m": length,
-            "plant": plant,
-        }
-        for floor in FLOORS
-        for threshold in THRESHOLDS
-        for k in range(seeds)
-    ]
+    common = {"length_m": length, "plant": plant}
+    cases = []
+    for floor in FLOORS:
+        for threshold in THRESHOLDS:
+            for k in range(seeds):
+                place = {"floor": floor, "threshold_m": threshold, "seed": seed + k}
+                cases.append(place | common)
     title = "Table 2: smallest clearance of the whole robot by floor and minimum altitude"
     return Study(name="table2", title=title, cases=cases, run_case=run_transit, summarize=cells)
 
@@ -82,21 +79,18 @@ def cells(rows: Sequence[Row]) -> list[Row]:
 
 
 def _cell(floor: str, threshold: float, rows: Sequence[Row]) -> Row:
-    own = [
-        row["clearance_m"]
-        for row in rows
-        if (row["floor"], row["threshold_m"]) == (floor, threshold)
-    ]
+    runs = rows_where(rows_where(rows, "floor", floor), "threshold_m", threshold)
+    clearances = column(runs, "clearance_m")
     paper = PAPER[floor, threshold]
     return {
         "floor": FLOORS[floor],
         "threshold_m": threshold,
-        "runs": len(own),
-        "smallest_clearance_m": min(own),
-        "largest_m": max(own),
-        "verdict": verdict(own),
+        "runs": len(clearances),
+        "smallest_clearance_m": min(clearances),
+        "largest_m": max(clearances),
+        "verdict": verdict(clearances),
         "paper": paper,
-        "agrees": verdict(own) == paper,
+        "agrees": verdict(clearances) == paper,
     }
 
 
@@ -108,7 +102,9 @@ def verdict(clearances: Sequence[float]) -> str:
     """
     if min(clearances) <= 0.0:
         return "not safe"
-    kept = [clearance >= MARGIN for clearance in clearances]
-    if all(kept):
+    is_safe = [clearance >= MARGIN for clearance in clearances]
+    if all(is_safe):
         return "safe"
-    return "not always safe" if any(kept) else "not completely safe"
+    if any(is_safe):
+        return "not always safe"
+    return "not completely safe"

@@ -24,8 +24,8 @@ def head(others: float | None) -> Head:
     )
 
 
-def times(total: float, busy: float, own: float) -> ProcessorTimes:
-    return ProcessorTimes(total=total, busy=busy, own=own)
+def times(total: float, busy: float, ours: float) -> ProcessorTimes:
+    return ProcessorTimes(total=total, busy=busy, ours=ours)
 
 
 def test_what_others_use_is_what_is_busy_and_not_ours() -> None:
@@ -43,7 +43,7 @@ def test_work_of_child_processes_is_ours() -> None:
     after = ProcessorTimes.now()
     assert before is not None
     assert after is not None
-    assert after.own - before.own > 0.1
+    assert after.ours - before.ours > 0.1
     assert after.busy >= before.busy
     assert after.total > before.total
 

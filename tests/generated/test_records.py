@@ -143,7 +143,7 @@ def test_any_change_of_a_record_is_as_promised_or_refused_in_one_line(tmp_path: 
         @settings(max_examples=150)
         @given(chosen(sorted(series)), integers(len(ARRAYS) - 1))
         def other(name: str, which: int) -> None:
-            # noqa below: it is called in this round of the loop
+            # B023: it is called in this round of the loop
             holds(written(meta, {**series, name: ARRAYS[which]}))  # noqa: B023
 
         other()
@@ -214,7 +214,7 @@ def test_any_record_that_is_read_can_be_reported_or_is_refused(tmp_path: Path) -
         path.write_bytes(written(meta, series))
         record = tally.outcome(lambda: Record.load(path))
         for report in REPORTS if record is not None else ():
-            # noqa below: it is called in this round of the loop
+            # B023: it is called in this round of the loop
             tally.outcome(lambda: json.dumps(report(record)))  # noqa: B023
 
     settings(max_examples=250)(given(damaged(meta, most=1))(lambda lie: holds(lie, series)))()
