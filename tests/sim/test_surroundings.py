@@ -5,6 +5,7 @@ nothing.
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -166,6 +167,34 @@ def test_a_current_made_of_a_uniform_one_is_not_taken_for_it() -> None:
     assert layered.uniform_flow(T) is None
     gusty = GustyCurrent(base=layered)
     assert gusty.uniform_flow(T) is None
+
+
+class TidalCurrent(UniformCurrent):
+    """Made of a uniform one, and still the same everywhere: its `uniform_flow` is its own."""
+
+    def uniform_flow(self, t: float) -> np.ndarray:
+        return math.cos(t) * super().uniform_flow(t)
+
+
+class LayeredTidalCurrent(TidalCurrent):
+    """Made of one that is made of a uniform one."""
+
+    def velocity(self, p_W: np.ndarray, t: float) -> np.ndarray:
+        return super().velocity(p_W, t) * p_W[:, 2:]
+
+
+def test_a_current_made_of_a_uniform_one_may_ask_for_that_one() -> None:
+    points = np.array([[0.0, 0.0, -2.0], [1.0, 0.0, -5.0]])
+    layered = LayeredCurrent([0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(
+        layered.velocity(points, T), np.array([[-0.2, 0.0, 0.0], [-0.5, 0.0, 0.0]])
+    )
+    np.testing.assert_array_equal(layered.rate(points, T), np.zeros((2, 3)))
+    tide = np.array([0.1 * math.cos(T), 0.0, 0.0])
+    tidal = TidalCurrent([0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(tidal.velocity(points, T), np.tile(tide, (2, 1)))
+    layered_tidal = LayeredTidalCurrent([0.1, 0.0, 0.0])
+    np.testing.assert_array_equal(layered_tidal.velocity(points, T), np.outer([-2.0, -5.0], tide))
 
 
 @pytest.mark.parametrize("which", ["velocity", "rate"])
