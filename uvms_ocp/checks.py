@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import cache, cached_property, wraps
 from types import MethodType
@@ -461,6 +462,18 @@ def replace_unchecked(value: _V, /, **changes: Any) -> _V:
     without its checks.
     """
     return _changing(type(value))(value, changes)  # type: ignore[arg-type]
+
+
+def replace_with_symbols(value: _V, /, **fields: Any) -> _V:
+    """Return a copy of a frozen value in which CasADi symbols, or numbers that its checks need not
+    allow, stand for some fields.
+
+    Neither checks nor ``__post_init__`` run, as both compare numbers, which a symbol is not yet.
+    """
+    replaced = copy(value)
+    for name, symbol in fields.items():
+        object.__setattr__(replaced, name, symbol)
+    return replaced
 
 
 @cache

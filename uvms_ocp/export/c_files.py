@@ -7,11 +7,11 @@ import inspect
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from importlib.resources import files
 from string import Template
 
+from uvms_ocp.checks import replace_with_symbols
 from uvms_ocp.codegen.compile import EXACT
 from uvms_ocp.codegen.kernel_layout import Layout
 from uvms_ocp.codegen.kernels import CLibrary, number
@@ -189,8 +189,7 @@ def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
     """Check that a number of a task enters its rows alone: its rest altitude and position limit are
     the same for another value.
     """
-    changed = copy(task)
-    object.__setattr__(changed, name, getattr(task, name) + 1.0)
+    changed = replace_with_symbols(task, **{name: getattr(task, name) + 1.0})
     return _rules(task, robot) == _rules(changed, robot)
 
 

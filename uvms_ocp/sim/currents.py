@@ -126,7 +126,7 @@ class UniformField(Current):
         for cls in type(self).__mro__:
             if flow is not None:
                 return flow
-            flow = super(cls, self).uniform_flow(t)
+            flow = super(cls, self).uniform_flow(t)  # type: ignore[arg-type]
         raise NotImplementedError
 
 

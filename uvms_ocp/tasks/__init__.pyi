@@ -24,6 +24,7 @@ from .task import (
     Rows as Rows,
     Task as Task,
     TaskClass as TaskClass,
+    determined_by_goal as determined_by_goal,
     equality_rows as equality_rows,
     zero_residual as zero_residual,
 )

@@ -62,6 +62,7 @@ class MinimumAltitude(Task):
 
     equality: ClassVar[bool] = False
     needs_altimeter: ClassVar[bool] = True
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("threshold", "margin", "gain", "saturation")
     name: str = "MAC"
     task_class: TaskClass = TaskClass.SAFETY
     frame: str | None = None
@@ -117,6 +118,12 @@ class LandingAltitude(Task):
     """LA: the altimeter descends to ``landing_distance + safeguard`` ([Gao2022] eqs 34-35)."""
 
     needs_altimeter: ClassVar[bool] = True
+    symbolic_numbers: ClassVar[tuple[str, ...]] = (
+        "landing_distance",
+        "safeguard",
+        "gain",
+        "saturation",
+    )
     name: str = "LA"
     task_class: TaskClass = TaskClass.ACTION
     frame: str | None = None

@@ -19,7 +19,15 @@ from uvms_ocp.robot import spatial, thrusters
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
 from uvms_ocp.tasks.goals import VectorGoal, evaluate_vector
-from uvms_ocp.tasks.task import Residual, Rows, Task, TaskClass, TickSymbols, bounded_residual
+from uvms_ocp.tasks.task import (
+    Residual,
+    Rows,
+    Task,
+    TaskClass,
+    TickSymbols,
+    bounded_residual,
+    determined_by_goal,
+)
 from uvms_ocp.types import Positive
 
 _SINE_FLOOR = 1e-9  # below this sine of the angle the rotation axis comes from the fallback
@@ -28,6 +36,7 @@ _ROUNDING = 1e-3  # [rad] below which the smooth angle of a residual flattens ou
 _PARALLEL = 1e-6
 # share of a direction in the plane in which an axis is turned, below which there is no angle in it
 _IN_PLANE = 1e-3
+_ANGLE_NUMBERS = ("gain", "saturation", "aim")  # `symbolic_numbers` of tasks on one angle
 _OVERHEAD = 1e-3  # [m] horizontal distance below which the direction to a target is undefined
 
 
@@ -149,6 +158,7 @@ class HorizontalAttitude(AngleTask):
     buoyancy.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _ANGLE_NUMBERS
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
     gain: Positive = 0.2
@@ -198,6 +208,7 @@ class TargetTask(AngleTask):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
+    @determined_by_goal
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
@@ -241,6 +252,7 @@ class Alignment(TargetTask):
     direction: the row is zero then and the quantity ``overhead`` is 1. Raises `InvalidInput` for a goal that is no position.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _ANGLE_NUMBERS
     name: str = "AT"
     task_class: TaskClass = TaskClass.PREREQUISITE
     gain: Positive = 0.6
@@ -279,6 +291,7 @@ class FieldOfView(TargetTask):
     no unit vector.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _ANGLE_NUMBERS
     name: str = "FV"
     task_class: TaskClass = TaskClass.PREREQUISITE
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)

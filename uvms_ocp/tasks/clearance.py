@@ -13,7 +13,7 @@ from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.tasks.activation import SmoothActivation, saturate
-from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols
+from uvms_ocp.tasks.task import NearestPairs, Rows, Task, TaskClass, TickSymbols, determined_by_goal
 from uvms_ocp.types import Positive
 
 
@@ -26,6 +26,7 @@ class Clearance(Task):
     """
 
     equality: ClassVar[bool] = False
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("threshold", "margin", "gain", "saturation")
     name: str = "CL"
     task_class: TaskClass = TaskClass.SAFETY
     model: CollisionModel
@@ -68,6 +69,7 @@ class Clearance(Task):
     def n_parameters(self, robot: Robot) -> int:
         return self._pairs.n_parameters
 
+    @determined_by_goal
     def reference(self, t: float) -> np.ndarray:
         return self._pairs.far_away()
 

@@ -21,6 +21,7 @@ from uvms_ocp.tasks.task import (
     TaskClass,
     TickSymbols,
     bounded_residual,
+    determined_by_goal,
     equality_rows,
     zero_residual,
 )
@@ -40,6 +41,7 @@ class JointLimits(Task):
     """
 
     equality: ClassVar[bool] = False
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("margin", "guard", "gain", "saturation")
     name: str = "JL"
     task_class: TaskClass = TaskClass.SAFETY
     margin: Positive = 0.1
@@ -128,6 +130,7 @@ class JointTracking(Task):
     does not give each joint one number, and in `rows` for a joint of several degrees of freedom.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("gain", "saturation")
     name: str = "MP"
     task_class: TaskClass = TaskClass.OPTIMIZATION
     joints: tuple[str, ...]
@@ -150,6 +153,7 @@ class JointTracking(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 2 * len(self.joints)
 
+    @determined_by_goal
     def reference(self, t: float) -> np.ndarray:
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
@@ -183,6 +187,7 @@ class Manipulability(Task):
     """
 
     equality: ClassVar[bool] = False
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("gain", "target")
     name: str = "MU"
     task_class: TaskClass = TaskClass.PREREQUISITE
     frame: str = "tool"

@@ -22,6 +22,7 @@ from uvms_ocp.tasks.task import (
     Task,
     TaskClass,
     TickSymbols,
+    determined_by_goal,
     equality_rows,
     zero_residual,
 )
@@ -30,6 +31,8 @@ from uvms_ocp.types import Positive
 # Pose tasks: vehicle pose (PC), tool pose (T), tool position.
 
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
+_POSE_NUMBERS = ("gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
+"""`symbolic_numbers` of tasks on a pose."""
 
 
 @checked_dataclass(eq=False)
@@ -42,6 +45,7 @@ class PoseTask(Task):
     orientation error are those about the axes of B that they drive.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _POSE_NUMBERS
     frame: str
     """F."""
     goal: PoseGoal
@@ -61,6 +65,7 @@ class PoseTask(Task):
     def n_parameters(self, robot: Robot) -> int:
         return _N_POSE
 
+    @determined_by_goal
     def reference(self, t: float) -> np.ndarray:
         return pose_parameters(*evaluate_pose(self.name, self.goal, t))
 
@@ -98,6 +103,7 @@ class PoseTask(Task):
 class VehiclePose(PoseTask):
     """PC: the vehicle reaches a way point."""
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _POSE_NUMBERS
     name: str = "PC"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "base_link"
@@ -111,6 +117,7 @@ class VehiclePose(PoseTask):
 class ToolPose(PoseTask):
     """T: the tool reaches a pose."""
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = _POSE_NUMBERS
     name: str = "T"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
@@ -124,6 +131,7 @@ class ToolPose(PoseTask):
 class ToolPosition(Task):
     """The origin of a frame reaches a position; its orientation stays free."""
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ("gain", "saturation")
     name: str = "TP"
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
@@ -141,6 +149,7 @@ class ToolPosition(Task):
     def n_parameters(self, robot: Robot) -> int:
         return 6
 
+    @determined_by_goal
     def reference(self, t: float) -> np.ndarray:
         pose, rate = evaluate_pose(self.name, self.goal, t)
         return np.concatenate([pose.translation, rate[:3]])
@@ -188,6 +197,7 @@ class VehicleVelocity(Task):
 class NullVelocity(VehicleVelocity):
     """NR: the vehicle stands still."""
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ()
     name: str = "NR"
     axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
 
@@ -207,6 +217,7 @@ class UnderActuation(VehicleVelocity):
     `uvms_ocp.robot.thrusters.free_motions`.
     """
 
+    symbolic_numbers: ClassVar[tuple[str, ...]] = ()
     name: str = "UA"
     axes: tuple[int, ...]
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -30,6 +30,8 @@ from uvms_ocp.tasks.activation import approach_speed, row_acceleration
 #
 # They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the
 # control layer measures it.
+
+_Method = TypeVar("_Method", bound=Callable[..., Any])
 
 FAR = 1e3
 """[m], [m/s] stands for distances and speeds that limit nothing."""
@@ -226,6 +228,19 @@ class Residual:
         return int(self.value.shape[0])
 
 
+_DETERMINED_BY_GOAL = "_determined_by_goal"
+
+
+def determined_by_goal(reference: _Method) -> _Method:
+    """Declare that a task's `reference` depends on its `goal` and on time alone.
+
+    It is then asked once in a phase for a goal that rests, and sampled for one that tells its
+    `end`; any other one is asked at every tick.
+    """
+    setattr(reference, _DETERMINED_BY_GOAL, True)
+    return reference
+
+
 @checked_dataclass(eq=False)
 class Task(ABC):
     """Base of all tasks. Fields of every task can be changed with ``dataclasses.replace``.
@@ -244,6 +259,14 @@ class Task(ABC):
     """True where its rows ask for one value, and not for a range."""
     needs_altimeter: ClassVar[bool] = False
     """True where it reads the range of the altimeter."""
+    symbolic_numbers: ClassVar[tuple[str, ...] | None] = None
+    """Fields of which each is one number, and that `rows` gets as CasADi symbols, so that other
+    values of them compile nothing.
+
+    Declare it in a class, even as ``()``, whose `rows` depend on its fields alone, and on a `goal`
+    by `parameters` alone: its rows are then shared by all tasks with the same other fields. It is
+    not inherited, as a class with `rows` of its own may want numbers; `None` promises nothing.
+    """
 
     @property
     def rest_altitude(self) -> float:
@@ -264,16 +287,16 @@ class Task(ABC):
         """True where `reference` is the same at all times, so that a phase asks for it once:
         without a goal that moves.
 
-        Never of a class of one's own that has its own `reference`.
+        Never of a class with a `reference` of its own that is not `determined_by_goal`.
         """
         return self.follows_goal_alone and not callable(getattr(self, "goal", None))
 
     @property
     def follows_goal_alone(self) -> bool:
-        """True where `reference` depends on the goal alone: everywhere but in a user's class that
-        overrides it.
+        """True where `reference` depends on the goal alone, as `determined_by_goal` declares: in a
+        class that overrides it without that, never.
         """
-        return type(self).reference.__module__.startswith("uvms_ocp.")
+        return bool(getattr(type(self).reference, _DETERMINED_BY_GOAL, False))
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
@@ -298,6 +321,7 @@ class Task(ABC):
         """Length of the vector that `reference` returns."""
         return 0
 
+    @determined_by_goal
     @checked_on_failure
     def reference(self, t: float) -> np.ndarray:
         """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that

@@ -9,7 +9,6 @@ else is remembered.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import partial
@@ -18,6 +17,7 @@ from typing import Annotated, Any, TypeVar
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import replace_with_symbols
 from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, declared_sizes
@@ -228,13 +228,14 @@ class ForceLaws:
 def with_gains(make: Callable[[ForceLaws], ca.Function], laws: ForceLaws) -> ca.Function:
     """The function that `make` makes of the laws, whose code is the same for all gains."""
     velocity = laws.velocity
-    observer = copy(laws.observer)
-    values = [laws.velocity.K_p, laws.velocity.reset]
-    values += [] if observer is None else [observer.bandwidth]
+    observer = laws.observer
+    values = [velocity.K_p, velocity.reset]
+    if observer is not None:
+        values.append(observer.bandwidth)
     gains = ca.SX.sym("gains", laws.robot.n_v, len(values))
     K_p, reset, *bandwidth = ca.horzsplit(gains)
-    if bandwidth:
-        object.__setattr__(observer, "bandwidth", bandwidth[0])
+    if observer is not None:
+        observer = replace_with_symbols(observer, bandwidth=bandwidth[0])
     symbolic = replace(
         laws,
         velocity=replace(velocity, K_p=K_p, reset=reset),

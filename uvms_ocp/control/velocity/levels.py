@@ -10,17 +10,16 @@ below the tasks that keep the robot safe: braking for the sake of a limit is nev
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from contextlib import suppress
-from copy import copy
 from dataclasses import fields, replace
 from functools import lru_cache
 from itertools import takewhile
+from numbers import Real
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.checks import checked, checked_dataclass, replace_with_symbols
 from uvms_ocp.codegen.casadi_code import with_numbers
 from uvms_ocp.control.velocity.jerk_limit import (
     jerk_limit_rows,
@@ -35,6 +34,7 @@ from uvms_ocp.control.velocity.swing import (
     mean_attitude,
     swinging_axes,
 )
+from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.record.meta_values import OWN_QUANTITIES
 from uvms_ocp.robot import Robot, SymbolicModel, symbolic_bodies
 from uvms_ocp.robot.limits import bounded_joints
@@ -119,40 +119,54 @@ def _expression_key(task: Task, robot: Robot) -> Hashable:
     """All that the rows of a task depend on: its fields, but for goals, shapes and numbers, which
     are parameters.
 
-    Equal to none where that cannot be known, as of a user's code.
+    Equal to none where that cannot be known, as of a class that does not declare its
+    `Task.symbolic_numbers`, or has fields without a hash.
     """
+    if declared_numbers(task) is None:
+        return object()
     numeric_fields = (*_AS_PARAMETERS, *numbers_of(task))
     names = [item.name for item in fields(task) if item.init and item.name not in numeric_fields]
     key = (type(task), task.n_parameters(robot), *(getattr(task, name) for name in names))
-    with suppress(TypeError):
+    try:
         hash(key)
-        if _is_ours(task):
-            return key
+    except TypeError:
         return object()
-    return object()
+    return key
 
 
-def _is_ours(task: Task) -> bool:
-    return type(task).__module__.startswith("uvms_ocp.")
+def declared_numbers(task: Task) -> tuple[str, ...] | None:
+    """Return the `Task.symbolic_numbers` that the class of a task declares itself; `None` where it
+    does not.
+
+    What it inherits says nothing of its rows: they may be its own, and want numbers.
+    """
+    return vars(type(task)).get("symbolic_numbers")
 
 
 def numbers_of(task: Task) -> list[str]:
-    """Fields that are real numbers, which rows take as symbols alike; of a user's code, which may
-    not, none.
+    """Return the fields that rows take as symbols; none of a class that does not declare them.
+
+    Raises `InvalidInput` for a declared name that is no field with one number.
     """
-    if _is_ours(task):
-        return [item.name for item in fields(task) if item.type in ("Positive", "Finite", "float")]
-    return []
+    names = declared_numbers(task) or ()
+    for name in names:
+        value = getattr(task, name, None)
+        if not isinstance(value, Real):
+            raise InvalidInput(
+                f"{task.name}: symbolic_numbers of {type(task).__name__} has {name!r}, which is"
+                f" {short(value)}; give names of fields of which each is one number"
+            )
+    return list(names)
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
     """The tasks with `numbers` in place of their own."""
-    changed = [copy(task) for task in tasks]
     symbols = iter(ca.vertsplit(numbers))
-    for task in changed:
-        for name in numbers_of(task):
-            object.__setattr__(task, name, next(symbols))
-    return Hierarchy(changed, [task.name for task in changed])
+    symbolic_tasks = [
+        replace_with_symbols(task, **{name: next(symbols) for name in numbers_of(task)})
+        for task in tasks
+    ]
+    return Hierarchy(symbolic_tasks, [task.name for task in symbolic_tasks])
 
 
 @lru_cache(maxsize=8)
