@@ -16,7 +16,7 @@ from uvms_ocp.campaign.code_source import CodeSource
 from uvms_ocp.campaign.manifest import MOST_RUNS, SOURCES, CampaignManifest, read_manifest, types_of
 from uvms_ocp.campaign.store import read_table
 from uvms_ocp.campaign.variations import Variation, quantiles, require_available, vary
-from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
@@ -255,7 +255,6 @@ class Campaign(FieldTable):
         return contents
 
 
-@checked
 def kept_campaign(folder: Path) -> Campaign:
     """The campaign of a folder, made of the copies that it keeps: whatever has become of the files
     since.

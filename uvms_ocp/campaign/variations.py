@@ -74,7 +74,6 @@ class Variation:
         return f"{self.name}: {self.distribution!r}{suffix}"
 
 
-@checked
 def require_available(variations: Sequence[Variation], scenario: Scenario) -> None:
     """Raise `NameNotFound` for a parameter that the scenario does not have, `InvalidInput` for one
     that is varied twice.

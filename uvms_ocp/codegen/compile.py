@@ -335,7 +335,6 @@ def available_function(function: ca.Function) -> ca.Function:
     return function
 
 
-@checked
 def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Function:
     """``function`` itself, which is compiled beside what follows: `compile_function` and
     `compiled_symbol` wait for the end.
@@ -362,7 +361,6 @@ def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
     return _BEGUN[-1][0]
 
 
-@checked
 def compiled_from(
     name: str, content: str, make: Callable[[], ca.Function], *modules: str
 ) -> ca.Function:

@@ -17,7 +17,6 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.checks import checked
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, check_motion
@@ -38,7 +37,6 @@ _CLOSER = (
 _PARTS = (slice(0, 3), slice(3, 6))
 
 
-@checked
 def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
     """Check whether the pairs of the term's scene stay apart along a trajectory; never where
     obstacles move: their speed is unknown.

@@ -15,7 +15,6 @@ from typing import Annotated, BinaryIO, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
 from uvms_ocp.model_errors import FileModel, one_line
 from uvms_ocp.record.durable_files import (
@@ -413,7 +412,6 @@ def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
         yield replacement
 
 
-@checked
 def recover_folder(folder: Path) -> None:
     """Complete or undo, before `folder` is read, what a command that was cut off left there.
 

@@ -25,7 +25,6 @@ from pydantic import BaseModel
 
 import uvms_ocp
 from uvms_ocp import cli
-from uvms_ocp.checks import checked
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound, OutputError
 from uvms_ocp.identification import parameters, reading, recording, settings
@@ -400,7 +399,6 @@ def _pages_of(folder: str, names: Sequence[str]) -> dict[str, str]:
     }
 
 
-@checked
 def build_reference(folder: Path | str) -> Path:
     """Write the reference into a folder, which it makes; returns its first page.
 

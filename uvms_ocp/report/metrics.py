@@ -138,7 +138,6 @@ def quantities_at(record: Record, t: float) -> dict[str, float]:
     return dict(zip(record.meta.quantities, row.tolist(), strict=True))
 
 
-@checked
 def swings(record: Record) -> list[Swing]:
     """Return what swings at the end of a run, as `swings_among`: errors that the last phase waits
     for, roll and pitch.
@@ -271,7 +270,6 @@ def resources(record: Record) -> TableRows:
     return TableRows([*rows, {"phase": "total", **figures_between(record, 0.0, float(t[-1]))}])
 
 
-@checked
 def repeated_phases(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """One row per phase of a mission that repeats itself, else none: number of visits, and mean and
     largest of a visit.
@@ -345,7 +343,6 @@ def figures_between(record: Record, start: float, end: float) -> dict[str, Any]:
     }
 
 
-@checked
 def energy_of_quick_thrust(record: Record) -> float | None:
     """Energy [J] that thrusters took above what their thrust, averaged over a second, would have
     taken: mostly of noise.

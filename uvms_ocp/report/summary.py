@@ -329,7 +329,6 @@ def _obstruction(record: Record, name: str) -> str:
 # What the controller has learnt of the load at a tool.
 
 
-@checked
 def load_estimates(record: Record) -> dict[str, dict[str, float | None]]:
     """Return by tool, at the end of a run, net weight [N] and mass [kg], with standard errors;
     empty where nothing was to be learnt.

@@ -403,7 +403,6 @@ def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Ro
 # The attitude that a vehicle comes to by itself about the axes that no thruster drives.
 
 
-@checked
 def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return the direction (3,) that is up, in B, once a vehicle that was level has come to rest.
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, NameNotFound, UvmsError, plain_line
 from uvms_ocp.robot.loading import robot_called
 from uvms_ocp.scenario.options import CHANGEABLE, apply_options
@@ -80,7 +80,6 @@ class UserCode:
         return _of_file(self.file.resolve())
 
 
-@checked
 def own_code(words: str, attribute: str = "scenario") -> UserCode | None:
     """Find the code that these words point to; `None` for a plain name. attribute: what is wanted
     unless the words say it.
@@ -205,7 +204,6 @@ def forget_user_code() -> None:
 # words.
 
 
-@checked
 def load_scenario(
     words: str, options: Mapping[str, Any], makers: Mapping[str, Callable[..., Scenario]]
 ) -> Scenario:
