@@ -34,7 +34,7 @@ class Terminal(StringIO):
 
 
 def shown_by_a_run(monkeypatch: pytest.MonkeyPatch, silent: float) -> str:
-    monkeypatch.setattr("uvms_ocp.scenario.scenario._SILENT", silent)
+    monkeypatch.setattr("uvms_ocp.scenario.scenario_run._SILENT", silent)
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))  # however fast the run is
     with redirect_stderr(Terminal()) as terminal:
         assert len(SHORT.run()["t"]) > 100

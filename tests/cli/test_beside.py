@@ -17,7 +17,7 @@ from time import perf_counter, sleep
 import numpy as np
 import pytest
 
-from uvms_ocp.cli.run import Job, drawer, drawings_of
+from uvms_ocp.cli.drawing import Job, drawer, drawings_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.scenario.cases import reach
 
@@ -141,7 +141,7 @@ def test_what_ends_before_anything_is_drawn_waits_for_no_copy(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
-    monkeypatch.setattr("uvms_ocp.cli.run._load_drawing", _load_for_ever)
+    monkeypatch.setattr("uvms_ocp.cli.drawing._load_drawing", _load_for_ever)
     before = active_children()
     begin = perf_counter()
     with pytest.raises(ValueError, match="wrong"), drawer():
@@ -169,7 +169,7 @@ import os, time
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
-from uvms_ocp.cli.run import drawer
+from uvms_ocp.cli.drawing import drawer
 
 def wait(k):
     Path({str(tmp_path)!r}, str(k)).write_text(str(os.getpid()))

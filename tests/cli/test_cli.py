@@ -14,7 +14,7 @@ import pytest
 from command_line import called
 from compiler import needs_compiler
 
-from uvms_ocp.cli.options import default_folder
+from uvms_ocp.cli.result_folders import default_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.scenario.cases.bluerov import reach

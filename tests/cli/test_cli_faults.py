@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import called
 
-from uvms_ocp.cli.options import default_folder
+from uvms_ocp.cli.result_folders import default_folder
 from uvms_ocp.sim.faults import parse_faults
 
 

@@ -11,7 +11,7 @@ import pytest
 from command_line import called
 
 from uvms_ocp.cli import plan
-from uvms_ocp.cli.options import expand_options
+from uvms_ocp.cli.option_groups import expand_options
 from uvms_ocp.ocp.request import OcpRequest
 from uvms_ocp.planning.request import PlanRequest
 

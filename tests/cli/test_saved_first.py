@@ -17,8 +17,9 @@ from typer.testing import CliRunner
 
 from uvms_ocp.campaign.campaign import MissionJob
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.cli import NOT_COMPLETED, plan, run
+from uvms_ocp.cli import NOT_COMPLETED, drawing, plan, plan_output, run
 from uvms_ocp.cli.commands import app
+from uvms_ocp.cli.drawing import Job
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.planning.request import PlanRequest, PostureGoal
@@ -124,7 +125,7 @@ def test_what_was_flown_before_ctrl_c_is_written(
     def pressed(**parts: Any) -> Recorder:
         return simulate(**{**parts, "observer": press})
 
-    monkeypatch.setattr("uvms_ocp.scenario.scenario.simulate", pressed)
+    monkeypatch.setattr("uvms_ocp.scenario.scenario_run.simulate", pressed)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         words = ["run", "reach", "--plant", "kinematic", "--out", str(tmp_path / "out"), "--json"]
@@ -147,8 +148,8 @@ def test_a_plan_that_is_stopped_by_hand_is_kept(
             signal.raise_signal(signal.SIGINT)
         return ""
 
-    monkeypatch.setattr("uvms_ocp.cli.plan._words", press)
-    monkeypatch.setattr("uvms_ocp.cli.plan.drawer", lambda: nullcontext(lambda drawings: []))
+    monkeypatch.setattr("uvms_ocp.cli.plan._describe_iteration", press)
+    monkeypatch.setattr("uvms_ocp.cli.plan_output.drawer", lambda: nullcontext(lambda drawings: []))
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         words = [
@@ -185,17 +186,17 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(
     said = list[str]()
 
     @contextmanager
-    def drawer() -> Iterator[Callable[[Mapping[str, run.Job]], list[str]]]:
-        def noted(drawings: Mapping[str, run.Job]) -> list[str]:
+    def drawer() -> Iterator[Callable[[Mapping[str, Job]], list[str]]]:
+        def noted(drawings: Mapping[str, Job]) -> list[str]:
             before.update(path.name for path in (tmp_path / "out").iterdir())
             said.extend(draw(drawings))
             return said
 
-        with run.drawer() as draw:
+        with drawing.drawer() as draw:
             yield noted
 
-    monkeypatch.setattr(plan, "drawer", drawer)
-    plan.make_and_write_plan(lambda _: plan._by_curve(request), tmp_path / "out", False)
+    monkeypatch.setattr(plan_output, "drawer", drawer)
+    plan_output.make_and_write_plan(lambda _: plan._by_curve(request), tmp_path / "out", False)
     written = {
         path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*.*")
     }
@@ -210,7 +211,7 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(
 @pytest.mark.parametrize(
     "failing",
     [
-        "scenario.Scenario._true_measurement",
+        "scenario_run.ScenarioRun._true_estimate",
         "run_metadata.quantity_stds",
         "run_metadata.floor_relief",
     ],

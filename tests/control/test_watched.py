@@ -15,7 +15,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.report import summarize
 from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.scenario.cases import case1
-from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.scenario.part_factories import our_controller
+from uvms_ocp.scenario.scenario import Scenario
 
 Controller = Callable[[StateEstimate, float], Command]
 

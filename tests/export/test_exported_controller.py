@@ -25,7 +25,8 @@ from uvms_ocp.mission.phase import Phase
 from uvms_ocp.robot.signals import SensorSpecs
 from uvms_ocp.scenario.cases import SCENARIOS, case1
 from uvms_ocp.scenario.options import activate, mission_of
-from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.scenario.part_factories import our_controller
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers import LexicographicActiveSet
 from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Hierarchy, Task

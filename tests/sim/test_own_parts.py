@@ -32,7 +32,8 @@ from uvms_ocp.campaign.variations import Variation, available_parameters
 from uvms_ocp.record.record import Record
 from uvms_ocp.report import summarize
 from uvms_ocp.scenario.cases import case1
-from uvms_ocp.scenario.scenario import Scenario, our_controller, our_estimator
+from uvms_ocp.scenario.part_factories import our_controller, our_estimator
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.watched_estimator import WatchedGates, watched_estimator
 from uvms_ocp.viz.run_figures import write_figures
 from uvms_ocp.viz.scene.show import write_scene

@@ -19,7 +19,8 @@ from matplotlib.text import Text
 from rich.console import Console
 from synthetic_record import SURROUNDINGS, synthetic_record
 
-from uvms_ocp.cli.plan import PlanOutput, _print_motion, _print_plan
+from uvms_ocp.cli.plan import _print_motion
+from uvms_ocp.cli.plan_output import PlanOutput, _print_plan
 from uvms_ocp.cli.printing import console_of, print_findings, table_of
 from uvms_ocp.cli.robots import _print_robot
 from uvms_ocp.cli.run import _print_summary

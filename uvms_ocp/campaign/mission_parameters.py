@@ -16,7 +16,8 @@ from uvms_ocp.campaign.distributions import Parameter, real_numbers
 from uvms_ocp.campaign.place_parameters import AXES
 from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission.mission import Mission
-from uvms_ocp.scenario.scenario import Scenario, maker_of
+from uvms_ocp.scenario.part_factories import maker_of
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import Hierarchy, JointTracking
 
 

@@ -20,6 +20,7 @@ from uvms_ocp.campaign.run_metrics import metric_values, metrics_among
 from uvms_ocp.campaign.success_criteria import MetricBound, parse_bounds
 from uvms_ocp.campaign.variations import available_parameters
 from uvms_ocp.cli import INTERRUPTED, options as opt, printing
+from uvms_ocp.cli.result_folders import default_folder, label, named_folder
 from uvms_ocp.cli.run import run_and_write
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record import durable_files, output
@@ -46,7 +47,8 @@ def campaign(
         int | None, typer.Option(metavar="N", help="Number of runs; default: 100.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", parser=opt.folder, help="Folder of the campaign.")
+        Path | None,
+        typer.Option(metavar="DIR", parser=named_folder, help="Folder of the campaign."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of all that is drawn.")] = 0,
     sampler: Annotated[
@@ -109,7 +111,7 @@ def campaign(
     """
     console = printing.console_of(stderr=as_json)
     bounds = parse_bounds(success or ())
-    options = changes.chosen | opt.given(
+    options = changes.chosen | opt.given_options(
         noise=noise, duration=duration, faults=tuple(fault) if fault else None
     )
     folder = Path(what)
@@ -141,7 +143,7 @@ def campaign(
             },
             records=records,
         )
-        folder = out or opt.default_folder(("campaign", opt.label(what)), options)
+        folder = out or default_folder(("campaign", label(what)), options)
         _require_fit(new_campaign, force, console)
         with _interruptible(folder, console):
             new_campaign.run(folder, workers=workers, scheduler=scheduler, time_limit=time_limit)

@@ -64,7 +64,7 @@ class Commands(Mapping[str, Any]):
 def _made(name: str, place: Place) -> Any:
     if isinstance(place, typer.Typer):
         return typer.main.get_group(place)
-    from uvms_ocp.cli.options import expand_options
+    from uvms_ocp.cli.option_groups import expand_options
 
     module, function = place.split(".")
     app = typer.Typer(add_completion=False, rich_markup_mode=None)

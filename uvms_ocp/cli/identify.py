@@ -10,8 +10,9 @@ import numpy as np
 import typer
 
 from uvms_ocp.cli import NOT_COMPLETED
-from uvms_ocp.cli.options import Json, folder
+from uvms_ocp.cli.options import Json
 from uvms_ocp.cli.printing import busy, console_of, print_json, print_line, print_paths, table_of
+from uvms_ocp.cli.result_folders import named_folder
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import (
     ExperimentLimits,
@@ -175,7 +176,7 @@ def identify(
     ],
     recordings: Recordings,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+        Path, typer.Option(metavar="DIR", parser=named_folder, help="Folder for the results.")
     ],
     mapping: MappingFile = None,
     profiles: Annotated[
@@ -297,7 +298,7 @@ def excite(
         Path, typer.Argument(metavar="YAML", help="What of which robot is to be learnt.")
     ],
     out: Annotated[
-        Path, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+        Path, typer.Option(metavar="DIR", parser=named_folder, help="Folder for the results.")
     ],
     pool: Annotated[
         tuple[float, float, float],

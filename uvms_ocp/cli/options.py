@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import wraps
-from inspect import Parameter, Signature, signature
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from uvms_ocp.errors import InvalidInput, OutputError, require_known
+from uvms_ocp.cli.result_folders import label, named_folder
+from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
@@ -33,7 +31,7 @@ SCENARIO_HELP = (
     "Loading Python code runs it: give only what you trust."
 )
 
-_Words = list[str] | None
+_Words = list[str] | None  # of an option that may be given several times
 _TOOL = "Frame of the tool; several times for several arms."
 
 CurrentVelocity = Annotated[
@@ -63,75 +61,17 @@ Json = Annotated[
 ]
 
 
-# Options that several commands share, written once as fields of a dataclass.
-
-
-def expand_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Return a command some of whose parameters are dataclasses as one that has the fields of them
-    as options of its own.
-
-    typer reads the options of a command from its signature.
-    """
-    declared = signature(command, eval_str=True).parameters.values()
-    groups: dict[str, Any] = {p.name: p.annotation for p in declared if is_dataclass(p.annotation)}
-    shared = {name: _fields_as_parameters(group) for name, group in groups.items()}
-
-    @wraps(command)
-    def spread(**options: Any) -> None:
-        arguments = dict[str, Any]()
-        for name, parameters in shared.items():
-            values = {parameter.name: options.pop(parameter.name) for parameter in parameters}
-            arguments[name] = groups[name](**values)
-        command(**arguments, **options)
-
-    parameters = [
-        expanded
-        for p in declared
-        for expanded in shared.get(p.name, [p.replace(kind=Parameter.KEYWORD_ONLY)])
-    ]
-    spread.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    spread.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    return spread
-
-
-def _fields_as_parameters(group: Any) -> list[Parameter]:
-    hints = get_type_hints(group, include_extras=True)
-    return [
-        Parameter(
-            field.name, Parameter.KEYWORD_ONLY, default=field.default, annotation=hints[field.name]
-        )
-        for field in fields(group)
-    ]
-
-
-def defaults_of(kind: type[Any]) -> dict[str, Any]:
-    """Return defaults of the fields of a dataclass that have one, for options that are to have the
-    same.
-    """
-    return {field.name: field.default for field in fields(kind) if field.default is not MISSING}
-
-
-# Options that commands share, and the scenario that they describe.
-
-
-def folder(words: str | Path) -> Path:
-    """Return the folder of that name.
-
-    Raises `OutputError` for no name, which would mean the working directory, and for line breaks
-    and the like, which would be refused only when results are written.
-    """
-    if not str(words).strip():
-        raise OutputError(
-            f"{words!r} names no folder for the results; give one, or . for the working directory"
-        )
-    if any(letter < " " for letter in str(words)):
-        raise OutputError(f"{words!r} has control characters; give a folder without")
-    return Path(words)
-
-
 def among(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
-    """Return what tells a shell the names that a word may become, which are asked for then."""
-    return lambda incomplete: [name for name in names() if name.startswith(incomplete)]
+    """Return a function that completes a word of the shell to those of the names that begin with
+    it.
+
+    names: called only where a shell completes a word.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        return [name for name in names() if name.startswith(incomplete)]
+
+    return complete
 
 
 def _scenarios() -> Mapping[str, Callable[..., Scenario]]:
@@ -154,8 +94,9 @@ RobotName = Annotated[
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RobotFiles:
-    """How the files of a robot are read; what is left out is as its hydrodynamics.yaml says, under
-    the same names.
+    """How the files of a robot are read.
+
+    What is left out is as its hydrodynamics.yaml says, under the same names.
     """
 
     hydrodynamics: Annotated[
@@ -206,12 +147,13 @@ class RobotFiles:
 
     @property
     def loading(self) -> dict[str, Any]:
-        """Arguments of `uvms_ocp.load_robot`, those that were given. Raises `InvalidInput` for a
-        position that is none.
+        """Arguments of `uvms_ocp.load_robot`, those that were given.
+
+        Raises `InvalidInput` for a position of a locked joint that is no number.
         """
         folders = [str(Path(folder).resolve()) for folder in self.packages or ()]
-        positions = dict(map(_position, self.lock or ()))
-        return given(
+        positions = dict(_locked_joint(words) for words in self.lock or ())
+        return given_options(
             base=self.base,
             package_dirs=folders or None,
             meshes=self.meshes,
@@ -226,7 +168,19 @@ class RobotFiles:
     @property
     def options(self) -> dict[str, Any]:
         """Options of a scenario, those that were given."""
-        return given(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
+        return given_options(hydrodynamics=self.hydrodynamics, loading=self.loading or None)
+
+
+def _locked_joint(words: str) -> tuple[str, float]:
+    """Return name and position of a joint from ``JOINT`` or ``JOINT=POSITION``."""
+    name, equals, value = words.partition("=")
+    try:
+        position = float(value) if equals else 0.0
+    except ValueError:
+        raise InvalidInput(
+            f"--lock {words!r}: give JOINT or JOINT=POSITION, such as propeller_joint=0.5"
+        ) from None
+    return name, position
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -240,16 +194,6 @@ class PlannedRobotFiles(RobotFiles):
 
 AS_WRITTEN = RobotFiles()
 """No option given: the robot's own files decide."""
-
-
-def _position(words: str) -> tuple[str, float]:
-    name, equals, value = words.partition("=")
-    try:
-        return name, float(value) if equals else 0.0
-    except ValueError:
-        raise InvalidInput(
-            f"--lock {words!r}: give JOINT or JOINT=POSITION, such as propeller_joint=0.5"
-        ) from None
 
 
 PlantName = Annotated[
@@ -280,7 +224,7 @@ class ScenarioOptions(RobotFiles):
     @property
     def chosen(self) -> dict[str, Any]:
         """Options of a scenario, those that were given."""
-        return given(
+        return given_options(
             robot=self.robot,
             **self.options,
             plant=self.plant,
@@ -291,12 +235,13 @@ class ScenarioOptions(RobotFiles):
 
 AS_IT_IS = ScenarioOptions()
 """No option given: all is as the scenario has it."""
+
 Out = Annotated[
-    Path | None, typer.Option(metavar="DIR", parser=folder, help="Folder for the results.")
+    Path | None, typer.Option(metavar="DIR", parser=named_folder, help="Folder for the results.")
 ]
 
 
-def given(**options: Any) -> dict[str, Any]:
+def given_options(**options: Any) -> dict[str, Any]:
     """Return the options that were given on the command line."""
     return {name: value for name, value in options.items() if value is not None}
 
@@ -309,12 +254,14 @@ def build_scenario(name: str, options: Mapping[str, Any], solver: str | None = N
     """
     from uvms_ocp.scenario.own_code import load_scenario, own_code
 
-    return load_scenario(name, with_solver(options, solver), {} if own_code(name) else _scenarios())
+    known = {} if own_code(name) else _scenarios()
+    return load_scenario(name, with_solver(options, solver), known)
 
 
 def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, Any]:
-    """Return the options with the solver of that name, if one is given. Raises `NameNotFound` for
-    an unknown one.
+    """Return the options with the solver of that name, if there is one.
+
+    Raises `NameNotFound` for an unknown name.
     """
     if solver is None:
         return options
@@ -327,46 +274,7 @@ def with_solver(options: Mapping[str, Any], solver: str | None) -> Mapping[str, 
 
 def solver_name(solver: HierarchySolver) -> str:
     """Return the name by which the command line knows a solver of that kind."""
-    return next(
-        (name for name, kind in SOLVERS.items() if kind is type(solver)),
-        label(type(solver).__name__),
-    )
-
-
-def default_folder(parts: Sequence[str], options: Mapping[str, Any]) -> Path:
-    """Return the folder of the results unless one is given: what was asked for is part of its name,
-    so that nothing else is there.
-    """
-    return Path(
-        "uvms_runs", "-".join((*parts, *(_word(name, value) for name, value in options.items())))
-    )
-
-
-def _word(name: str, value: Any) -> str:
-    if isinstance(value, bool):
-        if value:
+    for name, kind in SOLVERS.items():
+        if kind is type(solver):
             return name
-        return f"no_{name}"
-    if name == "faults":
-        return "-".join(
-            re.sub(r"\W", "_", str(fault).replace("-", "to").replace(".", "p")) for fault in value
-        )
-    if isinstance(value, tuple):
-        return name + "_".join(map(str, value))
-    if name in ("robot", "hydrodynamics"):
-        return label(str(value))
-    if name == "loading":
-        return label("-".join(f"{key}_{word}" for key, word in value.items()))
-    return f"{name}{value}"
-
-
-def label(words: str) -> str:
-    """Return a name for folders, of a name, a file or code of one's own."""
-    place, _, attribute = words.partition(":")
-    path = Path(place)
-    if "." in place:
-        name = path.stem
-    else:
-        name = path.name
-    parts = "-".join(filter(None, (name, attribute)))
-    return re.sub(r"[^\w.]+", "_", parts).strip("_") or "run"
+    return label(type(solver).__name__)

@@ -15,6 +15,7 @@ from rich.table import Table
 from uvms_ocp.cli import BAD_INPUT, options as opt
 from uvms_ocp.cli.new_mission import TEMPLATES, NewMission, loading_line, variations_text
 from uvms_ocp.cli.printing import busy, cell, console_of, print_json, print_line, print_paths
+from uvms_ocp.cli.result_folders import named_folder
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.export.controller import export_controller
 from uvms_ocp.record.meta_values import PLANTS
@@ -105,7 +106,7 @@ def new_robot(
     out: Annotated[
         Path,
         typer.Argument(
-            metavar="DIR", parser=opt.folder, help="Folder for robot.urdf and hydrodynamics.yaml."
+            metavar="DIR", parser=named_folder, help="Folder for robot.urdf and hydrodynamics.yaml."
         ),
     ],
     source: Annotated[
@@ -229,7 +230,7 @@ def _write(files: dict[Path, str], originals: Mapping[Path, Path] | None = None)
 def controller(
     scenario: Annotated[str, typer.Argument(help=opt.SCENARIO_HELP)],
     out: Annotated[
-        Path, typer.Argument(metavar="DIR", parser=opt.folder, help="Folder for the sources.")
+        Path, typer.Argument(metavar="DIR", parser=named_folder, help="Folder for the sources.")
     ],
     plant: Annotated[
         str | None,
@@ -253,7 +254,9 @@ def controller(
     console = console_of()
     with busy(console, "running the scenario once"):
         paths = export_controller(
-            opt.build_scenario(scenario, opt.given(plant=plant, robot=robot, **files.options)),
+            opt.build_scenario(
+                scenario, opt.given_options(plant=plant, robot=robot, **files.options)
+            ),
             out,
             name,
         )

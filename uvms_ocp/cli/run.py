@@ -2,23 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 import json
-import os
-import signal
-import sys
-import warnings
 import webbrowser
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from functools import partial
-from importlib import import_module
-from multiprocessing import active_children, get_context
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from pickle import PicklingError
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
@@ -28,31 +16,21 @@ from rich.table import Table
 from rich.text import Text
 
 from uvms_ocp.cli import INTERRUPTED, NOT_COMPLETED, options as opt, printing
-from uvms_ocp.errors import InvalidInput, OutputError, plain_line, require_known
+from uvms_ocp.cli.drawing import SCENE, drawer, drawings_of
+from uvms_ocp.cli.result_folders import default_folder, label
+from uvms_ocp.errors import InvalidInput, plain_line, require_known
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.record import durable_files, row_files
 from uvms_ocp.record.output import RECORD, RUNNING, claim_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import format_load, summarize
-from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.viz.series import RUN_NAMES, thinned
+from uvms_ocp.viz.series import RUN_NAMES
 
 if TYPE_CHECKING:
     from uvms_ocp.mission_plan.mission_plan import MissionPlan
     from uvms_ocp.scenario.scenario import Scenario
     from uvms_ocp.sim.loop import TickObserver
-
-# What writes figures and scenes, shared by copies of this process: Matplotlib and meshcat keep one
-# processor busy each.
-
-Job = Callable[[], object]
-# that draw at a time; `PR_SET_PDEATHSIG` of Linux
-_COPIES = 2
-_DIE_WITH_PARENT = 1
-
-_DRAWINGS = dict[str, Job]()
-"""Jobs of a copy of the process, which its own copies find here: they need not be sent."""
 
 Follow = Annotated[
     Path | None,
@@ -60,85 +38,6 @@ Follow = Annotated[
         metavar="PLAN", help="Plan of this mission, of `plan mission`; the hierarchy takes over."
     ),
 ]
-
-SCENE = "scene"
-
-
-@contextmanager
-def drawer(*, needed: bool = True) -> Iterator[Callable[..., list[str]]]:
-    """Yield what writes all figures and scenes: one that fails costs no other, and is returned as a
-    line that says why.
-
-    It takes the functions that write them, by name, each of which may be called twice, and the
-    status to show meanwhile; what the disk refuses is raised. On Linux, with processors for them,
-    copies of this process write: until then the first imports what draws, which takes half a
-    second, and the others are copied from it.
-    """
-    in_copies = needed and sys.platform == "linux" and (os.cpu_count() or 1) >= _COPIES
-    pool = ProcessPoolExecutor(
-        1, get_context("fork" if in_copies else None), _load_drawing, (os.getpid(),)
-    )
-    earlier_children = active_children()
-    with warnings.catch_warnings(
-        action="ignore", category=DeprecationWarning
-    ):  # of threads of libraries, which wait for work
-        if in_copies:
-            pool.submit(int)  # which begins it
-    copies = set(active_children()).difference(earlier_children)
-
-    def draw(
-        drawings: Mapping[str, Job], status: AbstractContextManager[object] | None = None
-    ) -> list[str]:
-        with (
-            status or nullcontext(),
-            suppress(BrokenProcessPool, PicklingError, AttributeError, TypeError),
-        ):
-            if in_copies:
-                return pool.submit(_draw_in_copies, drawings).result()
-        return [
-            *filter(None, map(_attempt, drawings, drawings.values()))
-        ]  # or a copy was killed, or cannot be sent something
-
-    try:
-        yield draw
-    finally:
-        for copy in copies:
-            copy.kill()
-        pool.shutdown(cancel_futures=True)
-
-
-def _load_drawing(parent: int) -> None:
-    _end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is stopped by hand is drawn
-    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - for as long as the copy lives
-    for module in ("run_figures", "scene.show"):
-        import_module(f"uvms_ocp.viz.{module}")
-    gc.freeze()  # or every look for garbage goes through all of it
-
-
-def _end_with(parent: int) -> None:
-    ctypes.CDLL(None).prctl(
-        _DIE_WITH_PARENT, signal.SIGKILL
-    )  # else a command that is killed leaves copies behind
-    if os.getppid() != parent:
-        os._exit(1)
-
-
-def _draw_in_copies(drawings: Mapping[str, Job]) -> list[str]:
-    _DRAWINGS.update(drawings)
-    with ProcessPoolExecutor(_COPIES, get_context("fork"), _end_with, (os.getpid(),)) as pool:
-        return [*filter(None, pool.map(_attempt, drawings))]
-
-
-def _attempt(name: str, draw: Job | None = None) -> str:
-    """Draw a file; returns why it failed, nothing where it is drawn."""
-    try:
-        (draw or _DRAWINGS[name])()
-    except (OSError, OutputError):
-        raise
-    except Exception as error:
-        return plain_line(f"{name}: not drawn, {type(error).__name__}: {error}")
-    return ""
 
 
 def run(
@@ -175,8 +74,8 @@ def run(
     another mission's plan, and `NameNotFound` for a figure that there is not.
     """
     console = printing.console_of(stderr=as_json)
-    drawn = _drawn(figures)
-    options = changes.chosen | opt.given(
+    drawn = _drawing_names(figures)
+    options = changes.chosen | opt.given_options(
         noise=noise, seed=seed, duration=duration, record_rate=record_rate
     )
     if fault:
@@ -184,37 +83,28 @@ def run(
     scenario = opt.build_scenario(name, options, solver)
     from uvms_ocp.sim.own_parts import plant_name
 
+    folder_parts = [
+        label(name),
+        plant_name(scenario.plant),
+        opt.solver_name(scenario.solver),
+    ]
     if follow is None:
         plan = None
     else:
         plan = _plan_of(scenario, follow)
-    parts = (
-        opt.label(name),
-        plant_name(scenario.plant),
-        opt.solver_name(scenario.solver),
-        *(("followed",) if plan else ()),
-    )
-    folder = out or opt.default_folder(
-        parts, {key: value for key, value in options.items() if key != "plant"}
-    )
+        folder_parts.append("followed")
+    other_options = {key: value for key, value in options.items() if key != "plant"}
+    folder = out or default_folder(folder_parts, other_options)
     report = run_and_write(
         scenario, folder, console, force=force, plan=plan, live=live, drawn=drawn
     )
     if as_json:
         printing.print_json(report)
     ending = report["cause"]["kind"]
+    if ending == "stopped":
+        raise typer.Exit(INTERRUPTED)
     if ending != "completed":
-        raise typer.Exit(INTERRUPTED if ending == "stopped" else NOT_COMPLETED)
-
-
-def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
-    try:
-        Record.load(running).save(target)
-    except InvalidInput as error:
-        aside = running.with_name("damaged")
-        durable_files.discard(aside)
-        running.rename(aside)
-        console.print(f"{error}; moved to {aside}", style="yellow", markup=False)
+        raise typer.Exit(NOT_COMPLETED)
 
 
 def run_and_write(
@@ -238,11 +128,12 @@ def run_and_write(
     Raises `InvalidInput` for what pre-flight refuses, unless forced.
     """
     running = out / RUNNING
-    names = (RECORD, "report.json", "scene.html", *(f"figures/{name}.png" for name in RUN_NAMES))
+    figures = tuple(f"figures/{name}.png" for name in RUN_NAMES)
+    files = (RECORD, "report.json", "scene.html", *figures)
     drawing_names: tuple[str, ...] = (SCENE, *RUN_NAMES)
     if drawn is not None:
         drawing_names = tuple(drawn)
-    with claim_folder(out, names) as claim, drawer(needed=bool(drawing_names)) as draw:
+    with claim_folder(out, files) as claim, drawer(needed=bool(drawing_names)) as draw:
         preflight = scenario.check()
         printing.require_accepted(preflight, scenario.name, console, force=force)
         if (running / row_files.META).is_file():
@@ -257,17 +148,29 @@ def run_and_write(
         with claim.staged(keep=[RECORD]) as staging:
             (staging / "report.json").write_text(json.dumps(report, indent=2) + "\n")
             (staging / "figures").mkdir()
+            ghosts = {}
             if plan is not None and SCENE in drawing_names:
-                ghosts = {"plan": plan.to_record(scenario)}
-            else:
-                ghosts = None
+                ghosts["plan"] = plan.to_record(scenario)
             drawings = drawings_of(record, scenario.robot, staging, drawing_names, ghosts)
-            missing = draw(drawings, console.status("writing report, figures and scene"))
+            not_drawn = draw(drawings, console.status("writing report, figures and scene"))
         written = claim.written()
     _print_summary(console, report, written)
-    for line in missing:
+    for line in not_drawn:
         console.print(line, style="yellow", markup=False)
     return report
+
+
+def _keep_cut_off(running: Path, target: Path, console: Console) -> None:
+    """Keep what a run that was cut off left in the folder `running`: as a record, or moved aside
+    where it cannot be read.
+    """
+    try:
+        Record.load(running).save(target)
+    except InvalidInput as error:
+        aside = running.with_name("damaged")
+        durable_files.discard(aside)
+        running.rename(aside)
+        console.print(f"{error}; moved to {aside}", style="yellow", markup=False)
 
 
 def _plan_of(scenario: Scenario, place: Path) -> MissionPlan:
@@ -315,145 +218,71 @@ def _simulate(
         return cast(Record, stop.result)
 
 
-def _drawn(names: str) -> list[str]:
-    """Return all figures, none, or those whose names, with commas, are given. Raises
-    `NameNotFound`.
+def _drawing_names(words: str) -> list[str]:
+    """Return the drawings that ``--figures`` names: all, none, or names with commas.
+
+    Raises `NameNotFound` for an unknown name.
     """
-    figure_names = [SCENE, *RUN_NAMES]
-    listed = [name.strip() for name in names.split(",")]
-    chosen = {"all": figure_names, "none": []}.get(names, listed)
-    if len(chosen) == 1:
-        allowed = ["all", "none", *figure_names]
-    else:
-        allowed = figure_names
-    for name in chosen:
+    known = [SCENE, *RUN_NAMES]
+    if words == "all":
+        return known
+    if words == "none":
+        return []
+    names = [name.strip() for name in words.split(",")]
+    # A single word may also have been meant for all or none.
+    allowed = ["all", "none", *known] if len(names) == 1 else known
+    for name in names:
         require_known("figure", name, allowed)
-    return chosen
-
-
-def drawings_of(
-    record: Record,
-    robot: Robot,
-    folder: Path,
-    figures: Iterable[str],
-    ghosts: Mapping[str, Record] | None = None,
-) -> Mapping[str, Job]:
-    """Return the function that writes each file, by its name, the slowest first.
-
-    ghosts: drawn in the scene, too, which is among the figures by its name. A record that stands in
-    the folder, and may be larger than memory, is read from there by what draws the scene.
-    """
-    thin_record = thinned(record)
-    figure_folder = folder / "figures"
-    path = folder / RECORD
-    source = path if path.is_file() else record
-    scene = partial(
-        _write,
-        "scene.show",
-        "write_scene",
-        source,
-        robot,
-        folder / "scene.html",
-        ghosts=ghosts or {},
-    )
-    figure_jobs = {
-        name: partial(_write, "run_figures", "write_figure", thin_record, name, figure_folder)
-        for name in figures
-        if name != SCENE
-    }
-    files = {f"figures/{name}.png": draw for name, draw in figure_jobs.items()}
-    if SCENE in figures:
-        return {"scene.html": scene} | files
-    return files
-
-
-def _write(
-    module: str, function: str, record: Record | Path, *arguments: object, **options: object
-) -> None:
-    """Load what draws, and a record of which the path is given, where it is called."""
-    if isinstance(record, Path):
-        loaded = Record.load(record)
-    else:
-        loaded = record
-    getattr(import_module(f"uvms_ocp.viz.{module}"), function)(loaded, *arguments, **options)
+    return names
 
 
 def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) -> None:
-    table = Table(
-        title=plain_line(
-            f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"
-        )
-    )
-    for column in ("phase", "start [s]", "end [s]", "J", "m"):
-        table.add_column(column, no_wrap=True, justify="left" if column == "phase" else "right")
-    for phase in report["phases"]:
-        times = (f"{phase['start_s']:.2f}", f"{phase['end_s']:.2f}")
-        energy = printing.cell(phase["energy_j"])
-        table.add_row(
-            plain_line(f"{phase['name']} {phase['title']}", 40),
-            *times,
-            energy,
-            f"{phase['path_length_m']:.2f}",
-        )
-    console.print(table)
-    for phase in report["phases"]:  # why it ended and, indented below, the errors at its end
-        console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
-        errors = "; ".join(_active_errors(phase))
-        if errors:
-            console.print(Padding(Text(plain_line(errors), style="dim"), (0, 0, 0, 4)))
+    _print_phases(console, report)
     _print_what_went_wrong(console, report)
     for tool, load in report["loads"].items():
         console.print(format_load(load, tool))
     resources = _transposed(report["resources"])
     console.print(printing.table_of("resources", resources, tuple(resources[0])))
-    times = report["controller_us"]
-    controller_text = f", whole controller {times['p50']:.0f} us" if times else ""
-    ending = report["cause"]["kind"]
+    cause = report["cause"]
     if not report["completed"]:
         verdict = plain_line(f"not completed: {report['pending']}")
-    elif ending == "completed":
+    elif cause["kind"] == "completed":
         verdict = "complete"
     else:
         verdict = "complete by the estimate alone"
-    tick = (
-        f"tick p50 {report['tick_us']['p50']:.0f} us{controller_text}, largest tilt"
-        f" {printing.cell(report['largest_tilt_rad'])} rad"
-    )
-    console.print(
-        f"mission {verdict}; simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s,"
-        f" {tick}"
-    )
-    if ending != "completed":
-        console.print(plain_line(f"cause: {report['cause']['kind']}: {report['cause']['text']}"))
+    times = f"simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s"
+    tick_times = f"tick p50 {report['tick_us']['p50']:.0f} us"
+    if report["controller_us"]:
+        tick_times += f", whole controller {report['controller_us']['p50']:.0f} us"
+    tilt = f"largest tilt {printing.cell(report['largest_tilt_rad'])} rad"
+    console.print(f"mission {verdict}; {times}, {tick_times}, {tilt}")
+    if cause["kind"] != "completed":
+        console.print(plain_line(f"cause: {cause['kind']}: {cause['text']}"))
     printing.print_paths(console, paths)
 
 
-def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
-    """Print faults that were asked for, and what the robot said; a line each."""
-    for fault in report["faults"]:
-        if fault["end"] is None:
-            until = ""
-        else:
-            until = f" to {fault['end']:g} s"
-        console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
-    for alarm in report["alarms"]:
-        console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
-    for row in report["passed_rates"]:
-        rate = f"{row['rate']:.3g} {row['unit']}"
-        limit = f"{row['share']:.2f} times its limit"
-        console.print(
-            plain_line(f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"),
-            style="yellow",
+def _print_phases(console: Console, report: dict[str, Any]) -> None:
+    """Print a table of the phases, and why each ended, with the errors at its end below."""
+    title = f"{report['scenario']}, {report['robot']}, {report['plant']} plant, {report['solver']}"
+    table = Table(title=plain_line(title))
+    table.add_column("phase", no_wrap=True, justify="left")
+    for column in ("start [s]", "end [s]", "J", "m"):
+        table.add_column(column, no_wrap=True, justify="right")
+    for phase in report["phases"]:
+        table.add_row(
+            plain_line(f"{phase['name']} {phase['title']}", 40),
+            f"{phase['start_s']:.2f}",
+            f"{phase['end_s']:.2f}",
+            printing.cell(phase["energy_j"]),
+            f"{phase['path_length_m']:.2f}",
         )
-    for row in report["sensor_health"]:
-        if row["first_s"] is not None:  # a channel that was not always good
-            spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
-            console.print(
-                plain_line(
-                    f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"
-                ),
-                style="yellow",
-            )
+    console.print(table)
+    for phase in report["phases"]:
+        console.print(Text(plain_line(f"{phase['name']} ended: {phase['reason']}")))
+        errors = "; ".join(_active_errors(phase))
+        if errors:
+            text = Text(plain_line(errors), style="dim")
+            console.print(Padding(text, (0, 0, 0, 4)))
 
 
 def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
@@ -462,27 +291,53 @@ def _active_errors(phase: dict[str, Any]) -> Iterator[str]:
     """
     for name, value in phase["final_errors"].items():
         task, _, quantity = name.rpartition(".")
-        if task in phase["tasks"] and "error" in quantity:
-            allowed = phase["sensors_allow"].get(name)
-            true = printing.cell(phase["true_errors"].get(name))
-            if allowed is None:
-                truth = ""
-            else:
-                truth = f", true {true}, sensors allow {allowed:.2g}"
-            yield f"{name} {printing.cell(value)}{truth}"
+        if task not in phase["tasks"] or "error" not in quantity:
+            continue
+        text = f"{name} {printing.cell(value)}"
+        allowed = phase["sensors_allow"].get(name)
+        if allowed is not None:
+            true_value = printing.cell(phase["true_errors"].get(name))
+            text += f", true {true_value}, sensors allow {allowed:.2g}"
+        yield text
+
+
+def _print_what_went_wrong(console: Console, report: dict[str, Any]) -> None:
+    """Print faults that were asked for, alarms, joints that were too fast and channels that were
+    not always good; a line each.
+    """
+    for fault in report["faults"]:
+        until = "" if fault["end"] is None else f" to {fault['end']:g} s"
+        console.print(f"fault from {fault['t']:g} s{until}: {fault['text']}", style="yellow")
+    for alarm in report["alarms"]:
+        console.print(plain_line(f"alarm at {alarm['t']:.2f} s: {alarm['text']}"), style="yellow")
+    for row in report["passed_rates"]:
+        rate = f"{row['rate']:.3g} {row['unit']}"
+        limit = f"{row['share']:.2f} times its limit"
+        text = f"joint {row['joint']} moved at {rate} at {row['t']:.2f} s, {limit}"
+        console.print(plain_line(text), style="yellow")
+    for row in report["sensor_health"]:
+        if row["first_s"] is None:
+            continue
+        spans = f"suspect for {row['suspect_s']:.2f} s, lost for {row['lost_s']:.2f} s"
+        text = f"{row['channel']} {spans}, first at {row['first_s']:.2f} s: {row['why']}"
+        console.print(plain_line(text), style="yellow")
 
 
 def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return one row per figure that some phase has, one column per visit to a phase; energy that
-    is not known has its row too.
+    """Return one row per figure that some phase has, one column per visit to a phase and one for
+    the total; energy that is not known has its row too.
+
+    rows: of `uvms_ocp.report.metrics.resources`.
     """
-    names = [*(f"{k + 1} {row['phase']}" for k, row in enumerate(rows[:-1])), rows[-1]["phase"]]
-    nonempty = {name for name in rows[0] if any(row[name] is not None for row in rows)}
-    if "joint_energy_j" in nonempty:
-        nonempty |= {"thruster_energy_j", "energy_j"}
-    figures = [name for name in rows[0] if name != "phase" and name in nonempty]
+    visits = [f"{number} {row['phase']}" for number, row in enumerate(rows[:-1], 1)]
+    columns = [*visits, rows[-1]["phase"]]
+    shown = {name for name in rows[0] if any(row[name] is not None for row in rows)}
+    if "joint_energy_j" in shown:
+        shown |= {"thruster_energy_j", "energy_j"}
     transposed = list[dict[str, Any]]()
-    for figure in figures:
+    for figure in rows[0]:
+        if figure == "phase" or figure not in shown:
+            continue
         values = [row[figure] for row in rows]
-        transposed.append({"figure": figure, **dict(zip(names, values, strict=True))})
+        transposed.append({"figure": figure, **dict(zip(columns, values, strict=True))})
     return transposed

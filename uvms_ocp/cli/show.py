@@ -26,6 +26,7 @@ from uvms_ocp.cli.printing import (
     print_paths,
     table_of,
 )
+from uvms_ocp.cli.result_folders import named_folder
 from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.mission_plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan
@@ -86,7 +87,7 @@ def mission(
     ] = False,
 ) -> None:
     """Print which tasks are on in which phase of a scenario, or its phases as a diagram."""
-    plan = opt.build_scenario(name, opt.given(robot=robot, **files.options)).mission
+    plan = opt.build_scenario(name, opt.given_options(robot=robot, **files.options)).mission
     sys.stdout.write(plan.mermaid() if mermaid else f"{plan}\n")
 
 
@@ -153,7 +154,7 @@ def estimate(
         ),
     ],
     out: Annotated[
-        Path, typer.Option(metavar="DIR", parser=opt.folder, help="Folder for the results.")
+        Path, typer.Option(metavar="DIR", parser=named_folder, help="Folder for the results.")
     ],
     robot: RobotOfRecord = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
@@ -175,7 +176,7 @@ def estimate(
     from uvms_ocp.viz.series import thinned
 
     console = console_of(stderr=as_json)
-    used_robot = with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    used_robot = with_robot(opt.given_options(robot=robot, **files.options)).get("robot")
     is_run = mapping is None and (path.is_dir() or path.suffix == ".npz")
     recording: Record | Recording
     if is_run:
@@ -298,7 +299,7 @@ def _page(
     is_name = what in list_robots() and not Path(what).exists()
     if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
         return show(loading.robot_called(what, files.hydrodynamics, files.loading))
-    used_robot = with_robot(opt.given(robot=robot, **files.options)).get("robot")
+    used_robot = with_robot(opt.given_options(robot=robot, **files.options)).get("robot")
     ghost_motions = {_name_of(path): _motion(path, used_robot) for path in ghosts}
     if len(ghost_motions) < len(ghosts):
         raise InvalidInput("two ghosts of one name; their folders, or files, need different names")

@@ -39,7 +39,8 @@ from uvms_ocp.export.c_files import (
 from uvms_ocp.export.names import export_name
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.shapes.gjk import ROUNDS
-from uvms_ocp.scenario.scenario import Scenario, our_controller
+from uvms_ocp.scenario.part_factories import our_controller
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers.hierarchy import solution
 from uvms_ocp.solvers.hierarchy.core import CompiledSolver, external_core
 from uvms_ocp.version import __version__

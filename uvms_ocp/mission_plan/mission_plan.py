@@ -17,7 +17,8 @@ from uvms_ocp.model_errors import printable
 from uvms_ocp.ocp import OcpStatus, Plan, Trajectory
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.record import Record
-from uvms_ocp.scenario.scenario import MissionController, Scenario
+from uvms_ocp.scenario.part_factories import MissionController
+from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.loop import Progress
 from uvms_ocp.types import Count, Finite, Magnitude
 

@@ -4,39 +4,38 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Callable, Mapping
+from dataclasses import field
 from pathlib import Path
-from time import perf_counter
-from typing import Any, Literal, Protocol
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_dataclass, finite_array
-from uvms_ocp.control import DynamicController, LoadLearning, VelocityGains, external
+from uvms_ocp.control import LoadLearning, VelocityGains
 from uvms_ocp.control.velocity.guide import Guide
 from uvms_ocp.control.velocity.kinematic import HierarchySolver, KinematicController
-from uvms_ocp.errors import InvalidInput, plain_line
-from uvms_ocp.estimation.estimator import Estimator, PassThrough
-from uvms_ocp.estimation.health.channel_state import sizes_of
-from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.estimation.health.monitor import HealthMonitor
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted, on_interrupt, raised_outside_casadi
-from uvms_ocp.mission import Mission, MissionState
-from uvms_ocp.progress import progress_bar
+from uvms_ocp.mission import Mission
 from uvms_ocp.record.display import FieldTable
-from uvms_ocp.record.record import Record, Recorder
-from uvms_ocp.record.run_meta import RunMeta
-from uvms_ocp.robot import IDEAL_SENSORS, Command, Robot, SensorSpecs, State, StateEstimate
+from uvms_ocp.record.record import Record
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs
 from uvms_ocp.robot.dynamics import cached_dynamics
+from uvms_ocp.scenario.part_factories import (
+    ControllerFactory,
+    EstimatorFactory,
+    MissionController,
+    maker_of,
+    our_controller,
+    our_estimator,
+    own_names,
+)
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
-from uvms_ocp.scenario.run_metadata import RunOutcome, computed_or, energy_used, run_meta
+from uvms_ocp.scenario.scenario_run import RunParts, ScenarioRun, run_bar
 from uvms_ocp.sim import (
     DynamicPlant,
     Environment,
@@ -46,22 +45,17 @@ from uvms_ocp.sim import (
     SensorSuite,
     injected_faults,
     parse_fault,
-    watched_estimator,
     watched_plant,
     watched_sensors,
 )
 from uvms_ocp.sim.loop import (
     Progress,
     Sensors,
-    StateEstimator,
     TickObserver,
-    has_diverged,
-    simulate,
 )
 from uvms_ocp.sim.machine_faults import require_possible
 from uvms_ocp.sim.own_parts import (
     part_name,
-    plant_name,
     require_plant,
     require_simulated,
     specs_of,
@@ -69,142 +63,6 @@ from uvms_ocp.sim.own_parts import (
 )
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.types import DAY, Count, Positive
-
-# What makes the parts of one scenario's runs: `scenario.controller()`, `scenario.estimator()`.
-
-_OURS = (KinematicController, DynamicController)
-_SILENT = 2.0  # [s] that a run may take without a bar
-# ticks between two looks at the mission; letters, whatever a phase is called
-_BAR_EVERY = 40
-_BAR_TEXT = 60
-
-
-class MissionController(Protocol):
-    """Controller of a run."""
-
-    @property
-    def kinematic(self) -> KinematicController:
-        """The layer that knows the mission, its events and its quantities."""
-
-    def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s]."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PartFactory:
-    """Maker of a part of the runs of one scenario."""
-
-    maker: Callable[..., Any]
-    """Constructor for any scenario."""
-    scenario: Any = field(repr=False)
-
-
-class ControllerFactory(PartFactory):
-    """Maker of the controllers of one scenario."""
-
-    __slots__ = ()
-
-    def __call__(self) -> MissionController:
-        """A fresh one. Raises `InvalidInput` where the maker makes no callable."""
-        controller = self.maker(self.scenario)
-        scenario = self.scenario
-        if type(controller) in _OURS:
-            return controller
-        if not callable(controller):
-            raise InvalidInput(
-                f"controller made {type(controller).__name__}; make a callable (StateEstimate, t)"
-                " -> Command"
-            )
-        if scenario.takes_forces:
-            n = len(scenario.robot.description.thrusters)
-        else:
-            n = None
-        kinematic = scenario.kinematic_controller()
-        return external.SupervisedController(
-            controller=controller, kinematic=kinematic, n_thrusters=n, name=part_name(self.maker)
-        )
-
-
-class EstimatorFactory(PartFactory):
-    """Maker of the estimators of one scenario."""
-
-    __slots__ = ()
-
-    def __call__(self) -> GuardedEstimator:
-        """Make a fresh one, ``(Readings, t, Command | None) -> StateEstimate``; a monitor keeps
-        from it what cannot be true.
-
-        Raises `InvalidInput` where the maker makes no callable.
-        """
-        estimator = self.maker(self.scenario)
-        scenario = self.scenario
-        robot = scenario.robot
-        specs = scenario.specs
-        if not callable(estimator):
-            allowed = "make a callable (Readings, t, command) -> StateEstimate"
-            raise InvalidInput(f"estimator made {type(estimator).__name__}; {allowed}")
-        monitor = HealthMonitor(robot, specs, altimeter_frame=scenario.altimeter_frame)
-        return GuardedEstimator(
-            watched_estimator.watched_estimator(estimator, robot, part_name(self.maker)),
-            robot,
-            specs,
-            monitor,
-        )
-
-
-def maker_of(part: str, argument: Any) -> Callable[..., Any]:
-    """Return the maker of a part: the argument itself, or the maker in a `PartFactory`. Raises
-    `InvalidInput` where it cannot be called.
-    """
-    if isinstance(argument, PartFactory):
-        return argument.maker
-    if not callable(argument):
-        raise InvalidInput(
-            f"{part} = {argument!r}; give a callable that takes the scenario and makes one"
-        )
-    return argument
-
-
-def own_names(parts: Mapping[str, Any], ours: tuple[Callable[..., Any], ...]) -> dict[str, str]:
-    """Names of those parts of a scenario that are not the toolkit's, which are values or made by
-    `ours`.
-    """
-    makers = {
-        kind: maker_of(kind, part)
-        for kind, part in parts.items()
-        if not isinstance(part, str | SensorSpecs)
-    }
-    return {kind: part_name(maker) for kind, maker in makers.items() if maker not in ours}
-
-
-# Composition root: robot + mission + environment + solver, run into a `Record`.
-
-
-def our_controller(
-    scenario: Scenario, guide: Guide | None = None
-) -> KinematicController | DynamicController:
-    """The hierarchy's, fresh."""
-    kinematic = scenario.kinematic_controller(guide)
-    if not scenario.takes_forces:
-        return kinematic
-    options: dict[str, Any] = {
-        "gains": scenario.gains,
-        "sensors": scenario.specs,
-        "load": scenario.load,
-    }
-    return DynamicController(
-        robot=scenario.robot,
-        dynamics=cached_dynamics(scenario.robot),
-        kinematic=kinematic,
-        **options,
-    )
-
-
-def our_estimator(scenario: Scenario) -> StateEstimator:
-    """The filter, fresh; ideal sensors are taken for the truth."""
-    if scenario.specs == IDEAL_SENSORS:
-        return PassThrough(scenario.robot, scenario.specs)
-    return Estimator(scenario.robot, scenario.specs, altimeter_frame=scenario.altimeter_frame)
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -218,12 +76,17 @@ class Scenario(FieldTable):
     """
 
     name: str
+    """Name of the scenario, which records and reports have."""
     robot: Robot
+    """Robot as the controller knows it; the plant's, too, unless there is a `plant_robot`."""
     mission: Mission
+    """Tasks in strict order, and the phases in which they count."""
     environment: Environment
+    """Water, seafloor and obstacles."""
     start: np.ndarray
     """(n_q,) [m, rad] configuration at t = 0, at rest."""
     solver: HierarchySolver = field(default_factory=LexicographicActiveSet)
+    """Solver of the hierarchy of tasks at every tick."""
     plant: str | Callable[..., Any] = "dynamic"
     """``dynamic``, ``kinematic``, or what makes a plant of a user's own, a
     `uvms_ocp.sim.PlantMaker`.
@@ -274,6 +137,17 @@ class Scenario(FieldTable):
     def __post_init__(self) -> None:
         require_plant(self.plant)
         specs_of(self.sensors)
+        self._require_times()
+        self._require_solver()
+        self._require_start()
+        controller = maker_of("controller", self.controller)
+        object.__setattr__(self, "controller", ControllerFactory(maker=controller, scenario=self))
+        estimator = maker_of("estimator", self.estimator)
+        object.__setattr__(self, "estimator", EstimatorFactory(maker=estimator, scenario=self))
+        self._parse_faults()
+        self._require_possible_faults()
+
+    def _require_times(self) -> None:
         for name, value in (("dt", self.dt), ("duration", self.duration)):
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInput(f"{name} = {value} s; give a finite time > 0")
@@ -285,44 +159,53 @@ class Scenario(FieldTable):
             raise InvalidInput(f"duration = {self.duration:g} s; give at most {DAY:g} s, a day")
         if self.record_rate is not None and not 0.1 <= self.record_rate < np.inf:
             raise InvalidInput(f"record_rate = {self.record_rate:g} Hz; give 0.1 or more")
+
+    def _require_solver(self) -> None:
         if isinstance(self.solver, type):
-            raise InvalidInput(
-                f"solver = the class {self.solver.__name__}; give a value, {self.solver.__name__}()"
-            )
+            name = self.solver.__name__
+            raise InvalidInput(f"solver = the class {name}; give a value, {name}()")
         if not hasattr(self.solver, "bind"):
             raise InvalidInput(
                 f"solver = {self.solver!r}; give a value such as LexicographicActiveSet()"
             )
-        self._require_start()
-        for name, kind in (("controller", ControllerFactory), ("estimator", EstimatorFactory)):
-            object.__setattr__(
-                self, name, kind(maker=maker_of(name, getattr(self, name)), scenario=self)
-            )
-        faults = (self.faults,) if isinstance(self.faults, str) else self.faults
-        faults = tuple(parse_fault(fault) if isinstance(fault, str) else fault for fault in faults)
-        object.__setattr__(self, "faults", faults)
-        for fault in faults:
-            injected_faults.require_fault(fault)
-        toolkit_faults = self.toolkit_faults
-        if toolkit_faults:
-            require_possible(
-                toolkit_faults, self.plant_robot or self.robot, kinematic=self.plant == "kinematic"
-            )
-            require_simulated(toolkit_faults, self.plant, self.sensors)
-            self._sensor_suite()
 
     def _require_start(self) -> None:
         if not self.robot.n_v:
-            text = f"robot {self.robot.name!r} has a fixed base and no joints: nothing of it moves"
-            raise InvalidInput(f"{text}; load it with base='free_flyer', or give it joints")
+            raise InvalidInput(
+                f"robot {self.robot.name!r} has a fixed base and no joints: nothing of it moves;"
+                " load it with base='free_flyer', or give it joints"
+            )
         self.robot.check_configuration(self.start)
         if self.altimeter_frame is not None:
             self.robot.frame_id(self.altimeter_frame)
         if self.robot.n_vehicle:
             x, y, z = self.start[:3].tolist()
-            if z <= (floor := self.environment.seafloor.height(x, y)):
-                place = f"start position of the vehicle z = {z:g} m"
-                raise InvalidInput(f"{place} is below the seafloor z = {floor:g} m; raise it")
+            floor_z = self.environment.seafloor.height(x, y)
+            if z <= floor_z:
+                raise InvalidInput(
+                    f"start position of the vehicle z = {z:g} m is below the seafloor"
+                    f" z = {floor_z:g} m; raise it"
+                )
+
+    def _parse_faults(self) -> None:
+        """Replace texts, as the shell takes them, by the faults that they describe."""
+        texts_or_faults = (self.faults,) if isinstance(self.faults, str) else self.faults
+        faults = tuple(
+            parse_fault(fault) if isinstance(fault, str) else fault for fault in texts_or_faults
+        )
+        object.__setattr__(self, "faults", faults)
+        for fault in faults:
+            injected_faults.require_fault(fault)
+
+    def _require_possible_faults(self) -> None:
+        """Raise `InvalidInput` for a fault that this robot, plant or sensors cannot have."""
+        faults = self.toolkit_faults
+        if not faults:
+            return
+        plant_robot = self.plant_robot or self.robot
+        require_possible(faults, plant_robot, kinematic=self.plant == "kinematic")
+        require_simulated(faults, self.plant, self.sensors)
+        self._sensor_suite()
 
     @property
     def toolkit_faults(self) -> tuple[Fault, ...]:
@@ -341,23 +224,29 @@ class Scenario(FieldTable):
 
     @property
     def own_parts(self) -> dict[str, str]:
-        """Names of the parts that are not the toolkit's, by what they are."""
+        """Names of the parts that are a user's own, by kind: plant, sensors, estimator,
+        controller.
+        """
         parts = {
-            part: getattr(self, part) for part in ("plant", "sensors", "estimator", "controller")
+            "plant": self.plant,
+            "sensors": self.sensors,
+            "estimator": self.estimator,
+            "controller": self.controller,
         }
         return own_names(parts, (our_estimator, our_controller))
 
     def kinematic_controller(self, guide: Guide | None = None) -> KinematicController:
-        """Its layer of velocities alone, fresh; guide: what stands in for the hierarchy while it
-        lasts.
+        """Make the velocity layer of a controller for one run.
+
+        guide: stands in for the hierarchy while it lasts.
         """
         return KinematicController(
             robot=self.robot, mission=self.mission, solver=self.solver, dt=self.dt, guide=guide
         )
 
     def guided(self, guide: Guide) -> MissionController:
-        """The hierarchy's controller, fresh, with a guide that stands in for the hierarchy while it
-        lasts.
+        """Make the toolkit's controller for one run, with a guide that stands in for the hierarchy
+        while it lasts.
         """
         return our_controller(self, guide)
 
@@ -392,9 +281,9 @@ class Scenario(FieldTable):
     ) -> Record:
         """Simulate until the mission is complete or `duration` is over.
 
-        progress: told of every tick, in place of a bar where somebody looks (`uvms_ocp.progress`).
-        controller: by default a fresh one. observer: called at every tick, see
-        `uvms_ocp.viz.scene.live.live`. folder: a new one, to which rows go every two seconds in
+        progress: called at every tick, in place of a bar where somebody looks
+        (`uvms_ocp.progress`). controller: by default a fresh one. observer: called at every tick,
+        see `uvms_ocp.viz.scene.live.live`. folder: a new one, to which rows go every two seconds in
         place of memory, and whose series are mapped by the record; whatever ends the program,
         `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`,
         whose `result` is the record so far.
@@ -406,180 +295,17 @@ class Scenario(FieldTable):
             controller = controller or self.controller()
             estimator = self.estimator()
             plant, sensors = injected_faults.inject_faults(self, self._plant(), self._sensors())
-        parts: dict[str, Any] = {
-            "plant": plant,
-            "sensors": sensors,
-            "estimator": estimator,
-            "controller": controller,
-        }
+        parts = RunParts(plant=plant, sensors=sensors, estimator=estimator, controller=controller)
         presses: list[object] = []
         with (
             on_interrupt(presses.append),
-            self._bar(progress is None, controller.kinematic) as show,
+            run_bar(self, shown=progress is None, kinematic=controller.kinematic) as show_time,
         ):
-            record = self._recorded(
-                parts, {"progress": progress, "observer": observer}, show, presses, folder
-            )
+            run = ScenarioRun(self, parts)
+            record = run.record(show_time, progress, observer, folder, presses)
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
-
-    @contextmanager
-    def _bar(
-        self, shown: bool, kinematic: KinematicController
-    ) -> Iterator[Callable[[float], None]]:
-        """Inside what is yielded is to get times [s] of ticks, for a bar where somebody looks."""
-        with progress_bar(
-            shown=shown, total=self.duration, delay=_SILENT, bar_format="{elapsed} |{bar}| {desc}"
-        ) as bar:
-
-            def show(t: float) -> None:
-                if not bar.disable and round(t / self.dt) % _BAR_EVERY == 0:
-                    phase = self.mission.all_phases[kinematic.state.phase]
-                    text = plain_line(
-                        f"{phase.name} {phase.title}: {kinematic.pending()}", _BAR_TEXT
-                    )
-                    bar.set_description_str(text.ljust(_BAR_TEXT), refresh=False)
-                    bar.update(t - bar.n)
-
-            yield show
-
-    def _recorded(
-        self,
-        parts: Mapping[str, Any],
-        callbacks: Mapping[str, Any],
-        show: Callable[[float], None],
-        presses: Sequence[object],
-        folder: Path | str | None,
-    ) -> Record:
-        """Simulate with these parts, and sum up. callbacks: functions that are told of every tick,
-        by the name of the argument. presses: one entry for each Ctrl-C.
-        """
-        begin = perf_counter()
-        plant = parts["plant"]
-        controller = parts["controller"]
-        estimator = parts["estimator"]
-        kinematic = controller.kinematic
-        counts = list[int]()
-        own_parts = self.own_parts
-        names = {
-            "plant": plant_name(self.plant),
-            "solver": type(self.solver).__name__,
-            "sensors": own_parts.get("sensors", SensorSuite.__name__),
-            "estimator": own_parts.get("estimator", type(estimator.estimator).__name__),
-            "controller": getattr(controller, "name", type(controller).__name__),
-        }
-        run_fields: dict[str, Any] = {
-            "name": self.name,
-            "setup": self.setup(),
-            "parts": names,
-            "faults": tuple(map(injected_faults.fault_meta, self.faults)),
-            "controller": kinematic,
-        }
-        if self.record_rate is None:
-            ticks_per_row = 1
-        else:
-            ticks_per_row = max(1, round(1.0 / (self.record_rate * self.dt)))
-        run_fields |= {
-            "seed": self.seed,
-            "markers": self.markers,
-            "monitor": estimator.monitor,
-            "dt": ticks_per_row * self.dt,
-        }
-        # true ones at events
-        meta = partial(run_meta, **run_fields)
-        states = list[State]()
-
-        def news() -> RunMeta | None:
-            """Metadata so far, after an event or an alarm."""
-            previous_counts = counts.copy()
-            counts[:] = map(
-                len, (kinematic.events, estimator.monitor.alarms, kinematic.watchdog.alarms)
-            )
-            ending = RunOutcome(
-                q=plant.state.q,
-                t=self.duration,
-                quantities={},
-                wall_s=perf_counter() - begin,
-                stopped="cut off",
-            )
-            if counts == previous_counts or has_diverged(plant.state):
-                return None
-            return meta(ending=ending)
-
-        def watch(t: float, state: State) -> None:
-            if len(kinematic.events) > len(states):
-                states.append(state)
-            show(t)
-
-        capacity = min(512, max(1, round(2.0 / self.dt)))
-        if folder is None:
-            place = None
-        else:
-            place = Path(folder)
-        if place or ticks_per_row > 1:
-            recorder = Recorder(capacity, place, news, ticks_per_row)
-        else:
-            recorder = None
-        shapes = (
-            {} if isinstance(estimator.estimator, PassThrough) else sizes_of(self.robot)
-        )  # which repeats its readings
-        reading_sizes = {
-            name: math.prod(shapes[name]) for name in estimator.monitor.channels if name in shapes
-        }
-        try:
-            recorder = simulate(
-                **parts,
-                **callbacks,
-                watch=watch,
-                dt=self.dt,
-                duration=self.duration,
-                kept_readings=reading_sizes,
-                recorder=recorder,
-            )
-        except Interrupted as stop:
-            recorder = stop.result
-        wall = perf_counter() - begin
-
-        flown = recorder.series()
-
-        def quantities(true_state: State, t: float, state: MissionState) -> dict[str, float]:
-            errors: dict[str, float] = computed_or(
-                {},
-                "true errors",
-                lambda: kinematic.evaluate(self._true_measurement(true_state), t, state),
-            )
-            return errors | {
-                name: value
-                for name, value in energy_used(flown, state, t).items()
-                if name in errors
-            }
-
-        diverged = has_diverged(plant.state)
-        if diverged:
-            last_state = State(q=recorder.last("q"), v=recorder.last("v"))
-        else:
-            last_state = plant.state
-        truth = quantities(last_state, recorder.last("t"), kinematic.state)
-        phase_ends = zip(
-            states, kinematic.events, kinematic.left, strict=False
-        )  # with the goals that the phase had when it ended
-        ends = [quantities(state, event.t, goals) for state, event, goals in phase_ends]
-        stopped: Literal["", "stopped", "diverged"] = ""
-        if diverged:
-            stopped = "diverged"
-        elif presses:
-            stopped = "stopped"
-        ending = RunOutcome(
-            q=recorder.last("q"),
-            t=recorder.last("t"),
-            quantities=truth,
-            at_events=tuple(ends),
-            wall_s=wall,
-            std=recorder.last("q_std") if "q_std" in recorder else None,
-            stopped=stopped,
-        )
-        return recorder.freeze(meta(ending=ending))
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):
@@ -606,15 +332,6 @@ class Scenario(FieldTable):
         return SensorSuite(
             self.robot, floor, specs, self.seed, self.altimeter_frame, self.toolkit_faults
         )
-
-    def _true_measurement(self, state: State) -> StateEstimate:
-        suite = SensorSuite(
-            self.robot,
-            self.environment.seafloor,
-            IDEAL_SENSORS,
-            altimeter_frame=self.altimeter_frame,
-        )
-        return PassThrough(self.robot, IDEAL_SENSORS)(suite.read(state, 0.0), 0.0)
 
 
 @checked
