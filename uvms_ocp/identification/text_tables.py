@@ -17,8 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass
-from datetime import datetime, timezone
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import IO, Annotated, Any, Literal
 from zipfile import ZipFile
@@ -28,6 +27,12 @@ from pydantic import Field
 
 from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
 from uvms_ocp.identification.recording import unit_named
+from uvms_ocp.identification.text_cells import (
+    decimal_sign,
+    is_missing,
+    is_number,
+    read_unusual_cell,
+)
 from uvms_ocp.model_errors import FileModel, one_line_errors
 from uvms_ocp.record.untrusted import DENSEST, SMALL, as_input_errors
 
@@ -42,21 +47,6 @@ _DELIMITERS = {"tab": "\t", ";": ";", ",": ",", "|": "|", "blank": ""}
 _GZIP = b"\x1f\x8b"
 _ZIP = b"PK"
 _BYTE_ORDER_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
-_MISSING = frozenset(
-    {"", "-", "--", "na", "n/a", "#n/a", "nan", "-nan", "none", "null", "nil", "missing"}
-)
-_TRUTH = {"true": 1.0, "false": 0.0}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?inf(inity)?", re.IGNORECASE)
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-_GROUPED = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
-_TIME = re.compile(
-    r"(?:(?:(?P<Y>\d{4})(?P<dash>[-/.]?)(?P<M>\d\d)(?P=dash)(?P<D>\d\d)|(?P<d>\d\d?)\.(?P<m>\d\d?)\.(?P<y>\d{4}))[T"
-    r" _])?"
-    r"(?P<hours>\d\d?)(?P<colon>(?(Y)[:-]?|:))(?P<minutes>\d\d)(?P=colon)(?P<seconds>\d\d)"
-    r"(?:[.,](?P<part>\d+)|:(?P<ms>\d{3}))?(?: ?(?P<half>[ap])m)?"
-    r" ?(?:Z|UTC|GMT|(?P<zone>[+-]\d\d):?(?P<more>\d\d)?)?",
-    re.IGNORECASE,
-)
 _UNIT = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 _OTHER_UNITS = re.compile(
     r"-|1|none|\[.*\]|\(.*\)|[hmd]?bar|[hk]?pa|psi|[km]?hz|m?[vaw]|(deg|°)? ?c|rpm|kg|lbs?",
@@ -112,12 +102,9 @@ class TextLayout:
             header = f"header in line {self.header}"
         else:
             header = "no header, columns are #1, #2, ..."
-        if len(self.sheets) > 1:
-            others = f" of {', '.join(self.sheets)}"
-        else:
-            others = ""
         if self.sheet:
-            return f"sheet {self.sheet}{others}, {header}"
+            choice = f" of {', '.join(self.sheets)}" if len(self.sheets) > 1 else ""
+            return f"sheet {self.sheet}{choice}, {header}"
         cells = f"{self.encoding}, {self.delimiter!r} between cells"
         return f"{cells}, decimals after {self.decimal!r}, {header}"
 
@@ -130,71 +117,46 @@ def text_layout(path: Path, text_format: TextFormat | None = None) -> TextLayout
     """
     text_format = text_format or TextFormat()
     encoding = text_format.encoding or _encoding(path)
-    sheets = _sheets(path, text_format.sheet)
-    with _opened(path, encoding, sheets[0]) as file:
-        head = [(k, line) for k, line in enumerate(islice(_lines(file), _HEAD), 1) if line.strip()]
-        rows = [(k, line) for k, line in head if not line.lstrip().startswith(("#", "%"))]
-        delimiter = text_format.delimiter or _delimiter([line for _, line in rows])
-        cells = [(k, _split(line, delimiter)) for k, line in rows]
-        widest = max((len(row) for _, row in cells), default=0)
-        if widest and not any(
-            row[-1] for _, row in cells if len(row) == widest
-        ):  # lines that end by a delimiter
-            cells = [(k, row[:-1] if row[-1] == "" else row) for k, row in cells]
-        if cells:
-            width = Counter(len(row) for _, row in cells).most_common(1)[0][0]
-        else:
-            width = 0
-        table = [(k, row) for k, row in cells if len(row) == width]
-        decimal = text_format.decimal or _decimal([row for _, row in table], delimiter)
+    sheet, *all_sheets = _sheets(path, text_format.sheet)
+    with _opened(path, encoding, sheet) as file:
+        head = _head(file)
+        lines = [(number, line) for number, line in head if not _is_comment(line)]
+        delimiter = text_format.delimiter or _delimiter([line for _, line in lines])
+        rows = _without_last_delimiter(
+            [_Row(number, _split(line, delimiter)) for number, line in lines]
+        )
+        n_columns = _usual_width(rows)
+        table = [row for row in rows if len(row.cells) == n_columns]
+        decimal = text_format.decimal or _decimal(table, delimiter)
         first = _first_row(table, decimal)
-        before = [
-            (k, row)
-            for k, row in table
-            if k < first and 2 * sum(map(bool, row)) >= width and row[0][:3] != "***"
-        ]
-        comments = [
-            (k, _split(line.lstrip().lstrip("#%"), delimiter)) for k, line in head if k < first
-        ]
-        before = (
-            before
-            or [(k, row) for k, row in comments if len(row) == width and not _is_row(row, decimal)][
-                -1:
-            ]
-        )
-        of_units = len(before) > 1 and all(
-            unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in before[-1][1] if cell
-        )
-        if of_units:
-            units = before.pop()
-        else:
-            units = None
+        comments = _comments(head, first, delimiter)
+        headers = _headers(table, comments, first, decimal)
+
+        units = None
+        if len(headers) > 1 and _has_units(headers[-1]):
+            units = headers.pop()
         if text_format.header is not None:
-            before = [(k, row) for k, row in cells + comments if k == text_format.header]
+            headers = [row for row in rows + comments if row.line == text_format.header]
             first = max(first, text_format.header + 1)
-        if before:
-            line, names = before[-1]
+        if headers:
+            header = headers[-1]
         else:
-            line = 0
-            names = [f"#{k + 1}" for k in range(width)]
-        if units:
-            unit_names = tuple(cell.strip("[]() ") for cell in units[1])
+            header = _Row(0, [f"#{k + 1}" for k in range(n_columns)])
+        if units is None:
+            unit_names = tuple(_unit_in(name) for name in header.cells)
         else:
-            unit_names = tuple(map(_unit_in, names))
-        table_of = {
-            "encoding": encoding,
-            "delimiter": delimiter,
-            "decimal": decimal,
-            "time": text_format.time,
-        }
+            unit_names = tuple(cell.strip("[]() ") for cell in units.cells)
         return TextLayout(
-            **table_of,
-            names=tuple(names),
+            encoding=encoding,
+            delimiter=delimiter,
+            decimal=decimal,
+            time=text_format.time,
+            names=tuple(header.cells),
             units=unit_names,
-            header=line,
+            header=header.line,
             first=first,
-            sheet=sheets[0],
-            sheets=tuple(sheets[1:]),
+            sheet=sheet,
+            sheets=tuple(all_sheets),
         )
 
 
@@ -220,8 +182,8 @@ def place_of(path: Path, names: Sequence[str], column: str) -> int:
 
     Raises NameNotFound, and InvalidInput for a name that stands more than once.
     """
-    for key in (str.strip, _plain):
-        matches = [k for k, name in enumerate(names) if key(name) == key(column)]
+    for simplify in (str.strip, _plain):
+        matches = [k for k, name in enumerate(names) if simplify(name) == simplify(column)]
         if len(matches) == 1:
             return matches[0]
         if matches:
@@ -240,29 +202,108 @@ def _plain(name: str) -> str:
 
 
 def _unit_in(name: str) -> str:
-    return match[1].strip() if (match := _UNIT.search(name)) else ""
+    """Return the unit that stands in brackets at the end of a name; empty where there is none."""
+    match = _UNIT.search(name)
+    if match is None:
+        return ""
+    return match[1].strip()
 
 
-# Layout.
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A line of a table, split into cells."""
+
+    line: int
+    """Its number in the file, from 1; 0 for a header that the file does not have."""
+    cells: list[str]
+
+
+def _head(file: IO[str]) -> list[tuple[int, str]]:
+    """Return those of the first lines that are not empty, with their numbers from 1."""
+    numbered = enumerate(islice(_lines(file), _HEAD), 1)
+    return [(number, line) for number, line in numbered if line.strip()]
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "%"))
+
+
+def _without_last_delimiter(rows: Sequence[_Row]) -> list[_Row]:
+    """Remove the last, empty cell of each row where all the widest rows end by a delimiter."""
+    n_widest = max((len(row.cells) for row in rows), default=0)
+    widest = [row for row in rows if len(row.cells) == n_widest]
+    if n_widest == 0 or any(row.cells[-1] for row in widest):
+        return list(rows)
+    shortened = []
+    for row in rows:
+        if row.cells[-1] == "":
+            shortened.append(_Row(row.line, row.cells[:-1]))
+        else:
+            shortened.append(row)
+    return shortened
+
+
+def _usual_width(rows: Sequence[_Row]) -> int:
+    """Return the number of cells that most rows have; 0 without rows."""
+    if not rows:
+        return 0
+    widths = Counter(len(row.cells) for row in rows)
+    return widths.most_common(1)[0][0]
+
+
+def _comments(head: Sequence[tuple[int, str]], first: int, delimiter: str) -> list[_Row]:
+    """Split the lines before the first row of numbers, without the signs of comments."""
+    comments = []
+    for number, line in head:
+        if number < first:
+            text = line.lstrip().lstrip("#%")
+            comments.append(_Row(number, _split(text, delimiter)))
+    return comments
+
+
+def _headers(
+    table: Sequence[_Row], comments: Sequence[_Row], first: int, decimal: str
+) -> list[_Row]:
+    """Return the rows that may name the columns: those before the first row of numbers, or else
+    the last comment that has as many cells.
+    """
+    n_columns = len(table[0].cells) if table else 0
+    headers = []
+    for row in table:
+        n_filled = sum(bool(cell) for cell in row.cells)
+        is_line_of_stars = row.cells[0][:3] == "***"
+        if row.line < first and 2 * n_filled >= n_columns and not is_line_of_stars:
+            headers.append(row)
+    if headers:
+        return headers
+    for row in reversed(comments):
+        if len(row.cells) == n_columns and not _is_row(row.cells, decimal):
+            return [row]
+    return []
+
+
+def _has_units(row: _Row) -> bool:
+    """Recognise a row of units; empty cells may be among them."""
+    cells = [cell for cell in row.cells if cell]
+    return all(unit_named(cell) or _OTHER_UNITS.fullmatch(cell) for cell in cells)
 
 
 def _encoding(path: Path) -> str:
     if _begins_with(path, _ZIP):
         return "utf-8"
-    with (
-        _damage_in_a_line(path),
-        gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data,
-    ):
+    with _damage_in_a_line(path), _unpacked(path) as data:
         head = data.read(_HEAD_BYTES)
-    marked = [encoding for mark, encoding in _BYTE_ORDER_MARKS.items() if head.startswith(mark)]
-    if marked:
-        return marked[0]
+    for mark, encoding in _BYTE_ORDER_MARKS.items():
+        if head.startswith(mark):
+            return encoding
     if b"\0" in head:
         raise InvalidInput(
             f"{path}: no table of numbers (it is binary); CSV and other tables of text are read"
         )
+    if len(head) == _HEAD_BYTES:
+        head = head[:-4]  # a character may have been cut
     try:
-        head[: len(head) - 4 if len(head) == _HEAD_BYTES else None].decode("utf-8")
+        head.decode("utf-8")
     except UnicodeDecodeError:
         return "cp1252"
     return "utf-8"
@@ -272,81 +313,64 @@ def _delimiter(lines: Sequence[str]) -> str:
     """Find the delimiter by which most lines have equally many cells, and most cells are
     numbers.
     """
+    return max(_DELIMITERS, key=lambda delimiter: _fitness(lines, delimiter))
 
-    def share(name: str) -> float:
-        rows = [_split(line, name) for line in lines]
-        if rows:
-            width, n = Counter(map(len, rows)).most_common(1)[0]
-        else:
-            width = 0
-            n = 0
-        if width < 2:
-            return 0.0
-        cells = [cell for row in rows for cell in row if len(row) == width]
-        n_read = sum(
-            _is_number(cell, "," if name != "," else ".") or _is_missing(cell) for cell in cells
-        )
-        return n / len(rows) * (0.01 + n_read / len(cells))
 
-    return max(_DELIMITERS, key=share)
+def _fitness(lines: Sequence[str], delimiter: str) -> float:
+    """Rate a delimiter: the share of lines with the usual number of cells, times the share of
+    their cells that are numbers or empty.
+    """
+    if not lines:
+        return 0.0
+    rows = [_split(line, delimiter) for line in lines]
+    width, n_rows = Counter(map(len, rows)).most_common(1)[0]
+    if width < 2:
+        return 0.0
+    decimal = "." if delimiter == "," else ","
+    n_cells = 0
+    n_read = 0
+    for row in rows:
+        if len(row) != width:
+            continue
+        n_cells += width
+        n_read += sum(is_number(cell, decimal) or is_missing(cell) for cell in row)
+    return n_rows / len(rows) * (0.01 + n_read / n_cells)
 
 
 def _split(line: str, delimiter: str) -> list[str]:
     if delimiter == "blank":
         return line.split()
-    return [
-        cell.strip()
-        for cell in next(
-            csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True), []
-        )
-    ]
+    reader = csv.reader([line], delimiter=_DELIMITERS[delimiter], skipinitialspace=True)
+    cells = next(reader, [])
+    return [cell.strip() for cell in cells]
 
 
-def _decimal(rows: Sequence[Sequence[str]], delimiter: str) -> str:
+def _decimal(table: Sequence[_Row], delimiter: str) -> str:
     if delimiter == ",":
         return "."
-    cells = [cell for row in rows for cell in row]
-    commas = sum(bool(_DECIMAL_COMMA.fullmatch(cell)) for cell in cells)
-    if commas > sum("." in cell and bool(_NUMBER.fullmatch(cell)) for cell in cells):
-        return ","
-    return "."
+    return decimal_sign(chain.from_iterable(row.cells for row in table))
 
 
-def _first_row(table: Sequence[tuple[int, Sequence[str]]], decimal: str) -> int:
+def _first_row(table: Sequence[_Row], decimal: str) -> int:
     """Find the line of the first row of numbers: as the later rows have them, column by column."""
-    later = [row for _, row in table[len(table) // 2 :]]
-    columns = enumerate(zip(*later, strict=True))
-    numeric = [
-        k
-        for k, column in columns
-        if 2 * sum(_is_number(cell, decimal) for cell in column) >= len(later)
-    ]
-    for line, row in table:
-        cells = [row[k] for k in numeric if not _is_missing(row[k])]
-        if cells and all(_is_number(cell, decimal) for cell in cells):
-            return line
-    return (table[-1][0] if table else 0) + 1
+    if not table:
+        return 1
+    later_rows = [row.cells for row in table[len(table) // 2 :]]
+    numeric_columns = []
+    for k, column in enumerate(zip(*later_rows, strict=True)):
+        n_numbers = sum(is_number(cell, decimal) for cell in column)
+        if 2 * n_numbers >= len(later_rows):
+            numeric_columns.append(k)
+    for row in table:
+        cells = [row.cells[k] for k in numeric_columns if not is_missing(row.cells[k])]
+        if cells and all(is_number(cell, decimal) for cell in cells):
+            return row.line
+    return table[-1].line + 1
 
 
 def _is_row(row: Sequence[str], decimal: str) -> bool:
-    return 2 * sum(_is_number(cell, decimal) for cell in row) > len(row)
-
-
-def _is_missing(cell: str) -> bool:
-    """Recognise a cell that says nothing, also by asterisks, which stand for a number that found no
-    room.
-    """
-    return cell.strip("*").lower() in _MISSING
-
-
-def _is_number(cell: str, decimal: str) -> bool:
-    with_comma = decimal == "," and _DECIMAL_COMMA.fullmatch(cell)
-    return bool(
-        with_comma or _NUMBER.fullmatch(cell) or _TIME.fullmatch(cell) or _GROUPED.fullmatch(cell)
-    )
-
-
-# Rows.
+    """Recognise a row of numbers: more than half of its cells are."""
+    return 2 * sum(is_number(cell, decimal) for cell in row) > len(row)
 
 
 def _numbers(
@@ -364,24 +388,24 @@ def _numbers(
     else:
         delimiter = _DELIMITERS[layout.delimiter]
         rows = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
-    before = list[str]()
+    pending = list[str]()  # the row before, which is whole if another follows
     number = 0
     for row in rows:
         if not row or row[0].startswith(("#", "%")):
             continue
-        if before:
-            yield from _cells(before, layout, number, places, words)
-        before = row
-        number = number + 1
+        if pending:
+            yield from _cells(pending, layout, number, places, words)
+        pending = row
+        number += 1
         if number > MOST_ROWS:
             raise InvalidInput(f"more than {MOST_ROWS} rows; give recordings one by one")
-    if before and len(before) < len(layout.names):
+    if pending and len(pending) < len(layout.names):
         remarks.append(
-            f"the last row breaks off after {len(before)} of {len(layout.names)} cells and is"
+            f"the last row breaks off after {len(pending)} of {len(layout.names)} cells and is"
             " left out"
         )
-    elif before:
-        yield from _cells(before, layout, number, places, words)
+    elif pending:
+        yield from _cells(pending, layout, number, places, words)
 
 
 def _cells(
@@ -400,54 +424,16 @@ def _cells(
             cell = row[place].replace(",", ".")
         else:
             cell = row[place]
-        try:
-            if "_" in cell and place not in words:
-                raise ValueError
-            yield float(row[place].strip() == words[place]) if place in words else float(cell)
-        except ValueError:
-            yield _unusual(cell.strip(), layout.names[place], number, layout)
-
-
-def _unusual(cell: str, name: str, number: int, layout: TextLayout) -> float:
-    """Read a cell that is no plain number: an empty one, a time, or groups of digits."""
-    if _is_missing(cell):
-        return float("nan")
-    if cell.lower() in _TRUTH:
-        return _TRUTH[cell.lower()]
-    if _GROUPED.fullmatch(cell):
-        return float(cell.replace(",", ""))
-    if layout.time:
-        return datetime.strptime(cell, layout.time).replace(tzinfo=timezone.utc).timestamp()
-    match = _TIME.fullmatch(cell)
-    if not match:
-        cell_text = f"row {number}, column {name!r}: {cell[:40]!r} is no number"
-        read = "numbers, empty cells and times as 2024-05-31T23:59:59.5 or 23:59:59.5 are read"
-        raise InvalidInput(
-            f"{cell_text}; {read}, others by `table: {{time: '%d/%m/%Y %H:%M:%S.%f'}}` or their like"
-        )
-    groups = match.groupdict()
-    hours = int(groups["hours"])
-    if groups["half"]:
-        hours %= 12
-        if groups["half"] in "pP":
-            hours += 12
-    time = (
-        3600.0 * hours
-        + 60.0 * int(groups["minutes"])
-        + int(groups["seconds"])
-        + float(f"0.{groups['part'] or groups['ms'] or 0}")
-    )
-    year, month, day = (groups[key] for key in ("YMD" if groups["Y"] else "ymd"))
-    if year:
-        time += datetime(int(year), int(month), int(day), tzinfo=timezone.utc).timestamp()
-    if groups["zone"]:
-        time -= 3600.0 * int(groups["zone"]) + 60.0 * int(
-            groups["zone"][0] + (groups["more"] or "0")
-        )
-    return time
-
-
-# Files.
+        if place in words:
+            yield float(row[place].strip() == words[place])
+        elif "_" in cell:  # which Python reads as a number, such as 1_000
+            yield read_unusual_cell(cell.strip(), layout.names[place], number, layout.time)
+        else:
+            try:
+                value = float(cell)
+            except ValueError:
+                value = read_unusual_cell(cell.strip(), layout.names[place], number, layout.time)
+            yield value
 
 
 @contextmanager
@@ -463,8 +449,15 @@ def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
             text.seek(0)
             yield text
             return
-        with gzip.open(path) if _begins_with(path, _GZIP) else path.open("rb") as data:
+        with _unpacked(path) as data:
             yield io.TextIOWrapper(data, encoding=encoding, newline=None)
+
+
+def _unpacked(path: Path) -> IO[bytes]:
+    """Open a file for its bytes, gzipped or not."""
+    if _begins_with(path, _GZIP):
+        return gzip.open(path)
+    return path.open("rb")
 
 
 def _begins_with(path: Path, mark: bytes) -> bool:
@@ -485,7 +478,8 @@ def _sheets(path: Path, sheet_name: str) -> list[str]:
             require_known(f"sheet of {path.name}", sheet_name, names)
             return [sheet_name, *names]
         for sheet in book.worksheets:
-            if any(map(_has_numbers, islice(sheet.iter_rows(values_only=True), _HEAD))):
+            head = islice(sheet.iter_rows(values_only=True), _HEAD)
+            if any(_has_numbers(row) for row in head):
                 return [sheet.title, *names]
         return [names[0], *names]
 
