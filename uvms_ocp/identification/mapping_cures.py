@@ -1,0 +1,198 @@
+"""Cure a proposed mapping: what a doubt about a first reading says is applied to the mapping, and
+judged by what is doubtful then.
+
+The cures of each doubt stand in ``proposed_mapping.toml``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from uvms_ocp.errors import UvmsError
+from uvms_ocp.identification import data_quality, reading
+from uvms_ocp.identification.recording import CHANNEL_KINDS
+
+_ROUNDS = 3  # of cures, one of which may show what another one cures
+
+MappedChannels = dict[str, dict[str, Any]]
+"""Keys of each channel of a mapping, as in `RecordingMapping`."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Doubt:
+    """A doubt about one channel, or the error for which it cannot be read."""
+
+    channel: str
+    problem: str
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FirstReading:
+    """What a recording looks like when it is read by a proposed mapping."""
+
+    ranges: Mapping[str, str]
+    """Smallest and largest value, and rate, of each channel that can be read."""
+    doubts: Sequence[Doubt]
+
+
+def apply_cures(
+    path: Path, channels: MappedChannels, cures: Sequence[Mapping[str, Any]]
+) -> tuple[MappedChannels, Mapping[str, list[str]]]:
+    """Apply of the cures for each doubt the one that leaves fewest.
+
+    Returns the channels, and by channel the doubts that were cured.
+    """
+    cured = defaultdict[str, list[str]](list)
+    result = first_reading(path, channels)
+    for _ in range(_ROUNDS):
+        for doubt in result.doubts:
+            if doubt not in result.doubts:  # cured together with another
+                continue
+            doubts_before = result.doubts
+            lowest_score = _score(channels, result, doubts_before)
+            best = None
+            for channel, candidate in _candidates(doubt, channels, cures):
+                candidate_result = first_reading(path, candidate)
+                score = _score(candidate, candidate_result, doubts_before)
+                if score < lowest_score:
+                    lowest_score = score
+                    best = (channel, candidate, candidate_result)
+            if best is not None:
+                channel, channels, result = best
+                cured[channel].append(doubt.problem)
+    return channels, cured
+
+
+def first_reading(path: Path, channels: MappedChannels) -> FirstReading:
+    """Read a recording by a proposed mapping; a channel that cannot be read is left out, and its
+    error is a doubt.
+    """
+    try:
+        mapping = reading.RecordingMapping.model_validate({"channels": channels})
+        recording = reading.mapped_recording(path, mapping)
+    except UvmsError as error:
+        return _reading_without_a_channel(path, channels, str(error))
+    ranges = {}
+    for name, channel in recording.channels.items():
+        lowest = channel.values.min()
+        highest = channel.values.max()
+        unit = CHANNEL_KINDS[name].unit
+        ranges[name] = f"{lowest:.4g} to {highest:.4g} {unit} at {channel.rate:.3g} Hz"
+    doubts = []
+    for issue in data_quality.check_data_quality(recording):
+        if "are left out" not in issue.problem:
+            doubts.append(Doubt(channel=issue.channel, problem=issue.problem))
+    return FirstReading(ranges=ranges, doubts=doubts)
+
+
+def _reading_without_a_channel(path: Path, channels: MappedChannels, error: str) -> FirstReading:
+    """Read a recording without the channel that an error names first."""
+
+    def place_in_error(name: str) -> int:
+        place = error.find(name)
+        return place if place >= 0 else len(error)
+
+    unreadable = min(channels, key=place_in_error)
+    doubt = Doubt(channel=unreadable, problem=error)
+    readable = {name: keys for name, keys in channels.items() if name != unreadable}
+    if not readable:
+        return FirstReading(ranges={}, doubts=[doubt])
+    result = first_reading(path, readable)
+    return FirstReading(ranges=result.ranges, doubts=[doubt, *result.doubts])
+
+
+def _score(
+    channels: MappedChannels, result: FirstReading, doubts_before: Sequence[Doubt]
+) -> tuple[int, int, int]:
+    """Count what a cure leaves: channels that cannot be read, doubts, and doubts from before whose
+    channel no longer reads.
+    """
+    n_unreadable = len(channels) - len(result.ranges)
+    # A doubt about degrees hides others, that would follow from these values.
+    n_hiding = sum("rad: in deg?" in doubt.problem for doubt in result.doubts)
+    n_hidden = 0
+    for doubt in result.doubts:
+        if doubt.channel not in result.ranges and doubt in doubts_before:
+            n_hidden += 1
+    return n_unreadable + n_hiding, len(result.doubts), n_hidden
+
+
+def _candidates(
+    doubt: Doubt, channels: MappedChannels, cures: Sequence[Mapping[str, Any]]
+) -> Iterator[tuple[str, MappedChannels]]:
+    """Yield for each cure of a doubt its channel, and all channels with the cure applied."""
+    for cure in cures:
+        match = re.search(cure["doubt"], doubt.problem)
+        if match is None or cure.get("channel", doubt.channel) != doubt.channel:
+            continue
+        channel = cure.get("of", doubt.channel)
+        if channel not in channels:
+            continue
+        groups = match.groupdict()
+        keys = yaml.safe_load(cure.get("keys", "{}").replace("VALUE", groups.get("value", "")))
+        axes = cure.get("axes", groups.get("axes", ""))
+        if axes:
+            keys["columns"] = _turned(channels[channel], axes.split(", "))
+        if "all" in cure:
+            yield channel, _with_frames(channels, keys)
+        elif keys.get("columns") != []:
+            new_name = cure.get("becomes", channel)
+            yield new_name, _with_keys(channels, channel, new_name, keys)
+
+
+def _with_frames(channels: MappedChannels, keys: Mapping[str, Any]) -> MappedChannels:
+    """Set keys such as ``world`` in all channels that have such a frame."""
+    changed = MappedChannels()
+    for name, channel in channels.items():
+        frames = reading.frames_of(name, channel.get("frame"))
+        changed[name] = channel | {key: value for key, value in keys.items() if key in frames}
+    return changed
+
+
+def _with_keys(
+    channels: MappedChannels, channel: str, new_name: str, keys: Mapping[str, Any]
+) -> MappedChannels:
+    """Set keys of one channel, and its name."""
+    changed = MappedChannels()
+    for name, old_keys in channels.items():
+        if name == channel:
+            changed[new_name] = {**old_keys, **keys}
+        else:
+            changed[name] = old_keys
+    return changed
+
+
+def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:
+    """Return columns of a channel for axes such as ``-y``; empty unless there is an axis for each
+    column.
+    """
+    if len(channel["columns"]) != len(axes):
+        return []
+    letters = "wxyz" if str(channel.get("format")).endswith("wxyz") else "xyzw"
+    columns = dict(zip(letters, channel["columns"], strict=False))
+    turned = {}
+    for axis in axes:
+        letter = axis[-1]
+        if axis[0] == "-":
+            turned[letter] = _opposite(columns[letter])
+        else:
+            turned[letter] = columns[letter]
+    if len(axes) == len(letters):
+        return [turned[letter] for letter in letters]
+    return [turned[axis[-1]] for axis in axes]
+
+
+def _opposite(column: str | float) -> str | float:
+    """Return a column with the other sign."""
+    if isinstance(column, float):
+        return -column
+    if column.startswith("-"):
+        return column[1:]
+    return f"-{column}"
