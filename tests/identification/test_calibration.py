@@ -28,7 +28,8 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import DELAYS, NominalParameters, Unknowns
 from uvms_ocp.identification.recording import Recording
-from uvms_ocp.identification.results import report_data, report_text, variant_text, whole_text
+from uvms_ocp.identification.results import report_data, report_text
+from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.settings import (
     CalibrationSettings,

@@ -15,11 +15,11 @@ from vehicles import vehicle as with_arm
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.fit import FitContext, Predicted, Search
+from uvms_ocp.identification.fit_tables import left_out_tables
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Noise
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.results import left_out_tables
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 from uvms_ocp.identification.validation import (
     BALANCE,

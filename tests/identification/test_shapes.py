@@ -18,7 +18,8 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import calibrate
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.results import report_text, variant_text, whole_text
+from uvms_ocp.identification.results import report_text
+from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.settings import (
     SHAPE_SPREADS,
     CalibratedRobot,

@@ -38,13 +38,8 @@ from uvms_ocp.identification.recording import (
     split_at_gaps,
     unit_named,
 )
-from uvms_ocp.identification.results import (
-    excitation_text,
-    report_data,
-    report_text,
-    variant_text,
-    whole_text,
-)
+from uvms_ocp.identification.results import excitation_text, report_data, report_text
+from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.settings import (
     CalibratedRobot,
     CalibrationSettings,

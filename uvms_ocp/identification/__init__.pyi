@@ -21,9 +21,8 @@ from .results import (
     excitation_text as excitation_text,
     report_data as report_data,
     report_text as report_text,
-    variant_text as variant_text,
-    whole_text as whole_text,
 )
+from .robot_variant import variant_text as variant_text, whole_text as whole_text
 from .rollout import PreparedRecording as PreparedRecording, Rollout as Rollout
 from .settings import (
     CalibratedRobot as CalibratedRobot,

@@ -1,9 +1,5 @@
-"""Columns of numbers from messages, by paths of fields: MCAP files, ROS 1 and ROS 2 bags, lines of
-JSON, logs of MAVLink and PX4.
-
-``pose.pose.position.x`` is a path; ``actuators[3]`` and ``position.2`` are elements;
-``position[elbow]`` and ``transforms[base_link].translation.x`` are those of a name, which a
-``name`` or ``child_frame_id`` says. A path to a whole array has all its elements.
+"""Columns of numbers from messages: MCAP files, ROS 1 and ROS 2 bags, lines of JSON, logs of
+MAVLink and PX4; `uvms_ocp.identification.message_fields` finds numbers in one message.
 """
 
 from __future__ import annotations
@@ -13,9 +9,9 @@ import re
 import sqlite3
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import zip_longest
 from pathlib import Path, PurePath
@@ -23,8 +19,14 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require_known
+from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
+from uvms_ocp.identification.message_fields import (
+    numbers_at,
+    seconds_at,
+    steps_of,
+    value_at,
+)
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record import mcap, untrusted, yaml_file
@@ -36,13 +38,6 @@ _PARTED = "=" * 80 + "\n"
 """Between the definitions of a schema in IDL."""
 
 _loads = partial(json.loads, parse_int=float)  # any number of digits
-
-_STEP = re.compile(r"\[([^\[\]]+)\]|([^.\[\]]+)")
-_PATH = re.compile(r"[^.\[\]]+(\.[^.\[\]]+|\[[^\[\]]+\])*$")
-_NAMED = ("name", "child_frame_id")
-_STAMPS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
-"""Fields of a time in ROS 2, in Foxglove's JSON, in ROS 1 and in protobuf."""
-
 
 # All kinds: the files that hold messages, and the topics of each.
 
@@ -162,10 +157,14 @@ def ros_decoder(
 
 def _of_idl(typesys: Any, text: str) -> dict[str, Any]:
     types: dict[str, Any] = {}
-    for part in filter(str.strip, text.split(_PARTED)):
-        types |= typesys.get_types_from_idl(
-            part.partition("\n")[2] if part.startswith("IDL: ") else part
-        )
+    for part in text.split(_PARTED):
+        if not part.strip():
+            continue
+        if part.startswith("IDL: "):
+            definition = part.partition("\n")[2]
+        else:
+            definition = part
+        types |= typesys.get_types_from_idl(definition)
     return types
 
 
@@ -173,7 +172,8 @@ def _of_folder(typesys: Any, folder: Path) -> dict[str, Any]:
     """Definitions of ``PACKAGE/msg/NAME.msg`` or ``PACKAGE/NAME.msg``, anywhere in a folder."""
     types: dict[str, Any] = {}
     for file in sorted(folder.rglob("*.msg")):
-        package = file.parent.parent.name if file.parent.name == "msg" else file.parent.name
+        folder_of_package = file.parent.parent if file.parent.name == "msg" else file.parent
+        package = folder_of_package.name
         types |= typesys.get_types_from_msg(
             file.read_text(encoding="utf-8"), f"{package}/msg/{file.stem}"
         )
@@ -214,20 +214,19 @@ def _data_base(path: Path) -> Iterator[sqlite3.Connection]:
     """Open a data base of tables alone: one that makes up its rows has as many, of a few bytes, as
     there is time for.
     """
-    with closing(
-        sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-    ) as base:
-        (others,) = base.execute(
+    uri = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(uri, uri=True)) as base:
+        n_no_tables = base.execute(
             "SELECT count(*) FROM sqlite_master WHERE type NOT IN ('table', 'index')"
-        ).fetchone()
-        made_up = base.execute(
+        ).fetchone()[0]
+        n_hidden_columns = base.execute(
             "SELECT count(*) FROM sqlite_master AS one, pragma_table_xinfo(one.name) AS it WHERE"
             " it.hidden <> 0"
         ).fetchone()[0]
-        if others or made_up:
+        n_computed = n_no_tables + n_hidden_columns
+        if n_computed > 0:
             raise InvalidInput(
-                f"{path}: {others + made_up} views, triggers or made up columns; plain tables are"
-                " read"
+                f"{path}: {n_computed} views, triggers or made up columns; plain tables are read"
             )
         yield base
 
@@ -236,38 +235,36 @@ def _sqlite_messages(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
     with _data_base(path) as base:
-        chosen = {
-            k: (topic, kind)
-            for k, topic, kind in base.execute("SELECT id, name, type FROM topics")
-            if topic in topics
-        }
         texts = _definitions(base)
-        decoders = {
-            k: ros_decoder(kind, *texts.get(kind, ("", "")), definitions)
-            for k, (_, kind) in chosen.items()
-        }
+        topic_of = {}
+        decoders = {}
+        for k, topic, kind in base.execute("SELECT id, name, type FROM topics").fetchall():
+            if topic in topics:
+                encoding, text = texts.get(kind, ("", ""))
+                topic_of[k] = topic
+                decoders[k] = ros_decoder(kind, encoding, text, definitions)
+        placeholders = ",".join("?" * len(topic_of))
         rows = base.execute(
             "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
-            f" ({','.join('?' * len(chosen))}) ORDER BY timestamp",
-            tuple(chosen),
+            f" ({placeholders}) ORDER BY timestamp",
+            tuple(topic_of),
         )
         for k, logged, data in rows:
-            yield chosen[k][0], logged, decoders[k](data)
+            yield topic_of[k], logged, decoders[k](data)
 
 
 def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
     """Encoding and text of the definition of each type, which bags of Humble and before do not
     hold.
     """
-    if not base.execute(
+    n_tables = base.execute(
         "SELECT count(*) FROM sqlite_master WHERE name = 'message_definitions'"
-    ).fetchone()[0]:
+    ).fetchone()[0]
+    if not n_tables:
         return {}
     columns = "topic_type, encoding, encoded_message_definition"
-    return {
-        kind: (encoding, text)
-        for kind, encoding, text in base.execute(f"SELECT {columns} FROM message_definitions")
-    }
+    rows = base.execute(f"SELECT {columns} FROM message_definitions")
+    return {kind: (encoding, text) for kind, encoding, text in rows}
 
 
 def _sqlite_topics(path: Path) -> Collection[str]:
@@ -293,20 +290,20 @@ def _json_messages(
             try:
                 message = _loads(line)
             except ValueError as error:
-                if (
-                    number > 1 and not line.endswith("\n") and line.count("{") > line.count("}")
-                ):  # as where power was cut
+                is_unfinished = not line.endswith("\n") and line.count("{") > line.count("}")
+                if number > 1 and is_unfinished:  # as where power was cut
                     remarks.append(f"the last line, {number}, breaks off and is left out")
                     return
                 raise InvalidInput(
                     f"{path}: line {number} is no JSON ({error}); mend it, or leave it out"
                 ) from None
-            if isinstance(message, dict):
-                topic = str(message.get("type", ""))
-            else:
-                topic = ""
+            topic = str(message.get("type", "")) if isinstance(message, dict) else ""
             if topics is None or topic in topics:
                 yield topic, number, message
+
+
+def _json_topics(path: Path) -> Collection[str]:
+    return {topic for topic, _, _ in _json_messages(path, None, None, [])}
 
 
 # Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of
@@ -328,11 +325,10 @@ def _mavlink(path: Path) -> closing[Any]:
 
 def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
     with _mavlink(path) as log:
-        while (message := log.recv_match(type=list(topics))) is not None:
+        for message in iter(lambda: log.recv_match(type=list(topics)), None):
             content = _WithUnits(message.to_dict())
-            layout = getattr(
-                message, "fmt", None
-            )  # of dataflash, whose first messages say it; of telemetry the protocol does
+            # The first messages of dataflash say its units, of telemetry the protocol does.
+            layout = getattr(message, "fmt", None)
             if layout:
                 content.units = dict(zip(layout.columns, layout.units or (), strict=False))
             else:
@@ -351,12 +347,14 @@ def _mavlink_topics(path: Path) -> Collection[str]:
 def _ulog(path: Path) -> dict[str, Mapping[str, np.ndarray]]:
     pyulog = optional_module("pyulog", "a ULog of PX4", '"uvms-ocp[ulog]"')
     with path.open("rb") as file:
-        return {
-            f"{instance.name}_{instance.multi_id}"
-            if instance.multi_id
-            else instance.name: instance.data
-            for instance in pyulog.ULog(file).data_list
-        }
+        instances = pyulog.ULog(file).data_list
+    columns_by_topic = {}
+    for instance in instances:
+        topic = instance.name
+        if instance.multi_id:
+            topic = f"{instance.name}_{instance.multi_id}"
+        columns_by_topic[topic] = instance.data
+    return columns_by_topic
 
 
 def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[Message]:
@@ -366,129 +364,31 @@ def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[
         fields = defaultdict[str, list[list[float]]](list)
         for name, column in columns.items():
             fields[re.sub(r"\[\d+\]$", "", name)].append(column.tolist())
-        rows_of_fields = [
-            elements[0] if len(elements) == 1 else zip(*elements, strict=True)
-            for elements in fields.values()
-        ]
+        rows_of_fields: list[Iterable[Any]] = []
+        for elements in fields.values():
+            if len(elements) == 1:
+                rows_of_fields.append(elements[0])
+            else:
+                rows_of_fields.append(zip(*elements, strict=True))
         for row in zip(*rows_of_fields, strict=True):
             content = _WithUnits(zip(fields, row, strict=True))
             content.units = {"timestamp": "us"}
             yield topic, 1000 * content["timestamp"], content
 
 
+def _ulog_topics(path: Path) -> Collection[str]:
+    return _ulog(path).keys()
+
+
 _READERS = {
     "mcap": _Reader(_mcap_messages, mcap.mcap_topics),
     "bag": _Reader(_ros1_messages, _ros1_topics),
     "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
-    "json": _Reader(
-        _json_messages, lambda path: {topic for topic, _, _ in _json_messages(path, None, None, [])}
-    ),
+    "json": _Reader(_json_messages, _json_topics),
     "dataflash": _Reader(_mavlink_messages, _mavlink_topics),
     "tlog": _Reader(_mavlink_messages, _mavlink_topics),
-    "ulog": _Reader(_ulog_messages, lambda path: _ulog(path).keys()),
+    "ulog": _Reader(_ulog_messages, _ulog_topics),
 }
-
-
-# Numbers in a message by paths such as ``pose.pose.position.x``, whatever library has decoded it.
-
-
-def steps_of(path: str) -> tuple[str, ...]:
-    """Split a path into its steps. Raises InvalidInput for a malformed one."""
-    if not _PATH.match(path):
-        raise InvalidInput(
-            f"field {path!r} given; allowed: names with dots between them, such as pose.position.x"
-            " or a[3]"
-        )
-    return tuple(element or name for element, name in _STEP.findall(path))
-
-
-def numbers_at(message: Any, steps: Sequence[str]) -> list[float]:
-    """Return the number there, or all of an array. Raises NameNotFound, and InvalidInput for what
-    is no number.
-    """
-    value = _value_at(message, steps)
-    if _is_array(value):
-        return [_number(x, steps) for x in value]
-    return [_number(value, steps)]
-
-
-def seconds_at(message: Any, steps: Sequence[str], unit: float) -> float:
-    """Return a time [s]; unit: that of a plain number [s], which a stamp of seconds and nanoseconds
-    does not need.
-
-    Raises NameNotFound, and InvalidInput for what is neither.
-    """
-    value = _value_at(message, steps)
-    names: tuple[str, ...] = ()
-    if not isinstance(value, (int, float)):
-        names = _names_in(value)
-    for stamp_seconds, part in _STAMPS:
-        if stamp_seconds in names and part in names:
-            seconds = _number(_field(value, stamp_seconds), steps)
-            nanoseconds = _number(_field(value, part), steps)
-            return seconds + 1e-9 * nanoseconds
-    return unit * _number(value, steps)
-
-
-def _value_at(message: Any, steps: Sequence[str]) -> Any:
-    parent = None
-    value = message
-    for step in steps:
-        if _is_array(value):
-            child = _element(parent, value, step)
-        else:
-            child = _field(value, step)
-        parent = value
-        value = child
-    return value
-
-
-def _field(value: Any, name: str) -> Any:
-    require_known("field", name, _names_in(value))
-    if isinstance(value, Mapping):
-        return value[name]
-    return getattr(value, name)
-
-
-def _names_in(value: Any) -> tuple[str, ...]:
-    """List the names of the fields of a message; none for a number."""
-    if isinstance(value, Mapping):
-        return tuple(map(str, value))
-    if is_dataclass(value):
-        return tuple(field.name for field in fields(value))
-    return tuple(field.name for field in getattr(getattr(value, "DESCRIPTOR", None), "fields", ()))
-
-
-def _element(parent: Any, value: Any, step: str) -> Any:
-    if step.isdecimal():
-        if int(step) >= len(value):
-            raise NameNotFound("element", step, [f"0 to {len(value) - 1}"])
-        return value[int(step)]
-    names = list(_names_of_elements(parent, value))
-    require_known("element", step, names)
-    return value[names.index(step)]
-
-
-def _names_of_elements(parent: Any, value: Any) -> Iterator[str]:
-    """Yield names of elements, by a field of each or by the names beside them."""
-    parent_names = _names_in(parent)
-    if _NAMED[0] in parent_names and len(_field(parent, _NAMED[0])) == len(value):
-        yield from map(str, _field(parent, _NAMED[0]))
-        return
-    for element in value:
-        yield from (str(_field(element, name)) for name in _NAMED if name in _names_in(element))
-
-
-def _is_array(value: Any) -> bool:
-    return isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, (str, bytes))
-
-
-def _number(value: Any, steps: Sequence[str]) -> float:
-    if isinstance(value, (int, float, np.number, np.bool_)):
-        return float(value)
-    field_names = ", ".join(_names_in(value))
-    fields = f", it has {field_names}" if field_names else ""
-    raise InvalidInput(f"{'.'.join(steps)} is no number{fields}; give a path to one")
 
 
 # Columns of numbers out of messages, those of all channels in one pass.
@@ -500,7 +400,7 @@ class TopicColumns:
 
     topic: str
     columns: tuple[str, ...]
-    """Paths of fields, see `uvms_ocp.identification.messages`."""
+    """Paths of fields, see `uvms_ocp.identification.message_fields`."""
     time: str = ""
     """Path of the time; empty for the time of logging."""
     unit: float = 1.0
@@ -514,12 +414,13 @@ class TopicColumns:
 def message_rows(
     path: Path, topics: Mapping[str, TopicColumns], definitions: Path | None = None
 ) -> dict[str, TableColumns]:
-    """Times [s] and values [as they are] (n, 1 + k) of all that is wanted, by the same names.
+    """Read times [s] and values [as they are] (n, 1 + k) of columns of topics, by the same names.
 
     definitions: folder with ``.msg`` files that a bag of ROS 2 lacks. A message without such a
     field gives no row. Raises NameNotFound where none has it, NotInstalled and InvalidInput.
     """
-    state = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in _files(path))
+    stats = [file.stat() for file in _files(path)]
+    state = tuple((stat.st_mtime_ns, stat.st_size) for stat in stats)
     return dict(_rows_of(path, tuple(topics.items()), definitions, state))
 
 
@@ -531,77 +432,77 @@ def _rows_of(
     rows_by_name = {name: _Rows(columns) for name, columns in topics}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
     for rows in rows_by_name.values():
-        by_topic[rows.wanted.topic].append(rows)
+        by_topic[rows.selection.topic].append(rows)
     for topic, logged, content in messages(path, by_topic.keys(), definitions, remarks):
         for rows in by_topic[topic]:
             rows.add(logged, content)
-    return {
-        name: TableColumns(values=rows.whole(path), units=rows.units(), remarks=tuple(remarks))
-        for name, rows in rows_by_name.items()
-    }
+    tables = {}
+    for name, rows in rows_by_name.items():
+        values = rows.whole(path)
+        tables[name] = TableColumns(values=values, units=rows.units(), remarks=tuple(remarks))
+    return tables
 
 
 class _Rows:
     """Rows of one channel, read so far."""
 
     def __init__(self, topic_columns: TopicColumns) -> None:
-        self.wanted = topic_columns
-        if topic_columns.time:
-            self.time = steps_of(topic_columns.time)
-        else:
-            self.time = ()
-        self.columns = tuple(map(steps_of, topic_columns.columns))
+        self.selection = topic_columns
+        self.time = steps_of(topic_columns.time) if topic_columns.time else ()
+        self.columns = [steps_of(column) for column in topic_columns.columns]
         self.numbers = array("d")
         self.width = 0
         self.missing: NameNotFound | None = None
-        self.said: Mapping[str, str] = {}
+        self.file_units: Mapping[str, str] = {}
 
     def add(self, logged: int, content: Any) -> None:
+        """Add the row of one message, logged at a time [ns]; none where a field is missing."""
         try:
             if self.time:
-                row = [seconds_at(content, self.time, self.wanted.unit)]
+                row = [seconds_at(content, self.time, self.selection.unit)]
             else:
                 row = [1e-9 * logged]
-            for steps, word in zip_longest(self.columns, self.wanted.words):
+            for steps, word in zip_longest(self.columns, self.selection.words):
                 if word is None:
                     row += numbers_at(content, steps)
                 else:
-                    row.append(float(str(_value_at(content, steps)) == word))
+                    row.append(float(str(value_at(content, steps)) == word))
         except NameNotFound as error:
             self.missing = self.missing or error
             return
         self.width = self.width or len(row)
         if len(row) != self.width:
             raise InvalidInput(
-                f"{self.wanted.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give"
+                f"{self.selection.topic}: {self.width - 1} numbers at first, then {len(row) - 1}; give"
                 " elements"
             )
         if len(self.numbers) >= self.width * MOST_ROWS:
             raise InvalidInput(
-                f"{self.wanted.topic}: more than {MOST_ROWS} messages; give recordings one by one"
+                f"{self.selection.topic}: more than {MOST_ROWS} messages; give recordings one by one"
             )
         self.numbers.extend(row)
-        self.said = content.units if isinstance(content, _WithUnits) else self.said
+        if isinstance(content, _WithUnits):
+            self.file_units = content.units
 
     def units(self) -> tuple[str, ...]:
         """Return the unit of each column as the file says it, empty where it does not; arrays have
         more columns than paths.
         """
-        file_units = tuple(
-            self.said.get(name, "") for name in (self.wanted.time, *self.wanted.columns)
-        )
-        if len(file_units) == self.width:
-            return file_units
-        return (file_units[0], *("",) * (self.width - 1))
+        paths = (self.selection.time, *self.selection.columns)
+        units = tuple(self.file_units.get(path, "") for path in paths)
+        if len(units) == self.width:
+            return units
+        return (units[0], *("",) * (self.width - 1))
 
     def whole(self, path: Path) -> np.ndarray:
+        """Return all rows (n, 1 + k). Raises InvalidInput and NameNotFound where there are none."""
         if self.numbers:
             return np.array(self.numbers).reshape(-1, self.width)
         if self.missing is not None:
-            raise InvalidInput(f"{path.name}: {self.wanted.topic}: {self.missing}")
+            raise InvalidInput(f"{path.name}: {self.selection.topic}: {self.missing}")
         topics = topics_of(path)
-        if self.wanted.topic in topics:
+        if self.selection.topic in topics:
             raise InvalidInput(
-                f"{path.name}: {self.wanted.topic} has no messages; leave the channel out"
+                f"{path.name}: {self.selection.topic} has no messages; leave the channel out"
             )
-        raise NameNotFound(f"topic of {path.name}", self.wanted.topic, topics)
+        raise NameNotFound(f"topic of {path.name}", self.selection.topic, topics)

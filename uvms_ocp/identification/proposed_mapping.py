@@ -187,7 +187,7 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
     for topic in topics_of(path):
         if not any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
             continue
-        names = []
+        names: list[str] = []
         try:
             for _, _, content in islice(messages(path, [topic], None, []), 1, 2):
                 names.extend(_leaves("", content))

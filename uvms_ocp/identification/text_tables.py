@@ -453,7 +453,7 @@ def _opened(path: Path, encoding: str, sheet: str) -> Iterator[IO[str]]:
             yield io.TextIOWrapper(data, encoding=encoding, newline=None)
 
 
-def _unpacked(path: Path) -> IO[bytes]:
+def _unpacked(path: Path) -> IO[bytes] | gzip.GzipFile:
     """Open a file for its bytes, gzipped or not."""
     if _begins_with(path, _GZIP):
         return gzip.open(path)
