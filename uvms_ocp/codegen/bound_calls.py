@@ -73,10 +73,13 @@ class BoundCalls:
         """
         for i, argument in enumerate(arguments):
             _require(function, argument, function.nnz_in(i))
-        requested = [result if result is not None and result.size else None for result in results]
-        for i, result in enumerate(requested):
-            if result is not None:
-                _require(function, result, function.nnz_out(i))
+        requested = list[Array | None]()
+        for i, result in enumerate(results):
+            if result is None or not result.size:
+                requested.append(None)
+                continue
+            _require(function, result, function.nnz_out(i))
+            requested.append(result)
         self._calls.append(
             _Call(function=function, arguments=tuple(arguments), results=tuple(requested))
         )
@@ -91,10 +94,10 @@ class BoundCalls:
 
     def _bind(self) -> None:
         waits = any(is_being_compiled(call.function) for call in self._calls)
-        if self._make is None or not waits:
-            self._make = (None if waits else _in_machine_code(self._calls)) or _by_buffers(
-                self._calls
-            )
+        if not waits:
+            self._make = _in_machine_code(self._calls) or _by_buffers(self._calls)
+        elif self._make is None:
+            self._make = _by_buffers(self._calls)
         self._for_now = waits
 
 
@@ -121,16 +124,15 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
     """Return the calls in machine code, None where one of the functions has none; each function is
     looked up once, as that takes long for one that cannot be compiled.
     """
-    if has_compiler():
-        library = calls_library()
-    else:
-        library = None
+    if not has_compiler():
+        return None
+    library = calls_library()
     if library is None:
         return None
-    symbols = {
-        function: compiled_symbol(function)
-        for function in dict.fromkeys(call.function for call in calls)
-    }
+    symbols = dict[ca.Function, int | None]()
+    for call in calls:
+        if call.function not in symbols:
+            symbols[call.function] = compiled_symbol(call.function)
     if None in symbols.values():
         return None
     return _MachineCode(library, [symbols[call.function] for call in calls], calls)
@@ -139,36 +141,36 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
 class _MachineCode:
     """Calls that machine code makes, from a table of addresses."""
 
-    __slots__ = ("_calls", "_given", "_kept", "_make")
+    __slots__ = ("_calls", "_make", "_memory", "_table")
 
     def __init__(
         self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
     ) -> None:
         argument_addresses = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
         result_addresses = [_addresses(call.results, call.function.sz_res()) for call in calls]
-        rows = [
-            (*at, a.ctypes.data, r.ctypes.data)
-            for *at, a, r in zip(
-                symbols, _pairs(calls), argument_addresses, result_addresses, strict=True
-            )
-        ]
-        table = np.array(rows, dtype=np.uintp)
-        integer_work = np.zeros(
-            max((call.function.sz_iw() for call in calls), default=0), dtype=np.int64
+        columns = (
+            symbols,
+            _pairs(calls),
+            [addresses.ctypes.data for addresses in argument_addresses],
+            [addresses.ctypes.data for addresses in result_addresses],
         )
-        work = np.zeros(max((call.function.sz_w() for call in calls), default=0))
+        table = np.array(list(zip(*columns, strict=True)), dtype=np.uintp)
+        n_integers = max((call.function.sz_iw() for call in calls), default=0)
+        n_numbers = max((call.function.sz_w() for call in calls), default=0)
+        integer_work = np.zeros(n_integers, dtype=np.int64)
+        work = np.zeros(n_numbers)
         pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, integer_work, work))
         self._make = library.make_calls
-        self._given = (ctypes.c_int(len(calls)), *pointers)
+        self._table = (ctypes.c_int(len(calls)), *pointers)
         self._calls = calls
-        self._kept = (argument_addresses, result_addresses, table, integer_work, work)
+        self._memory = (argument_addresses, result_addresses, table, integer_work, work)
 
     def __call__(self) -> None:
-        failed = self._make(0, *self._given)
+        failed = self._make(0, *self._table)
         n = len(self._calls)
         while failed < n:
             self._calls[failed].fail()
-            failed = self._make(failed + 1, *self._given)
+            failed = self._make(failed + 1, *self._table)
 
 
 def _pairs(calls: Sequence[_Call]) -> list[int]:
@@ -177,15 +179,19 @@ def _pairs(calls: Sequence[_Call]) -> list[int]:
     """
     pairs = [0] * len(calls)
     for i, (first, second) in enumerate(pairwise(calls)):
-        if first.function is second.function and not (i and pairs[i - 1]):
-            twice = two_calls(first.function)
-        else:
-            twice = None
-        if twice and not any(
-            np.may_share_memory(*pair) for pair in product(first.results, second.arguments)
-        ):
+        is_second_of_pair = i > 0 and pairs[i - 1]
+        if first.function is not second.function or is_second_of_pair:
+            continue
+        twice = two_calls(first.function)
+        if twice and not _builds_on(second, first):
             pairs[i] = twice
     return pairs
+
+
+def _builds_on(call: _Call, earlier: _Call) -> bool:
+    """Check whether a call reads memory that an earlier one writes."""
+    pairs = product(earlier.results, call.arguments)
+    return any(np.may_share_memory(result, argument) for result, argument in pairs)
 
 
 def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
@@ -193,7 +199,9 @@ def _addresses(arrays: Sequence[Array | None], size: int) -> np.ndarray:
     them.
     """
     addresses = np.zeros(max(size, len(arrays)), dtype=np.uintp)
-    addresses[: len(arrays)] = [0 if array is None else array.ctypes.data for array in arrays]
+    for i, array in enumerate(arrays):
+        if array is not None:
+            addresses[i] = array.ctypes.data
     return addresses
 
 

@@ -87,10 +87,8 @@ class BufferedFunction:
     def _fitted(self, i: int, argument: ArrayLike) -> Array:
         shape = self._arguments[i].shape
         array = np.asarray(argument, dtype=np.float64)
-        if (
-            array.size == self._arguments[i].size
-            and array.squeeze().shape == self._arguments[i].squeeze().shape
-        ):
+        squeezed_shape = self._arguments[i].squeeze().shape
+        if array.size == self._arguments[i].size and array.squeeze().shape == squeezed_shape:
             return array.reshape(shape)
         if array.shape == shape[:1]:
             return array[:, None]
@@ -99,10 +97,10 @@ class BufferedFunction:
 
 
 def argument_sizes(function: ca.Function) -> list[int]:
-    """Numbers of every argument, then of every result."""
-    return [function.numel_in(i) for i in range(function.n_in())] + [
-        function.numel_out(i) for i in range(function.n_out())
-    ]
+    """Count the numbers of every argument, then of every result."""
+    sizes = [function.numel_in(i) for i in range(function.n_in())]
+    sizes += [function.numel_out(i) for i in range(function.n_out())]
+    return sizes
 
 
 def buffer_on(
@@ -124,7 +122,9 @@ def _side_by_side(array: Array) -> memoryview:
     """Return the memory of an array, never a copy, whose address CasADi would keep; arrays with
     gaps are refused.
     """
-    return (array.T if array.flags.f_contiguous else array).data
+    if array.flags.f_contiguous:
+        return array.T.data
+    return array.data
 
 
 def _memory(size: tuple[int, int]) -> Array:

@@ -26,8 +26,8 @@ _FORGOTTEN = 86400.0  # [s] after which nobody works on what is half made
 
 
 def cache_folder() -> tuple[Path | None, str]:
-    """The first folder that can be used, made if need be; None with the reason why the last one
-    cannot.
+    """Return the first folder that can be used, made if need be; None with the reason why the last
+    one cannot.
 
     ``UVMS_OCP_CACHE`` where it is set. Otherwise inside the user's cache, and where there is none,
     as without a home or with one that is read-only, a folder of the user among the temporary ones.
@@ -45,9 +45,10 @@ def cached_libraries(folder: Path) -> dict[Path, os.stat_result]:
     time of last use, latest first.
     """
     libraries = dict[Path, os.stat_result]()
-    for path in (path for kind in (".so", KEPT_NUMBERS) for path in folder.glob(_HASH + kind)):
-        with suppress(OSError):  # another process removes it
-            libraries[path] = path.stat()
+    for suffix in (".so", KEPT_NUMBERS):
+        for path in folder.glob(_HASH + suffix):
+            with suppress(OSError):  # another process removes it
+                libraries[path] = path.stat()
     return dict(sorted(libraries.items(), key=lambda pair: -pair[1].st_mtime))
 
 
@@ -55,51 +56,53 @@ def shrink_cache(folder: Path, max_size: float) -> dict[Path, os.stat_result]:
     """Remove the libraries used longest ago until at most `max_size` bytes are left; return what
     was removed.
 
-    Gone is also what processes that were killed a day ago have left half made.
+    What processes that were killed a day ago have left half made is removed, too.
     """
     for path in (*folder.glob(f"{HALF_MADE}*"), *folder.glob(f"{_HASH}.lock")):
         with suppress(OSError):
-            if time() - path.stat().st_mtime > _FORGOTTEN:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            if time() - path.stat().st_mtime <= _FORGOTTEN:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
     total_size = 0
-    gone = dict[Path, os.stat_result]()
+    removed = dict[Path, os.stat_result]()
     for path, status in cached_libraries(folder).items():
         total_size += status.st_size
         if total_size > max_size:
             with suppress(OSError):  # it is in use, or another process removes it
                 path.unlink()
-                gone[path] = status
+                removed[path] = status
                 path.with_suffix(".sha256").unlink()
-    return gone
+    return removed
 
 
 def _candidates() -> list[Path]:
     configured = os.environ.get("UVMS_OCP_CACHE")
     if configured:
         return [Path(configured)]
-    home = os.environ.get(
-        "HOME", os.path.expanduser("~")
-    )  # without an entry of the user it stays "~", which is no place
-    bases = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
-    base = next((base for base in bases if os.path.isabs(base)), None)
-    if sys.platform != "win32":
-        user = os.getuid()
-    else:
-        user = "user"
-    return [
-        *([Path(base) / "uvms_ocp"] if base else []),
-        Path(tempfile.gettempdir()) / f"uvms_ocp-{user}",
-    ]
+    # Without an entry of the user it stays "~", which is no place.
+    home = os.environ.get("HOME", os.path.expanduser("~"))
+    user_caches = (os.environ.get("XDG_CACHE_HOME", ""), os.path.join(home, ".cache"))
+    folders = list[Path]()
+    for user_cache in user_caches:
+        if os.path.isabs(user_cache):
+            folders.append(Path(user_cache) / "uvms_ocp")
+            break
+    user = os.getuid() if sys.platform != "win32" else "user"
+    folders.append(Path(tempfile.gettempdir()) / f"uvms_ocp-{user}")
+    return folders
 
 
 def _problem(folder: Path) -> str:
     """Return why the folder cannot be used; empty where it can."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return _unsafe(
-            folder,
-            folder.lstat() if folder.parent == Path(tempfile.gettempdir()) else folder.stat(),
-        )
+        is_temporary = folder.parent == Path(tempfile.gettempdir())
+        # Among temporary folders a link may be anybody's.
+        status = folder.lstat() if is_temporary else folder.stat()
+        return _unsafe(folder, status)
     except OSError as error:
         return f"cache {folder} cannot be used ({error.strerror})"
 
@@ -146,6 +149,5 @@ def turn_to_make(library: Path, seconds: float) -> Iterator[None]:
         finally:
             lock.unlink(missing_ok=True)
             with suppress(OSError):
-                fcntl.flock(
-                    file, fcntl.LOCK_UN
-                )  # closing lets go of nothing that a fork has open, too
+                # Closing lets go of nothing that a fork has open, too.
+                fcntl.flock(file, fcntl.LOCK_UN)

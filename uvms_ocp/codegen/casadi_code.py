@@ -27,65 +27,67 @@ _IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
 _IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
 _VECTOR = re.compile(r"\b(?:arg|res)\[")
 _ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
-# Where nearly all is arithmetic, one call takes as long as two at once, each in its half of a
-# register: share of arithmetic from which it does.
 _ARITHMETIC_SHARE = 0.9
+"""Share of arithmetic in a function from which one call takes as long as two at once, each in its
+half of a register.
+"""
 TWO_CALLS = "two_calls"
 """Name in C of the function that makes two calls at once."""
-
-
 _NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
 _ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
 _OF_FORM = frozenset(("0.", "1."))
 
 
 def without_numbers(code: str) -> tuple[str, np.ndarray]:
-    """C code as CasADi writes it with its numbers (n,) taken out, which its library has to be
-    given, and these.
+    """Return C code as CasADi writes it with its numbers (n,) taken out, which its library has to
+    be given, and these.
     """
     numbers: list[str] = []
 
-    def array(match: re.Match[str]) -> str:
-        numbers.extend(match[2].replace("casadi_", "").split(","))  # inf, nan
-        return (
-            f"#undef {match[1]}\n#define {match[1]} (numbers +"
-            f" {len(numbers) - match[2].count(',') - 1})"
-        )
+    def replace_array(match: re.Match[str]) -> str:
+        name = match[1]
+        first = len(numbers)
+        numbers.extend(match[2].replace("casadi_", "").split(","))  # casadi_inf, casadi_nan
+        return f"#undef {name}\n#define {name} (numbers + {first})"
 
-    def number(match: re.Match[str]) -> str:
+    def replace_number(match: re.Match[str]) -> str:
         if match[0] in _OF_FORM:
             return match[0]
         numbers.append(match[0])
         return f"numbers[{len(numbers) - 1}]"
 
-    return _NUMBER.sub(number, _ARRAY.sub(array, code)), np.array(numbers, dtype=float)
+    code = _ARRAY.sub(replace_array, code)
+    form = _NUMBER.sub(replace_number, code)
+    return form, np.array(numbers, dtype=float)
 
 
 def with_numbers(function: ca.Function, numbers: Sequence[float]) -> ca.Function:
-    """``function`` at these numbers [any], its last input: whatever they are, CasADi writes the
-    same code but for an array.
+    """Return ``function`` at these numbers [any], its last input: whatever they are, CasADi writes
+    the same code but for an array.
     """
     names = function.name_in()[:-1]
     symbols = [ca.MX.sym(name, function.sparsity_in(name)) for name in names]
-    values = ca.MX(ca.DM([*numbers, 0.0, 1.0]))[:-2]  # equal ones alone would be no array
-    return ca.Function(
-        function.name(), symbols, function.call([*symbols, values]), names, function.name_out()
-    )
+    # Equal numbers alone would be no array.
+    values = ca.MX(ca.DM([*numbers, 0.0, 1.0]))[:-2]
+    results = function.call([*symbols, values])
+    return ca.Function(function.name(), symbols, results, names, function.name_out())
 
 
 def with_variable(code: str, name: str, values: Sequence[float]) -> str:
-    """C code as CasADi writes it, whose constant array of these `values` [any] is the variable
-    `name` of a file beside it.
+    """Replace in C code as CasADi writes it the constant array of these `values` [any] by the
+    variable `name` of a file beside it.
     """
-    arrays = (
-        (match, np.fromstring(match[2].replace("casadi_", ""), sep=","))
-        for match in _ARRAY.finditer(code)
+    declaration = next(
+        match for match in _ARRAY.finditer(code) if np.array_equal(_numbers(match), values)
     )
-    declaration = next(match for match, numbers in arrays if np.array_equal(numbers, values))
-    return code.replace(
-        declaration[0],
-        f"extern double {name}[];\n#undef {declaration[1]}\n#define {declaration[1]} {name}",
-    )
+    array = declaration[1]
+    variable = f"extern double {name}[];\n#undef {array}\n#define {array} {name}"
+    return code.replace(declaration[0], variable)
+
+
+def _numbers(declaration: re.Match[str]) -> np.ndarray:
+    """Return the numbers (n,) of an array that CasADi declares."""
+    return np.fromstring(declaration[2].replace("casadi_", ""), sep=",")
 
 
 class _Statement(NamedTuple):
@@ -101,16 +103,18 @@ def in_parts(code: str) -> str:
     they call; the results are the same to the bit.
     """
     numbers = count()
-    return _STRAIGHT_FUNCTION.sub(lambda found: _parted(found, next(numbers)), code)
+    return _STRAIGHT_FUNCTION.sub(lambda function: _parted(function, next(numbers)), code)
 
 
 def _parted(function: re.Match[str], number: int) -> str:
     """Return one function in parts, for two calls at once where nearly all of it is arithmetic."""
-    body = _IF_GIVEN.sub(r"arg[\1][\2]", _IF_WANTED.sub("", function[2]))
-    statements = [
-        _Statement(statement[0], statement[1], [*dict.fromkeys(_VARIABLE.findall(statement[2]))])
-        for statement in _STATEMENT.finditer(body)
-    ]
+    head = function[1]
+    body = _IF_WANTED.sub("", function[2])
+    body = _IF_GIVEN.sub(r"arg[\1][\2]", body)
+    statements = list[_Statement]()
+    for statement in _STATEMENT.finditer(body):
+        variables = list(dict.fromkeys(_VARIABLE.findall(statement[2])))
+        statements.append(_Statement(statement[0], statement[1], variables))
     if len(statements) < 2 * _PART_LENGTH:
         return function[0]
     calls = "".join(
@@ -118,23 +122,23 @@ def _parted(function: re.Match[str], number: int) -> str:
         for first in range(0, len(statements), _PART_LENGTH)
     )
     targets = [statement.target for statement in statements if statement.target]
-    (n_given, most_given) = _sizes("arg", body)
-    (n_wanted, most_wanted) = _sizes("res", body)
-    sizes = f"{1 + max(map(_place, targets))}, {n_given}, {most_given}, {n_wanted}, {most_wanted}"
-    n = max(n_given, n_wanted)
-    plain = sum(_ARITHMETIC.fullmatch(statement.line) is not None for statement in statements)
-    if "casadi_f0(" not in function[1] or plain < _ARITHMETIC_SHARE * len(targets):
+    n_variables = 1 + max(_place(target) for target in targets)
+    n_arguments, largest_argument = _sizes("arg", body)
+    n_results, largest_result = _sizes("res", body)
+    sizes = f"{n_variables}, {n_arguments}, {largest_argument}, {n_results}, {largest_result}"
+    n_arithmetic = sum(_is_arithmetic(statement) for statement in statements)
+    if "casadi_f0(" not in head or n_arithmetic < _ARITHMETIC_SHARE * len(targets):
         parts = _parts(number, statements, "double")
-        return f"{parts}{function[1]}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
-    statements = [
-        statement
-        if _ARITHMETIC.fullmatch(statement.line)
-        else statement._replace(line=_paired(statement.line, n))
-        for statement in statements
-    ]
-    both = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n})\n{calls}}}\n"
-    parts = _parts(number, statements, "pair")
-    return f"{parts}{both}{function[1]}  ONE_CALL({n_wanted})\n  return 0;\n"
+        return f"{parts}{head}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
+    n_vectors = max(n_arguments, n_results)
+    paired_statements = [_paired(statement, n_vectors) for statement in statements]
+    parts = _parts(number, paired_statements, "pair")
+    two_calls = f"TWO_CALLS {{\n  MEMORY_OF_PAIRS({sizes}, {n_vectors})\n{calls}}}\n"
+    return f"{parts}{two_calls}{head}  ONE_CALL({n_results})\n  return 0;\n"
+
+
+def _is_arithmetic(statement: _Statement) -> bool:
+    return _ARITHMETIC.fullmatch(statement.line) is not None
 
 
 def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
@@ -143,10 +147,8 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
     texts = list[str]()
     for first in reversed(range(0, len(statements), _PART_LENGTH)):
         part = statements[first : first + _PART_LENGTH]
-        head = (
-            f"static __attribute__((noinline)) void part{number}_{first}(const double** arg,"
-            f" double** res, {kind}* kept)"
-        )
+        parameters = f"const double** arg, double** res, {kind}* kept"
+        head = f"static __attribute__((noinline)) void part{number}_{first}({parameters})"
         texts.append(f"{head} {{\n{_part(part, later, kind)}}}\n")
         for statement in reversed(part):
             later.discard(statement.target)
@@ -154,21 +156,29 @@ def _parts(number: int, statements: Sequence[_Statement], kind: str) -> str:
     return "".join(texts)
 
 
-def _paired(line: str, n: int) -> str:
-    """Return a statement that is no arithmetic as two, one for each of two calls; the vectors of
-    the second call stand n places later.
+def _paired(statement: _Statement, n_vectors: int) -> _Statement:
+    """Return a statement for two calls: arithmetic as it is, any other as two, one for each call;
+    the vectors of the second call stand `n_vectors` places later.
     """
-    lanes = {"FIRST": line.strip(), "OTHER": _VECTOR.sub(rf"\g<0>{n} + ", line.strip())}
-    first, second = (_VARIABLE.sub(rf"{lane}(\g<0>)", text) for lane, text in lanes.items())
-    return f"  {first} AND_OTHER({second})\n"
+    if _is_arithmetic(statement):
+        return statement
+    line = statement.line.strip()
+    line_of_second = _VECTOR.sub(rf"\g<0>{n_vectors} + ", line)
+    first = _VARIABLE.sub(r"FIRST(\g<0>)", line)
+    second = _VARIABLE.sub(r"OTHER(\g<0>)", line_of_second)
+    return statement._replace(line=f"  {first} AND_OTHER({second})\n")
 
 
 def _sizes(kind: str, body: str) -> tuple[int, int]:
     """Return how many vectors of a kind (arg or res) are used at most, and how many numbers of
     one.
     """
-    places = [(int(k), int(i)) for k, i in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body)]
-    return 1 + max((k for k, _ in places), default=0), 1 + max((i for _, i in places), default=0)
+    last_vector = 0
+    last_entry = 0
+    for vector, entry in re.findall(rf"{kind}\[(\d+)\]\[(\d+)\]", body):
+        last_vector = max(last_vector, int(vector))
+        last_entry = max(last_entry, int(entry))
+    return 1 + last_vector, 1 + last_entry
 
 
 def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -> str:
@@ -181,9 +191,11 @@ def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -
     for k, (line, target, read) in enumerate(statements):
         text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in declared]
         text.append(line)
-        declared |= dict.fromkeys([*read, target] if target else read)
-        if target and target in later and last[target] == k:
-            text.append(f"  kept[{_place(target)}]={target};\n")
+        declared |= dict.fromkeys(read)
+        if target:
+            declared[target] = None
+            if target in later and last[target] == k:
+                text.append(f"  kept[{_place(target)}]={target};\n")
     return f"  {kind} {', '.join(declared)};\n{''.join(text)}"
 
 

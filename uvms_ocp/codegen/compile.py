@@ -51,22 +51,34 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
-# Behind flags of the user's, so that numbers are the same with them: see exact.c.
 _EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
-# Code without loops gains nothing from more optimisation but the time that takes: half of it with
-# the first two for long code.
-_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
-_LONG_CODE = 200_000  # [bytes]
-_STRAIGHT = ("-O1", "-fstrict-aliasing", *_LONG_STRAIGHT[1:])
-# fmax and fmin are calls into libm, hundreds in a tick; like them these return what is a number
-# where one of both is.
-MATH, PARTS, WIDE_MACROS, EXACT = (
-    (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
-    for name in ("math", "parts", "wide", "exact")
+"""Flags behind those of the user, so that numbers are the same with them: see exact.c."""
+_STRAIGHT = (
+    "-O1",
+    "-fstrict-aliasing",
+    "-finline-small-functions",
+    "-fno-semantic-interposition",
 )
-"""Before the code of CasADi functions, also where these are in parts, before what is marked WIDE or
-INLINE, and before what others compile.
+"""Flags for code without loops, which gains nothing from more optimisation but the time that takes."""
+_LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
+"""Flags for long code without loops: half the time of `_STRAIGHT`."""
+_LONG_CODE = 200_000  # [bytes] from which code is compiled with `_LONG_STRAIGHT`
+
+
+def _c_text(name: str) -> str:
+    return (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
+
+
+MATH = _c_text("math")
+"""Text before the code of CasADi functions: fmax and fmin would be calls into libm, hundreds in a
+tick; like them these return what is a number where one of both is.
 """
+PARTS = _c_text("parts")
+"""Text before the code of CasADi functions that are in parts."""
+WIDE_MACROS = _c_text("wide")
+"""Text before what is marked WIDE or INLINE."""
+EXACT = _c_text("exact")
+"""Text before what other programs compile, so that their flags change no number."""
 # Numbers of a library: constants of it, or set when it is loaded, and then they stay.
 _CONSTANT_NUMBERS = '__attribute__((visibility("hidden"))) extern const double numbers[{n} + 1];\n'
 _SET_NUMBERS = """__attribute__((visibility("hidden"))) double numbers[{n} + 1];
@@ -80,35 +92,34 @@ _VERSION_TIMEOUT = 30.0  # [s]
 _HUNG: set[str] = set()  # compilers, which are not called again
 _SAID: set[str] = set()  # warnings, which are logged once
 _KEPT_FUNCTIONS = 48  # loaded functions that all callers share
-_ADDRESSES = WeakKeyDictionary[
-    ca.Function, dict[str, int | None]
-]()  # by symbol, of compiled functions
-_BESIDE = WeakKeyDictionary[
-    ca.Function, tuple[AsyncResult[Path | None], np.ndarray]
-]()  # that are being compiled
-_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []  # whether anybody waits for it or not
+_ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()
+"""Addresses of compiled functions, by symbol."""
+_BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()
+"""Functions that are being compiled in the background: their library, and their numbers."""
+_BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []
+"""Compilations in the background, whether anybody waits for them or not."""
 _WAITS = ContextVar("waits", default=True)
 _NO_NUMBERS = np.zeros(0)
-_MOST_COMPILERS = 4  # at once, of a process: those of a campaign are many
+_MAX_COMPILERS = 4  # at once, of a process: those of a campaign are many
 _PACE = 1.2e-6  # [s] that a byte of long code takes to compile
 _LONG = 2.0  # [s] of silence that look like a hang
 _SLOWER = "everything works, only slower"
+_TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
+_MAX_OUTPUT = 2000  # [bytes] of what a compiler writes
+_STARTING = threading.RLock()
+"""Held while a compiler is started, so that no fork happens in between."""
+_RUNNING = set[subprocess.Popen[bytes]]()
+"""Compilers that run."""
+_BEHIND = threading.Event()
+"""Set in a process that compiles behind all other work of the machine."""
 _log = logging.getLogger(__name__)
-
 
 T = TypeVar("T")
 
 
-_TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
-_KEPT = 2000  # [bytes] of what a compiler says
-_STARTING = threading.RLock()
-_RUNNING = set[subprocess.Popen[bytes]]()
-_BEHIND = threading.Event()  # all other work of the machine
-
-
 def compile_timeout() -> float:
-    """[s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises `InvalidInput`
-    where that is no time.
+    """Return the time [s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises
+    `InvalidInput` where that is no time.
     """
     configured = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
     try:
@@ -146,14 +157,14 @@ def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
             raise
         finally:
             _RUNNING.discard(process)
-        output.seek(max(0, output.seek(0, os.SEEK_END) - _KEPT))
+        size = output.seek(0, os.SEEK_END)
+        output.seek(max(0, size - _MAX_OUTPUT))
         return code, output.read().decode(errors="replace")
 
 
 @atexit.register
-def _end_compilers() -> (
-    None
-):  # as the process ends, of which threads that wait for them hear nothing
+def _end_compilers() -> None:
+    """Stop all compilers as the process ends, which threads that wait for them do not notice."""
     _STARTING.acquire()  # and none begins any more
     unfinished = [work for result, work in _BEGUN if not result.ready()]
     for process in _RUNNING.copy():
@@ -166,8 +177,9 @@ def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
     """Give unfinished compilations to a process of their own, so that the next process finds their
     libraries.
     """
-    if "python" not in Path(sys.executable or "").name.lower():
-        return  # but a program that has Python in it, and would begin anew
+    is_python = "python" in Path(sys.executable or "").name.lower()
+    if not is_python:  # but a program that has Python in it, and would begin anew
+        return
     imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
     with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
         pickle.dump(unfinished, file)
@@ -188,11 +200,15 @@ def compile_what_is_left() -> None:
     if sys.platform != "win32":
         os.nice(19)
     _BEHIND.set()
-    for work in [_workers(os.getpid()).apply_async(job) for job in pickle.load(sys.stdin.buffer)]:
-        work.wait()
+    jobs = pickle.load(sys.stdin.buffer)
+    workers = _workers(os.getpid())
+    results = [workers.apply_async(job) for job in jobs]
+    for result in results:
+        result.wait()
 
 
-def _forget_threads() -> None:  # in a fork, where they are its parent's, as are their compilers
+def _forget_threads() -> None:
+    """Forget in a fork the threads and compilers, which are those of its parent."""
     _BESIDE.clear()
     _BEGUN.clear()
     _RUNNING.clear()
@@ -238,8 +254,8 @@ def compile_library(
     others: Sequence[str] = (),
     prepare: Callable[[str], str] = str,
 ) -> Path | None:
-    """Path of the library of ``source`` (C, linked with libm), which can be loaded; None where
-    there is none (logged once).
+    """Return the path of the library of ``source`` (C, linked with libm), which can be loaded; None
+    where there is none (logged once).
 
     name: what it is called where the log tells, at level INFO, that it is being compiled. others:
     more sources of the same library, each compiled by itself. prepare: makes of the source what is
@@ -257,8 +273,10 @@ def compile_library(
     if directory is None:
         _warn_once(reason)
         return None
-    requested = os.environ.get("UVMS_OCP_CFLAGS", "").split()
-    flags = (*_FLAGS, *flags, *requested, *(_EXACT if requested else ()))
+    flags = (*_FLAGS, *flags)
+    user_flags = os.environ.get("UVMS_OCP_CFLAGS", "").split()
+    if user_flags:
+        flags = (*flags, *user_flags, *_EXACT)
     try:
         sources = (source, *others)
         library = directory / f"{_key(sources, flags, compiler)}.so"
@@ -278,8 +296,8 @@ def compile_library(
 
 @checked
 def compile_function(function: ca.Function) -> ca.Function:
-    """``function`` in machine code with the same names and sparsities; itself where it cannot be
-    compiled.
+    """Return ``function`` in machine code with the same names and sparsities; itself where it
+    cannot be compiled.
 
     What is returned is of this process: give others ``function``.
     """
@@ -336,19 +354,17 @@ def available_function(function: ca.Function) -> ca.Function:
 
 
 def start_compiling(function: ca.Function, entry: Path | None = None) -> ca.Function:
-    """``function`` itself, which is compiled beside what follows: `compile_function` and
+    """Start to compile a function in the background, and return it: `compile_function` and
     `compiled_symbol` wait for the end.
 
-    entry: file of the cache in which it is kept what came of it.
+    entry: file of the cache that will say in which library the function is, with which numbers.
     """
-    if has_compiler():
-        compilation, numbers = _compilation(function)
-        _BESIDE[function] = (
-            start_beside(
-                compilation if entry is None else partial(_keep, entry, numbers, compilation)
-            ),
-            numbers,
-        )
+    if not has_compiler():
+        return function
+    work, numbers = _compilation(function)
+    if entry is not None:
+        work = partial(_keep, entry, numbers, work)
+    _BESIDE[function] = (start_beside(work), numbers)
     return function
 
 
@@ -357,19 +373,20 @@ def start_beside(work: Callable[[], T]) -> AsyncResult[T]:
     it. work: can be pickled, by its name or as a bound method.
     """
     _BEGUN[:] = [begun for begun in _BEGUN if not begun[0].ready()]
-    _BEGUN.append((_workers(os.getpid()).apply_async(work), work))
-    return _BEGUN[-1][0]
+    result = _workers(os.getpid()).apply_async(work)
+    _BEGUN.append((result, work))
+    return result
 
 
 def compiled_from(
     name: str, content: str, make: Callable[[], ca.Function], *modules: str
 ) -> ca.Function:
-    """Return the function of that name which `make` makes of a content, compiled in the background
-    as by `start_compiling`.
+    """Return the function of that name which `make` makes, compiled in the background as by
+    `start_compiling`.
 
-    Where that was compiled before it is not made at all: the cache keeps in which library it is,
-    and with which numbers. content: of all that the function depends on but CasADi, the compiler,
-    and the files `modules` of the code that `make` runs.
+    Where it was compiled before it is not made at all: the cache keeps in which library it is, and
+    with which numbers. content: all that the function depends on but CasADi, the compiler, and the
+    files `modules` of the code that `make` runs.
     """
     entry, cached = _looked_up(name, content, *modules)
     if cached:
@@ -412,9 +429,8 @@ def _looked_up(
 
 def content_of(inputs: Sequence[ca.SX], outputs: Sequence[ca.SX], *more: object) -> str:
     """Hash expressions, without differentiating them, and whatever else a function is made of."""
-    return _digest(
-        f"{ca.Function('content', list(inputs), list(outputs)).serialize()} {more}".encode()
-    )
+    function = ca.Function("content", list(inputs), list(outputs))
+    return _digest(f"{function.serialize()} {more}".encode())
 
 
 @cache
@@ -425,15 +441,18 @@ def _code_of(module: str) -> str:
 def _keep(
     entry: Path | None, numbers: np.ndarray, compilation: Callable[[], Path | None]
 ) -> Path | None:
+    """Compile, and write into the cache entry in which library that is, with which numbers."""
     library = compilation()
-    if library is not None and entry is not None:
-        data = f"{library.name}\n".encode() + numbers.tobytes()
-        with (
-            suppress(OSError),
-            tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder,
-        ):
-            (Path(folder) / entry.name).write_bytes(_digest(data).encode() + data)
-            os.replace(Path(folder) / entry.name, entry)
+    if library is None or entry is None:
+        return library
+    data = f"{library.name}\n".encode() + numbers.tobytes()
+    with (
+        suppress(OSError),
+        tempfile.TemporaryDirectory(prefix=HALF_MADE, dir=entry.parent) as folder,
+    ):
+        written = Path(folder) / entry.name
+        written.write_bytes(_digest(data).encode() + data)
+        os.replace(written, entry)
     return library
 
 
@@ -474,8 +493,13 @@ def _workers(process: int) -> ThreadPool:
     """Return the compiler threads of this process, as a fork has none; they end with it, whatever
     is still being compiled.
     """
-    pool = ThreadPool(min(_MOST_COMPILERS, n_processors()))
-    atexit.register(lambda: pool.terminate() if os.getpid() == process else None)
+    pool = ThreadPool(min(_MAX_COMPILERS, n_processors()))
+
+    def terminate() -> None:
+        if os.getpid() == process:
+            pool.terminate()
+
+    atexit.register(terminate)
     return pool
 
 
@@ -486,24 +510,21 @@ def _compilation(function: ca.Function) -> tuple[Callable[[], Path | None], np.n
     generator = ca.CodeGenerator("function.c", {"verbose": False})
     generator.add(function)
     form, numbers = casadi_code.without_numbers(generator.dump())
-    source = (
-        f"/* {_code_of(casadi_code.__file__)} */\n"
-        + MATH
-        + PARTS
-        + _CONSTANT_NUMBERS.format(n=len(numbers))
-        + form
-    )
+    comment = f"/* {_code_of(casadi_code.__file__)} */\n"
+    declaration = _CONSTANT_NUMBERS.format(n=len(numbers))
+    source = comment + MATH + PARTS + declaration + form
     flags = _STRAIGHT if len(form) < _LONG_CODE else _LONG_STRAIGHT
-    others = (_SET_NUMBERS.format(n=len(numbers)),)
-    return partial(
-        compile_library, source, flags, function.name(), others, casadi_code.in_parts
-    ), numbers
+    definition = _SET_NUMBERS.format(n=len(numbers))
+    work = partial(
+        compile_library, source, flags, function.name(), (definition,), casadi_code.in_parts
+    )
+    return work, numbers
 
 
 @checked
 def external_function(name: str, source: str, flags: Sequence[str] = ()) -> ca.Function | None:
-    """The CasADi function ``name`` that ``source`` defines, compiled; None where that cannot be
-    (logged once).
+    """Return the CasADi function ``name`` that ``source`` defines, compiled; None where that cannot
+    be (logged once).
     """
     return _function_in(compile_library(source, flags, name), name)
 
@@ -537,17 +558,18 @@ def _external(name: str, path: Path, numbers: bytes) -> ca.Function:
             library.numbers_address.restype = ctypes.c_void_p
             ctypes.memmove(library.numbers_address(), numbers, len(numbers))
         function = ca.external(name, str(path))
-        symbols = (symbol for symbol in (name, casadi_code.TWO_CALLS) if hasattr(library, symbol))
-        _ADDRESSES[function] = {
-            symbol: ctypes.cast(library[symbol], ctypes.c_void_p).value for symbol in symbols
-        }
+        addresses = dict[str, int | None]()
+        for symbol in (name, casadi_code.TWO_CALLS):
+            if hasattr(library, symbol):
+                addresses[symbol] = ctypes.cast(library[symbol], ctypes.c_void_p).value
+        _ADDRESSES[function] = addresses
         _close(library)  # the function holds it
     return function
 
 
 def compiled_symbol(function: ca.Function) -> int | None:
-    """Address of the machine code of ``function``, for other machine code to call; None where it
-    cannot be compiled.
+    """Return the address of the machine code of ``function``, for other machine code to call; None
+    where it cannot be compiled.
 
     It is valid as long as ``function``.
     """
@@ -562,17 +584,16 @@ def compiled_symbol(function: ca.Function) -> int | None:
 
 
 def two_calls(function: ca.Function) -> int | None:
-    """Address of the machine code for two calls of ``function`` at once, once that is compiled;
-    None where there is none.
+    """Return the address of the machine code for two calls of ``function`` at once, once that is
+    compiled; None where there is none.
     """
-    return _ADDRESSES.get(getattr(function, "machine_code", function), {}).get(
-        casadi_code.TWO_CALLS
-    )
+    compiled = getattr(function, "machine_code", function)
+    return _ADDRESSES.get(compiled, {}).get(casadi_code.TWO_CALLS)
 
 
 @cache
 def loaded_library(path: Path) -> ctypes.CDLL:
-    """The library at `path`, as `compile_library` gives it; loaded once."""
+    """Load the library at `path`, as `compile_library` gives it; once."""
     return ctypes.CDLL(str(path))
 
 
@@ -600,11 +621,12 @@ def has_compiler() -> bool:
 
 @lru_cache(maxsize=1)
 def _compiler() -> str | None:
-    names = (os.environ.get("CC", ""), "cc", "gcc", "clang")
-    compiler = next((path for name in names if name and (path := shutil.which(name))), None)
-    if compiler is None:
-        _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
-    return compiler
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        compiler = shutil.which(name) if name else None
+        if compiler:
+            return compiler
+    _log.warning("no C compiler found (CC, cc, gcc, clang): %s", _SLOWER)
+    return None
 
 
 @lru_cache(maxsize=4)
@@ -615,11 +637,13 @@ def _version(compiler: str) -> str:
 
 
 def _warn_once(event: str, detail: str = "") -> None:
-    if (
-        event not in _SAID and threading.main_thread().is_alive()
-    ):  # not where its compiler was ended with it
-        _SAID.add(event)
-        _log.warning("%s: %s", f"{event} ({detail})" if detail else event, _SLOWER)
+    if not threading.main_thread().is_alive():  # its compiler was ended with it
+        return
+    if event in _SAID:
+        return
+    _SAID.add(event)
+    text = f"{event} ({detail})" if detail else event
+    _log.warning("%s: %s", text, _SLOWER)
 
 
 @lru_cache(maxsize=1)
@@ -639,10 +663,9 @@ def _digest(data: bytes) -> str:
 def _is_usable(library: Path) -> bool:
     """Check that it is what was compiled, and can be loaded."""
     with suppress(OSError, UnicodeDecodeError):
-        intact = library.with_suffix(".sha256").read_text(encoding="ascii") == _digest(
-            library.read_bytes()
-        )
-        return intact and not _load_error(library)
+        digest = library.with_suffix(".sha256").read_text(encoding="ascii")
+        is_intact = digest == _digest(library.read_bytes())
+        return is_intact and not _load_error(library)
     return False
 
 
@@ -692,12 +715,13 @@ def _build_in(
     folder: Path, compiler: str, sources: Sequence[str], flags: Sequence[str], library: Path
 ) -> bool:
     built = folder / "library.so"
-    codes = [folder / f"source{k}.c" for k in range(len(sources))]
-    for code, source in zip(codes, sources, strict=True):
-        code.write_text(source, encoding="utf-8")
-    failed, output = run_compiler(
-        [compiler, *flags, "-o", str(built), *map(str, codes), "-lm"], compile_timeout()
-    )
+    paths = list[str]()
+    for k, source in enumerate(sources):
+        path = folder / f"source{k}.c"
+        path.write_text(source, encoding="utf-8")
+        paths.append(str(path))
+    command = [compiler, *flags, "-o", str(built), *paths, "-lm"]
+    failed, output = run_compiler(command, compile_timeout())
     if failed:
         _warn_once(f"{compiler} failed", ascii(" ".join(output.split())[-200:]))
         return False

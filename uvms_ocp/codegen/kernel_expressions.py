@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import ctypes
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from uvms_ocp.codegen.kernel_layout import zeros
@@ -35,9 +36,8 @@ _FUNCTIONS = (
     math.atan2,
 )
 _ROUNDINGS = (math.floor, math.ceil, math.copysign, math.fabs, math.remainder)
-_MATH = {
-    function: function.__name__ for function in (*_FUNCTIONS, *_ROUNDINGS)
-}  # C calls them as Python does
+_MATH = {function: function.__name__ for function in (*_FUNCTIONS, *_ROUNDINGS)}
+"""Functions that have one name in Python and in C."""
 _TESTS = {math.isfinite: "isfinite", math.isnan: "isnan", math.isinf: "isinf"}
 PREFIX = "k_"
 """Prefix of the names of kernels in C, which has names of its own."""
@@ -103,7 +103,8 @@ def of_ctypes(kind: Any) -> CType:
         kind = kind._type_
     if issubclass(kind, ctypes.Structure):
         return CType(kind.__name__, tuple(sizes), kind)
-    return CType("double" if kind is ctypes.c_double else "int", tuple(sizes))
+    name = "double" if kind is ctypes.c_double else "int"
+    return CType(name, tuple(sizes))
 
 
 def field_of(owner: CType, name: str) -> CType:
@@ -122,10 +123,10 @@ def column_size(kind: CType) -> int:
     """
     if kind.structure is None or kind.sizes:
         return 0
-    alone = all(of_ctypes(item[1]).name == "double" for item in kind.structure._fields_)
-    if alone:
-        return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double)
-    return 0
+    for _, field_kind in kind.structure._fields_:
+        if of_ctypes(field_kind).name != "double":
+            return 0
+    return ctypes.sizeof(kind.structure) // ctypes.sizeof(ctypes.c_double)
 
 
 def c_name(name: str) -> str:
@@ -167,7 +168,7 @@ class Scope:
     """Result type of the kernel itself."""
     local: dict[str, CType] = field(default_factory=dict)
     """Parameters and variables."""
-    own: set[str] = field(default_factory=set)
+    owned_arrays: set[str] = field(default_factory=set)
     """Variables that are arrays of the kernel's own."""
 
 
@@ -194,16 +195,19 @@ def literal(value: Any) -> CExpression | None:
     """Return a constant of Python in C; `None` where kernels have none of its type."""
     if isinstance(value, (bool, int, IntEnum)):
         return CExpression(str(int(value)), INT)
-    if isinstance(value, float):
-        if math.isnan(value):
-            text = "NAN"
-        else:
-            if math.isinf(value):
-                text = f"{'-' if value < 0 else ''}INFINITY"
-            else:
-                text = repr(value)
-        return CExpression(f"({text})" if text.startswith("-") else text, DOUBLE)
-    return None
+    if not isinstance(value, float):
+        return None
+    if math.isnan(value):
+        text = "NAN"
+    elif value == math.inf:
+        text = "INFINITY"
+    elif value == -math.inf:
+        text = "-INFINITY"
+    else:
+        text = repr(value)
+    if text.startswith("-"):
+        text = f"({text})"
+    return CExpression(text, DOUBLE)
 
 
 def constant(node: ast.expr, scope: Scope) -> Any:
@@ -243,10 +247,14 @@ def _attribute(node: ast.Attribute, scope: Scope) -> CExpression:
     owner = expression(node.value, scope)
     require(owner.type.structure is not None and not owner.type.sizes, node.value, "has no fields")
     kind = field_of(owner.type, node.attr)
-    text = f"{owner.text}->{c_name(node.attr)}"
-    return CExpression(
-        f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind
-    )
+    return _part(f"{owner.text}->{c_name(node.attr)}", kind)
+
+
+def _part(text: str, kind: CType) -> CExpression:
+    """Return a field or an entry; a structure by its address."""
+    if kind.structure is not None and not kind.sizes:
+        return CExpression(f"(&{text})", kind)
+    return CExpression(text, kind)
 
 
 def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
@@ -257,39 +265,32 @@ def _subscript(node: ast.Subscript, scope: Scope) -> CExpression:
         node,
         "has to be an entry of an array, by a whole number",
     )
-    kind = owner.type.entry()
-    text = f"{owner.text}[{index.text}]"
-    return CExpression(
-        f"(&{text})" if kind.structure is not None and not kind.sizes else text, kind
-    )
+    return _part(f"{owner.text}[{index.text}]", owner.type.entry())
 
 
 def _binary(node: ast.BinOp, scope: Scope) -> CExpression:
-    left = number(node.left, scope)
-    right = number(node.right, scope)
-    is_integer = left.type == right.type == INT
-    if type(node.op) in _INTEGER_OPERATORS:
-        require(is_integer, node, "is only for whole numbers, which are not negative")
-        return CExpression(f"({left.text} {_INTEGER_OPERATORS[type(node.op)]} {right.text})", INT)
-    if type(node.op) not in _OPERATORS:
+    first = number(node.left, scope)
+    second = number(node.right, scope)
+    are_integers = first.type == second.type == INT
+    kind = type(node.op)
+    if kind in _INTEGER_OPERATORS:
+        require(are_integers, node, "is only for whole numbers, which are not negative")
+        return CExpression(f"({first.text} {_INTEGER_OPERATORS[kind]} {second.text})", INT)
+    if kind not in _OPERATORS:
         refused(node, scope)
-    if is_integer and isinstance(node.op, ast.Div):
-        cast = "(double)"
-    else:
-        cast = ""
-    return CExpression(
-        f"({cast}{left.text} {_OPERATORS[type(node.op)]} {right.text})",
-        INT if is_integer and not cast else DOUBLE,
-    )
+    if are_integers and kind is ast.Div:
+        return CExpression(f"((double){first.text} / {second.text})", DOUBLE)
+    result = INT if are_integers else DOUBLE
+    return CExpression(f"({first.text} {_OPERATORS[kind]} {second.text})", result)
 
 
 def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
-    of = number(node.operand, scope)
+    operand = number(node.operand, scope)
     if isinstance(node.op, ast.Not):
-        return CExpression(f"(!{of.text})", INT)
+        return CExpression(f"(!{operand.text})", INT)
     if not isinstance(node.op, ast.USub):
         refused(node, scope)
-    return CExpression(f"(-{of.text})", of.type)
+    return CExpression(f"(-{operand.text})", operand.type)
 
 
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
@@ -305,18 +306,18 @@ def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     require(
         all(type(op) in _COMPARISONS for op in node.ops), node, "does not compare numbers by size"
     )
-    pairs = [
-        f"{a} {_COMPARISONS[type(op)]} {b}"
-        for a, op, b in zip(terms, node.ops, terms[1:], strict=False)
-    ]
-    return CExpression(f"({' && '.join(pairs)})", INT)
+    comparisons = list[str]()
+    for operator, (first, second) in zip(node.ops, pairwise(terms), strict=True):
+        comparisons.append(f"{first} {_COMPARISONS[type(operator)]} {second}")
+    return CExpression(f"({' && '.join(comparisons)})", INT)
 
 
 def _choice(node: ast.IfExp, scope: Scope) -> CExpression:
-    test, yes, no = (number(part, scope) for part in (node.test, node.body, node.orelse))
-    return CExpression(
-        f"({test.text} ? {yes.text} : {no.text})", INT if yes.type == no.type == INT else DOUBLE
-    )
+    test = number(node.test, scope)
+    yes = number(node.body, scope)
+    no = number(node.orelse, scope)
+    kind = INT if yes.type == no.type == INT else DOUBLE
+    return CExpression(f"({test.text} ? {yes.text} : {no.text})", kind)
 
 
 def _call(node: ast.Call, scope: Scope) -> CExpression:
@@ -325,45 +326,58 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
         raise kernel_error(node, "has to call a kernel with arguments by place")
     if function is len:
         return CExpression(str(length(node, node.args[0], scope)), INT)
-    if function in (min, max):
-        return _extreme(node, "lesser_of" if function is min else "greater_of", scope)
+    if function is min:
+        return _extreme(node, "lesser_of", scope)
+    if function is max:
+        return _extreme(node, "greater_of", scope)
     if function is abs:
-        of = number(node.args[0], scope)
-        return CExpression(f"{'abs' if of.type == INT else 'fabs'}({of.text})", of.type)
+        return _absolute(number(node.args[0], scope))
     if function in (int, float, bool):
         return _converted(number(node.args[0], scope), function)
-    for table, result in ((_MATH, DOUBLE), (_TESTS, INT)):
-        if function in table:
-            arguments = ", ".join(number(argument, scope).text for argument in node.args)
-            return CExpression(f"{table[function]}({arguments})", result)
+    if function in _MATH:
+        return CExpression(f"{_MATH[function]}({_listed(node.args, scope)})", DOUBLE)
+    if function in _TESTS:
+        return CExpression(f"{_TESTS[function]}({_listed(node.args, scope)})", INT)
     return _kernel_call(node, function, scope)
 
 
-def _converted(of: CExpression, to: type) -> CExpression:
+def _listed(arguments: Sequence[ast.expr], scope: Scope) -> str:
+    return ", ".join(number(argument, scope).text for argument in arguments)
+
+
+def _absolute(value: CExpression) -> CExpression:
+    function = "abs" if value.type == INT else "fabs"
+    return CExpression(f"{function}({value.text})", value.type)
+
+
+def _converted(value: CExpression, to: type) -> CExpression:
     if to is bool:
-        return CExpression(f"({of.text} != 0)", INT)
-    kind = INT if to is int else DOUBLE
-    return CExpression(f"(({kind.name}){of.text})", kind)
+        return CExpression(f"({value.text} != 0)", INT)
+    if to is int:
+        return CExpression(f"((int){value.text})", INT)
+    return CExpression(f"((double){value.text})", DOUBLE)
 
 
 def length(node: ast.expr, array: ast.expr, scope: Scope) -> int:
     """Return the ``len`` of an array, which `node` asks for. Raises `InvalidInput` where it is
     unknown.
     """
-    of = expression(array, scope).type
-    require(
-        bool(of.sizes and of.sizes[0]), node, "is not known here; give the number to the kernel"
-    )
-    return of.sizes[0]
+    sizes = expression(array, scope).type.sizes
+    is_known = bool(sizes and sizes[0])
+    require(is_known, node, "is not known here; give the number to the kernel")
+    return sizes[0]
 
 
 def _extreme(node: ast.Call, name: str, scope: Scope) -> CExpression:
     terms = [number(argument, scope) for argument in node.args]
-    is_integer = all(term.type == INT for term in terms)
+    kind = DOUBLE
+    if all(term.type == INT for term in terms):
+        name = f"{name}_int"
+        kind = INT
     text = terms[0].text
     for term in terms[1:]:
-        text = f"{name}{'_int' if is_integer else ''}({text}, {term.text})"
-    return CExpression(text, INT if is_integer else DOUBLE)
+        text = f"{name}({text}, {term.text})"
+    return CExpression(text, kind)
 
 
 def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
@@ -376,26 +390,22 @@ def _kernel_call(node: ast.Call, function: Any, scope: Scope) -> CExpression:
     )
     arguments = [expression(argument, scope) for argument in node.args]
     for argument, (name, expected) in zip(arguments, signature.parameters.items(), strict=True):
-        alike = argument.type.is_number == expected.is_number and (
-            expected.is_number or argument.type.name == expected.name
-        )
-        require(alike, node, f"gives {argument.type.name} as {name}, which is {expected.name}")
+        if expected.is_number:
+            fits = argument.type.is_number
+        else:
+            fits = not argument.type.is_number and argument.type.name == expected.name
+        require(fits, node, f"gives {argument.type.name} as {name}, which is {expected.name}")
         require(expected != INT or argument.type != DOUBLE, node, f"gives {name} no whole number")
-    return CExpression(
-        f"{PREFIX}{signature.name}({', '.join(argument.text for argument in arguments)})",
-        signature.result,
-    )
+    listed = ", ".join(argument.text for argument in arguments)
+    return CExpression(f"{PREFIX}{signature.name}({listed})", signature.result)
 
 
-_TRANSLATED = dict[type, Callable[[Any, Scope], CExpression]]()
-_TRANSLATED |= {
+_TRANSLATED: dict[type, Callable[[Any, Scope], CExpression]] = {
     ast.Constant: _constant,
     ast.Name: _name,
     ast.Attribute: _attribute,
     ast.Subscript: _subscript,
     ast.Call: _call,
-}
-_TRANSLATED |= {
     ast.BinOp: _binary,
     ast.UnaryOp: _unary,
     ast.BoolOp: _logic,

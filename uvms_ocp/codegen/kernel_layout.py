@@ -20,11 +20,10 @@ from uvms_ocp.codegen.compile import compiled_symbol
 from uvms_ocp.errors import InvalidInput
 
 _FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
-
-_buffered = lru_cache(maxsize=96)(BufferedFunction)
-
+"""Names of the fields of each type of a structure that hold functions."""
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
 _NOTHING = ca.Function("ask", [], [])
+_buffered = lru_cache(maxsize=96)(BufferedFunction)
 
 Vector: TypeAlias = MutableSequence[float]
 """A parameter of a kernel: numbers that it reads or changes in place."""
@@ -59,42 +58,47 @@ class FunctionStructure(ctypes.Structure):
     def __call__(self, *vectors: Any) -> None:
         """Call the function without a compiler, as C does."""
         call = _buffered(self.function)
-        n = self.function.n_in()
-        results = call(
-            *(_given(vector, self.function.size_in(i)) for i, vector in enumerate(vectors[:n]))
-        )
-        for target, values in zip(vectors[n:], results, strict=True):
+        n_in = self.function.n_in()
+        arguments = list[np.ndarray]()
+        for i, vector in enumerate(vectors[:n_in]):
+            arguments.append(_argument(vector, self.function.size_in(i)))
+        results = call(*arguments)
+        for target, values in zip(vectors[n_in:], results, strict=True):
             if target is not None:
                 _numbers(target)[: values.size] = values.ravel(order="F")
 
 
 @lru_cache(maxsize=48)
 def function_structure(function: ca.Function) -> type[FunctionStructure]:
-    """The type of the field. Raises `InvalidInput` for a function with structural zeros among what
-    it takes or gives.
+    """Return the type of the field. Raises `InvalidInput` for a function with structural zeros
+    among what it takes or gives.
     """
-    if not all(function.sparsity_in(i).is_dense() for i in range(function.n_in())) or not all(
-        function.sparsity_out(i).is_dense() for i in range(function.n_out())
-    ):
+    sparsities = [function.sparsity_in(i) for i in range(function.n_in())]
+    sparsities += [function.sparsity_out(i) for i in range(function.n_out())]
+    if not all(sparsity.is_dense() for sparsity in sparsities):
         raise InvalidInput(f"{function.name()} has sparse arguments; make them dense")
-    sizes = work_sizes(function)
-    kinds: tuple[Any, ...] = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_longlong, ctypes.c_double)
-    memory = [
-        (name, kind * size)
-        for name, kind, size in zip(("arg", "res", "iw", "w"), kinds, sizes, strict=True)
-    ]
-    fields: list[tuple[str, Any]] = [("call", ctypes.c_void_p), *memory]
-    name = "Smooth_" + "_".join(map(str, (function.name(), *sizes)))
-    return type(
-        name, (FunctionStructure,), {"__slots__": (), "_fields_": fields, "function": function}
+    n_arg, n_res, n_iw, n_w = work_sizes(function)
+    fields = (
+        ("call", ctypes.c_void_p),
+        ("arg", ctypes.c_void_p * n_arg),
+        ("res", ctypes.c_void_p * n_res),
+        ("iw", ctypes.c_longlong * n_iw),
+        ("w", ctypes.c_double * n_w),
     )
+    name = f"Smooth_{function.name()}_{n_arg}_{n_res}_{n_iw}_{n_w}"
+    body = {"__slots__": (), "_fields_": fields, "function": function}
+    return type(name, (FunctionStructure,), body)
 
 
 def work_sizes(function: ca.Function) -> tuple[int, int, int, int]:
-    """Pointers to arguments and results, whole numbers and numbers that a call needs memory for."""
-    return tuple(
-        max(1, size)
-        for size in (function.sz_arg(), function.sz_res(), function.sz_iw(), function.sz_w())
+    """Return the sizes of the memory of a call: pointers to arguments, pointers to results, whole
+    numbers, numbers.
+    """
+    return (
+        max(1, function.sz_arg()),
+        max(1, function.sz_res()),
+        max(1, function.sz_iw()),
+        max(1, function.sz_w()),
     )
 
 
@@ -102,12 +106,12 @@ def connect(memory: Layout) -> bool:
     """Give the functions in `memory` the addresses of their machine code; false where one of them
     cannot be compiled.
     """
-    done = True
+    are_compiled = True
     for part in functions_in(memory):
         if part.function.n_out():
             part.call = compiled_symbol(part.function)
-            done &= part.call is not None
-    return done
+            are_compiled &= part.call is not None
+    return are_compiled
 
 
 def functions_in(memory: Any) -> Iterator[FunctionStructure]:
@@ -123,24 +127,25 @@ def functions_in(memory: Any) -> Iterator[FunctionStructure]:
 
 
 def _with_functions(kind: Any) -> tuple[str, ...]:
-    """Names of the fields of a structure that hold functions; of an array those of its entries. The
-    same for every memory.
+    """Return the names of the fields of a structure that hold functions; of an array those of its
+    entries. They are found once per type.
     """
-    if kind not in _FUNCTIONS:
-        if issubclass(kind, (ctypes.Array, FunctionStructure)):
-            if issubclass(kind, ctypes.Array):
-                _FUNCTIONS[kind] = _with_functions(kind._type_)
-            else:
-                _FUNCTIONS[kind] = ("",)
-        else:
-            _FUNCTIONS[kind] = tuple(
-                name for name, of, *_ in getattr(kind, "_fields_", ()) if _with_functions(of)
-            )
-    return _FUNCTIONS[kind]
+    if kind in _FUNCTIONS:
+        return _FUNCTIONS[kind]
+    names: tuple[str, ...]
+    if issubclass(kind, ctypes.Array):
+        names = _with_functions(kind._type_)
+    elif issubclass(kind, FunctionStructure):
+        names = ("",)
+    else:
+        fields = getattr(kind, "_fields_", ())
+        names = tuple(name for name, field_kind, *_ in fields if _with_functions(field_kind))
+    _FUNCTIONS[kind] = names
+    return names
 
 
 def column_view(layout: Any) -> np.ndarray:
-    """A layout of nothing but arrays of numbers as one array of them (n,) [any] on the same
+    """Return a layout of nothing but arrays of numbers as one array of them (n,) [any] on the same
     memory.
     """
     n = ctypes.sizeof(layout) // ctypes.sizeof(ctypes.c_double)
@@ -156,10 +161,12 @@ def _numbers(vector: Any) -> np.ndarray:
     return np.array(vector, dtype=float)
 
 
-def _given(vector: Any, size: tuple[int, int]) -> Any:
+def _argument(vector: Any, size: tuple[int, int]) -> np.ndarray:
+    """Return the first numbers of a vector as a matrix of this size; zeros for None."""
     if vector is None:
         return np.zeros(size)
-    return _numbers(vector).ravel()[: size[0] * size[1]].reshape(size, order="F")
+    n_rows, n_columns = size
+    return _numbers(vector).ravel()[: n_rows * n_columns].reshape(size, order="F")
 
 
 class CallbackField:
@@ -233,8 +240,8 @@ Memory = TypeVar("Memory", bound=Layout)
 
 
 def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]) -> type[Memory]:
-    """The type of a layout in memory, with the sizes that its arrays and those of its parts are
-    declared with, and functions.
+    """Return the type of a layout in memory, with the sizes that its arrays and those of its parts
+    are declared with, and functions.
 
     It is a structure of ctypes with the fields of the layout, and typed as the layout itself.
 
@@ -248,22 +255,30 @@ def structure_of(layout: type[Memory], **sizes: int | ca.Function | type[Layout]
 @lru_cache(maxsize=80)
 def _structure(layout: Any, sizes: tuple[tuple[str, Any], ...]) -> type[ctypes.Structure]:
     known_sizes = dict(sizes)
-    hints = get_type_hints(layout, include_extras=True)
-    fields = [
-        (name, _field(f"{layout.__name__}.{name}", hint, known_sizes))
-        for name, hint in hints.items()
-    ]
-    lengths = {name: _lengths(hint, known_sizes) for name, hint in hints.items()}
-    arrays = {name: sizes_of for name, sizes_of in lengths.items() if sizes_of}
+    fields = list[tuple[str, Any]]()
+    arrays = dict[str, tuple[int, ...]]()
+    for name, hint in get_type_hints(layout, include_extras=True).items():
+        fields.append((name, _field(f"{layout.__name__}.{name}", hint, known_sizes)))
+        lengths = _lengths(hint, known_sizes)
+        if lengths:
+            arrays[name] = lengths
     body = {"__slots__": (), "_fields_": fields, "__doc__": layout.__doc__, "_arrays_": arrays}
     return type(layout.__name__, (ctypes.Structure,), body)
 
 
 def _lengths(hint: Any, sizes: Mapping[str, Any]) -> tuple[int, ...]:
-    """The sizes of an array of numbers, which may be 0; nothing for any other field."""
+    """Return the sizes of an array of numbers, which may be 0; nothing for any other field."""
     if _item(hint) not in NUMBERS:
         return ()
-    return tuple(sizes[size] if isinstance(size, str) else size for size in get_args(hint)[1].sizes)
+    sized: Sized = get_args(hint)[1]
+    return tuple(_length(size, sizes) for size in sized.sizes)
+
+
+def _length(size: int | str, sizes: Mapping[str, int]) -> int:
+    """Return a size that is a number already, or that of its name."""
+    if isinstance(size, str):
+        return sizes[size]
+    return size
 
 
 def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
@@ -283,8 +298,8 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         )
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
-        # C knows no empty array.
-        kind = kind * max(1, _required(name, size, sizes) if isinstance(size, str) else size)
+        length = _required(name, size, sizes) if isinstance(size, str) else size
+        kind = kind * max(1, length)  # C knows no empty array
     return kind
 
 
@@ -297,7 +312,8 @@ def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
 
 
 def _item(hint: Any) -> Any:
-    """Type of the entries of an array, however many dimensions it has; `None` for anything else.
+    """Return the type of the entries of an array, however many dimensions it has; `None` for
+    anything else.
 
     What may be an expression elsewhere, and is annotated with Any, is numbers here.
     """
@@ -319,37 +335,41 @@ def assign(memory: Layout, **values: Any) -> None:
         field = getattr(memory, name)
         if isinstance(field, ctypes.Array):
             array = np.asarray(value)
-            view(field)[tuple(map(slice, array.shape))] = array
+            view(field)[_first_entries(array.shape)] = array
         else:
             setattr(memory, name, value)
 
 
 def arrays_of(memory: Layout) -> Any:
-    """The arrays of numbers in a memory: under their names, on the same memory, of the sizes that
-    they were declared with.
+    """Return the arrays of numbers in a memory: under their names, on the same memory, of the sizes
+    that they were declared with.
     """
     sizes: dict[str, tuple[int, ...]] = getattr(memory, "_arrays_")  # noqa: B009
-    return SimpleNamespace(
-        **{
-            name: view(getattr(memory, name))[tuple(map(slice, shape))]
-            for name, shape in sizes.items()
-        }
-    )
+    arrays = SimpleNamespace()
+    for name, shape in sizes.items():
+        array = view(getattr(memory, name))
+        setattr(arrays, name, array[_first_entries(shape)])
+    return arrays
+
+
+def _first_entries(shape: tuple[int, ...]) -> tuple[slice, ...]:
+    """Return the index of as many entries as `shape` has, in each dimension."""
+    return tuple(slice(size) for size in shape)
 
 
 def declared_sizes(layout: type[Layout], sizes: Mapping[str, int]) -> dict[str, int]:
-    """Entries of each array of one dimension in a layout of nothing else, by name, with the `sizes`
-    given for names.
+    """Count the entries of each array of one dimension in a layout of nothing else, by name, with
+    the `sizes` given for names.
     """
-    declared = {
-        name: get_args(hint)[1].sizes[0]
-        for name, hint in get_type_hints(layout, include_extras=True).items()
-    }
-    return {name: sizes[size] if isinstance(size, str) else size for name, size in declared.items()}
+    declared = dict[str, int]()
+    for name, hint in get_type_hints(layout, include_extras=True).items():
+        sized: Sized = get_args(hint)[1]
+        declared[name] = _length(sized.sizes[0], sizes)
+    return declared
 
 
 def zeros(n: int) -> list[float]:
-    """A local array of a kernel: n numbers, which is a constant, or the `len` of an array in a
+    """Make a local array of a kernel: n numbers, which is a constant, or the `len` of an array in a
     layout.
     """
     return [0.0] * n
@@ -364,12 +384,12 @@ def wide(kernel: Kernel) -> Kernel:
 
 
 def doubles(values: np.ndarray) -> Any:
-    """The values (n,) [any] as a vector of a kernel's, on memory of their own."""
+    """Return values (n,) [any] as a vector of a kernel, on memory of their own."""
     return (ctypes.c_double * len(values))(*values.tolist())
 
 
 def view(array: Any) -> np.ndarray:
-    """An array of a structure as one of NumPy on the same memory; make it once, as that takes
-    long.
+    """Return an array of a structure as one of NumPy on the same memory; make it once, as that
+    takes long.
     """
     return np.ctypeslib.as_array(array)

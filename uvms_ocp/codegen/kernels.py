@@ -20,6 +20,7 @@ multiply where they would take a power.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -65,43 +66,54 @@ def _text(value: Any) -> str:
     if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
-        fields = {name: _text(getattr(value, name)) for name, *_ in value._fields_}
-        lines = [f".{c_name(name)} = {text}" for name, text in fields.items() if text]
-        if lines:
-            return f"{{{', '.join(lines)}}}"
-        return ""
+        return _structure_text(value)
     if isinstance(value, ctypes.Array):
-        items = [_text(item) for item in value]
-        while items and not items[-1]:
-            items.pop()
-        empty = "{0}" if isinstance(value[0], (ctypes.Array, ctypes.Structure)) else "0"
-        if items:
-            return f"{{{', '.join(item or empty for item in items)}}}"
-        return ""
+        return _array_text(value)
     return number(value)
+
+
+def _structure_text(structure: Any) -> str:
+    fields = list[str]()
+    for name, *_ in structure._fields_:
+        text = _text(getattr(structure, name))
+        if text:
+            fields.append(f".{c_name(name)} = {text}")
+    if not fields:
+        return ""
+    return f"{{{', '.join(fields)}}}"
+
+
+def _array_text(array: Any) -> str:
+    items = [_text(item) for item in array]
+    while items and not items[-1]:
+        items.pop()
+    if not items:
+        return ""
+    zero = "{0}" if isinstance(array[0], (ctypes.Array, ctypes.Structure)) else "0"
+    return f"{{{', '.join(item or zero for item in items)}}}"
 
 
 def number(value: float) -> str:
     """Write a number in C, exact to the last bit; empty for 0."""
     if isinstance(value, int):
-        if value:
-            return str(value)
-        return ""
-    if value != value:
+        return str(value) if value else ""
+    if math.isnan(value):
         return "NAN"
-    if value in (float("inf"), float("-inf")):
-        if value > 0:
-            return "INFINITY"
+    if value == math.inf:
+        return "INFINITY"
+    if value == -math.inf:
         return "-INFINITY"
-    if value or str(value) == "-0.0":
-        return value.hex()
-    return ""
+    is_plus_zero = value == 0.0 and math.copysign(1.0, value) > 0.0
+    if is_plus_zero:
+        return ""
+    return value.hex()
 
 
 def bind_kernels(
     kernels: Kernels, structures: Iterable[type[Layout]], *, compiled: bool = True
 ) -> BoundKernels:
-    """The `kernels`, in C unless `compiled` is false or there is no compiler; themselves otherwise.
+    """Return the `kernels`, in C unless `compiled` is false or there is no compiler; themselves
+    otherwise.
 
     structures: those that they work on, as `structure_of` makes them. A vector is given as an array
     in a structure. Raises `InvalidInput` for a function that is no kernel.
@@ -124,8 +136,8 @@ def make_memory(
 
 
 def bind_memory(memory: Layout, kernels: Kernels, *, compiled: bool = True) -> BoundKernels:
-    """The `kernels` for a memory, as `make_memory` gives them, once its functions are at their
-    places.
+    """Return the `kernels` for a memory, as `make_memory` gives them, once its functions are at
+    their places.
     """
     return bind_kernels(kernels, (type(memory),), compiled=compiled and connect(memory))
 
@@ -133,7 +145,8 @@ def bind_memory(memory: Layout, kernels: Kernels, *, compiled: bool = True) -> B
 @lru_cache(maxsize=32)
 def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
     # C sees no difference between functions of one name and size.
-    path = _compiled(kernels, Keyed(tuple(map(structure_signature, structures)), structures))
+    signatures = tuple(structure_signature(structure) for structure in structures)
+    path = _compiled(kernels, Keyed(signatures, structures))
     if path is None:
         return kernels
     library = loaded_library(path)
@@ -144,9 +157,12 @@ def _bound(kernels: BoundKernels, structures: tuple[Any, ...]) -> BoundKernels:
 def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
     name = ", ".join(kernel.__name__ for kernel in kernels)
     content = f"{program_content(kernels)} {structures.key}"
-    return library_from(
-        name, content, lambda: "".join(c_program(kernels, structures.value)), *TRANSLATOR
-    )
+
+    def make() -> str:
+        types, code = c_program(kernels, structures.value)
+        return types + code
+
+    return library_from(name, content, make, *TRANSLATOR)
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
@@ -198,7 +214,7 @@ def c_library(
     others: Sequence[type[Layout]] = (),
     variable: tuple[str, Sequence[float]] | None = None,
 ) -> CLibrary:
-    """The `kernels`, which work on a `memory` such as this and on `others`.
+    """Write the `kernels` in C, which work on a `memory` such as this and on `others`.
 
     variable: name of an array of C that a program may change, and the values of the constants of
     the CasADi functions whose place it takes. Raises `InvalidInput`, as `c_program`.
@@ -209,17 +225,18 @@ def c_library(
     for function in functions:
         if function.class_name() != "External":
             generator.add(function)
-    written = str(generator.dump())
+    smooth_code = str(generator.dump())
     if variable is not None:
-        written = with_variable(written, *variable)
-    form, values = without_numbers(written)
-    n = max(1, len(values))
+        smooth_code = with_variable(smooth_code, *variable)
+    form, values = without_numbers(smooth_code)
+    array = f"const double numbers[{max(1, len(values))}]"
     listed = ", ".join(number(value) or "0" for value in values.tolist()) or "0"
+    declarations = [_DECLARATION.format(function.name()) for function in functions]
     return CLibrary(
         types=types,
         kernels=code,
-        functions=f"{MATH}extern const double numbers[{n}];\n{form}",
-        numbers=f"extern const double numbers[{n}];\nconst double numbers[{n}] = {{{listed}}};\n",
-        declarations="".join(_DECLARATION.format(function.name()) for function in functions),
+        functions=f"{MATH}extern {array};\n{form}",
+        numbers=f"extern {array};\n{array} = {{{listed}}};\n",
+        declarations="".join(declarations),
         initial=initial_value(memory),
     )

@@ -90,7 +90,8 @@ class KernelSequence:
         done: the first pass has been made already, by the last call, which it ended.
         """
         tables = (len(self._table), self._table, len(self._columns), self._columns)
-        stop, clock = (ctypes.c_void_p(array.ctypes.data) for array in (self._stop, self._clock))
+        stop = ctypes.c_void_p(self._stop.ctypes.data)
+        clock = ctypes.c_void_p(self._clock.ctypes.data)
         return int(_runner()(n, ctypes.c_longlong(row), int(done), *tables, stop, clock))
 
     def _column(self, source: np.ndarray | Elapsed, rows: np.ndarray) -> _Column:
@@ -100,13 +101,18 @@ class KernelSequence:
             return _Column(
                 self._clock.ctypes.data + 8 * source.first, to, 8, stride, source.n, _DIFFERENCE
             )
-        kind = _SAME if source.dtype == rows.dtype else _KINDS[source.dtype.name, rows.dtype.name]
+        if source.dtype == rows.dtype:
+            kind = _SAME
+        else:
+            kind = _KINDS[source.dtype.name, rows.dtype.name]
         return _Column(source.ctypes.data, to, source.nbytes, stride, source.size, kind)
 
 
 def compiles(steps: Sequence[Step]) -> bool:
-    """Return whether all kernels are in machine code, and what runs them can be."""
-    return all(not inspect.isfunction(kernel) for kernel, *_ in steps) and _runner() is not None
+    """Check that all kernels are in machine code, and what runs them can be."""
+    if any(inspect.isfunction(kernel) for kernel, *_ in steps):
+        return False
+    return _runner() is not None
 
 
 def _in_c(step: Step) -> _Step:
