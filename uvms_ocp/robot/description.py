@@ -219,8 +219,8 @@ class Thruster(_Section):
     """of positive thrust on the vehicle, in the link frame; any length from 1e-9 to 1e9"""
     minimum: float = Field(ge=-1e5, le=0.0)
     """thrust limit [N]"""
-    maximum: float = Field(gt=0.0, le=1e5)
-    """thrust limit [N]"""
+    maximum: float = Field(ge=0.0, le=1e5)
+    """thrust limit [N]; 0 for a thruster that pushes against its direction alone"""
     time_constant: float = Field(ge=0.0, le=10.0)
     """first-order lag [s]; 0 is instantaneous"""
     dead_zone: NonNegative = 0.0
@@ -257,8 +257,13 @@ class Thruster(_Section):
 
     @model_validator(mode="after")
     def _dead_zone_is_inside_the_limits(self) -> Thruster:
-        if self.dead_zone >= self.maximum:
-            raise ValueError(f"dead_zone {self.dead_zone} N outside [0, maximum {self.maximum} N)")
+        largest_thrust = max(self.maximum, -self.minimum)
+        if largest_thrust == 0.0:
+            raise ValueError("maximum or minimum must differ from 0 N")
+        if self.dead_zone >= largest_thrust:
+            raise ValueError(
+                f"dead_zone {self.dead_zone} N outside [0, {largest_thrust} N), what it can give"
+            )
         return self
 
 

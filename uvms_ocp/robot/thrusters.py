@@ -97,15 +97,37 @@ def largest_wrench(robot: Robot) -> np.ndarray:
     """Return (6,) [N, N m], what all thrusters can give at most axis by axis, ahead and up; 0 where
     that is rounding.
     """
-    wrench = np.abs(thruster_matrix(robot)) @ np.array(
-        [t.maximum for t in robot.description.thrusters]
-    )
-    return np.asarray(np.where(wrench > _ROUNDING * wrench.max(initial=0.0), wrench, 0.0))
+    _, ahead = _wrench_range(robot)
+    return ahead
 
 
 def largest_force(robot: Robot) -> np.ndarray:
-    """Return (n_v,) [N, N m], what thrusters and motors can give at most on every axis."""
-    return np.concatenate([largest_wrench(robot)[: robot.n_vehicle], robot.limits.effort])
+    """Return (n_v,) [N, N m], what thrusters and motors can give at most on every axis, in the
+    direction in which they give more.
+    """
+    astern, ahead = _wrench_range(robot)
+    wrench = np.maximum(ahead, -astern)
+    return np.concatenate([wrench[: robot.n_vehicle], robot.limits.effort])
+
+
+def _wrench_range(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest component (6,) [N, N m] of the wrench of all thrusters,
+    axis by axis; 0 where that is rounding.
+
+    A thruster that is described from its other side, with direction and limits reversed, counts the
+    same: what it gives along an axis lies between its matrix column times either limit.
+    """
+    lower, upper = thrust_limits(robot)
+    columns = thruster_matrix(robot)
+    at_lower = columns * lower
+    at_upper = columns * upper
+    astern = np.minimum(at_lower, at_upper).sum(axis=1)
+    ahead = np.maximum(at_lower, at_upper).sum(axis=1)
+    rounding = _ROUNDING * np.abs([astern, ahead]).max(initial=0.0)
+    return (
+        np.where(astern < -rounding, astern, 0.0),
+        np.where(ahead > rounding, ahead, 0.0),
+    )
 
 
 def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
