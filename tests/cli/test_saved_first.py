@@ -23,7 +23,8 @@ from uvms_ocp.cli.drawing import Job
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.planning.request import PlanRequest, PostureGoal
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.scenario import Scenario

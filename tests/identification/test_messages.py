@@ -22,7 +22,7 @@ from uvms_ocp.identification.message_fields import numbers_at, seconds_at, steps
 from uvms_ocp.identification.messages import TopicColumns, _Rows, topics_of
 from uvms_ocp.identification.reading import RecordingMapping, mapped_recording, read_mapping
 from uvms_ocp.identification.recording import Recording
-from uvms_ocp.record import mcap as mcap_records
+from uvms_ocp.record import mcap_messages as mcap_records
 
 pytest.importorskip("mcap", reason='needs pip install "uvms-ocp[rosbags]"')
 GOOD = recorded(t_end=5.0)

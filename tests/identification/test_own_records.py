@@ -24,7 +24,8 @@ from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
 from uvms_ocp.identification.uncertainty import IdentifiedNumber, values_of
-from uvms_ocp.record.record import MEASURED, Record
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.robot.description import read_description
 from uvms_ocp.robot.signals import robot_sensors
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix

@@ -21,14 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.errors import OutputError
-from uvms_ocp.record.output import (
-    RUNNING,
-    Manifest,
-    Replacement,
-    claim_folder,
-    is_same,
-    recover_folder,
-)
+from uvms_ocp.record.manifest import Manifest, is_same
+from uvms_ocp.record.output import RUNNING, Replacement, claim_folder, recover_folder
 
 CHANGING = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.link"}
 FOREIGN = {"mine.txt": "mine", "figures/mine.png": "mine"}

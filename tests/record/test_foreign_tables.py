@@ -15,8 +15,8 @@ import pytest
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.tables import read_columns
 from uvms_ocp.identification.text_tables import LONGEST_LINE
-from uvms_ocp.record import mcap as mcap_records, tables as parquet_file
-from uvms_ocp.record.mcap import mcap_messages, mcap_topics
+from uvms_ocp.record import mcap_messages as mcap_records, table_files as parquet_file
+from uvms_ocp.record.mcap_messages import mcap_messages, mcap_topics
 from uvms_ocp.record.record import Record
 
 RUN = Path(__file__).parents[1] / "records"

@@ -11,7 +11,8 @@ import pytest
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record import array_file
 from uvms_ocp.record.meta_values import PhaseMeta
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.run_meta import RunMeta, write_meta
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 

@@ -15,8 +15,10 @@ from same_record import require_same
 from scipy.linalg import block_diag
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.record.mcap import ROS_MESSAGES, cdr_messages, field_names, ros_definition, values_of
-from uvms_ocp.record.record import MEASURED, Record
+from uvms_ocp.record.mcap import field_names, values_of
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.ros_topics import ROS_MESSAGES, cdr_messages, ros_definition
+from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.record.tables import unit_of
 from uvms_ocp.report.metrics import figures_between
 from uvms_ocp.report.summary import summarize

@@ -25,7 +25,8 @@ from uvms_ocp.errors import InvalidInput, OutputError
 from uvms_ocp.record import array_file, record as records, row_files
 from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.output import RUNNING
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.row_files import parts
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.report.summary import summarize

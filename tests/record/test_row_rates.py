@@ -12,8 +12,10 @@ from tiny_robots import TINY, robot_of, scenario_of
 from uvms_ocp.campaign.run_metrics import run_metrics
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.reading import run_recording
-from uvms_ocp.record.record import MEASURED, Record, Recorder
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.row_rates import EXTREMES, MEANS, WORST, thinned_rows
+from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.record.tables import SERIES, column_names
 from uvms_ocp.report.comparison import transition_series
 from uvms_ocp.report.metrics import figures_between, max_velocity_step, resources

@@ -12,7 +12,7 @@ import pytest
 from uvms_ocp import load_robot
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.record.record import Recorder
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command
 from uvms_ocp.sim.loop import simulate

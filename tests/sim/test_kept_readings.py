@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.record.record import MEASURED, Record, check_series
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.series_checks import MEASURED, check_series
 from uvms_ocp.scenario import reach
 from uvms_ocp.sim.loop import simulate
 

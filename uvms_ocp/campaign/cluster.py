@@ -27,7 +27,7 @@ from uvms_ocp.errors import (
     require_first_reading,
 )
 from uvms_ocp.progress import progress_bar, show_progress
-from uvms_ocp.record.tables import CAMPAIGN_EXTRA
+from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 from uvms_ocp.types import Range
 
 DEATHS = 3

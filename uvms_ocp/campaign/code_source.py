@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.model_errors import FileModel, one_line
-from uvms_ocp.record import durable_files, output, untrusted
+from uvms_ocp.record import durable_files, manifest, untrusted
 from uvms_ocp.robot.loading import robots_folder
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import forget_user_code, load_scenario, own_code, siblings
@@ -32,7 +32,7 @@ class _Identity(FileModel, strict=True):
     words: str
     attribute: Literal["scenario", "variations"]
     options: dict[str, Any]
-    files: dict[output.Name, str]
+    files: dict[manifest.Name, str]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -18,7 +18,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, optional_module, require_known
-from uvms_ocp.record.tables import CAMPAIGN_EXTRA
+from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import Finite, Positive, Range
 

@@ -16,7 +16,7 @@ from uvms_ocp.campaign.jobs import FIRST, LAST, CampaignJob, columns_of
 from uvms_ocp.errors import InvalidInput, UvmsError, plain_line
 from uvms_ocp.model_errors import FileModel
 from uvms_ocp.record import durable_files
-from uvms_ocp.record.output import STORE, read_as
+from uvms_ocp.record.manifest import STORE, read_as
 
 FILE = "campaign.json"
 SOURCES = "sources"

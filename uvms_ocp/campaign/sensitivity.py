@@ -12,7 +12,7 @@ import numpy as np
 
 from uvms_ocp.campaign import distributions, run_metrics
 from uvms_ocp.errors import optional_module
-from uvms_ocp.record.tables import CAMPAIGN_EXTRA
+from uvms_ocp.record.table_files import CAMPAIGN_EXTRA
 
 _FEWEST = 30  # runs with a value, below which nothing is said
 SILENT = (

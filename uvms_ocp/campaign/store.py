@@ -24,8 +24,9 @@ from uvms_ocp.campaign.manifest import (
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record import durable_files, untrusted
-from uvms_ocp.record.output import STORE, as_output_errors, whole_file
-from uvms_ocp.record.tables import arrow as required_arrow
+from uvms_ocp.record.manifest import STORE
+from uvms_ocp.record.output import as_output_errors, whole_file
+from uvms_ocp.record.table_files import arrow as required_arrow
 
 # A Parquet data set in parts: each is written once, whole or not at all, and a run is finished when
 # its part is there.

@@ -31,7 +31,8 @@ from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.mission_plan.mission_plan import MissionPlan
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record import durable_files, row_files
-from uvms_ocp.record.output import RECORD, RUNNING, STORE, claim_folder, recover_folder
+from uvms_ocp.record.manifest import STORE
+from uvms_ocp.record.output import RECORD, RUNNING, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
 from uvms_ocp.robot import Robot, list_robots, loading

@@ -29,7 +29,7 @@ from uvms_ocp.identification.message_fields import (
 )
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
-from uvms_ocp.record import mcap, untrusted, yaml_file
+from uvms_ocp.record import mcap_messages, untrusted, yaml_file
 
 Message = tuple[str, int, Any]
 """Topic, when it was logged [ns], and what it says."""
@@ -97,7 +97,7 @@ def _mcap_messages(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
-    for schema, channel, message in mcap.mcap_messages(path, topics):
+    for schema, channel, message in mcap_messages.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
         if key not in decoders:
             decoders[key] = _decoder(channel, schema, definitions)
@@ -381,7 +381,7 @@ def _ulog_topics(path: Path) -> Collection[str]:
 
 
 _READERS = {
-    "mcap": _Reader(_mcap_messages, mcap.mcap_topics),
+    "mcap": _Reader(_mcap_messages, mcap_messages.mcap_topics),
     "bag": _Reader(_ros1_messages, _ros1_topics),
     "sqlite": _Reader(_sqlite_messages, _sqlite_topics),
     "json": _Reader(_json_messages, _json_topics),

@@ -34,7 +34,7 @@ from uvms_ocp.identification.text_tables import (
     text_layout,
 )
 from uvms_ocp.record.array_file import read_arrays
-from uvms_ocp.record.tables import arrow, require_numbers
+from uvms_ocp.record.table_files import arrow, require_numbers
 from uvms_ocp.record.untrusted import as_input_errors
 
 _MOST_NUMBERS = 20 * MOST_ROWS

@@ -14,15 +14,12 @@ import numpy as np
 
 from uvms_ocp.errors import plain_line
 
-# Small tables: what a public value says of itself, as text of 80 columns and in notebooks.
-
 WIDTH = 80
 """Characters of a line."""
-_MOST_ROWS = 40
-_GAP = "  "
-
-_FEW = 8  # entries of what is told in full
-_LONGEST = 120  # letters of a row
+_MAX_ROWS = 40
+_GAP = "  "  # between columns, and before a row
+_MAX_ENTRIES = 8  # of an array or a list that is written in full
+_MAX_LETTERS = 120  # of a value
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -41,41 +38,63 @@ class SmallTable:
         """Return lines of at most 80 characters; what is longer is cut, and rows beyond the first
         are counted.
         """
-        lines = [row for row in (self.head, *self._shown()) if row]
-        widths = [
-            max(len(row[k]) for row in lines if k < len(row))
-            for k in range(max(map(len, lines), default=0))
-        ]
-        text = list[str]()
-        for row in lines:
+        rows = [row for row in (self.head, *self._first_rows()) if row]
+        widths = _column_widths(rows)
+        lines = [self.title]
+        for line in wrap(plain_line(self.words), WIDTH - len(_GAP)):
+            lines.append(f"{_GAP}{line}")
+        for row in rows:
             cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=False))
-            text.append(_GAP.join(cells).rstrip())
-        words = wrap(plain_line(self.words), WIDTH - len(_GAP))
-        indented = (f"{_GAP}{line}" for line in (*words, *text))
-        return "\n".join(_cut(line) for line in (self.title, *indented, *self._rest()))
+            lines.append(_GAP + _GAP.join(cells).rstrip())
+        lines += self._more_rows_text()
+        return "\n".join(_cut(line) for line in lines)
 
     def html(self) -> str:
         """Return a table in HTML; names are text, whatever they hold."""
-        if self.head:
-            head = f"<thead>{_row('th', self.head)}</thead>"
-        else:
-            head = ""
-        rows = "".join(_row("td", row) for row in self._shown())
-        rest = "".join(f"<p>{escape(line)}</p>" for line in self._rest())
+        words = ""
         if self.words:
             words = f"<p>{escape(plain_line(self.words))}</p>"
-        else:
-            words = ""
-        return f"<b>{escape(self.title)}</b>{words}<table>{head}<tbody>{rows}</tbody></table>{rest}"
+        head = ""
+        if self.head:
+            head = f"<thead>{_html_row('th', self.head)}</thead>"
+        rows = "".join(_html_row("td", row) for row in self._first_rows())
+        table = f"<table>{head}<tbody>{rows}</tbody></table>"
+        more_rows = "".join(f"<p>{escape(line)}</p>" for line in self._more_rows_text())
+        return f"<b>{escape(self.title)}</b>{words}{table}{more_rows}"
 
-    def _shown(self) -> Sequence[tuple[str, ...]]:
-        return self.rows[:_MOST_ROWS]
+    def _first_rows(self) -> Sequence[tuple[str, ...]]:
+        return self.rows[:_MAX_ROWS]
 
-    def _rest(self) -> tuple[str, ...]:
-        n_more = len(self.rows) - _MOST_ROWS
+    def _more_rows_text(self) -> list[str]:
+        n_more = len(self.rows) - _MAX_ROWS
         if n_more > 0:
-            return (f"{_GAP}and {n_more} more",)
-        return ()
+            return [f"{_GAP}and {n_more} more"]
+        return []
+
+
+def _column_widths(rows: Sequence[tuple[str, ...]]) -> list[int]:
+    """Return the letters of the longest cell of each column."""
+    widths = list[int]()
+    for row in rows:
+        for k, text in enumerate(row):
+            if k == len(widths):
+                widths.append(0)
+            widths[k] = max(widths[k], len(text))
+    return widths
+
+
+def _cut(line: str) -> str:
+    """Shorten a line to `WIDTH` letters, all of them printable."""
+    plain = "".join(letter if letter.isprintable() else " " for letter in line)
+    if len(plain) <= WIDTH:
+        return plain
+    return plain[: WIDTH - 1] + "…"
+
+
+def _html_row(tag: str, row: Sequence[str]) -> str:
+    style = ' style="text-align:left"'
+    cells = "".join(f"<{tag}{style}>{escape(text)}</{tag}>" for text in row)
+    return f"<tr>{cells}</tr>"
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
@@ -90,18 +109,6 @@ def cell(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return plain_line(str(value))
-
-
-def _cut(line: str) -> str:
-    plain = "".join(letter if letter.isprintable() else " " for letter in line)
-    if len(plain) <= WIDTH:
-        return plain
-    return plain[: WIDTH - 1] + "…"
-
-
-def _row(cell: str, row: Sequence[str]) -> str:
-    style = ' style="text-align:left"'
-    return "<tr>" + "".join(f"<{cell}{style}>{escape(text)}</{cell}>" for text in row) + "</tr>"
 
 
 class TableDisplay:
@@ -127,19 +134,15 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        if self:
-            head = tuple(self[0])
-        else:
-            head = ()
-        rows = tuple(tuple(cell(row.get(name)) for name in head) for row in self)
+        names = tuple(self[0]) if self else ()
+        rows = list[tuple[str, ...]]()
+        for row in self:
+            rows.append(tuple(cell(row.get(name)) for name in names))
         return SmallTable(
             title=f"{len(self)} rows",
-            head=tuple(name.replace("_", " ") for name in head),
-            rows=rows,
+            head=tuple(name.replace("_", " ") for name in names),
+            rows=tuple(rows),
         )
-
-
-# Values that show themselves by their fields: a row for each, in a shell and in a notebook.
 
 
 class FieldTable(TableDisplay):
@@ -148,13 +151,15 @@ class FieldTable(TableDisplay):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        shown = [field.name for field in fields(self) if field.repr]  # type: ignore[arg-type]
-        title = " ".join(
-            str(part) for part in (type(self).__name__, getattr(self, "name", "")) if part
-        )
-        return SmallTable(
-            title=title, rows=tuple((name, format_value(getattr(self, name))) for name in shown)
-        )
+        title = type(self).__name__
+        name = getattr(self, "name", "")
+        if name:
+            title = f"{title} {name}"
+        rows = list[tuple[str, str]]()
+        for field in fields(self):  # type: ignore[arg-type]
+            if field.repr:
+                rows.append((field.name, format_value(getattr(self, field.name))))
+        return SmallTable(title=title, rows=tuple(rows))
 
 
 def format_value(value: Any) -> str:
@@ -162,32 +167,37 @@ def format_value(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, np.ndarray):
-        if value.size > _FEW or value.ndim > 1:
+        if value.size > _MAX_ENTRIES or value.ndim > 1:
             return f"array of shape {value.shape}"
-        return np.array2string(value, precision=4, suppress_small=True, max_line_width=_LONGEST)
+        return np.array2string(value, precision=4, suppress_small=True, max_line_width=_MAX_LETTERS)
     if isinstance(value, TableDisplay):
         return value._table().title
     if isinstance(value, Mapping):
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, (tuple, list)):
-        if any(isinstance(item, Mapping) for item in value):
-            return f"{len(value)} rows"
-        if len(value) > _FEW:
-            more_text = f" and {len(value) - _FEW} more"
-        else:
-            more_text = ""
-        return (", ".join(map(format_value, value[:_FEW])) or "none") + more_text
+        return _format_list(value)
     if isinstance(value, Enum):
         return str(value.value)
     if callable(value) and hasattr(value, "__qualname__"):
         return str(value.__qualname__)
-    # Describe it by its own words, where these are few; else by its kind.
     if isinstance(value, float):
         text = f"{value:.4g}"
     elif isinstance(value, str):
         text = str(value)
     else:
         text = repr(value)
-    if "\n" in text or " at 0x" in text or len(text) > _LONGEST:
+    # Describe what needs many words by its type.
+    if "\n" in text or " at 0x" in text or len(text) > _MAX_LETTERS:
         return type(value).__name__
+    return text
+
+
+def _format_list(values: tuple[Any, ...] | list[Any]) -> str:
+    """Describe the first entries, and how many more there are; of rows only how many."""
+    if any(isinstance(item, Mapping) for item in values):
+        return f"{len(values)} rows"
+    text = ", ".join(format_value(item) for item in values[:_MAX_ENTRIES]) or "none"
+    n_more = len(values) - _MAX_ENTRIES
+    if n_more > 0:
+        return f"{text} and {n_more} more"
     return text

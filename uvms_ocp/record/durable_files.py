@@ -12,10 +12,7 @@ from typing import BinaryIO
 
 from uvms_ocp.errors import InvalidInput, OutputError
 
-_BEGIN_ANEW = 1000
-
-
-# Writing so that a loss of power finds it on the disk, and removing what may be gone.
+_MAX_ATTEMPTS = 1000  # to get hold of a lock that another process removes at the same moment
 
 
 @contextmanager
@@ -52,9 +49,8 @@ def sync_tree(root: Path) -> None:
     """
     for folder, _, names in os.walk(root):
         for name in names:
-            _sync(
-                os.path.join(folder, name), os.O_RDWR
-            )  # for writing, as Windows flushes no other descriptors
+            # For writing, as Windows flushes no other descriptors.
+            _sync(os.path.join(folder, name), os.O_RDWR)
         sync_folders([Path(folder)])
 
 
@@ -91,13 +87,11 @@ def remove_empty(folders: Iterable[Path]) -> None:
             folder.rmdir()
 
 
-# One command at a time in a folder; the system frees the lock of a process that is killed.
-
-
 @contextmanager
 def locked(store: Path) -> Iterator[None]:
-    """Hold the lock of a store, which is made where there is none, and removed where it ends up
-    with nothing but the lock.
+    """Hold the lock of a store for one process, which is made where there is none, and removed
+    where it ends up with nothing but the lock; the system frees the lock of a process that is
+    killed.
 
     Raises `OutputError` while another process holds it, `InvalidInput` for a store that is a link,
     and `OSError` where it cannot be written.
@@ -112,19 +106,18 @@ def locked(store: Path) -> Iterator[None]:
 
 
 def _acquired(store: Path) -> int:
-    for _ in range(
-        _BEGIN_ANEW
-    ):  # a process that lets go may remove store and lock between two of our steps
+    lock = store / "lock"
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+    # A process that lets go may remove store and lock between two of these steps.
+    for _ in range(_MAX_ATTEMPTS):
         store.mkdir(exist_ok=True)
         try:
-            descriptor = os.open(
-                store / "lock", os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666
-            )
+            descriptor = os.open(lock, flags, 0o666)
         except FileNotFoundError:
             continue
         try:
             _lock(descriptor, store)
-            if os.path.samestat(os.fstat(descriptor), os.stat(store / "lock")):
+            if os.path.samestat(os.fstat(descriptor), os.stat(lock)):
                 return descriptor
         except FileNotFoundError:
             pass
@@ -156,11 +149,12 @@ def _busy(store: Path) -> OutputError:
 
 
 def _release(store: Path, descriptor: int) -> None:
-    if sys.platform == "win32":  # which removes no open file
+    removes_open_files = sys.platform != "win32"
+    if not removes_open_files:
         os.close(descriptor)
     with suppress(OSError):
         if os.listdir(store) == ["lock"]:
             os.unlink(store / "lock")
             os.rmdir(store)
-    if sys.platform != "win32":
+    if removes_open_files:
         os.close(descriptor)

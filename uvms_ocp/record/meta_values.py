@@ -13,9 +13,6 @@ from pydantic import Field, FiniteFloat, model_validator
 
 from uvms_ocp.model_errors import FileModel, one_line_errors
 
-# An obstacle as plain values, as files and records keep it; `uvms_ocp.robot.shapes.obstacles`
-# builds its shape.
-
 _MESH = "mesh"
 N_SIZES: Mapping[str, int] = MappingProxyType(
     {"sphere": 1, "capsule": 2, "cylinder": 2, "cone": 2, "box": 3, "ellipsoid": 3, _MESH: 0}
@@ -60,7 +57,9 @@ UNIT_NORM_TOLERANCE = 1e-3
 
 @one_line_errors
 class ObstacleMeta(FileModel):
-    """One obstacle: a primitive shape with its sizes, or a mesh with its triangles."""
+    """One obstacle as files and records keep it: a primitive shape with its sizes, or a mesh with
+    its triangles; `uvms_ocp.robot.shapes.obstacles` builds its shape.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     shape: Literal["sphere", "capsule", "cylinder", "cone", "box", "ellipsoid", "mesh"]
@@ -83,18 +82,15 @@ class ObstacleMeta(FileModel):
             raise ValueError(
                 f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}"
             )
+        is_mesh = self.shape == _MESH
         corners = [corner for triangle in self.triangles for corner in triangle]
-        if (self.shape == _MESH) != bool(corners) or not all(
-            0 <= corner < len(self.vertices) for corner in corners
-        ):
+        are_vertices = all(0 <= corner < len(self.vertices) for corner in corners)
+        if is_mesh != bool(corners) or not are_vertices:
             raise ValueError(
                 "a mesh, and only a mesh, has triangles, with indices from 0 below the number of"
                 " vertices"
             )
         return self
-
-
-# The small values that metadata of records are made of.
 
 
 class MetaValue(FileModel, ser_json_inf_nan="constants"):
@@ -248,10 +244,12 @@ class LimitsMeta(MetaValue):
             raise ValueError("position_lower, position_upper and effort have one number per joint")
         if len(self.velocity) != len(self.acceleration):
             raise ValueError("velocity and acceleration have one number per axis")
-        if not all(a <= b for a, b in zip(self.position_lower, self.position_upper, strict=True)):
-            raise ValueError("position_lower is not above position_upper")
-        if not all(x >= 0.0 for x in (*self.velocity, *self.acceleration, *self.effort)):
-            raise ValueError("limits of velocity, acceleration and effort are not negative")
+        for lower, upper in zip(self.position_lower, self.position_upper, strict=True):
+            if not lower <= upper:
+                raise ValueError("position_lower is not above position_upper")
+        for limit in (*self.velocity, *self.acceleration, *self.effort):
+            if not limit >= 0.0:
+                raise ValueError("limits of velocity, acceleration and effort are not negative")
         return self
 
 
@@ -330,7 +328,8 @@ class FloorRelief(MetaValue):
     @model_validator(mode="after")
     def _is_a_grid(self) -> FloorRelief:
         for axis in (self.x, self.y):
-            if len(axis) < 2 or any(b <= a for a, b in pairwise(axis)):
+            ascends = all(value < next_value for value, next_value in pairwise(axis))
+            if len(axis) < 2 or not ascends:
                 raise ValueError("x and y of a floor ascend, with two values or more each")
         if len(self.z) != len(self.y) or any(len(row) != len(self.x) for row in self.z):
             raise ValueError(f"z of this floor has {len(self.y)} rows of {len(self.x)} heights")

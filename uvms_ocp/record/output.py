@@ -1,22 +1,18 @@
-"""Replace all results of a command in a folder at once: claimed and checked before the work, whole
-or as before after it.
+"""Replace all results of a command in a folder at once: claimed, locked and checked before the
+work, whole or as before after it.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
-import stat
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path, PurePosixPath
-from typing import Annotated, BinaryIO, Literal, TypeVar
-
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pathlib import Path
+from typing import BinaryIO
 
 from uvms_ocp.errors import InvalidInput, OutputError, UvmsError
-from uvms_ocp.model_errors import FileModel, one_line
+from uvms_ocp.model_errors import FileModel
 from uvms_ocp.record.durable_files import (
     discard,
     locked,
@@ -26,164 +22,84 @@ from uvms_ocp.record.durable_files import (
     sync_tree,
     write_durably,
 )
+from uvms_ocp.record.manifest import (
+    STORE,
+    Manifest,
+    fingerprint,
+    is_same,
+    names_below,
+    parents_of,
+    read_as,
+    require_inside,
+    require_own_files,
+)
 
-# What a command of ours wrote into a folder, by which it is known again.
-
-STORE = ".uvms_ocp"  # in every folder that we write to
-RUNNING = f"{STORE}/running"  # rows of a run that goes on, or that was cut off
-RECORD = "record.npz"  # of a run or of a plan
-
-Model = TypeVar("Model", bound=BaseModel)
-
-_ADVICE = "move it away or choose another folder"
-
-
-def _inner(name: str) -> str:
-    """A name that stays inside its folder, on every system."""
-    parts = name.split("/")
-    if (
-        not all(parts)
-        or {".", "..", STORE} & set(parts)
-        or any(sign in name for sign in '\\:\0\n"')
-    ):
-        raise ValueError("allowed: a path inside the folder, such as figures/path.png")
-    return name
+RUNNING = f"{STORE}/running"
+"""Folder of the rows of a run that goes on, or that was cut off."""
+RECORD = "record.npz"
+"""File of the record of a run or of a plan."""
 
 
-Name = Annotated[str, AfterValidator(_inner)]
+@contextmanager
+def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
+    """Claim the folder `target` for one command that may write files of these `names`, such as
+    ``figures/path.png``.
+
+    Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what
+    stands in the way, and `OutputError` where the folder cannot be written or another command is at
+    it: before the work begins.
+    """
+    replacement = Replacement(target=target)
+    with ExitStack() as stack:
+        with as_output_errors(target):
+            new_folders = [folder for folder in (target, *target.parents) if not folder.exists()]
+            stack.callback(remove_empty, new_folders)
+            target.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(locked(replacement.store))
+            replacement.recover()
+            require_own_files(target, names, replacement.manifest())
+        yield replacement
 
 
-class Fingerprint(FileModel, strict=True):
-    """Digest of a file's contents."""
+def recover_folder(folder: Path) -> None:
+    """Complete or undo, before `folder` is read, what a command that was cut off left there.
 
-    size: int
-    """Size [bytes]."""
-    sha256: str
+    Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what
+    stands in the way.
+    """
+    replacement = Replacement(target=folder)
+    if not replacement.is_unfinished():
+        return
+    try:
+        with as_output_errors(folder), locked(replacement.store):
+            replacement.recover()
+    except OutputError:
+        # New files that wait beside complete old ones do not matter to a reader.
+        if replacement.is_partly_replaced():
+            raise
 
 
-class Manifest(FileModel, strict=True):
-    """The files that a command wrote, and the folders that it made for them."""
-
-    version: Literal[1] = 1
-    files: dict[Name, Fingerprint] = Field(default={})
-    folders: frozenset[Name] = frozenset()
-
-
-def read_as(kind: type[Model], path: Path) -> Model | None:
-    """Read a file of `STORE`; None where there is none. Raises `InvalidInput` for one that we did
-    not write so, `OutputError` for one that cannot be read.
+@contextmanager
+def as_output_errors(target: Path, advice: str = "choose another folder") -> Iterator[None]:
+    """Raise what the system refuses in the block as an `OutputError` of a file or folder; errors of
+    ours pass.
     """
     try:
-        return kind.model_validate_json(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError):
-        return None
+        yield
+    except UvmsError:
+        raise
     except OSError as error:
-        raise OutputError(
-            f"{path}: cannot read it ({error.strerror}); choose another folder"
-        ) from error
-    except ValidationError as error:
-        text = f"{path}: damaged ({one_line(error, kind)})"
-        raise InvalidInput(
-            f"{text}; move its folder {STORE} and the results beside it away"
-        ) from error
+        reason = error.strerror or " ".join(str(error).split())
+        raise OutputError(f"{target}: cannot write there ({reason}); {advice}") from error
 
 
-def parents_of(names: Iterable[str]) -> set[str]:
-    """Return folders that files of these names need."""
-    return {str(parent) for name in names for parent in PurePosixPath(name).parents if parent.name}
-
-
-def names_below(root: Path) -> list[str]:
-    """Return files, as a manifest names them."""
-    return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
-
-
-def fingerprint(path: Path) -> Fingerprint:
-    """Return the digest of the contents of a file. Raises `OSError` where it cannot be read."""
-    with path.open("rb") as file:
-        return Fingerprint(sha256=hashlib.file_digest(file, "sha256").hexdigest(), size=file.tell())
-
-
-def is_same(path: Path, expected: Fingerprint | None) -> bool:
-    """Return whether a regular file with those contents is there. Raises `OSError` where it cannot
-    be read.
+@contextmanager
+def whole_file(path: Path, advice: str = "choose another place") -> Iterator[BinaryIO]:
+    """Yield an empty file that takes the place of `path` as `replacing` has it. Raises
+    `OutputError` where the disk refuses.
     """
-    status = _status(path)
-    if (
-        status is None
-        or expected is None
-        or not stat.S_ISREG(status.st_mode)
-        or status.st_size != expected.size
-    ):
-        return False
-    return fingerprint(path) == expected
-
-
-# What stands in the way of writing: files of others, changed files, links that lead out of the
-# folder.
-
-
-def require_own_files(target: Path, names: Iterable[str], manifest: Manifest) -> None:
-    """Raise `InvalidInput`, naming the first thing in `target` that keeps us from writing `names`.
-
-    All that the manifest lists has to be as we left it, as what is not written anew is removed.
-    """
-    paths = {*names, *manifest.files}
-    require_inside(target, paths)
-    for name in sorted(paths):
-        _require_free(target / name, manifest.files.get(name))
-
-
-def require_inside(target: Path, names: Iterable[str]) -> None:
-    """Raise `InvalidInput` where the way to one of `names` leads out of `target`, is none or cannot
-    be written.
-    """
-    _require_writable(target)
-    for folder in sorted(parents_of(names)):
-        _require_real_folder(target / folder, target)
-
-
-def _require_real_folder(folder: Path, target: Path) -> None:
-    status = _status(folder)
-    if status is None:
-        return
-    if stat.S_ISLNK(status.st_mode):
-        raise InvalidInput(f"{folder}: a link, which is not followed; {_ADVICE}")
-    if not stat.S_ISDIR(status.st_mode):
-        raise InvalidInput(f"{folder}: a file where a folder is to be; {_ADVICE}")
-    if status.st_dev != target.stat().st_dev:
-        raise InvalidInput(f"{folder}: on another disk than {target}; {_ADVICE}")
-    _require_writable(folder)
-
-
-def _require_writable(folder: Path) -> None:
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise InvalidInput(
-            f"{folder}: cannot write there (read-only folder); choose another folder"
-        )
-
-
-def _require_free(place: Path, expected: Fingerprint | None) -> None:
-    status = _status(place)
-    if status is None:
-        return
-    if expected is None:
-        raise InvalidInput(f"{place}: not written by an earlier command; {_ADVICE}")
-    if not is_same(place, expected):
-        raise InvalidInput(f"{place}: changed since an earlier command wrote it; {_ADVICE}")
-    if not status.st_mode & stat.S_IWUSR:
-        raise InvalidInput(f"{place}: read-only; make it writable, {_ADVICE}")
-
-
-def _status(path: Path) -> os.stat_result | None:
-    try:
-        return os.lstat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-
-
-# The replacement of all files of a folder, in steps that can be completed or undone from wherever
-# they were cut off.
+    with as_output_errors(path, advice), replacing(path) as file:
+        yield file
 
 
 class Journal(FileModel, strict=True):
@@ -256,22 +172,17 @@ class Replacement:
         manifest = self.manifest()
         names = names_below(self.new)
         require_own_files(self.target, names, manifest)
-        after = Manifest(files={name: fingerprint(self.new / name) for name in names})
-        # What the user removed is not ours any more.
-        old_files = {
-            old_name: fingerprint_before
-            for old_name, fingerprint_before in manifest.files.items()
-            if self._is_there(old_name)
-        }
-        before = manifest.model_copy(update={"files": old_files})
+        new_files = {name: fingerprint(self.new / name) for name in names}
         parents = parents_of(names)
-        new_folders = {folder for folder in parents if not self._is_there(folder)} | (
-            parents & before.folders
+        new_folders = {folder for folder in parents if not self._is_there(folder)}
+        # What the user removed is not ours any more.
+        old_files = {name: old for name, old in manifest.files.items() if self._is_there(name)}
+        before = manifest.model_copy(update={"files": old_files})
+        after = Manifest(
+            files=new_files, folders=frozenset(new_folders | (parents & before.folders))
         )
+        journal = Journal(before=before, after=after)
         sync_tree(self.new)
-        journal = Journal(
-            before=before, after=after.model_copy(update={"folders": frozenset(new_folders)})
-        )
         write_durably(self._journal, journal.model_dump_json())
         self._complete_or_undo(journal)
         with suppress(OSError):  # which the next command does
@@ -288,10 +199,12 @@ class Replacement:
         undoing = read_as(Journal, self._undoing)
         if undoing is not None:
             self._undo(undoing)
-        elif (journal := read_as(Journal, self._journal)) is not None:
-            if self.manifest() != journal.after or names_below(self.new):
-                self._complete_or_undo(journal)
-            self._remove_folders(journal)
+        else:
+            journal = read_as(Journal, self._journal)
+            if journal is not None:
+                if self.manifest() != journal.after or names_below(self.new):
+                    self._complete_or_undo(journal)
+                self._remove_folders(journal)
         self._clear()
 
     def _complete_or_undo(self, journal: Journal) -> None:
@@ -314,7 +227,8 @@ class Replacement:
             raise OSError(f"{self.store} cannot be emptied")
 
     def _complete(self, journal: Journal) -> None:
-        before, after = journal.before, journal.after
+        before = journal.before
+        after = journal.after
         self._require_unchanged(journal)
         for name in after.files:
             # The old file stays in its place until the new one takes it, so that a reader always
@@ -348,7 +262,8 @@ class Replacement:
             os.replace(place, copy)
 
     def _undo(self, journal: Journal) -> None:
-        before, after = journal.before, journal.after
+        before = journal.before
+        after = journal.after
         require_inside(self.target, [*before.files, *after.files])
         for name, expected in after.files.items():
             if name not in before.files and is_same(self.target / name, expected):
@@ -368,11 +283,8 @@ class Replacement:
         require_inside(self.target, [*before, *after])
         for name in after:
             place = self.target / name
-            if (
-                (self.new / name).exists()
-                and self._is_there(name)
-                and not is_same(place, before.get(name))
-            ):
+            is_waiting = (self.new / name).exists()
+            if is_waiting and self._is_there(name) and not is_same(place, before.get(name)):
                 raise InvalidInput(
                     f"{place}: in the way of a file that a command cut off is to put there; move it"
                     " away"
@@ -383,71 +295,3 @@ class Replacement:
 
     def _is_there(self, name: str) -> bool:
         return os.path.lexists(self.target / name)
-
-
-# A folder for the results of one command: checked and locked before the work, replaced whole after
-# it.
-
-
-@contextmanager
-def claim_folder(target: Path, names: Collection[str]) -> Iterator[Replacement]:
-    """Claim the folder `target` for one command that may write files of these `names`, such as
-    ``figures/path.png``.
-
-    Completes or undoes first what a command that was cut off left. Raises `InvalidInput` for what
-    stands in the way, and `OutputError` where the folder cannot be written or another command is at
-    it: before the work begins.
-    """
-    replacement = Replacement(target=target)
-    with ExitStack() as stack:
-        with as_output_errors(target):
-            stack.callback(
-                remove_empty,
-                [folder for folder in (target, *target.parents) if not folder.exists()],
-            )
-            target.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(locked(replacement.store))
-            replacement.recover()
-            require_own_files(target, names, replacement.manifest())
-        yield replacement
-
-
-def recover_folder(folder: Path) -> None:
-    """Complete or undo, before `folder` is read, what a command that was cut off left there.
-
-    Raises `OutputError` where that cannot be done, or is being done, and `InvalidInput` for what
-    stands in the way.
-    """
-    replacement = Replacement(target=folder)
-    if not replacement.is_unfinished():
-        return
-    try:
-        with as_output_errors(folder), locked(replacement.store):
-            replacement.recover()
-    except OutputError:
-        # New files that wait beside complete old ones do not matter to a reader.
-        if replacement.is_partly_replaced():
-            raise
-
-
-@contextmanager
-def as_output_errors(target: Path, advice: str = "choose another folder") -> Iterator[None]:
-    """Raise what the system refuses in the block as an `OutputError` of a file or folder; errors of
-    ours pass.
-    """
-    try:
-        yield
-    except UvmsError:
-        raise
-    except OSError as error:
-        reason = error.strerror or " ".join(str(error).split())
-        raise OutputError(f"{target}: cannot write there ({reason}); {advice}") from error
-
-
-@contextmanager
-def whole_file(path: Path, advice: str = "choose another place") -> Iterator[BinaryIO]:
-    """Yield an empty file that takes the place of `path` as `replacing` has it. Raises
-    `OutputError` where the disk refuses.
-    """
-    with as_output_errors(path, advice), replacing(path) as file:
-        yield file

@@ -36,9 +36,9 @@ def append_rows(folder: Path, rows: Mapping[str, np.ndarray], n_rows: int) -> No
             file.seek(0, 2)
             unwritten = memoryview(part.tobytes())
             while unwritten:
-                unwritten = unwritten[
-                    file.write(unwritten) :
-                ]  # which writes less on a full disk, and refuses the rest
+                # A full disk takes less than was given, and refuses the rest.
+                n_written = file.write(unwritten)
+                unwritten = unwritten[n_written:]
             file.seek(0)  # last, so that a header never says more than there is
             header = {
                 "descr": part.dtype.str,
@@ -52,19 +52,21 @@ def read_row_files(folder: Path) -> dict[str, np.ndarray]:
     """Read series (n, ...) by name, mapped, with the rows that all of them have. Raises `OSError`
     and `ValueError`.
     """
-    series = {
-        unquote(path.stem.partition(".")[2]): np.load(path, "r")
-        for path in sorted(folder.glob("*.npy"))
-    }
-    n = min(map(len, series.values()), default=0)
-    return {name: array[:n] for name, array in series.items()}
+    series = dict[str, np.ndarray]()
+    for path in sorted(folder.glob("*.npy")):
+        _, _, name = path.stem.partition(".")
+        series[unquote(name)] = np.load(path, "r")
+    n_rows = min(map(len, series.values()), default=0)
+    return {name: array[:n_rows] for name, array in series.items()}
 
 
 def parts(*arrays: np.ndarray, rows: int = 0) -> Iterator[tuple[np.ndarray, ...]]:
     """Give the rows of arrays (n, ...) in parts of so many rows, by default of 16 MB; of mapped
     arrays no other rows stay in memory.
     """
-    rows = rows or max(1, _PART // max(1, *(array[:1].nbytes for array in arrays)))
+    if not rows:
+        row_size = max(array[:1].nbytes for array in arrays)  # [B] of the widest
+        rows = max(1, _PART // max(1, row_size))
     for start in range(0, len(arrays[0]), rows):
         yield tuple(array[start : start + rows] for array in arrays)
         forget(arrays)

@@ -32,10 +32,11 @@ def newest_readings(rows: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Return the newest of readings (n, ...), NaN without one, of the ticks up to each of the
     `last` (k,) and after the one before.
     """
-    newest = np.maximum.accumulate(np.where(np.isfinite(rows[:, -1]), np.arange(len(rows)), -1))[
-        last
-    ]
-    return np.where((newest > np.r_[-1, last[:-1]])[:, None], rows[newest], np.nan)
+    has_reading = np.isfinite(rows[:, -1])
+    newest_so_far = np.maximum.accumulate(np.where(has_reading, np.arange(len(rows)), -1))
+    newest = newest_so_far[last]
+    is_new = newest > np.r_[-1, last[:-1]]
+    return np.where(is_new[:, None], rows[newest], np.nan)
 
 
 def thinned_rows(rows: Mapping[str, np.ndarray], last: np.ndarray) -> dict[str, np.ndarray]:

@@ -32,6 +32,7 @@ VEHICLE_V = 6
 VEHICLE_Q = 7
 """Its entries in q: position and quaternion."""
 _DEPENDENCIES = ("pin", "casadi", "coal", "numpy")
+"""Packages that the numbers of a record depend on."""
 
 
 class RecordMeta(TableDisplay, meta_values.MetaValue):
@@ -75,28 +76,26 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
 
     @model_validator(mode="after")
     def _has_names_of_one_meaning(self) -> RecordMeta:
-        meta_values.require_unique(
-            "phases", [meta_values.DONE, meta_values.ABORT, *(phase.name for phase in self.phases)]
-        )
+        phase_names = [phase.name for phase in self.phases]
+        meta_values.require_unique("phases", [meta_values.DONE, meta_values.ABORT, *phase_names])
         meta_values.require_unique("tasks", (task.name for task in self.tasks))
         meta_values.require_unique("quantities", self.quantities)
         return self
 
     def _table(self) -> SmallTable:
-        values = {name: getattr(self, name) for name in type(self).model_fields}
-        rows = (
-            (name, format_value(_by_name(value)))
-            for name, value in values.items()
-            if value not in ("", (), None)
-        )
+        rows = list[tuple[str, str]]()
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if value not in ("", (), None):
+                rows.append((name, format_value(_by_name(value))))
         return SmallTable(title=f"{type(self).__name__} of {self.scenario}", rows=tuple(rows))
 
 
 def _by_name(value: Any) -> Any:
-    """Return values of many fields by their names; those without one are counted."""
-    if not (
-        isinstance(value, tuple) and any(isinstance(item, meta_values.MetaValue) for item in value)
-    ):
+    """Return the names of values of many fields; those without one are counted."""
+    if not isinstance(value, tuple):
+        return value
+    if not any(isinstance(item, meta_values.MetaValue) for item in value):
         return value
     return tuple(getattr(item, "name", {}) for item in value)
 
@@ -157,28 +156,27 @@ class RunMeta(RecordMeta):
     def _fits_together(self) -> RunMeta:
         """Check that channels have one meaning by name, and events lead from phase to phase."""
         meta_values.require_unique("channels", self.channels)
-        phase_names = {phase.name for phase in self.phases}
-        source = self.phases[0].name
+        ends = {meta_values.DONE, meta_values.ABORT}
+        targets = ends.union(phase.name for phase in self.phases)
+        phase = self.phases[0].name
         t = -meta_values.LARGEST
-        ended = {meta_values.DONE, meta_values.ABORT}
         for event in self.events:
-            if event.source != source or source in ended or event.target not in phase_names | ended:
-                way = f"from {event.source[:60]!r} to {event.target[:60]!r}"
+            if event.source != phase or phase in ends or event.target not in targets:
+                transition = f"from {event.source[:60]!r} to {event.target[:60]!r}"
                 raise ValueError(
-                    f"an event at {event.t:g} s leads {way}; the mission was in {source[:60]!r}"
+                    f"an event at {event.t:g} s leads {transition}; the mission was in"
+                    f" {phase[:60]!r}"
                 )
             if event.t <= t:
                 raise ValueError(
                     f"an event at {event.t:g} s after one at {t:g} s; events stand in order of time"
                 )
-            source = event.target
+            phase = event.target
             t = event.t
-        is_done = source == meta_values.DONE
+        is_done = phase == meta_values.DONE
         if self.events and self.completed != is_done:
             verdict = "completed" if self.completed else "not completed"
-            raise ValueError(
-                f"a mission that is {verdict}; its last event leads to {source[:60]!r}"
-            )
+            raise ValueError(f"a mission that is {verdict}; its last event leads to {phase[:60]!r}")
         return self
 
     @property
@@ -190,13 +188,20 @@ class RunMeta(RecordMeta):
         """Return the standard deviation [m] or [rad] of ``task.quantity`` at the end, by the
         estimator; `None` if it gave none.
         """
-        return next((item.value for item in self.spreads if item.name == name), None)
+        return _value_of(name, self.spreads)
 
     def true_quantity(self, name: str) -> float | None:
         """Return the value of ``task.quantity`` at the true state at the end, in its unit [m] or
         [rad]; `None` if not measured.
         """
-        return next((item.value for item in self.true_quantities if item.name == name), None)
+        return _value_of(name, self.true_quantities)
+
+
+def _value_of(name: str, quantities: tuple[meta_values.QuantityMeta, ...]) -> float | None:
+    for quantity in quantities:
+        if quantity.name == name:
+            return quantity.value
+    return None
 
 
 class PlanMeta(RecordMeta):
@@ -220,11 +225,9 @@ class PlanMeta(RecordMeta):
     @model_validator(mode="after")
     def _limits_each_axis(self) -> PlanMeta:
         n = len(self.axes)
-        if any(
-            limits is not None and len(limits) != n
-            for limits in (self.axis_limits.x_rate, self.axis_limits.x_acceleration)
-        ):
-            raise ValueError(f"axis_limits have one number for each of {n} axes")
+        for limits in (self.axis_limits.x_rate, self.axis_limits.x_acceleration):
+            if limits is not None and len(limits) != n:
+                raise ValueError(f"axis_limits have one number for each of {n} axes")
         meta_values.require_unique("axes", self.axes)
         return self
 
@@ -244,41 +247,48 @@ def joint_positions(series: Mapping[str, Any], meta: RunMeta | PlanMeta, name: s
 
     `None` where it has no such series, or joints of several axes. series: (n, ...) each, by name.
     """
-    first = VEHICLE_Q if is_floating(series, meta) else 0
-    if name not in series or series[name].shape[1] != first + len(meta.joints) + len(meta.endless):
+    if name not in series:
         return None
-    columns = []
-    place = first
+    q = series[name]
+    column = VEHICLE_Q if is_floating(series, meta) else 0
+    if q.shape[1] != column + len(meta.joints) + len(meta.endless):
+        return None
+    positions = []
     for joint in meta.joints:
-        position = series[name][:, place]
-        place = place + 1
+        position = q[:, column]
+        column += 1
         if joint in meta.endless:
-            position = np.unwrap(np.arctan2(series[name][:, place], position))
-            place = place + 1
-        columns.append(position)
-    return np.array(columns).reshape(len(columns), len(series[name])).T
+            sine = q[:, column]
+            position = np.unwrap(np.arctan2(sine, position))
+            column += 1
+        positions.append(position)
+    return np.array(positions).reshape(len(positions), len(q)).T
 
 
 def joint_errors(series: Mapping[str, Any], meta: RunMeta | PlanMeta) -> Any:
     """Return estimate less truth of each joint (n, n_joints) [rad or m], as `joint_positions`;
     endless ones the shorter way.
     """
-    true, measured = (joint_positions(series, meta, name) for name in ("q", "q_estimated"))
-    if true is None or measured is None:
+    true = joint_positions(series, meta, "q")
+    estimated = joint_positions(series, meta, "q_estimated")
+    if true is None or estimated is None:
         return None
-    turns = 2 * np.pi * np.array([joint in meta.endless for joint in meta.joints], dtype=float)
-    return measured - true - turns * np.round((measured - true) / (2 * np.pi))
+    is_endless = np.array([joint in meta.endless for joint in meta.joints], dtype=float)
+    turn = 2 * np.pi * is_endless  # [rad]
+    return estimated - true - turn * np.round((estimated - true) / (2 * np.pi))
 
 
 def level_rows(meta: RecordMeta) -> list[tuple[str, slice]]:
     """Return the name of each level, and which columns of `activity` and `residual` are its
     rows.
     """
-    ends = np.cumsum([level.rows for level in meta.levels]).tolist()
-    return [
-        (level.name, slice(end - level.rows, end))
-        for level, end in zip(meta.levels, ends, strict=True)
-    ]
+    rows_by_level = list[tuple[str, slice]]()
+    start = 0
+    for level in meta.levels:
+        end = start + level.rows
+        rows_by_level.append((level.name, slice(start, end)))
+        start = end
+    return rows_by_level
 
 
 _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": PlanMeta}
@@ -287,9 +297,9 @@ _KINDS: dict[str, type[RunMeta] | type[PlanMeta]] = {"run": RunMeta, "plan": Pla
 @cache
 def packages() -> tuple[meta_values.PackageMeta, ...]:
     """Return this package, Python and what the numbers depend on."""
-    version_texts = {"uvms_ocp": __version__, "python": platform.python_version()} | {
-        name: version(name) for name in _DEPENDENCIES
-    }
+    version_texts = {"uvms_ocp": __version__, "python": platform.python_version()}
+    for name in _DEPENDENCIES:
+        version_texts[name] = version(name)
     return tuple(
         meta_values.PackageMeta(name=name, version=text) for name, text in version_texts.items()
     )
@@ -345,38 +355,42 @@ def _from_0_1(values: dict[str, Any]) -> dict[str, Any]:
         kind = "plan"
     else:
         kind = "none"
+    converted = {**values, "kind": kind, "version": VERSION}
     field_names = {
         "markers": "position",
         "frames": "pose",
         "true_quantities": "value",
         "versions": "version",
     }
-    lists = {key: _named(values[key], field) for key, field in field_names.items() if key in values}
-    converted = {**values, **lists, "kind": kind, "version": VERSION}
-    converted["surroundings"] = {
-        key: converted.pop(key)
-        for key in meta_values.SurroundingsMeta.model_fields
-        if key in converted
-    }
+    for key, field in field_names.items():
+        if key in values:
+            converted[key] = _named_values(values[key], field)
+    surroundings = dict[str, Any]()
+    for key in meta_values.SurroundingsMeta.model_fields:
+        if key in converted:
+            surroundings[key] = converted.pop(key)
+    converted["surroundings"] = surroundings
     if "versions" in converted:
         converted["packages"] = converted.pop("versions")
     if kind == "plan":
-        converted["min_clearance"] = _nearest(values["min_clearance"])
+        converted["min_clearance"] = _clearance(values["min_clearance"])
     return converted
 
 
-def _named(values: Any, field: str) -> Any:
-    """Return entries with a name, from a mapping."""
+def _named_values(values: Any, field: str) -> Any:
+    """Return a mapping as a list of values with a name each."""
     if isinstance(values, dict):
         return [{"name": name, field: value} for name, value in values.items()]
     return values
 
 
-def _nearest(values: Any) -> Any:
-    """Return time, distance, infinite where nothing can meet, and pair by name."""
-    if not (isinstance(values, list) and len(values) == 3):
+def _clearance(values: Any) -> Any:
+    """Return time, distance and pair of the smallest distance by name; `None` where it is infinite,
+    as nothing can meet.
+    """
+    if not isinstance(values, list) or len(values) != 3:
         return values
-    nearest = dict(zip(("t", "distance", "between"), values, strict=True))
-    if nearest["distance"] == float("inf"):
+    t, distance, pair = values
+    if distance == float("inf"):
         return None
-    return nearest
+    return {"t": t, "distance": distance, "between": pair}

@@ -14,15 +14,12 @@ from uvms_ocp.checks import checked_dataclass
 
 WINDOW = 20.0
 """[s] in which a swing is looked for."""
-# [rad] half a swing of roll or pitch that counts, and one that does without being regular
-_TILT = 0.035
-_TUMBLE = 0.15
-# spread of the half periods, as a share of their mean, from which on it is no regular swing
-_REGULAR = 0.3
-_HALVES = 4  # half periods at least
-# [s] between values, and between searches, while a run lasts
-_EVERY = 0.1
-_ASKED = 1.0
+_MIN_TILT = 0.035  # [rad] half a regular swing of roll or pitch that counts
+_MIN_TUMBLE = 0.15  # [rad] half an irregular swing of roll or pitch that counts
+_MAX_IRREGULARITY = 0.3  # standard deviation of the half periods of a regular swing over their mean
+_MIN_HALVES = 4  # half periods of a swing
+_SAMPLE_PERIOD = 0.1  # [s] between values, while a run lasts
+_SEARCH_PERIOD = 1.0  # [s] between searches, while a run lasts
 
 
 @checked_dataclass()
@@ -59,35 +56,37 @@ def swing_of(name: str, values: np.ndarray, dt: float) -> Swing | None:
     none.
     """
     n = len(values)
-    if n < 2 * _HALVES or not np.isfinite(values).all():
+    if n < 2 * _MIN_HALVES or not np.isfinite(values).all():
         return None
     parabolas = _parabolas(n)
     deviations = values - parabolas @ (parabolas.T @ values)
+    # Where the sign turns, among deviations that are not small.
     large = np.flatnonzero(np.abs(deviations) > 0.5 * deviations.std())
     turns = large[1:][np.diff(np.sign(deviations[large])) != 0]
-    halves = np.diff(turns)
-    if len(halves) < _HALVES:
+    half_periods = np.diff(turns)  # in values
+    if len(half_periods) < _MIN_HALVES:
         return None
-    peaks = np.array(
-        [np.ptp(deviations[a : b + 1]) / 2 for a, b in zip(turns[:-2], turns[2:], strict=True)]
+    amplitudes = np.array(
+        [
+            np.ptp(deviations[start : end + 1]) / 2
+            for start, end in zip(turns[:-2], turns[2:], strict=True)
+        ]
     )
-    growth = float(
-        np.exp(np.polyfit(np.arange(len(peaks)) / 2, np.log(np.maximum(peaks, 1e-12)), 1)[0])
-    )
-    regular = bool(halves.std() <= _REGULAR * halves.mean())
+    periods = np.arange(len(amplitudes)) / 2
+    log_growth, _ = np.polyfit(periods, np.log(np.maximum(amplitudes, 1e-12)), 1)
     return Swing(
         what=name,
-        period=float(2 * dt * halves.mean()),
-        amplitude=float(peaks[-1]),
-        growth=growth,
-        regular=regular,
+        period=float(2 * dt * half_periods.mean()),
+        amplitude=float(amplitudes[-1]),
+        growth=float(np.exp(log_growth)),
+        regular=bool(half_periods.std() <= _MAX_IRREGULARITY * half_periods.mean()),
     )
 
 
 @lru_cache(maxsize=8)
 def _parabolas(n: int) -> np.ndarray:
-    """Return orthonormal columns (n, 3) whose sums are all parabolas over n points: what is kept,
-    as this is asked every second.
+    """Return orthonormal columns (n, 3) whose sums are all parabolas over n points; cached, as
+    every search needs them.
     """
     return np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), 3))[0]
 
@@ -119,7 +118,10 @@ def swings_among(
             yield swing
     for name, values in tilts.items():
         swing = swing_of(name, values, dt)
-        if swing is not None and swing.amplitude > (_TILT if swing.regular else _TUMBLE):
+        if swing is None:
+            continue
+        min_amplitude = _MIN_TILT if swing.regular else _MIN_TUMBLE
+        if swing.amplitude > min_amplitude:
             yield swing
 
 
@@ -130,15 +132,18 @@ class SwingWatch:
 
     def __init__(self, dt: float, *, floating: bool) -> None:
         """dt [s]: control period; floating: the vehicle has roll and pitch."""
-        self._ticks = max(1, round(_EVERY / dt))
+        self._ticks = max(1, round(_SAMPLE_PERIOD / dt))
+        """Ticks from value to value."""
         self._floating = floating
         self._dt = self._ticks * dt
-        self._q, self._errors = (
-            deque[np.ndarray](maxlen=max(round(WINDOW / self._dt), 2 * _HALVES)) for _ in range(2)
-        )
+        n_values = max(round(WINDOW / self._dt), 2 * _MIN_HALVES)
+        self._q = deque[np.ndarray](maxlen=n_values)
+        self._errors = deque[np.ndarray](maxlen=n_values)
         self._count = 0
+        """Ticks so far."""
         self._phase = -1
-        self._known: set[str] = set()
+        self._reported: set[str] = set()
+        """What was seen to swing in the phase."""
 
     @property
     def due(self) -> int:
@@ -161,25 +166,21 @@ class SwingWatch:
         """
         if phase != self._phase:
             self._phase = phase
-            self._known = set()
+            self._reported = set()
             self._errors.clear()
         self._count += ticks
         if self._count % self._ticks:
             return []
         self._q.append(q.copy())
         self._errors.append(errors.copy())
-        if self._count % (self._ticks * round(_ASKED / _EVERY)):
+        if self._count % (self._ticks * round(_SEARCH_PERIOD / _SAMPLE_PERIOD)):
             return []
         past_errors = np.array(self._errors)
         awaited_errors = {name: (past_errors[:, k], limit) for k, (name, limit) in limits.items()}
-        if self._floating:
-            tilts = tilts_of(np.array(self._q))
-        else:
-            tilts = {}
-        new_swings = [
-            swing
-            for swing in swings_among(awaited_errors, tilts, self._dt)
-            if swing.what not in self._known
-        ]
-        self._known |= {swing.what for swing in new_swings}
+        tilts = tilts_of(np.array(self._q)) if self._floating else {}
+        new_swings = list[Swing]()
+        for swing in swings_among(awaited_errors, tilts, self._dt):
+            if swing.what not in self._reported:
+                new_swings.append(swing)
+        self._reported |= {swing.what for swing in new_swings}
         return new_swings

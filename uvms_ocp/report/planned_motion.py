@@ -28,8 +28,9 @@ from uvms_ocp.record.meta_values import (
     PhaseMeta,
     SurroundingsMeta,
 )
-from uvms_ocp.record.record import PLANNED, Record
+from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
+from uvms_ocp.record.series_checks import PLANNED
 from uvms_ocp.robot import kinematics, loading, thrusters
 from uvms_ocp.robot.shapes import collision_model, obstacles
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces

@@ -26,7 +26,8 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell
 from uvms_ocp.record.meta_values import AlarmMeta
-from uvms_ocp.record.record import Record, Recorder, require_every_tick
+from uvms_ocp.record.record import Record, require_every_tick
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.report.summary import sensor_health
 from uvms_ocp.robot import Command, Robot, SensorSpecs
 from uvms_ocp.robot.signals import (

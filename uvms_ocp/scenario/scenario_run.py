@@ -21,7 +21,8 @@ from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission import MissionState
 from uvms_ocp.progress import progress_bar
-from uvms_ocp.record.record import Record, Recorder
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot import IDEAL_SENSORS, State, StateEstimate
 from uvms_ocp.scenario.part_factories import MissionController

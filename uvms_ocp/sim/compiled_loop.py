@@ -18,7 +18,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.filter_memory import NUMBER
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
-from uvms_ocp.record.record import Recorder
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.robot.signals import CHANNELS, State
 from uvms_ocp.sim import loop_kernels as kernels
 from uvms_ocp.sim.dynamic_plant import DynamicPlant

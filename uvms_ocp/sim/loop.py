@@ -17,7 +17,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.interrupts import Interrupted, Stopped, on_interrupt
-from uvms_ocp.record.record import Recorder
+from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.robot.signals import CHANNELS, Command, Reading, Readings, State, StateEstimate
 from uvms_ocp.sim.compiled_loop import Watch, compiled_loop, require_kept
 from uvms_ocp.sim.loop_kernels import FARTHEST
