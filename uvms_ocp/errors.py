@@ -16,15 +16,10 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import Any, TypeVar
 
-# Exceptions: misuse raises one of these; a numerical outcome is a ``Status``, never an exception.
-#
-# Each message is one line: what was given, what is allowed, what to do. `plain_line` makes one of
-# any text.
-
-_MANY = 30  # names that a message lists
-_LONGEST = 900  # characters of the problems of a file that one line holds
-_NEAREST = 6  # of more
-_SHOWN = 60  # characters of a wrong value
+_LISTED_NAMES = 30  # allowed names up to which a message lists all
+_NEAREST_NAMES = 6  # names that it lists of more
+_LINE_LENGTH = 900  # characters of the problems of a file that one line holds
+_VALUE_LENGTH = 60  # characters of a wrong value
 
 _Status = TypeVar("_Status", bound="AdvisedStatus")
 
@@ -41,12 +36,15 @@ class UvmsError(Exception):
         # By default an exception is made anew by its constructor, which takes other arguments than
         # the message.
         default = super().__reduce__()
-        return (_again, (type(self), default[1], self.args), *default[2:])
+        constructor_arguments = default[1]
+        state = default[2:]
+        return (_unpickled, (type(self), constructor_arguments, self.args), *state)
 
 
-def _again(
+def _unpickled(
     cls: type[UvmsError], constructor_arguments: tuple[Any, ...], args: tuple[Any, ...]
 ) -> UvmsError:
+    """Make an exception of a class with the `args` that it had, without its constructor."""
     error = cls.__new__(cls, *constructor_arguments)
     error.args = args
     return error
@@ -68,14 +66,16 @@ class NameNotFound(UvmsError, LookupError):
         self.allowed = tuple(allowed)
         close = get_close_matches(str(given), self.allowed, n=1)
         hint = f" Did you mean {close[0]!r}?" if close else ""
-        if len(self.allowed) <= _MANY:
+        if len(self.allowed) <= _LISTED_NAMES:
             names = ", ".join(self.allowed) or "none"
             super().__init__(f"unknown {kind} {given!r}; known: {names}.{hint}")
             return
-        nearest = ", ".join(get_close_matches(str(given), self.allowed, n=_NEAREST, cutoff=0.0))
-        where = f"; {listed} lists them" if listed else ""
+        nearest = get_close_matches(str(given), self.allowed, n=_NEAREST_NAMES, cutoff=0.0)
+        names = ", ".join(nearest)
+        if listed:
+            names += f"; {listed} lists them"
         super().__init__(
-            f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {nearest}{where}."
+            f"unknown {kind} {given!r}.{hint} The nearest of {len(self.allowed)}: {names}."
         )
 
 
@@ -91,12 +91,8 @@ class FrameNotFound(NameNotFound):
     def __init__(self, given: str, allowed: Iterable[str]) -> None:
         super().__init__("frame", given, allowed)
         if given == "tool":
-            self.args = (
-                (
-                    f"{self.args[0]} `tool: LINK` in hydrodynamics.yaml names it; a vehicle without"
-                    " arm has none"
-                ),
-            )
+            advice = "`tool: LINK` in hydrodynamics.yaml names it; a vehicle without arm has none"
+            self.args = (f"{self.args[0]} {advice}",)
 
 
 class ArgumentNotFound(NameNotFound, TypeError):
@@ -113,12 +109,13 @@ class RobotDataError(InvalidInput):
         """problems: all that is wrong with the file, so that it is refused once."""
         self.path = Path(path)
         self.problems = problems
-        n_shown = max(3, sum(length <= _LONGEST for length in accumulate(map(len, problems))))
+        total_lengths = accumulate(map(len, problems))
+        n_fitting = sum(length <= _LINE_LENGTH for length in total_lengths)
+        n_shown = max(3, n_fitting)
+        texts = list(problems[:n_shown])
         if len(problems) > n_shown:
-            hidden = [f"{len(problems) - n_shown} more"]
-        else:
-            hidden = []
-        super().__init__(f"{path}: {'; and '.join([*problems[:n_shown], *hidden])}")
+            texts.append(f"{len(problems) - n_shown} more")
+        super().__init__(f"{path}: {'; and '.join(texts)}")
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -166,7 +163,8 @@ def plain_line(text: str, longest: int | None = None) -> str:
 
     longest: number of characters after which it is cut.
     """
-    plain = " ".join("".join(letter if letter.isprintable() else " " for letter in text).split())
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    plain = " ".join(printable.split())
     if longest is None or len(plain) <= longest:
         return plain
     return plain[: longest - 1] + "…"
@@ -178,9 +176,9 @@ def short(value: object) -> str:
         text = " ".join(repr(value).split())
     except Exception:
         text = f"a {type(value).__name__}"
-    if len(text) <= _SHOWN:
+    if len(text) <= _VALUE_LENGTH:
         return text
-    return f"{text[: _SHOWN - 3]}..."
+    return f"{text[: _VALUE_LENGTH - 3]}..."
 
 
 # Outcomes that say what to do about them.

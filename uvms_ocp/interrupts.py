@@ -45,29 +45,34 @@ def on_interrupt(answer: Callable[[FrameType | None], object]) -> Iterator[None]
     answer: gets the frame that was interrupted. A second Ctrl-C ends all of these blocks as Python
     does. Nothing changes in other threads, and where another program answers Ctrl-C.
     """
-    before = signal.getsignal(signal.SIGINT)
-    ours = before is signal.default_int_handler or isinstance(before, _Handler)
-    if threading.current_thread() is not threading.main_thread() or not ours:
+    handler_before = signal.getsignal(signal.SIGINT)
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    is_pythons = handler_before is signal.default_int_handler
+    if not is_main_thread or not (is_pythons or isinstance(handler_before, _Handler)):
         yield
         return
-    handler = _Handler(answer, before)
+    handler = _Handler(answer, handler_before)
     signal.signal(signal.SIGINT, handler)
     try:
         yield
     finally:
         if signal.getsignal(signal.SIGINT) is handler:
-            signal.signal(signal.SIGINT, before)
+            signal.signal(signal.SIGINT, handler_before)
 
 
 class _Handler:
-    def __init__(self, answer: Callable[[FrameType | None], object], before: Any) -> None:
+    """A handler of SIGINT for one press: it puts back the handler before it, calls that where it is
+    of a block around, and answers.
+    """
+
+    def __init__(self, answer: Callable[[FrameType | None], object], handler_before: Any) -> None:
         self._answer = answer
-        self._before = before
+        self._handler_before = handler_before
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        signal.signal(signal.SIGINT, self._before)
-        if isinstance(self._before, _Handler):  # first, as an answer may raise
-            self._before(number, frame)
+        signal.signal(signal.SIGINT, self._handler_before)
+        if isinstance(self._handler_before, _Handler):  # first, as an answer may raise
+            self._handler_before(number, frame)
         self._answer(frame)
 
 
@@ -78,6 +83,9 @@ def raised_outside_casadi() -> Iterator[None]:
     """
     presses: list[FrameType | None] = []
 
+    # What a handler raises within a callback of CasADi is printed by CasADi's C++ and lost. Python
+    # has one way to be asked again once that has returned: a profiler, which it calls at the next
+    # call or return of a function. It is set after a press alone, so that nothing is slower before.
     def once_outside(frame: FrameType | None, *event: object) -> None:
         presses.append(frame)
         if _within_casadi(frame):
@@ -98,6 +106,7 @@ def raised_outside_casadi() -> Iterator[None]:
 
 
 def _within_casadi(frame: FrameType | None) -> bool:
+    """Return whether a function of CasADi's Python module is among the callers of this frame."""
     while frame is not None:
         if frame.f_globals.get("__name__", "").partition(".")[0] == "casadi":
             return True

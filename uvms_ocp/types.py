@@ -11,7 +11,10 @@ from typing import Annotated, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Names of arrays in signatures.
+_OF = "length of "  # before the name of a length, so that no argument is meant
+
+DAY = 86_400.0
+"""[s] Beyond it no run, plan or solution is waited for."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -19,11 +22,6 @@ Indices = NDArray[np.intp]
 
 
 # What annotations say of numbers and arrays beyond their type: in which range, of which shape.
-
-_OF = "length of "  # before the name of a length, so that no argument is meant
-
-DAY = 86_400.0
-"""[s] Beyond it no run, plan or solution is waited for."""
 
 
 @dataclass(frozen=True)
@@ -47,22 +45,21 @@ class Range:
 
     def doubt(self, name: str) -> str:
         """Source that is true where the number `name` is not inside; ``_inf`` is infinity."""
-        low, high = (repr(float(end)).replace("inf", "_inf") for end in (self.low, self.high))
-        return f"not {low} {'<' if self.open else '<='} {name} {'<' if self.open else '<='} {high}"
+        low = repr(float(self.low)).replace("inf", "_inf")
+        high = repr(float(self.high)).replace("inf", "_inf")
+        below = "<" if self.open else "<="
+        return f"not {low} {below} {name} {below} {high}"
 
     def __str__(self) -> str:
-        if np.isinf(self.low) and np.isinf(self.high):
-            if self.open:
-                return ", finite"
-            return ", not NaN"
-        if np.isinf(self.high):
-            if self.open:
-                return f" > {self.low:g}, finite"
-            return f" >= {self.low:g}"
-        return (
-            f" {'between' if self.open else 'from'} {self.low:g} {'and' if self.open else 'to'}"
-            f" {self.high:g}"
-        )
+        has_low = not np.isinf(self.low)
+        has_high = not np.isinf(self.high)
+        if self.open:
+            if has_high:
+                return f" between {self.low:g} and {self.high:g}"
+            return f" > {self.low:g}, finite" if has_low else ", finite"
+        if has_high:
+            return f" from {self.low:g} to {self.high:g}"
+        return f" >= {self.low:g}" if has_low else ", not NaN"
 
 
 class Shape:
@@ -77,7 +74,7 @@ class Shape:
         self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
 
     def __repr__(self) -> str:
-        return f"Shape({', '.join(map(str, ('...',) * self._any_before + self._sizes))})"
+        return f"Shape({', '.join(self._words())})"
 
     def holds(self, value: Any) -> bool:
         """Return whether an array has such a shape."""
@@ -95,28 +92,28 @@ class Shape:
         method it is.
         """
         n = len(self._sizes)
-        size_checks = [
-            f"{name}.shape[{i - n}] != {size}"
-            for i, size in enumerate(self._sizes)
-            if isinstance(size, int) or size.startswith("self.")
-        ]
-        return " or ".join([f"{name}.ndim {'<' if self._any_before else '!='} {n}", *size_checks])
+        differs = "<" if self._any_before else "!="
+        doubts = [f"{name}.ndim {differs} {n}"]
+        for i, size in enumerate(self._sizes):
+            if isinstance(size, int) or size.startswith("self."):
+                doubts.append(f"{name}.shape[{i - n}] != {size}")
+        return " or ".join(doubts)
 
     def among(self, arguments: Mapping[str, object]) -> Shape:
         """The shape with the lengths that the arguments of a call tell."""
-        sizes = [
-            _length(size, arguments) if isinstance(size, str) else size for size in self._sizes
-        ]
-        return Shape(*([...] if self._any_before else []), *sizes)
+        sizes: list[int | str | types.EllipsisType] = [...] if self._any_before else []
+        for size in self._sizes:
+            sizes.append(_length(size, arguments) if isinstance(size, str) else size)
+        return Shape(*sizes)
 
     def named(self, value: Any) -> dict[str, int]:
         """The lengths that an array of such a shape gives to names."""
-        last = np.shape(value)[np.ndim(value) - len(self._sizes) :]
-        return {
-            f"{_OF}{size}": n
-            for size, n in zip(self._sizes, last, strict=True)
-            if isinstance(size, str)
-        }
+        last_axes = np.shape(value)[np.ndim(value) - len(self._sizes) :]
+        lengths = {}
+        for size, n in zip(self._sizes, last_axes, strict=True):
+            if isinstance(size, str):
+                lengths[f"{_OF}{size}"] = n
+        return lengths
 
     @property
     def names(self) -> list[str]:
@@ -124,14 +121,23 @@ class Shape:
         return [f"{_OF}{size}" for size in self._sizes if isinstance(size, str)]
 
     def __str__(self) -> str:
-        text = ", ".join(["..."] * self._any_before + [str(size) for size in self._sizes])
-        return f"({text}{',' if len(self._sizes) == 1 and not self._any_before else ''})"
+        words = self._words()
+        if len(words) == 1 and not self._any_before:  # as Python writes a tuple of one
+            return f"({words[0]},)"
+        return f"({', '.join(words)})"
+
+    def _words(self) -> list[str]:
+        words = ["..."] if self._any_before else []
+        return words + [str(size) for size in self._sizes]
 
 
 def _length(name: str, values: Mapping[str, object]) -> int | str:
-    first, *rest = name.split(".")
-    value = values.get(first if rest else f"{_OF}{name}")
-    for part in rest:
+    """Return the length of this name, or of an attribute of an argument, such as ``robot.n_q``; the
+    name itself where the values do not tell it.
+    """
+    argument, *attributes = name.split(".")
+    value = values.get(argument if attributes else f"{_OF}{name}")
+    for part in attributes:
         value = getattr(value, part, None)
     if isinstance(value, int):
         return value

@@ -902,6 +902,7 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "Robot.with_joint_values": lambda: {"q": q(), "values": robot().joint_values(q())},
     "trimmed": lambda: {"robot": load_robot("bluerov2_alpha5"), "bow": 0.2, "stern": -0.2},
     "check_robot_files": lambda: {"path": robot_folder("planar5")},
+    "determined_by_goal": lambda: {"reference": lambda task, t: np.zeros(3)},
     "equality_rows": lambda: {"jacobian": ca.SX.eye(2), "rate": ca.SX.zeros(2)},
     "figure_clearance": lambda: {"record": curve_record()},
     "figure_joint_motion": lambda: {"record": curve_record()},

@@ -12,7 +12,7 @@ import enum
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -30,8 +30,6 @@ from uvms_ocp.tasks.activation import approach_speed, row_acceleration
 #
 # They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the
 # control layer measures it.
-
-_Method = TypeVar("_Method", bound=Callable[..., Any])
 
 FAR = 1e3
 """[m], [m/s] stands for distances and speeds that limit nothing."""
@@ -231,7 +229,8 @@ class Residual:
 _DETERMINED_BY_GOAL = "_determined_by_goal"
 
 
-def determined_by_goal(reference: _Method) -> _Method:
+@checked
+def determined_by_goal(reference: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Declare that a task's `reference` depends on its `goal` and on time alone.
 
     It is then asked once in a phase for a goal that rests, and sampled for one that tells its
