@@ -96,6 +96,9 @@ def _end_with(parent: int) -> None:
 
 
 def _draw_in_copies(drawings: Mapping[str, Job]) -> list[str]:
+    # Copies of a copy: the first has imported Matplotlib and meshcat while the run went on, which
+    # each file would else wait half a second for. It never ran the simulation, and so has none of
+    # its threads, with which a copy may hang: that is why this process itself is not copied again.
     _DRAWINGS.update(drawings)
     with ProcessPoolExecutor(_COPIES, get_context("fork"), _end_with, (os.getpid(),)) as pool:
         return [problem for problem in pool.map(_attempt, drawings) if problem]
