@@ -19,7 +19,7 @@ from recording.timing import once
 from uvms_ocp.mission_plan import MissionPlan, plan_mission
 from uvms_ocp.mission_plan.planner import OPTIONS
 from uvms_ocp.record.record import Record, quantity
-from uvms_ocp.report.metrics import resources
+from uvms_ocp.report.phase_resources import resources
 from uvms_ocp.scenario import cases as scenarios
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.nearest_passage import closest_approach

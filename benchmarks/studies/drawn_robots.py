@@ -26,8 +26,8 @@ from uvms_ocp.errors import UvmsError, plain_line
 from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.record.record import Record
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.report.metrics import swings
-from uvms_ocp.report.summary import cause_of_end
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot

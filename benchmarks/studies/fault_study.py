@@ -32,8 +32,9 @@ from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record.record import Record
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.report.metrics import error_bound
-from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import GustyCurrent

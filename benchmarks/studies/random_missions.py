@@ -15,7 +15,7 @@ from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
 from uvms_ocp.checks import checked
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.scenario.cases.case1 import case1

@@ -26,7 +26,8 @@ from uvms_ocp.mission.mission import write_mission
 from uvms_ocp.mission.phase import Abort
 from uvms_ocp.mission.progress import MissionMemory, quantities_read, sizes_of, write_state
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.report.end_of_run import cause_of_end
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.shapes.hull import lowest_point, skid_points
 from uvms_ocp.robot.signals import ChannelHealth, Command, Readings, StateEstimate, Trust

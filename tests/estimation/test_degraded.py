@@ -26,7 +26,7 @@ from uvms_ocp.estimation.degraded_modes import (
 )
 from uvms_ocp.record.meta_values import ABORT, DONE, EventMeta
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.robot.signals import CHANNELS, ChannelHealth, Trust
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario

@@ -23,7 +23,8 @@ from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare, transition_table
-from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.report.end_of_run import cause_of_end
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial

@@ -16,8 +16,9 @@ from uvms_ocp.mission.progress import measure_own
 from uvms_ocp.mission_plan import plan_mission
 from uvms_ocp.record.meta_values import DONE, OWN_QUANTITIES, ThresholdMeta
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import repeated_phases, resources
-from uvms_ocp.report.summary import _trend, summarize
+from uvms_ocp.report.end_of_run import _trend
+from uvms_ocp.report.phase_resources import repeated_phases, resources
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.signals import ChannelHealth, StateEstimate, Trust
 from uvms_ocp.viz.motion_figures import figure_path, figure_velocities

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.terms import At
 from uvms_ocp.record.meta_values import DONE
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import resources
+from uvms_ocp.report.phase_resources import resources
 from uvms_ocp.scenario.cases import case1, reach, transit, two_targets
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.currents import OnsetCurrent

@@ -20,7 +20,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.ros_topics import ROS_MESSAGES, cdr_messages, ros_definition
 from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.record.tables import unit_of
-from uvms_ocp.report.metrics import figures_between
+from uvms_ocp.report.phase_resources import figures_between
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.scenario.cases.case1 import case1

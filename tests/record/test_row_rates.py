@@ -18,7 +18,8 @@ from uvms_ocp.record.row_rates import EXTREMES, MEANS, WORST, thinned_rows
 from uvms_ocp.record.series_checks import MEASURED
 from uvms_ocp.record.tables import SERIES, column_names
 from uvms_ocp.report.comparison import transition_series
-from uvms_ocp.report.metrics import figures_between, max_velocity_step, resources
+from uvms_ocp.report.metrics import max_velocity_step
+from uvms_ocp.report.phase_resources import figures_between, resources
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.scenario.cases import case1
 from uvms_ocp.scenario.recorded_estimate import estimate_recording

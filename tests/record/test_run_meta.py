@@ -21,7 +21,8 @@ from uvms_ocp.record.meta_values import AxisLimitsMeta, LimitsMeta, PhaseMeta, Q
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.report.comparison import compare, transition_table
-from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.report.end_of_run import cause_of_end
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison

@@ -27,7 +27,7 @@ from uvms_ocp.reference.build import (
     place_of,
     theory_pages,
 )
-from uvms_ocp.report.summary import ENDS
+from uvms_ocp.report.end_of_run import ENDS
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
 

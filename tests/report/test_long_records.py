@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import estimate_table, figures_between
+from uvms_ocp.report.metrics import estimate_table
+from uvms_ocp.report.phase_resources import figures_between
 from uvms_ocp.scenario import reach
 
 ROWS = 600_000

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.metrics import energy_of_quick_thrust
+from uvms_ocp.report.phase_resources import energy_of_quick_thrust
 
 SECONDS = 40.0
 STORED = Path(__file__).parents[1] / "records" / "run_v0_2.npz"

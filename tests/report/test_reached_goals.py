@@ -19,7 +19,8 @@ from uvms_ocp.cli.commands import app
 from uvms_ocp.mission.phase import Below, Transition
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.report.summary import cause_of_end, ended_prematurely, goal_table, summarize
+from uvms_ocp.report.end_of_run import cause_of_end, ended_prematurely, goal_table
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.scenario.cases.case1 import Thresholds, case1
 from uvms_ocp.scenario.scenario import Scenario

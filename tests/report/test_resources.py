@@ -8,7 +8,7 @@ from compiler import long_without_compiler
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.report.metrics import resources
+from uvms_ocp.report.phase_resources import resources
 from uvms_ocp.scenario.cases.case1 import Thresholds, case1
 
 

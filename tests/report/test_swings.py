@@ -12,8 +12,9 @@ import pytest
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.swings import SwingWatch, swing_of, swings_among
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.report.metrics import swings
-from uvms_ocp.report.summary import cause_of_end, summarize
+from uvms_ocp.report.summary import summarize
 
 STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 DT = 0.02

@@ -15,7 +15,8 @@ from uvms_ocp.mission.phase import Above, Below, Condition
 from uvms_ocp.record.meta_values import EventMeta, MetConditionMeta, QuantityMeta, ThresholdMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
-from uvms_ocp.report.summary import cause_of_end, ended_prematurely, goal_table, summarize
+from uvms_ocp.report.end_of_run import cause_of_end, ended_prematurely, goal_table
+from uvms_ocp.report.summary import summarize
 
 STORED = Path(__file__).parents[1] / "records" / "run_v0_1.npz"
 

@@ -19,7 +19,7 @@ from pressed import pressed_after
 
 import uvms_ocp as uo
 from uvms_ocp.interrupts import Stopped, on_interrupt
-from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.robot.signals import Command
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="timers by signals")

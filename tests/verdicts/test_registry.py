@@ -17,7 +17,7 @@ from words_given import words_given
 
 from uvms_ocp.cli import BAD_INPUT, INTERRUPTED, NOT_COMPLETED
 from uvms_ocp.errors import AdvisedStatus
-from uvms_ocp.report.summary import ENDS
+from uvms_ocp.report.end_of_run import ENDS
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

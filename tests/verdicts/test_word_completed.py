@@ -25,8 +25,9 @@ from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.record.meta_values import DONE, EventMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import RunMeta, read_meta, write_meta
+from uvms_ocp.report.end_of_run import cause_of_end, goal_table
 from uvms_ocp.report.metrics import failed_ticks
-from uvms_ocp.report.summary import cause_of_end, goal_table, summarize
+from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import Command, State
 from uvms_ocp.scenario.cases.case1 import Thresholds, case1

@@ -20,7 +20,7 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.display import FieldTable
 from uvms_ocp.record.record import Record
-from uvms_ocp.report.summary import cause_of_end
+from uvms_ocp.report.end_of_run import cause_of_end
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Period
 from uvms_ocp.version import __version__

@@ -18,7 +18,7 @@ from uvms_ocp.campaign.success_criteria import MetricBound, judged
 from uvms_ocp.campaign.success_rate import Rate
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.report.summary import ENDS
+from uvms_ocp.report.end_of_run import ENDS
 
 # The report of a campaign, finished or not.
 

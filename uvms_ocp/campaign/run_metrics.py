@@ -11,6 +11,7 @@ import numpy as np
 
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.report import metrics
+from uvms_ocp.report.phase_resources import figures_between
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.nearest_passage import closest_approach
@@ -67,7 +68,7 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     meta = record.run_meta
     task = record.run_meta.tool_task
     end = float(record["t"][-1])
-    spent = metrics.figures_between(record, 0.0, end)
+    spent = figures_between(record, 0.0, end)
     tilt = quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])
     failed = metrics.failed_ticks(record)
     figures = {

@@ -327,7 +327,7 @@ def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return one row per figure that some phase has, one column per visit to a phase and one for
     the total; energy that is not known has its row too.
 
-    rows: of `uvms_ocp.report.metrics.resources`.
+    rows: of `uvms_ocp.report.phase_resources.resources`.
     """
     visits = [f"{number} {row['phase']}" for number, row in enumerate(rows[:-1], 1)]
     columns = [*visits, rows[-1]["phase"]]

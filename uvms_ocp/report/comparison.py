@@ -12,14 +12,11 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.display import TableRows
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.run_meta import level_rows
-from uvms_ocp.report import metrics
+from uvms_ocp.report import metrics, phase_resources
 
 WINDOW = 1.0  # [s] after a phase change that belongs to it
 
 _NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
-
-
-# Two runs, or two plans, side by side.
 
 
 @checked
@@ -29,76 +26,79 @@ def compare(first: Record, second: Record) -> TableRows:
 
     Raises `InvalidInput` for a run against a plan.
     """
-    kinds = first.meta.kind, second.meta.kind
-    if kinds[0] != kinds[1]:
+    kind = first.meta.kind
+    if second.meta.kind != kind:
         raise InvalidInput(
-            f"the first is a {kinds[0]}, the second a {kinds[1]}; give two runs or two plans"
+            f"the first is a {kind}, the second a {second.meta.kind}; give two runs or two plans"
         )
-    figures = _run_figures if kinds[0] == "run" else _plan_figures
+    figures = _run_figures if kind == "run" else _plan_figures
     first_figures = dict(figures(first))
     second_figures = dict(figures(second))
-    rows = (
-        (name, first_figures.get(name), second_figures.get(name))
-        for name in first_figures | second_figures
-    )
-    return TableRows(
-        {"figure": name, "first": a, "second": b, "change": _change(a, b)} for name, a, b in rows
-    )
+    rows = []
+    for name in first_figures | second_figures:
+        before = first_figures.get(name)
+        after = second_figures.get(name)
+        change = _change(before, after)
+        rows.append({"figure": name, "first": before, "second": after, "change": change})
+    return TableRows(rows)
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what two runs are compared by."""
     meta = record.run_meta
+    tool_error = f"{meta.tool_task}.position_error"
+    resources = phase_resources.resources(record)
     yield "completed", meta.completed
-    yield "phases", " ".join(row["phase"] for row in metrics.resources(record)[:-1])
-    yield from (
-        (name, value) for name, value in metrics.resources(record)[-1].items() if name != "phase"
-    )
-    yield (
-        "tool_position_error_m",
-        metrics.none_if_nan(meta.true_quantity(f"{meta.tool_task}.position_error")),
-    )
+    yield "phases", " ".join(row["phase"] for row in resources[:-1])
+    for name, value in resources[-1].items():
+        if name != "phase":
+            yield name, value
+    yield "tool_position_error_m", metrics.none_if_nan(meta.true_quantity(tool_error))
     estimated = metrics.quantities_at(record, float(record["t"][-1]))
-    yield (
-        "estimated_tool_position_error_m",
-        metrics.none_if_nan(estimated.get(f"{meta.tool_task}.position_error")),
-    )
-    yield "tool_position_bound_m", metrics.error_bound(record, f"{meta.tool_task}.position_error")
-    yield "sensors_allow_tool_position_m", meta.allowance.get(f"{meta.tool_task}.position_error")
+    yield "estimated_tool_position_error_m", metrics.none_if_nan(estimated.get(tool_error))
+    yield "tool_position_bound_m", metrics.error_bound(record, tool_error)
+    yield "sensors_allow_tool_position_m", meta.allowance.get(tool_error)
     yield "largest_tilt_rad", metrics.largest_tilt(record)
     yield "max_velocity_step", metrics.max_velocity_step(record)
 
 
 def _plan_figures(record: Record) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what two plans are compared by."""
     yield "plan", record.meta.scenario
     yield "duration_s", float(record["t"][-1] - record["t"][0])
     axes = [i for i, name in enumerate(record.plan_meta.axes) if name in ("x", "y", "z")]
-    yield "path_length_m", metrics.path_length(record["x"][:, axes])
-    spent = (
-        np.sum(record[e][-1]) if e in record.series else np.nan
-        for e in ("thruster_energy", "joint_energy")
-    )
-    thrusters, joints = (metrics.none_if_nan(float(total)) for total in spent)
-    yield "thruster_energy_j", thrusters
-    yield "joint_energy_j", joints
-    yield "energy_j", None if thrusters is None or joints is None else thrusters + joints
-    yield "peak_thrust_n", metrics.largest_thrust(record)
+    yield "path_length_m", phase_resources.path_length(record["x"][:, axes])
+    thruster_energy = _total(record, "thruster_energy")
+    joint_energy = _total(record, "joint_energy")
+    yield "thruster_energy_j", thruster_energy
+    yield "joint_energy_j", joint_energy
+    if thruster_energy is None or joint_energy is None:
+        yield "energy_j", None
+    else:
+        yield "energy_j", thruster_energy + joint_energy
+    yield "peak_thrust_n", phase_resources.largest_thrust(record)
     nearest = record.plan_meta.min_clearance
     yield "min_clearance_m", None if nearest is None else nearest.distance
 
 
-def _change(a: Any, b: Any) -> float | None:
-    if isinstance(a, (bool, str)) or a is None or b is None or a == 0:
+def _total(record: Record, name: str) -> float | None:
+    """Return the sum of the last row of a running total; `None` where it is not known."""
+    if name not in record.series:
         return None
-    return 100.0 * (b - a) / abs(a)
+    return metrics.none_if_nan(float(np.sum(record[name][-1])))
 
 
-# How smoothly a run changes from phase to phase, and what the higher levels pay for it.
+def _change(before: Any, after: Any) -> float | None:
+    """Return the change [%] between two numbers; `None` where there is none to tell."""
+    if isinstance(before, (bool, str)) or before is None or after is None or before == 0:
+        return None
+    return 100.0 * (after - before) / abs(before)
 
 
 @checked
 def transition_series(record: Record) -> dict[str, np.ndarray]:
-    """Series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes`` (k,) [s]
-    of phase changes.
+    """Return series over time ``t`` (n,) [s] of the commanded velocity, and the times ``changes``
+    (k,) [s] of phase changes.
 
     ``step`` (n,): largest change of any axis since the tick before, as a share of its acceleration
     limit times dt. ``jerk`` (n,) [m/s3, rad/s3]: largest second difference of any axis. ``lost``
@@ -112,15 +112,16 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
         )
     dt = require_every_tick(record).dt
     limits = np.array(record.meta.limits.acceleration)
-    change = np.diff(record["command"], axis=0, prepend=0.0)
     limited = limits > 0.0  # what may not move at all has no share
-    second = np.diff(change, axis=0, prepend=0.0)
+    change = np.diff(record["command"], axis=0, prepend=0.0)
+    second_change = np.diff(change, axis=0, prepend=0.0)
+    step_shares = np.abs(change[:, limited]) / dt / limits[limited]
     starts = np.flatnonzero(np.diff(record["phase"])) + 1
     return {
         "t": record["t"],
-        "step": (np.abs(change[:, limited]) / dt / limits[limited]).max(axis=1, initial=0.0),
-        "jerk": np.abs(second).max(axis=1, initial=0.0) / dt**2,
-        "lost": _lost(record),
+        "step": step_shares.max(axis=1, initial=0.0),
+        "jerk": np.abs(second_change).max(axis=1, initial=0.0) / dt**2,
+        "lost": _lost_rates(record),
         "changes": record["t"][starts],
     }
 
@@ -132,43 +133,54 @@ def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
 
     A change lasts `WINDOW`; its time, like that of the whole run, is in the column ``t_s``.
     """
-    return [row for name, record in records.items() for row in _rows(name, record)]
+    rows = list[dict[str, Any]]()
+    for name, record in records.items():
+        rows += _transition_rows(name, record)
+    return rows
 
 
-def _rows(name: str, record: Record) -> list[dict[str, Any]]:
+def _transition_rows(run: str, record: Record) -> Iterator[dict[str, Any]]:
     series = transition_series(record)
-    phases = [phase.name for phase in record.meta.phases]
     t = series["t"]
-    windows = [(float(start), (t >= start) & (t < start + WINDOW)) for start in series["changes"]]
-    start_rows = [int(np.argmax(rows)) for _, rows in windows]
     phase = record["phase"]
-    labels = [f"{phases[phase[start - 1]]}-{phases[phase[start]]}" for start in start_rows]
-    spans = [*zip(labels, windows, strict=True), ("all", (float(t[-1]), np.full(len(t), True)))]
-    return [
-        {
-            "run": name,
-            "change": label,
-            "t_s": time,
-            "step": float(series["step"][rows].max()),
-            "jerk": float(series["jerk"][rows].max()),
-            "jerk_rms": float(np.sqrt(np.mean(series["jerk"][rows] ** 2))),
-            "lost": float(series["lost"][rows].max()),
-        }
-        for label, (time, rows) in spans
-    ]
+    names = [phase_meta.name for phase_meta in record.meta.phases]
+    for change in series["changes"].tolist():
+        in_window = (t >= change) & (t < change + WINDOW)
+        first_row = int(np.argmax(in_window))
+        label = f"{names[phase[first_row - 1]]}-{names[phase[first_row]]}"
+        yield _transition_row(run, label, change, series, in_window)
+    yield _transition_row(run, "all", float(t[-1]), series, np.full(len(t), True))
 
 
-def _lost(record: Record) -> np.ndarray:
-    above = {
-        task.name: k
-        for k, task in enumerate(record.meta.tasks)
-        if not task.label.endswith(_NOT_ABOVE)
+def _transition_row(
+    run: str, label: str, time: float, series: Mapping[str, np.ndarray], rows: np.ndarray
+) -> dict[str, Any]:
+    """Sum up the series of `transition_series` over some rows."""
+    jerk = series["jerk"][rows]
+    return {
+        "run": run,
+        "change": label,
+        "t_s": time,
+        "step": float(series["step"][rows].max()),
+        "jerk": float(jerk.max()),
+        "jerk_rms": float(np.sqrt(np.mean(jerk**2))),
+        "lost": float(series["lost"][rows].max()),
     }
+
+
+def _lost_rates(record: Record) -> np.ndarray:
+    """Return, for each tick, the largest norm [m/s, rad/s] of the rates that tasks above the
+    actions miss while they are fully on.
+    """
+    columns = {}
+    for column, task in enumerate(record.meta.tasks):
+        if not task.label.endswith(_NOT_ABOVE):
+            columns[task.name] = column
     lost = np.zeros(len(record))
     for name, rows in level_rows(record.meta):
-        if name in above:
-            on = record["activations"][:, above[name]] >= 1.0
-            lost = np.maximum(
-                lost, np.where(on, np.linalg.norm(record["residual"][:, rows], axis=1), 0.0)
-            )
+        if name not in columns:
+            continue
+        is_on = record["activations"][:, columns[name]] >= 1.0
+        missed = np.linalg.norm(record["residual"][:, rows], axis=1)
+        lost = np.maximum(lost, np.where(is_on, missed, 0.0))
     return lost
