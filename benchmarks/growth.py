@@ -23,6 +23,7 @@ import numpy as np
 from growing import works
 from growing.works import TICKS, WORKS
 from recording.report import Report, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 MISSION = """
 from dataclasses import replace
@@ -55,12 +56,8 @@ learn:
   linear_drag: {prior: 0.5}
   quadratic_drag: {prior: 0.5}
 """
-PLACES = {
-    **environ,
-    "PYTHONPATH": pathsep.join(
-        [str(Path(__file__).parent), *filter(None, [environ.get("PYTHONPATH")])]
-    ),
-}
+_PATHS = (str(Path(__file__).parent), environ.get("PYTHONPATH"))
+PLACES = {**environ, "PYTHONPATH": pathsep.join(path for path in _PATHS if path)}
 COMMAND = (sys.executable, "-m", "uvms_ocp")
 PROSE = """
 Each in a process of its own, after one that compiled; *peak_mb*: the most memory that a process
@@ -87,26 +84,25 @@ COLUMNS |= {
     "then_s": ".3g",
     "then_mb": ".0f",
 }
+
+
+def _times_then(times_us: dict[float, float]) -> dict[float, tuple[float, float]]:
+    """Time [s] and memory, which was not measured, from times [us] by size."""
+    return {size: (1e-6 * time_us, np.nan) for size, time_us in times_us.items()}
+
+
 THEN: dict[str, dict[float, tuple[float, float]]] = {
     "run": {300: (np.nan, 600), 7200: (np.nan, 9000)},
     "check-recording": {300: (4, np.nan), 7200: (57, 6900)},
     "identify": {300: (163, 1200), 7200: (np.nan, np.nan)},
-    "plan, an iteration": {
-        n: (1e-6 * each * n, np.nan) for n, each in ((20, 155), (40, 173), (80, 221))
-    },
-    "hierarchy": {
-        n: (1e-6 * us, np.nan) for n, us in ((20, 236), (40, 1416), (80, 25600), (160, 549115))
-    },
+    "plan, an iteration": _times_then({20: 155.0 * 20, 40: 173.0 * 40, 80: 221.0 * 80}),
+    "hierarchy": _times_then({20: 236.0, 40: 1416.0, 80: 25600.0, 160: 549115.0}),
     "hierarchy of a humanoid": {88: (9.8e-3, np.nan)},
     "cascade, control": {16: (14e-3, np.nan)},
-    "campaign of short runs": {n: (0.35 * n, np.nan) for n in (10, 100, 1000)},
-    "set-up of runs": {n: (0.30 * n, np.nan) for n in (10, 100, 1000)},
-    "tick, obstacles": {
-        n: (1e-6 * us, np.nan) for n, us in ((3, 165), (30, 194), (300, 273), (3000, 1060))
-    },
-    "tick, arms of seven joints": {
-        n: (1e-6 * us, np.nan) for n, us in ((1, 159), (2, 239), (3, 390), (4, 572))
-    },
+    "campaign of short runs": _times_then({10: 0.35e7, 100: 0.35e8, 1000: 0.35e9}),
+    "set-up of runs": _times_then({10: 0.30e7, 100: 0.30e8, 1000: 0.30e9}),
+    "tick, obstacles": _times_then({3: 165.0, 30: 194.0, 300: 273.0, 3000: 1060.0}),
+    "tick, arms of seven joints": _times_then({1: 159.0, 2: 239.0, 3: 390.0, 4: 572.0}),
 }
 """Time [s] and memory [MB] by work and size of then; NaN: not measured, of *identify* no end but an
 error.
@@ -128,38 +124,29 @@ def measured(words: list[str], folder: Path) -> dict[str, Any]:
     _, status, usage = wait4(process.pid, 0)
     if status >> 8 not in (0, 3):  # 3: the mission is not completed, as it never is
         raise RuntimeError(f"{' '.join(words)} ended with {status >> 8}")
-    took = time.perf_counter() - begin
-    own = json.loads(spent.read_text(encoding="utf-8")) if spent.exists() else {"time_s": took}
-    return {**own, "peak_mb": usage.ru_maxrss / 1e3}
+    figures = {"time_s": time.perf_counter() - begin}
+    if spent.exists():
+        figures = json.loads(spent.read_text(encoding="utf-8"))
+    return {**figures, "peak_mb": usage.ru_maxrss / 1e3}
 
 
 def lengths_of(folder: Path, seconds: float) -> Iterator[dict[str, Any]]:
     """A row for each work at a length."""
-    out = f"run{seconds:g}"
     length = f"{seconds:g}"
-    run = [*COMMAND, "run", "endless.py", "--force", "--duration", length, "--out", out]
+    out = f"run{length}"
+    rows = f"rows{length}"
     record = folder / out / "record.npz"
-    each = {
-        "run": run,
+    run = [*COMMAND, "run", "endless.py", "--force", "--duration", length, "--out", out]
+    figures = measured(run, folder)
+    yield row_of("run", seconds, figures | {"disk_mb": record.stat().st_size / 1e6})
+    words_of_work = {
         "check-recording": [*COMMAND, "check-recording", str(record)],
-        "loop, folder": [sys.executable, "-c", IN_PYTHON, length, f"rows{seconds:g}"],
+        "loop, folder": [sys.executable, "-c", IN_PYTHON, length, rows],
         "loop, memory": [sys.executable, "-c", IN_PYTHON, length],
-        "identify": [
-            *COMMAND,
-            "identify",
-            "learn.yaml",
-            f"rows{seconds:g}",
-            "--out",
-            f"learnt{seconds:g}",
-        ],
+        "identify": [*COMMAND, "identify", "learn.yaml", rows, "--out", f"learnt{length}"],
     }
-    for work, words in each.items():
-        found = measured(words, folder)
-        yield row_of(
-            work,
-            seconds,
-            found | ({"disk_mb": record.stat().st_size / 1e6} if work == "run" else {}),
-        )
+    for work, words in words_of_work.items():
+        yield row_of(work, seconds, measured(words, folder))
 
 
 def others(folder: Path, quick: bool) -> Iterator[dict[str, Any]]:
@@ -174,47 +161,42 @@ def others(folder: Path, quick: bool) -> Iterator[dict[str, Any]]:
             yield row_of(work, size, measured(words, folder))
 
 
-def row_of(work: str, size: float, found: dict[str, Any]) -> dict[str, Any]:
+def row_of(work: str, size: float, figures: dict[str, Any]) -> dict[str, Any]:
     """All columns, and what it was then."""
-    time_s, memory = THEN.get(work, {}).get(size, (np.nan, np.nan))
-    then = {"then_s": time_s, "then_mb": memory}
-    known = {
-        "work": work,
-        "size": size,
-        **found,
-        **{name: value for name, value in then.items() if np.isfinite(value)},
-    }
-    return {name: known.get(name) for name in COLUMNS}
+    row = {"work": work, "size": size, **figures}
+    time_s, memory_mb = THEN.get(work, {}).get(size, (np.nan, np.nan))
+    if np.isfinite(time_s):
+        row["then_s"] = time_s
+    if np.isfinite(memory_mb):
+        row["then_mb"] = memory_mb
+    return {name: row.get(name) for name in COLUMNS}
 
 
 def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
     """Of time and peak memory, by work."""
-    for work in dict.fromkeys(row["work"] for row in rows):
-        own = [row for row in rows if row["work"] == work]
-        then = THEN.get(work, {})
-        if len(own) < 2:
+    for work in dict.fromkeys(column(rows, "work")):
+        rows_of_work = rows_where(rows, "work", work)
+        if len(rows_of_work) < 2:
             continue
-        sizes = [row["size"] for row in own]
-        times, memories = zip(*then.values(), strict=True) if then else ((), ())
+        sizes = column(rows_of_work, "size")
+        then = THEN.get(work, {})
         yield {
             "work": work,
-            "exponent of time": exponent(sizes, [row["time_s"] for row in own]),
-            "time, then": exponent(list(then), times),
-            "exponent of memory": exponent(sizes, [row["peak_mb"] for row in own]),
-            "memory, then": exponent(list(then), memories),
+            "exponent of time": exponent(sizes, column(rows_of_work, "time_s")),
+            "time, then": exponent(list(then), [time_s for time_s, _ in then.values()]),
+            "exponent of memory": exponent(sizes, column(rows_of_work, "peak_mb")),
+            "memory, then": exponent(list(then), [memory_mb for _, memory_mb in then.values()]),
         }
 
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
     """Of the power law through values (n,) [any] that are known; `None` for fewer than two."""
-    x, y = (
-        np.array(
-            [(size, value) for size, value in zip(sizes, values, strict=True) if np.isfinite(value)]
-        )
-        .reshape(-1, 2)
-        .T
-    )
-    return float(np.polyfit(np.log(x), np.log(y), 1)[0]) if len(x) > 1 else None
+    known = np.isfinite(values)
+    if np.count_nonzero(known) < 2:
+        return None
+    x = np.array(sizes, dtype=float)[known]
+    y = np.array(values, dtype=float)[known]
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def main() -> None:
@@ -227,20 +209,20 @@ def main() -> None:
         default=[60.0, 300.0, 1200.0, 3600.0],
         help="lengths of the runs",
     )
-    given, run = begin(parser)
-    lengths = [15.0, 30.0] if given.quick else given.seconds
+    arguments, run = begin(parser)
+    lengths = [15.0, 30.0] if run.quick else arguments.seconds
     with TemporaryDirectory() as place:
         folder = Path(place)
-        for words in (["new-robot", "robot"], ["new-mission", "mission.py", "--robot", "robot"]):
-            measured([*COMMAND, *words], folder)
-        for name, text in (("endless.py", MISSION), ("learn.yaml", LEARN)):
-            (folder / name).write_text(text, encoding="utf-8")
-        measured(
-            [*COMMAND, "run", "endless.py", "--force", "--duration", "1", "--out", "first"], folder
-        )  # which compiles
-        rows = [row for seconds in lengths for row in lengths_of(folder, seconds)] + [
-            *others(folder, run.quick)
-        ]
+        measured([*COMMAND, "new-robot", "robot"], folder)
+        measured([*COMMAND, "new-mission", "mission.py", "--robot", "robot"], folder)
+        (folder / "endless.py").write_text(MISSION, encoding="utf-8")
+        (folder / "learn.yaml").write_text(LEARN, encoding="utf-8")
+        first = [*COMMAND, "run", "endless.py", "--force", "--duration", "1", "--out", "first"]
+        measured(first, folder)  # which compiles
+        rows = list[dict[str, Any]]()
+        for seconds in lengths:
+            rows += lengths_of(folder, seconds)
+        rows += others(folder, run.quick)
     tables = [Table(rows=rows, columns=COLUMNS), Table(rows=[*exponents(rows)])]
     run.write(
         Report(

@@ -37,7 +37,7 @@ from pool.vehicle import (
     PoolVehicle,
     pool_vehicle,
 )
-from recording.report import Report, Table, begin, parser_of
+from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 
@@ -86,30 +86,30 @@ local cubics over {smoothing:.2f} s.
 SCORES = {"prediction": "", "roll RMSE [deg]": ".2f", "pitch RMSE [deg]": ".2f"}
 
 
-def prose(vehicle: PoolVehicle, all_of_them: Sequence[Evaluation]) -> str:
+def prose(vehicle: PoolVehicle, evaluations: Sequence[Evaluation]) -> str:
     """With the figures of all recordings."""
-    moving = [one for one in all_of_them if one.recording.moves]
+    moving = [evaluation for evaluation in evaluations if evaluation.recording.moves]
+    shifts = {}
+    for i, axis in enumerate("xyz"):
+        shifts[f"shift_{axis}"] = span(1e3 * evaluation.shift[i] for evaluation in moving)
+    worse = []
+    for evaluation in moving:
+        if _pitch_rmse(evaluation, FITTED) > _pitch_rmse(evaluation, REPLAY):
+            worse.append(evaluation.recording.name)
     return PROSE.format(
-        recordings=len(all_of_them),
+        recordings=len(evaluations),
         moving=len(moving),
         offset_time=OFFSET_TIME,
         centre=f"({', '.join(f'{x:g}' for x in CENTRE_OF_BUOYANCY)})",
-        **{
-            f"shift_{axis}": span(1e3 * one.shift[i] for one in moving)
-            for i, axis in enumerate("xyz")
-        },
+        **shifts,
         **_offsets(moving),
         **_dynamics(vehicle, moving),
         **_swings(vehicle, moving),
-        **_measurements(all_of_them),
+        **_measurements(evaluations),
         explained=100 * EXPLAINED,
         jump=JUMP,
-        worse=listed(
-            one.recording.name
-            for one in moving
-            if _pitch_rmse(one, FITTED) > _pitch_rmse(one, REPLAY)
-        ),
-        still=" ".join(worse_than_still(all_of_them)) or "none.",
+        worse=listed(worse),
+        still=" ".join(worse_than_still(evaluations)) or "none.",
         ballast=BALLAST_DENSITY,
         foam=FOAM_DENSITY,
         added=ADDED_INERTIA,
@@ -117,23 +117,23 @@ def prose(vehicle: PoolVehicle, all_of_them: Sequence[Evaluation]) -> str:
     )
 
 
-def worse_than_still(all_of_them: Sequence[Evaluation]) -> list[str]:
+def worse_than_still(evaluations: Sequence[Evaluation]) -> list[str]:
     """Sentences on roll and pitch of each recording that the fitted replay predicts worse than a
     vehicle that stands still.
     """
     sentences = []
-    for one in all_of_them:
-        seen = without_offset(one.recording.t, one.recording.attitude)
+    for evaluation in evaluations:
+        measured = without_offset(evaluation.recording.t, evaluation.recording.attitude)
         for i, angle in enumerate(("roll", "pitch")):
             baselines = {
-                NOTHING_MOVES: float(np.sqrt(np.mean(seen[:, i] ** 2))),
-                MEAN: float(seen[:, i].std()),
+                NOTHING_MOVES: float(np.sqrt(np.mean(measured[:, i] ** 2))),
+                MEAN: float(measured[:, i].std()),
             }
             shortfall = compared(
-                recording=one.recording.name,
+                recording=evaluation.recording.name,
                 channel=angle,
                 unit="deg",
-                error=one.scores[FITTED][i].rmse,
+                error=evaluation.scores[FITTED][i].rmse,
                 baselines=baselines,
             )
             if shortfall is not None:
@@ -143,8 +143,8 @@ def worse_than_still(all_of_them: Sequence[Evaluation]) -> list[str]:
 
 def span(values: Iterable[float], form: str = ".1f") -> str:
     """The least and the largest value."""
-    found = list(values)
-    return f"{min(found):{form}} to {max(found):{form}}"
+    numbers = list(values)
+    return f"{min(numbers):{form}} to {max(numbers):{form}}"
 
 
 def listed(names: Iterable[str]) -> str:
@@ -152,57 +152,67 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(names) or "none"
 
 
-def _pitch_rmse(one: Evaluation, name: str) -> float:
-    return one.scores[name][1].rmse
+def _pitch_rmse(evaluation: Evaluation, name: str) -> float:
+    return evaluation.scores[name][1].rmse
 
 
 def _offsets(moving: Sequence[Evaluation]) -> dict[str, str]:
     """Before and after the fit."""
-    own = [offset_deg(one.recording, one.predictions[REPLAY]) for one in moving]
-    fitted = [offset_deg(one.recording, one.predictions[FITTED]) for one in moving]
-    pairs = {"offset": own, "fitted": fitted}
-    angles = enumerate(("roll", "pitch"))
-    return {
-        f"{word}_{name}": span(found[i] for found in pairs[word])
-        for i, name in angles
-        for word in pairs
-    }
+    figures = {}
+    for word, prediction in (("offset", REPLAY), ("fitted", FITTED)):
+        offsets = []
+        for evaluation in moving:
+            offsets.append(offset_deg(evaluation.recording, evaluation.predictions[prediction]))
+        for i, angle in enumerate(("roll", "pitch")):
+            figures[f"{word}_{angle}"] = span(offset[i] for offset in offsets)
+    return figures
 
 
 def _dynamics(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, object]:
     """What the replay adds to the static balance."""
     lags = []
     swings = []
-    for one in moving:
-        t = one.recording.joint_t
-        replayed = one.predictions[REPLAY]
-        static = one.predictions[STATIC]
+    ratios = []
+    static_lags = []
+    static_overshoots = []
+    for evaluation in moving:
+        recording = evaluation.recording
+        t = recording.joint_t
+        replayed = evaluation.predictions[REPLAY]
+        static = evaluation.predictions[STATIC]
         lags += [lag_of(t, replayed[:, i], static[:, i]) for i in (0, 1)]
-        after = t >= rest_begins(one.recording)
+        after = t >= rest_begins(recording)
         swings.append(float(np.degrees(np.abs(replayed - static)[after].max())))
-    static_pitch = [one.scores[STATIC][1] for one in moving]
-    static_lags = [score.lag for score in static_pitch]
+        ratios.append(restoring_ratio(vehicle, recording, evaluation.shift))
+        static_pitch = evaluation.scores[STATIC][1]
+        static_lags.append(static_pitch.lag)
+        static_overshoots.append(static_pitch.overshoot)
     return {
         "lag": span((lag for lag in lags if np.isfinite(lag)), ".2f"),
         "swing": span(swings),
         "static_lag": max((lag for lag in static_lags if np.isfinite(lag)), default=np.nan),
-        "static_overshoot": 100 * max(score.overshoot for score in static_pitch),
-        "ratio": span(
-            (restoring_ratio(vehicle, one.recording, one.shift) for one in moving), ".2f"
-        ),
+        "static_overshoot": 100 * max(static_overshoots),
+        "ratio": span(ratios, ".2f"),
     }
 
 
 def _swings(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, str]:
     """Free swings of the vehicle as simulated, and as measured."""
-    rolls, pitches = zip(*(free_swings(vehicle, one.recording) for one in moving), strict=True)
-    measured = [
-        f"{name} of {one.recording.name} {swing.period:.2f} s, damping ratio {swing.damping:.3f}"
-        for one in moving
-        for i, name in enumerate(("roll", "pitch"))
-        for swing in [measured_swing(one.recording, i)]
-        if swing is not None
-    ]
+    rolls = []
+    pitches = []
+    measured = []
+    for evaluation in moving:
+        recording = evaluation.recording
+        roll, pitch = free_swings(vehicle, recording)
+        rolls.append(roll)
+        pitches.append(pitch)
+        for i, angle in enumerate(("roll", "pitch")):
+            swing = measured_swing(recording, i)
+            if swing is not None:
+                measured.append(
+                    f"{angle} of {recording.name} {swing.period:.2f} s,"
+                    f" damping ratio {swing.damping:.3f}"
+                )
     return {**_span_of("roll", rolls), **_span_of("pitch", pitches), "measured": listed(measured)}
 
 
@@ -213,21 +223,25 @@ def _span_of(name: str, swings: Sequence[Swing]) -> dict[str, str]:
     }
 
 
-def _measurements(all_of_them: Sequence[Evaluation]) -> dict[str, str]:
+def _measurements(evaluations: Sequence[Evaluation]) -> dict[str, str]:
     """What the motion capture itself does."""
-    recordings = [one.recording for one in all_of_them]
-    first = {one.name: spread_deg(one, OFFSET_TIME) for one in recordings}
-    restless = max(first, key=lambda name: float(first[name].max()))
-    still = [
-        f"{one.name} {' and '.join(f'{x:.1f}' for x in spread_deg(one))} deg"
-        for one in recordings
-        if not one.moves
-    ]
+    recordings = [evaluation.recording for evaluation in evaluations]
+    at_first = {recording.name: spread_deg(recording, OFFSET_TIME) for recording in recordings}
+    restless = max(at_first, key=lambda name: float(at_first[name].max()))
+    wander = []
+    for recording in recordings:
+        if not recording.moves:
+            wander.append(f"{recording.name} {_both_angles(spread_deg(recording))}")
     return {
-        "restless": f"{restless} ({' and '.join(f'{x:.1f}' for x in first[restless])} deg)",
-        "jumps": listed(f"{one.name} {jumps(one)}" for one in recordings),
-        "wander": f"{listed(still)} peak to peak in roll and pitch",
+        "restless": f"{restless} ({_both_angles(at_first[restless])})",
+        "jumps": listed(f"{recording.name} {jumps(recording)}" for recording in recordings),
+        "wander": f"{listed(wander)} peak to peak in roll and pitch",
     }
+
+
+def _both_angles(angles: np.ndarray) -> str:
+    """Of roll and pitch [deg]."""
+    return f"{' and '.join(f'{angle:.1f}' for angle in angles)} deg"
 
 
 def main() -> None:
@@ -237,14 +251,19 @@ def main() -> None:
     parser.add_argument(
         "--figures", type=Path, metavar="FOLDER", help="draw one figure per recording there"
     )
-    given, run = begin(parser)
-    recordings = read_recordings(given.folder)
+    arguments, run = begin(parser)
+    recordings = read_recordings(arguments.folder)
+    if run.quick:
+        recordings = [recording for recording in recordings if recording.moves][:2]
     vehicle = pool_vehicle()
-    chosen = [one for one in recordings if one.moves][:2] if run.quick else recordings
-    evaluations = evaluate(vehicle, chosen)
-    for one in evaluations if given.figures else ():
-        given.figures.mkdir(parents=True, exist_ok=True)
-        draw(one.recording, one.predictions, given.figures)
+    evaluations = evaluate(vehicle, recordings)
+    if arguments.figures:
+        arguments.figures.mkdir(parents=True, exist_ok=True)
+        for evaluation in evaluations:
+            draw(evaluation.recording, evaluation.predictions, arguments.figures)
+    rows = list[Row]()
+    for evaluation in evaluations:
+        rows += evaluation.rows()
     run.write(
         Report(
             name="hinsdale_replay",
@@ -254,7 +273,7 @@ def main() -> None:
                 Table(rows=medians(evaluations), columns=SCORES),
                 Table(rows=changes(evaluations)),
             ],
-            data={"hinsdale_replay": [row for one in evaluations for row in one.rows()]},
+            data={"hinsdale_replay": rows},
         )
     )
 

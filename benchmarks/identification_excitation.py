@@ -10,10 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import process_time
+from typing import Any
 
 import numpy as np
 from drawn_vehicles.driving import LEARNT, NOISE, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column
 
 from uvms_ocp.identification.experiment_design import (
     BY_HAND,
@@ -77,29 +79,42 @@ they stay in the pool, as simulated: {inside}.
 def main() -> None:
     """Design, compare, simulate and fit."""
     _, run = begin(parser_of(__doc__))
-    given, rollout = assignment(6.0 if run.quick else DURATION)
-    vehicles, search = (1, replace(SEARCH, iterations=1)) if run.quick else (VEHICLES, SEARCH)
+    if run.quick:
+        duration = 6.0
+        vehicles = 1
+        n_single = 1
+        search = replace(SEARCH, iterations=1)
+        settings = LITTLE
+    else:
+        duration = DURATION
+        vehicles = VEHICLES
+        n_single = SINGLE
+        search = SEARCH
+        settings = None
+    experiment, rollout = assignment(duration)
     begun = process_time()
-    found = {DESIGNED: design_experiment(given, rollout, LITTLE if run.quick else None)}
+    excitations = {DESIGNED: design_experiment(experiment, rollout, settings)}
     seconds = process_time() - begun
-    found |= {name: largest(given, rollout, name) for name in BY_HAND}
-    table = compared(found)
-    best = min(BY_HAND, key=lambda name: float(np.median([row[name] for row in table])))
-    single = alone(given, rollout, farthest(table)[: 1 if run.quick else SINGLE], run.quick)
-    fits = fitted(
-        given, rollout, {kind: found[kind] for kind in (DESIGNED, best)}, vehicles, search
+    for name in BY_HAND:
+        excitations[name] = largest(experiment, rollout, name)
+    table = compared(excitations)
+    best = min(BY_HAND, key=lambda name: float(np.median(column(table, name))))
+    single = alone(experiment, rollout, farthest(table)[:n_single], settings)
+    judged = {kind: excitations[kind] for kind in (DESIGNED, best)}
+    fits = fitted(experiment, rollout, judged, vehicles, search)
+    rows = []
+    for row in table:
+        number = row["number"]
+        rows.append({**row, ALONE: single.get(number), "fitted": fits[number]})
+    prose = PROSE.format(
+        **figures(experiment, excitations, rows), seconds=seconds, best=best, vehicles=vehicles
     )
-    rows = [
-        {**row, ALONE: single.get(row["number"]), "fitted": fits[row["number"]]} for row in table
-    ]
-    title = "Excitation of a vehicle that is identified"
     name = "identification_excitation"
-    prose = PROSE.format(**told(given, found, rows), seconds=seconds, best=best, vehicles=vehicles)
-    form = {"number": "", **dict.fromkeys((*found, ALONE, "fitted"), ".2f")}
+    form = {"number": "", **dict.fromkeys((*excitations, ALONE, "fitted"), ".2f")}
     run.write(
         Report(
             name=name,
-            title=title,
+            title="Excitation of a vehicle that is identified",
             prose=prose,
             tables=[Table(rows=rows, columns=form)],
             data={name: rows},
@@ -109,108 +124,117 @@ def main() -> None:
 
 def assignment(duration: float) -> tuple[ExperimentTask, Rollout]:
     """The vehicle and its pool, for recordings of some duration [s]."""
-    one = vehicle({name: status for name, status in LEARNT.items() if name not in SCALED})
-    return ExperimentTask(vehicle=one, limits=limits(one), duration=duration, noise=NOISE), Rollout(
-        stage_of(one)
-    )
+    learnt = {name: status for name, status in LEARNT.items() if name not in SCALED}
+    auv = vehicle(learnt)
+    experiment = ExperimentTask(vehicle=auv, limits=limits(auv), duration=duration, noise=NOISE)
+    return experiment, Rollout(stage_of(auv))
 
 
-def compared(found: Mapping[str, Excitation]) -> list[Row]:
+def compared(excitations: Mapping[str, Excitation]) -> list[Row]:
     """Standard errors [%] of what the design determines, by each kind of excitation."""
-    chosen = [each.name for each in found[DESIGNED].numbers if each.determined]
-    by_kind = {kind: {each.name: each for each in one.numbers} for kind, one in found.items()}
-    return [
-        {"number": name, **{kind: _share(told[name]) for kind, told in by_kind.items()}}
-        for name in chosen
-    ]
+    rows = list[Row]()
+    for designed in excitations[DESIGNED].numbers:
+        if not designed.determined:
+            continue
+        row: dict[str, Any] = {"number": designed.name}
+        for kind, excitation in excitations.items():
+            row[kind] = _share(_number_of(excitation, designed.name))
+        rows.append(row)
+    return rows
 
 
-def _share(one: IdentifiedNumber) -> float:
-    return 100.0 * one.sigma / one.size
+def _number_of(excitation: Excitation, name: str) -> IdentifiedNumber:
+    return next(number for number in excitation.numbers if number.name == name)
+
+
+def _share(number: IdentifiedNumber) -> float:
+    return 100.0 * number.sigma / number.size
 
 
 def ratio(row: Row, kind: str = DESIGNED) -> float:
     """Standard error over that of the best by hand."""
-    return float(row[kind] / min(row[name] for name in BY_HAND))
+    best = min(row[name] for name in BY_HAND)
+    return float(row[kind] / best)
 
 
 def farthest(rows: Sequence[Row]) -> list[Row]:
     """Rows by their ratio, the largest first; with the mass known, sums with it tell what added
     masses tell.
     """
-    return sorted(
-        (row for row in rows if not row["number"].startswith(TOTAL)), key=ratio, reverse=True
-    )
+    no_sums = [row for row in rows if not row["number"].startswith(TOTAL)]
+    return sorted(no_sums, key=ratio, reverse=True)
 
 
 def alone(
-    given: ExperimentTask, rollout: Rollout, rows: Sequence[Row], quick: bool
+    experiment: ExperimentTask,
+    rollout: Rollout,
+    rows: Sequence[Row],
+    settings: DesignSettings | None,
 ) -> dict[str, float]:
     """Standard errors [%] of single numbers where nothing else matters."""
-    names = [row["number"] for row in rows]
-    found = {
-        name: design_experiment(replace(given, matter=(name,)), rollout, LITTLE if quick else None)
-        for name in names
-    }
-    return {
-        name: _share(next(each for each in one.numbers if each.name == name))
-        for name, one in found.items()
-    }
+    errors = {}
+    for name in column(rows, "number"):
+        single = replace(experiment, matter=(name,))
+        excitation = design_experiment(single, rollout, settings)
+        errors[name] = _share(_number_of(excitation, name))
+    return errors
 
 
 def fitted(
-    given: ExperimentTask, rollout: Rollout, found: Mapping[str, Excitation], n: int, search: Search
+    experiment: ExperimentTask,
+    rollout: Rollout,
+    excitations: Mapping[str, Excitation],
+    n: int,
+    search: Search,
 ) -> dict[str, float]:
     """Root mean square error after the design, over that by hand, of each number, as n drawn
     vehicles have it.
     """
-    truths = drawn(given.vehicle, np.random.default_rng(0), n)
-    squares = {
-        kind: np.mean(
-            [
-                _errors(given, rollout, truth, one, seed, search) ** 2
-                for seed, truth in enumerate(truths)
-            ],
-            axis=0,
-        )
-        for kind, one in found.items()
-    }
-    less = np.sqrt(
-        squares[DESIGNED] / next(part for kind, part in squares.items() if kind != DESIGNED)
-    )
-    return dict(zip([each.name for each in found[DESIGNED].numbers], less.tolist(), strict=True))
+    truths = drawn(experiment.vehicle, np.random.default_rng(0), n)
+    mean_squares = {}
+    for kind, excitation in excitations.items():
+        squares = []
+        for seed, truth in enumerate(truths):
+            errors = _errors(experiment, rollout, truth, excitation, seed, search)
+            squares.append(errors**2)
+        mean_squares[kind] = np.mean(squares, axis=0)
+    (by_hand,) = (kind for kind in mean_squares if kind != DESIGNED)
+    ratios = np.sqrt(mean_squares[DESIGNED] / mean_squares[by_hand])
+    names = [number.name for number in excitations[DESIGNED].numbers]
+    return dict(zip(names, ratios.tolist(), strict=True))
 
 
 def _errors(
-    given: ExperimentTask,
+    experiment: ExperimentTask,
     rollout: Rollout,
     truth: np.ndarray,
-    one: Excitation,
+    excitation: Excitation,
     seed: int,
     search: Search,
 ) -> np.ndarray:
     """(m,) of all numbers, by their sizes."""
-    recording = recorded(
-        given.vehicle, rollout.stage, truth, np.random.default_rng(seed), one.commands
-    )
-    estimate = search_fit(
-        given.vehicle, [PreparedRecording.of(recording, given.vehicle)], NOISE, rollout, search
-    )
-    pairs = zip(numbers(given.vehicle, estimate), values_of(given.vehicle, truth), strict=True)
-    return np.array([(told.value - wanted) / told.size for told, wanted in pairs])
+    auv = experiment.vehicle
+    rng = np.random.default_rng(seed)
+    recording = recorded(auv, rollout.stage, truth, rng, excitation.commands)
+    prepared = PreparedRecording.of(recording, auv)
+    estimate = search_fit(auv, [prepared], NOISE, rollout, search)
+    pairs = zip(numbers(auv, estimate), values_of(auv, truth), strict=True)
+    return np.array([(number.value - true) / number.size for number, true in pairs])
 
 
-def told(
-    given: ExperimentTask, found: Mapping[str, Excitation], rows: Sequence[Row]
+def figures(
+    experiment: ExperimentTask, excitations: Mapping[str, Excitation], rows: Sequence[Row]
 ) -> dict[str, object]:
     """Figures of the prose."""
     ratios = np.array([ratio(row) for row in rows])
     single = farthest([row for row in rows if row[ALONE] is not None])
-    sides = given.limits.pool[1] - given.limits.pool[0]
+    sides = experiment.limits.pool[1] - experiment.limits.pool[0]
+    roots = [f"{_root(excitation):.1f} N ({name})" for name, excitation in excitations.items()]
+    inside = [f"{name}: {_inside(excitation)}" for name, excitation in excitations.items()]
     return {
-        "duration": given.duration,
-        "thrust": given.limits.thrust.max(),
-        "slew": given.limits.slew,
+        "duration": experiment.duration,
+        "thrust": experiment.limits.thrust.max(),
+        "slew": experiment.limits.slew,
         "pool": " x ".join(f"{side:g}" for side in sides),
         "n": len(rows),
         "known": 100.0 * DETERMINED_BELOW,
@@ -221,25 +245,26 @@ def told(
         "single": len(single),
         "possible": ", ".join(f"{ratio(row, ALONE):.2f} ({row['number']})" for row in single),
         "alone": _ratios(rows, list(BY_HAND)),
-        "fitted": np.median([row["fitted"] for row in rows]),
-        "roots": ", ".join(f"{_root(one):.1f} N ({name})" for name, one in found.items()),
-        "inside": ", ".join(f"{name}: {_inside(one)}" for name, one in found.items()),
+        "fitted": np.median(column(rows, "fitted")),
+        "roots": ", ".join(roots),
+        "inside": ", ".join(inside),
     }
 
 
 def _ratios(rows: Sequence[Row], names: Sequence[str]) -> str:
-    ratios = {name: [row[DESIGNED] / row[name] for row in rows] for name in names}
-    return ", ".join(
-        f"{name} {np.median(one):.2f} (worst {max(one):.2f})" for name, one in ratios.items()
-    )
+    texts = []
+    for name in names:
+        ratios = [row[DESIGNED] / row[name] for row in rows]
+        texts.append(f"{name} {np.median(ratios):.2f} (worst {max(ratios):.2f})")
+    return ", ".join(texts)
 
 
-def _root(one: Excitation) -> float:
-    return float(np.sqrt((one.commands.values**2).mean()))
+def _root(excitation: Excitation) -> float:
+    return float(np.sqrt((excitation.commands.values**2).mean()))
 
 
-def _inside(one: Excitation) -> str:
-    return "yes" if one.status is DesignStatus.INSIDE else "no"
+def _inside(excitation: Excitation) -> str:
+    return "yes" if excitation.status is DesignStatus.INSIDE else "no"
 
 
 if __name__ == "__main__":

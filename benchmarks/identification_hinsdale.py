@@ -9,7 +9,7 @@ identification_hinsdale_swings.csv and identification_hinsdale.md.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from pool.scores import OFFSET_TIME
 from pool.sensors import IMU, MOCAP, moves, recordings_of
 from pool.swings import LARGE, swings
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.output_error import Estimate
@@ -101,27 +102,27 @@ class Session:
     @property
     def turn(self) -> float:
         """[deg] about z at which the sensor was found to sit."""
-        return float(
-            np.degrees(
-                self.estimate.shared[self.learner.vehicle.shared.names.index("attitude_turn z")]
-            )
-        )
+        index = self.learner.vehicle.shared.names.index("attitude_turn z")
+        return float(np.degrees(self.estimate.shared[index]))
 
     def rows(self) -> list[Row]:
         """One for each prediction of each recording."""
         start = self.learner.vehicle.shared.start
-        return [
-            row(one.recording.name, self.sensor, kind, rmse)
-            for one, found, alone in zip(self.prepared, self.left_out, self.alone, strict=True)
-            for kind, rmse in (
-                (OTHERS, errors(found)),
-                (SEEN, errors(self.learner.predicted(one, self.estimate.shared))),
-                (ALONE, errors(alone)),
-                (PRIOR, errors(self.learner.predicted(one, start))),
-                (STILL, still(found)),
-                (MEAN, about_mean(found)),
-            )
-        ]
+        rows = []
+        for prepared, left_out, alone in zip(self.prepared, self.left_out, self.alone, strict=True):
+            together = self.learner.predicted(prepared, self.estimate.shared)
+            prior = self.learner.predicted(prepared, start)
+            rmse_of = {
+                OTHERS: errors(left_out),
+                SEEN: errors(together),
+                ALONE: errors(alone),
+                PRIOR: errors(prior),
+                STILL: still(left_out),
+                MEAN: about_mean(left_out),
+            }
+            for kind, rmse in rmse_of.items():
+                rows.append(row(prepared.recording.name, self.sensor, kind, rmse))
+        return rows
 
 
 def session(folder: Path, sensor: str, *, quick: bool) -> Session:
@@ -129,77 +130,82 @@ def session(folder: Path, sensor: str, *, quick: bool) -> Session:
     them together end.
     """
     learner = pool_learner(NOISE[sensor])
-    every_recording = recordings_of(folder)[sensor]
-    recordings = [one for one in every_recording if moves(one)][: 2 if quick else None]
-    resting = [
-        PreparedRecording.of(one, learner.vehicle) for one in every_recording if not moves(one)
-    ]
-    prepared = tuple(PreparedRecording.of(one, learner.vehicle) for one in recordings)
-    everything = learner.trained(prepared, iterations=2 if quick else 25)
+    moving = []
+    resting = []
+    for recording in recordings_of(folder)[sensor]:
+        prepared = PreparedRecording.of(recording, learner.vehicle)
+        if moves(recording):
+            moving.append(prepared)
+        else:
+            resting.append(prepared)
+    if quick:
+        moving = moving[:2]
+    everything = learner.trained(moving, iterations=2 if quick else 25)
+    at_rest = {}
+    for prepared in resting:
+        at_rest[prepared.recording.name] = learner.predicted(prepared, everything.shared)
     return Session(
         sensor=sensor,
         learner=learner,
-        prepared=prepared,
+        prepared=tuple(moving),
         estimate=everything,
-        left_out=tuple(_left_out(learner, prepared, held, quick=quick) for held in prepared),
-        alone=tuple(_alone(learner, held, everything, quick=quick) for held in prepared),
-        at_rest={one.recording.name: learner.predicted(one, everything.shared) for one in resting},
+        left_out=tuple(_left_out(learner, moving, prepared, quick=quick) for prepared in moving),
+        alone=tuple(_alone(learner, prepared, everything, quick=quick) for prepared in moving),
+        at_rest=at_rest,
     )
 
 
 def _alone(
-    learner: Learner, held: PreparedRecording, everything: Estimate, *, quick: bool
+    learner: Learner, prepared: PreparedRecording, everything: Estimate, *, quick: bool
 ) -> Predicted:
     """Predict a recording by what it tells itself, searched from what all of them tell."""
-    estimate = learner.trained([held], everything.shared, iterations=2 if quick else 25)
-    return learner.predicted(held, estimate.shared)
+    estimate = learner.trained([prepared], everything.shared, iterations=2 if quick else 25)
+    return learner.predicted(prepared, estimate.shared)
 
 
 def _left_out(
-    learner: Learner, prepared: Sequence[PreparedRecording], held: PreparedRecording, *, quick: bool
+    learner: Learner,
+    moving: Sequence[PreparedRecording],
+    prepared: PreparedRecording,
+    *,
+    quick: bool,
 ) -> Predicted:
     """Predict a recording by what the others tell, searched from the prior: nothing of it is known
     to that search.
     """
-    others = [one for one in prepared if one is not held]
-    return learner.predicted(held, learner.trained(others, iterations=2 if quick else 25).shared)
+    others = [other for other in moving if other is not prepared]
+    estimate = learner.trained(others, iterations=2 if quick else 25)
+    return learner.predicted(prepared, estimate.shared)
 
 
 def between(imu: Session, mocap: Session) -> list[Row]:
     """How far the sensors are from each other."""
-    pairs = zip(imu.prepared, mocap.prepared, strict=True)
-    return [
-        row(
-            one.recording.name,
-            MOCAP,
-            APART,
-            apart(
-                turned_back(mocap.learner, other, mocap.estimate.shared),
-                turned_back(imu.learner, one, imu.estimate.shared),
-            ),
+    rows = []
+    for by_imu, by_mocap in zip(imu.prepared, mocap.prepared, strict=True):
+        rmse = apart(
+            turned_back(mocap.learner, by_mocap, mocap.estimate.shared),
+            turned_back(imu.learner, by_imu, imu.estimate.shared),
         )
-        for one, other in pairs
-    ]
+        rows.append(row(by_imu.recording.name, MOCAP, APART, rmse))
+    return rows
 
 
 def medians(rows: Sequence[Row]) -> list[Row]:
     """Over the recordings, by sensor and kind of prediction."""
-    kinds = dict.fromkeys((each["sensor"], each["prediction"]) for each in rows)
-    return [
-        {"judged by": sensor, "prediction": kind}
-        | {
-            name: float(np.median([each[name] for each in _of(rows, sensor, kind)]))
-            for name in COLUMNS
-        }
-        for sensor, kind in kinds
-    ]
+    kinds = dict.fromkeys((row["sensor"], row["prediction"]) for row in rows)
+    table = list[Row]()
+    for sensor, kind in kinds:
+        chosen = _of(rows, sensor, kind)
+        errors = {name: float(np.median(column(chosen, name))) for name in COLUMNS}
+        table.append({"judged by": sensor, "prediction": kind, **errors})
+    return table
 
 
 COLUMNS = tuple(f"{angle} RMSE [deg]" for angle in ANGLES)
 
 
 def _of(rows: Sequence[Row], sensor: str, kind: str) -> list[Row]:
-    return [each for each in rows if (each["sensor"], each["prediction"]) == (sensor, kind)]
+    return rows_where(rows_where(rows, "sensor", sensor), "prediction", kind)
 
 
 def shares(rows: Sequence[Row]) -> str:
@@ -208,22 +214,23 @@ def shares(rows: Sequence[Row]) -> str:
     """
     sentences = []
     for sensor in (IMU, MOCAP):
-        for column in COLUMNS:
-            fits = {kind: _median_fit(rows, sensor, kind, column) for kind in (OTHERS, SEEN, ALONE)}
+        for name in COLUMNS:
             of_channel = FitShares(
-                channel=f"{column.split()[0]} by the {sensor}",
-                predicted=fits[OTHERS],
-                together=fits[SEEN],
-                alone=fits[ALONE],
+                channel=f"{name.split()[0]} by the {sensor}",
+                predicted=_median_fit(rows, sensor, OTHERS, name),
+                together=_median_fit(rows, sensor, SEEN, name),
+                alone=_median_fit(rows, sensor, ALONE, name),
             )
             sentences.append(f"- {of_channel}")
     return "\n".join(sentences)
 
 
-def _median_fit(rows: Sequence[Row], sensor: str, kind: str, column: str) -> float:
+def _median_fit(rows: Sequence[Row], sensor: str, kind: str, name: str) -> float:
     """[%]"""
-    pairs = zip(_of(rows, sensor, kind), _of(rows, sensor, MEAN), strict=True)
-    return float(np.median([100.0 * (1.0 - each[column] / mean[column]) for each, mean in pairs]))
+    errors = column(_of(rows, sensor, kind), name)
+    mean_errors = column(_of(rows, sensor, MEAN), name)
+    pairs = zip(errors, mean_errors, strict=True)
+    return float(np.median([100.0 * (1.0 - error / mean) for error, mean in pairs]))
 
 
 def worse_than_still(sessions: Sequence[Session]) -> list[str]:
@@ -231,46 +238,53 @@ def worse_than_still(sessions: Sequence[Session]) -> list[str]:
     still.
     """
     sentences = []
-    for one in sessions:
-        names = [each.recording.name for each in one.prepared]
-        predictions = dict(zip(names, one.left_out, strict=True)) | one.at_rest
+    for session in sessions:
+        names = [prepared.recording.name for prepared in session.prepared]
+        predictions = dict(zip(names, session.left_out, strict=True)) | session.at_rest
         for name, predicted in predictions.items():
-            columns = zip(
-                ANGLES, errors(predicted), still(predicted), about_mean(predicted), strict=True
-            )
-            for angle, error, still_error, mean_error in columns:
-                shortfall = compared(
-                    recording=f"{name} by the {one.sensor}",
-                    channel=angle,
-                    unit="deg",
-                    error=float(error),
-                    baselines={NOTHING_MOVES: float(still_error), MEAN: float(mean_error)},
-                )
-                if shortfall is not None:
-                    sentences.append(f"- {shortfall}")
+            sentences += _worse_than_still(f"{name} by the {session.sensor}", predicted)
+    return sentences
+
+
+def _worse_than_still(recording: str, predicted: Predicted) -> list[str]:
+    sentences = []
+    rmse_of = zip(ANGLES, errors(predicted), still(predicted), about_mean(predicted), strict=True)
+    for angle, error, still_error, mean_error in rmse_of:
+        shortfall = compared(
+            recording=recording,
+            channel=angle,
+            unit="deg",
+            error=float(error),
+            baselines={NOTHING_MOVES: float(still_error), MEAN: float(mean_error)},
+        )
+        if shortfall is not None:
+            sentences.append(f"- {shortfall}")
     return sentences
 
 
 def _beyond_sensors(rows: Sequence[Row]) -> str:
     """Channels that do worse than a vehicle that does not move, by more than the sensors differ."""
-    found = []
+    channels = []
     for sensor in (IMU, MOCAP):
         kinds = (_of(rows, sensor, OTHERS), _of(rows, sensor, STILL), _of(rows, MOCAP, APART))
         for predicted, still_row, between_sensors in zip(*kinds, strict=True):
-            for column in COLUMNS:
-                if predicted[column] > still_row[column] + between_sensors[column]:
-                    angle = column.split()[0]
-                    found.append(f"{angle} of {predicted['recording']} by the {sensor}")
-    return ", ".join(found) or "none"
+            for name in COLUMNS:
+                if predicted[name] > still_row[name] + between_sensors[name]:
+                    angle = name.split()[0]
+                    channels.append(f"{angle} of {predicted['recording']} by the {sensor}")
+    return ", ".join(channels) or "none"
 
 
-def _span(values: Iterable[float]) -> str:
-    found = list(values)
-    return f"{min(found):.0f} to {max(found):.0f}" if found else "nothing"
+def _span(values: Sequence[float]) -> str:
+    if not values:
+        return "nothing"
+    return f"{min(values):.0f} to {max(values):.0f}"
 
 
 def _off(free: Sequence[Row], name: str, *, large: bool) -> list[float]:
-    return [each[name] for each in free if name in each and (each["size [deg]"] > LARGE) is large]
+    """Of the swings that are large, or of those that are not."""
+    swings_of_size = [row for row in free if (row["size [deg]"] > LARGE) is large]
+    return [row[name] for row in swings_of_size if name in row]
 
 
 def _middle(values: Sequence[float]) -> str:
@@ -310,14 +324,13 @@ def main() -> None:
     """Identify and predict by both sensors."""
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="of the recordings")
-    given, run = begin(parser)
-    imu, mocap = (session(given.folder, sensor, quick=run.quick) for sensor in (IMU, MOCAP))
+    arguments, run = begin(parser)
+    imu = session(arguments.folder, IMU, quick=run.quick)
+    mocap = session(arguments.folder, MOCAP, quick=run.quick)
     rows = [*imu.rows(), *mocap.rows(), *between(imu, mocap)]
-    free = [
-        each
-        for one, found in zip(imu.prepared, imu.left_out, strict=True)
-        for each in swings(one.recording, found)
-    ]
+    free = list[Row]()
+    for prepared, predicted in zip(imu.prepared, imu.left_out, strict=True):
+        free += swings(prepared.recording, predicted)
     name = "identification_hinsdale"
     run.write(
         Report(

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 from uvms_ocp.identification.calibration import held_constants
 from uvms_ocp.identification.fit import FitContext, Predicted, Search
@@ -75,25 +76,24 @@ processor in the median.
 """
 
 
-def seen(
-    one: Vehicle, stage: StageFunctions, truth: np.ndarray, rng: np.random.Generator
+def recorded_by_own_sensors(
+    auv: Vehicle, stage: StageFunctions, truth: np.ndarray, rng: np.random.Generator
 ) -> Recording:
     """A recording of a vehicle by its own sensors, which are turned and biased."""
     t = np.arange(0.0, DURATION, SENT)
-    told = THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
-    commands = Channel(t=t, values=np.repeat(told, round(HELD / SENT), axis=0))
-    found = recorded(one, stage, truth, rng, commands)
-    turn = np.array(ca.evalf(one.values(ca.SX(ca.DM(truth)))["attitude_turn"])).ravel()
-    attitude, rate = found.channels["attitude"], found.channels["angular_velocity"]
-    turned = np.array(
-        [np.ravel(quaternion_multiply(q, quaternion_exp(turn))) for q in attitude.values]
-    )
+    thrust = THRUST * rng.normal(size=(round(DURATION / HELD), len(auv.actuators.names)))
+    commands = Channel(t=t, values=np.repeat(thrust, round(HELD / SENT), axis=0))
+    recording = recorded(auv, stage, truth, rng, commands)
+    turn = np.array(ca.evalf(auv.values(ca.SX(ca.DM(truth)))["attitude_turn"])).ravel()
+    attitude = recording.channels["attitude"]
+    rate = recording.channels["angular_velocity"]
+    turned = [np.ravel(quaternion_multiply(q, quaternion_exp(turn))) for q in attitude.values]
     biased = rate.values + GYRO_BIAS * rng.normal(size=3)
-    others = {
-        "attitude": replace(attitude, values=turned),
+    changed = {
+        "attitude": replace(attitude, values=np.array(turned)),
         "angular_velocity": replace(rate, values=biased),
     }
-    return replace(found, channels={**found.channels, **others})
+    return replace(recording, channels={**recording.channels, **changed})
 
 
 def identified(
@@ -115,37 +115,35 @@ def identified(
     )
     inflation = variance_inflation(Predicted.joined(list(fitted.residuals().values())), NOISE)
     wide, _ = held_constants(fitted, settings, inflation)
-    taken = process_time() - begun
-    pairs = zip(
-        *(
-            numbers(subject.vehicle, each, inflation)
-            for each in (wide, replace(fitted.estimate, assumed=0.0))
-        ),
-        strict=True,
-    )
-    return [
-        {
-            "robot": robot,
-            "step [s]": step,
-            "number": told.name,
-            "truth": truths[told.name],
-            "estimate": told.value,
-            "standard error": told.sigma,
-            "without assumptions": alone.sigma,
-            "inside": told.interval[0] <= truths[told.name] <= told.interval[1],
-            "inside without": alone.interval[0] <= truths[told.name] <= alone.interval[1],
-            "determined": told.determined,
-            "status": fitted.estimate.status.value,
-            "time [s]": taken,
-        }
-        for told, alone in pairs
-    ]
+    duration = process_time() - begun
+    assumed = numbers(subject.vehicle, wide, inflation)
+    without = numbers(subject.vehicle, replace(fitted.estimate, assumed=0.0), inflation)
+    rows = list[Row]()
+    for number, narrow in zip(assumed, without, strict=True):
+        truth = truths[number.name]
+        rows.append(
+            {
+                "robot": robot,
+                "step [s]": step,
+                "number": number.name,
+                "truth": truth,
+                "estimate": number.value,
+                "standard error": number.sigma,
+                "without assumptions": narrow.sigma,
+                "inside": number.interval[0] <= truth <= number.interval[1],
+                "inside without": narrow.interval[0] <= truth <= narrow.interval[1],
+                "determined": number.determined,
+                "status": fitted.estimate.status.value,
+                "time [s]": duration,
+            }
+        )
+    return rows
 
 
 def by_number(rows: Sequence[Row]) -> list[Row]:
     """How often each is inside its interval, and how well it is known."""
-    names = dict.fromkeys(row["number"] for row in rows)
-    return [_summary(name, [row for row in rows if row["number"] == name]) for name in names]
+    names = dict.fromkeys(column(rows, "number"))
+    return [_summary(name, rows_where(rows, "number", name)) for name in names]
 
 
 def _summary(name: str, rows: Sequence[Row]) -> Row:
@@ -154,32 +152,36 @@ def _summary(name: str, rows: Sequence[Row]) -> Row:
         "inside [%]": share(rows, "inside"),
         "inside without [%]": share(rows, "inside without"),
         "determined [%]": share(rows, "determined"),
-        "median standard error": float(np.median([row["standard error"] for row in rows])),
+        "median standard error": float(np.median(column(rows, "standard error"))),
     }
 
 
 def share(rows: Sequence[Row], name: str) -> float:
     """[%] of rows of which that is true."""
-    return 100.0 * float(np.mean([row[name] for row in rows])) if rows else float("nan")
+    if not rows:
+        return float("nan")
+    return 100.0 * float(np.mean(column(rows, name)))
 
 
 def main() -> None:
     """Draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    one = vehicle({**WATER, **DRAWN})
+    auv = vehicle({**WATER, **DRAWN})
     rollouts = dict[str, Rollout]()
-    stage = stage_of(one)
+    stage = stage_of(auv)
     robots = 1 if run.quick else ROBOTS
-    fine = LONG_STEP / 2 if run.quick else Search().step
-    few = max(1, robots // 4)
-    fits = list[Row]()
-    long = list[Row]()
-    for k, truth in enumerate(drawn(one, np.random.default_rng(0), robots)):
-        recording = seen(one, stage, truth, np.random.default_rng(k))
-        truths = {each.name: each.value for each in numbers_at(one, truth, np.eye(len(truth)))}
-        fits += identified(recording, truths, k, fine, rollouts)
-        long += identified(recording, truths, k, LONG_STEP, rollouts) if k < few else []
-    told = {
+    fine_step = LONG_STEP / 2 if run.quick else Search().step
+    n_coarse = max(1, robots // 4)
+    fine = list[Row]()
+    coarse = list[Row]()
+    for k, truth in enumerate(drawn(auv, np.random.default_rng(0), robots)):
+        recording = recorded_by_own_sensors(auv, stage, truth, np.random.default_rng(k))
+        true_numbers = numbers_at(auv, truth, np.eye(len(truth)))
+        truths = {number.name: number.value for number in true_numbers}
+        fine += identified(recording, truths, k, fine_step, rollouts)
+        if k < n_coarse:
+            coarse += identified(recording, truths, k, LONG_STEP, rollouts)
+    figures = {
         "gain": 100.0 * DRAWN["gain"].sigma,
         "lag": 100.0 * DRAWN["lag"].sigma,
         "point": 100.0 * DRAWN["velocity_point"].sigma,
@@ -191,33 +193,36 @@ def main() -> None:
         "velocity": VELOCITY,
         "rate": RATE,
         "vertical": VERTICAL,
-        "step": fine,
-        "inside": share(fits, "inside"),
-        "n": len(fits),
-        "narrow": share(fits, "inside without"),
-        "few": few,
+        "step": fine_step,
+        "inside": share(fine, "inside"),
+        "n": len(fine),
+        "narrow": share(fine, "inside without"),
+        "few": n_coarse,
         "long": LONG_STEP,
-        "coarse": share(long, "inside"),
-        "coarse_narrow": share(long, "inside without"),
-        "seconds": float(np.median([row["time [s]"] for row in fits])),
+        "coarse": share(coarse, "inside"),
+        "coarse_narrow": share(coarse, "inside without"),
+        "seconds": float(np.median(column(fine, "time [s]"))),
     }
     title = "Identification with sensors of which little is known"
     name = "identification_sensors"
-    summary = by_number(fits)
-    form = {
-        column: ".3g" if "error" in column else ".0f" if "%" in column else ""
-        for column in summary[0]
-    }
-    table = Table(rows=summary, columns=form)
+    summary = by_number(fine)
+    table = Table(rows=summary, columns={name: _format(name) for name in summary[0]})
     run.write(
         Report(
             name=name,
             title=title,
-            prose=PROSE.format(**told),
+            prose=PROSE.format(**figures),
             tables=[table],
-            data={name: [*fits, *long]},
+            data={name: [*fine, *coarse]},
         )
     )
+
+
+def _format(name: str) -> str:
+    """Of a column."""
+    if "error" in name:
+        return ".3g"
+    return ".0f" if "%" in name else ""
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from time import process_time
 import numpy as np
 from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, limits, recorded, vehicle
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
@@ -62,7 +63,7 @@ times what is expected of them, by vehicle from {least:.2f} to {most:.2f}.
 
 
 def identified(
-    one: Vehicle,
+    auv: Vehicle,
     rollout: Rollout,
     truth: np.ndarray,
     driven: Excitation,
@@ -72,98 +73,106 @@ def identified(
 ) -> list[Row]:
     """A row for each number of one vehicle with unknowns truth (n,) [as `Unknowns.start`]."""
     rng = np.random.default_rng(seed)
-    names = [f"drawn{k}" for k in range(recordings)]
-    found = [recorded(one, rollout.stage, truth, rng, driven.commands, name) for name in names]
+    measured = []
+    for k in range(recordings):
+        measured.append(recorded(auv, rollout.stage, truth, rng, driven.commands, f"drawn{k}"))
     begun = process_time()
-    estimate = search_fit(
-        one, [PreparedRecording.of(each, one) for each in found], NOISE, rollout, search
-    )
-    taken = process_time() - begun
-    off = estimate.shared - truth
-    same = {
+    prepared = [PreparedRecording.of(recording, auv) for recording in measured]
+    estimate = search_fit(auv, prepared, NOISE, rollout, search)
+    duration = process_time() - begun
+    error = estimate.shared - truth
+    common = {
         "robot": seed,
         "status": estimate.status.value,
-        "time [s]": taken,
-        "weighed": float(off @ estimate.information @ off) / len(off),
+        "time [s]": duration,
+        "weighed": float(error @ estimate.information @ error) / len(error),
     }
-    pairs = zip(numbers(one, estimate), values_of(one, truth), strict=True)
-    return [{**_row(told, float(wanted)), **same} for told, wanted in pairs]
+    rows = list[Row]()
+    for number, true in zip(numbers(auv, estimate), values_of(auv, truth), strict=True):
+        rows.append({**_row(number, float(true)), **common})
+    return rows
 
 
-def _row(told: IdentifiedNumber, truth: float) -> Row:
-    least, most = told.interval
+def _row(number: IdentifiedNumber, truth: float) -> Row:
+    lower, upper = number.interval
     return {
-        "unknown": told.name,
+        "unknown": number.name,
         "truth": truth,
-        "estimate": told.value,
-        "standard error [%]": 100.0 * told.sigma / told.size,
-        "error [%]": 100.0 * abs(told.value - truth) / told.size,
-        "determined": told.determined,
-        "inside": least <= truth <= most,
+        "estimate": number.value,
+        "standard error [%]": 100.0 * number.sigma / number.size,
+        "error [%]": 100.0 * abs(number.value - truth) / number.size,
+        "determined": number.determined,
+        "inside": lower <= truth <= upper,
     }
 
 
 def by_unknown(rows: Sequence[Row]) -> list[Row]:
     """How often each is determined, right, and how well."""
-    names = dict.fromkeys(row["unknown"] for row in rows)
-    return [_summary(name, [row for row in rows if row["unknown"] == name]) for name in names]
+    names = dict.fromkeys(column(rows, "unknown"))
+    return [_summary(name, rows_where(rows, "unknown", name)) for name in names]
 
 
 def _summary(name: str, rows: Sequence[Row]) -> Row:
-    known = [row for row in rows if row["determined"]]
+    determined = rows_where(rows, "determined", True)
     return {
         "unknown": name,
-        "determined [%]": 100.0 * len(known) / len(rows),
-        "inside [%]": _inside(known),
-        "median error [%]": _error(known),
-        "median standard error [%]": float(np.median([row["standard error [%]"] for row in rows])),
+        "determined [%]": 100.0 * len(determined) / len(rows),
+        "inside [%]": _inside(determined),
+        "median error [%]": _error(determined),
+        "median standard error [%]": float(np.median(column(rows, "standard error [%]"))),
     }
 
 
 def _inside(rows: Sequence[Row]) -> float | None:
-    return 100.0 * float(np.mean([row["inside"] for row in rows])) if rows else None
+    if not rows:
+        return None
+    return 100.0 * float(np.mean(column(rows, "inside")))
 
 
 def _error(rows: Sequence[Row]) -> float | None:
-    return float(np.median([row["error [%]"] for row in rows])) if rows else None
+    if not rows:
+        return None
+    return float(np.median(column(rows, "error [%]")))
 
 
 def main() -> None:
     """Design, draw, drive and identify."""
     _, run = begin(parser_of(__doc__))
-    one = vehicle()
-    robots, recordings, search = (
-        (1, 1, replace(SEARCH, iterations=1)) if run.quick else (ROBOTS, RECORDINGS, SEARCH)
-    )
-    given = ExperimentTask(
-        vehicle=one, limits=limits(one), duration=6.0 if run.quick else DURATION, noise=NOISE
-    )
-    rollout = Rollout(stage_of(one))
-    driven = design_experiment(
-        given, rollout, DesignSettings(iterations=1, starts=1) if run.quick else None
-    )
-    truths = drawn(one, np.random.default_rng(0), robots)
-    rows = [
-        row
-        for k, truth in enumerate(truths)
-        for row in identified(one, rollout, truth, driven, k, recordings, search)
-    ]
-    states = [simulate_commands(given, rollout, driven.commands, truth) for truth in truths]
-    inside = sum(not given.limits.beyond(each, margin=0.0)[0].any() for each in states)
+    if run.quick:
+        robots = 1
+        recordings = 1
+        duration = 6.0
+        search = replace(SEARCH, iterations=1)
+        settings = DesignSettings(iterations=1, starts=1)
+    else:
+        robots = ROBOTS
+        recordings = RECORDINGS
+        duration = DURATION
+        search = SEARCH
+        settings = None
+    auv = vehicle()
+    experiment = ExperimentTask(vehicle=auv, limits=limits(auv), duration=duration, noise=NOISE)
+    rollout = Rollout(stage_of(auv))
+    driven = design_experiment(experiment, rollout, settings)
+    truths = drawn(auv, np.random.default_rng(0), robots)
+    rows = list[Row]()
+    inside = 0
+    for seed, truth in enumerate(truths):
+        rows += identified(auv, rollout, truth, driven, seed, recordings, search)
+    for truth in truths:
+        states = simulate_commands(experiment, rollout, driven.commands, truth)
+        beyond, *_ = experiment.limits.beyond(states, margin=0.0)
+        inside += not beyond.any()
     summary = by_unknown(rows)
-    form = {
-        "unknown": "",
-        **dict.fromkeys([name for name in summary[0] if name != "unknown"], ".1f"),
-    }
-    title = "Identification of simulated vehicles"
+    form = {**dict.fromkeys(summary[0], ".1f"), "unknown": ""}
     name = "identification_simulated"
     prose = PROSE.format(
-        **told(given, rows, summary), robots=robots, recordings=recordings, inside=inside
+        **figures(experiment, rows, summary), robots=robots, recordings=recordings, inside=inside
     )
     run.write(
         Report(
             name=name,
-            title=title,
+            title="Identification of simulated vehicles",
             prose=prose,
             tables=[Table(rows=summary, columns=form)],
             data={name: rows},
@@ -171,27 +180,30 @@ def main() -> None:
     )
 
 
-def told(given: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]) -> dict[str, object]:
+def figures(
+    experiment: ExperimentTask, rows: Sequence[Row], summary: Sequence[Row]
+) -> dict[str, object]:
     """Figures of the prose."""
-    known = [row for row in rows if row["determined"]]
-    weighed = [row["weighed"] for row in rows if row["unknown"] == rows[0]["unknown"]]
-    open_ones = [str(row["unknown"]) for row in summary if row["determined [%]"] <= 50.0]
+    determined = rows_where(rows, "determined", True)
+    weighed = column(rows_where(rows, "unknown", rows[0]["unknown"]), "weighed")
+    undetermined = [str(row["unknown"]) for row in summary if row["determined [%]"] <= 50.0]
+    sides = experiment.limits.pool[1] - experiment.limits.pool[0]
     return {
-        "duration": given.duration,
-        "pool": " x ".join(f"{side:g}" for side in given.limits.pool[1] - given.limits.pool[0]),
+        "duration": experiment.duration,
+        "pool": " x ".join(f"{side:g}" for side in sides),
         "velocity": VELOCITY,
         "rate": RATE,
         "vertical": VERTICAL,
-        "covered": _inside(known),
+        "covered": _inside(determined),
         "known": 100.0 * DETERMINED_BELOW,
         "length": 1e2 * SIZES["m"],
         "time": 1e3 * SIZES["s"],
         "share": 100.0 * erf(INTERVAL / sqrt(2.0)),
-        "error": _error(known),
-        "open": len(open_ones),
-        "named": f" ({', '.join(open_ones)})" if open_ones else "",
+        "error": _error(determined),
+        "open": len(undetermined),
+        "named": f" ({', '.join(undetermined)})" if undetermined else "",
         "n": len(summary),
-        "seconds": float(np.median([row["time [s]"] for row in rows])),
+        "seconds": float(np.median(column(rows, "time [s]"))),
         "weighed": float(np.mean(weighed)),
         "least": min(weighed),
         "most": max(weighed),

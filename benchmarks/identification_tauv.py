@@ -17,6 +17,7 @@ from driven_auv.bounds import MEMORY, WINDOW, filtered, measured_twice, n_coeffi
 from driven_auv.recordings import CHANNELS, MOVING, judged, read_recordings
 from driven_auv.vehicle import vehicle
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, known_values, rows_where
 
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.fit import Predicted, Predictor, fit_percent, rolled_out
@@ -24,7 +25,7 @@ from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import Estimate, Noise, OutputErrorProblem
 from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.prediction_verdict import FitShares
-from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout
+from uvms_ocp.identification.rollout import RATE_WINDOW, PreparedRecording, Rollout, Segment
 from uvms_ocp.identification.still_comparison import MEAN, NOTHING_MOVES, compared
 from uvms_ocp.identification.validation import static_baseline
 
@@ -119,7 +120,9 @@ class Bench:
     ) -> Estimate:
         """Identified on some recordings, in short stretches first."""
         for duration, iterations in stages:
-            stretches = [stretch for one in chosen for stretch in one.stretches(STEP, duration)]
+            stretches = list[Segment]()
+            for prepared in chosen:
+                stretches += prepared.stretches(STEP, duration)
             error = OutputErrorProblem(self.vehicle, stretches, NOISE, self.rollout)
             estimate = error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
             shared = estimate.shared
@@ -134,12 +137,14 @@ class Bench:
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
     """Of a folder of recordings."""
-    one = vehicle(**learnt)
-    recordings = read_recordings(folder)[: 2 if quick else None]
+    auv = vehicle(**learnt)
+    recordings = read_recordings(folder)
+    if quick:
+        recordings = recordings[:2]
     return Bench(
-        vehicle=one,
-        rollout=Rollout(stage_of(one)),
-        prepared=tuple(PreparedRecording.of(each, one) for each in recordings),
+        vehicle=auv,
+        rollout=Rollout(stage_of(auv)),
+        prepared=tuple(PreparedRecording.of(recording, auv) for recording in recordings),
     )
 
 
@@ -149,31 +154,39 @@ def row(name: str, kind: str, predicted: Predicted) -> Row:
     return {"recording": name, "prediction": kind, **fits}
 
 
-def _fit(channel: str, seen: np.ndarray, predicted: np.ndarray) -> float | None:
-    return fit_percent(seen, predicted) if seen.std() > MOVING[channel] else None
+def _fit(channel: str, measured: np.ndarray, predicted: np.ndarray) -> float | None:
+    if measured.std() <= MOVING[channel]:
+        return None
+    return fit_percent(measured, predicted)
 
 
-def one_vehicle(one: Bench, shared: np.ndarray, kind: str) -> list[Row]:
+def one_vehicle(steady: Bench, shared: np.ndarray, kind: str) -> list[Row]:
     """Every recording, predicted from its beginning by unknowns shared (n,) [as they are], with no
     force of its own.
     """
-    predictor = one.predictor(shared)
-    return [
-        row(each.recording.name, kind, predictor.of(each.stretches(STEP)[0]))
-        for each in one.prepared
-    ]
+    predictor = steady.predictor(shared)
+    rows = []
+    for prepared in steady.prepared:
+        whole = prepared.stretches(STEP)[0]
+        rows.append(row(prepared.recording.name, kind, predictor.of(whole)))
+    return rows
 
 
-def by_halves(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]) -> list[Row]:
+def by_halves(
+    steady: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]
+) -> list[Row]:
     """Every second recording by a vehicle identified on the others, and these by one identified on
     them, each beside the vehicle that has seen what is predicted.
     """
-    halves = [slice(0, None, 2), slice(1, None, 2)]
-    identified = [drifting.trained(drifting.prepared[half], None, stages).shared for half in halves]
+    even = slice(0, None, 2)
+    odd = slice(1, None, 2)
+    from_even = drifting.trained(drifting.prepared[even], None, stages).shared
+    from_odd = drifting.trained(drifting.prepared[odd], None, stages).shared
     rows = []
-    for half, seen, other in zip(halves, identified, identified[::-1], strict=True):
-        predicted = replace(one, prepared=one.prepared[half])
-        rows += one_vehicle(predicted, other, HALF) + one_vehicle(predicted, seen, HALF_SEEN)
+    for half, from_half, from_other in ((even, from_even, from_odd), (odd, from_odd, from_even)):
+        predicted = replace(steady, prepared=steady.prepared[half])
+        rows += one_vehicle(predicted, from_other, HALF)
+        rows += one_vehicle(predicted, from_half, HALF_SEEN)
     return rows
 
 
@@ -197,18 +210,18 @@ def worse_than_still(rows: Sequence[Row]) -> str:
     Errors are in shares of the channel's standard deviation, about its mean.
     """
     kinds = [ALL, *(f"{horizon:g} s" for horizon in HORIZONS)]
-    still = {each["recording"]: each for each in rows if each["prediction"] == STILL}
+    still = {row["recording"]: row for row in rows_where(rows, "prediction", STILL)}
     sentences = []
-    for each in rows:
-        if each["prediction"] not in kinds:
+    for prediction in rows:
+        if prediction["prediction"] not in kinds:
             continue
         for channel in CHANNELS:
-            fit = each[channel]
-            still_fit = still[each["recording"]][channel]
+            fit = prediction[channel]
+            still_fit = still[prediction["recording"]][channel]
             if fit is None or still_fit is None:
                 continue
             shortfall = compared(
-                recording=f"{each['recording']} ({each['prediction']})",
+                recording=f"{prediction['recording']} ({prediction['prediction']})",
                 channel=channel,
                 unit="standard deviations",
                 error=1.0 - fit / 100.0,
@@ -219,133 +232,132 @@ def worse_than_still(rows: Sequence[Row]) -> str:
     return "\n".join(sentences) or "None."
 
 
-def left_out(one: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]) -> list[Row]:
+def left_out(
+    steady: Bench, drifting: Bench, stages: Sequence[tuple[float | None, int]]
+) -> list[Row]:
     """Every recording, predicted by what the others tell, in a search that begins at the prior."""
     rows = []
-    for held in drifting.prepared:
-        found = drifting.trained(
-            [other for other in drifting.prepared if other is not held], None, stages
-        ).shared
-        name, (whole,) = held.recording.name, held.stretches(STEP)
-        rows.append(row(name, ALL, one.predictor(found).of(whole)))
-        rows += _by_horizon(held, one.predictor(found), "")
-        rows += _by_horizon(held, drifting.predictor(found), f", {FORCE}")
+    for prepared in drifting.prepared:
+        others = [other for other in drifting.prepared if other is not prepared]
+        shared = drifting.trained(others, None, stages).shared
+        (whole,) = prepared.stretches(STEP)
+        rows.append(row(prepared.recording.name, ALL, steady.predictor(shared).of(whole)))
+        rows += _by_horizon(prepared, steady.predictor(shared), "")
+        rows += _by_horizon(prepared, drifting.predictor(shared), f", {FORCE}")
     return rows
 
 
-def _by_horizon(held: PreparedRecording, predictor: Predictor, how: str) -> list[Row]:
-    return [
-        row(held.recording.name, f"{horizon:g} s{how}", predictor.over(held, STEP, horizon))
-        for horizon in HORIZONS
-    ]
+def _by_horizon(prepared: PreparedRecording, predictor: Predictor, how: str) -> list[Row]:
+    rows = []
+    for horizon in HORIZONS:
+        predicted = predictor.over(prepared, STEP, horizon)
+        rows.append(row(prepared.recording.name, f"{horizon:g} s{how}", predicted))
+    return rows
 
 
-def seen_soon(one: Bench, shared: np.ndarray) -> list[Row]:
+def seen_soon(drifting: Bench, shared: np.ndarray) -> list[Row]:
     """Every recording over the shortest horizon, by unknowns shared (n,) [as they are] that it was
     used for.
     """
-    return [
-        each
-        for held in one.prepared
-        for each in _by_horizon(held, one.predictor(shared), f", {FORCE}, seen")[:1]
-    ]
-
-
-def alone(one: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
-    """Every recording, predicted by what it tells itself."""
     rows = []
-    for each in one.prepared:
-        found = one.trained([each], shared, ((None, 1 if quick else 15),))
-        rows += in_sample(
-            Bench(vehicle=one.vehicle, rollout=one.rollout, prepared=(each,)), found, ALONE
-        )
-        rows += _by_horizon(each, one.predictor(found.shared), ", seen alone")[:1]
+    for prepared in drifting.prepared:
+        rows += _by_horizon(prepared, drifting.predictor(shared), f", {FORCE}, seen")[:1]
     return rows
 
 
-def bounds(one: Bench) -> list[Row]:
+def alone(drifting: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
+    """Every recording, predicted by what it tells itself."""
+    stages = ((None, 1 if quick else 15),)
+    rows = []
+    for prepared in drifting.prepared:
+        estimate = drifting.trained([prepared], shared, stages)
+        single = Bench(vehicle=drifting.vehicle, rollout=drifting.rollout, prepared=(prepared,))
+        rows += in_sample(single, estimate, ALONE)
+        rows += _by_horizon(prepared, drifting.predictor(estimate.shared), ", seen alone")[:1]
+    return rows
+
+
+def bounds(steady: Bench) -> list[Row]:
     """What no vehicle has to be known for."""
-    names = [each.recording.name for each in one.prepared]
-    pairs = zip(names, filtered(one.prepared, STEP), strict=True)
-    rows: list[Row] = [{"recording": name, "prediction": FILTER, **fits} for name, fits in pairs]
-    return rows + [
-        {"recording": each.recording.name, "prediction": TWICE, **measured_twice(each.recording)}
-        for each in one.prepared
-    ]
+    recordings = [prepared.recording for prepared in steady.prepared]
+    rows: list[Row] = []
+    for recording, fits in zip(recordings, filtered(steady.prepared, STEP), strict=True):
+        rows.append({"recording": recording.name, "prediction": FILTER, **fits})
+    for recording in recordings:
+        fits = measured_twice(recording)
+        rows.append({"recording": recording.name, "prediction": TWICE, **fits})
+    return rows
 
 
-def in_sample(one: Bench, estimate: Estimate, kind: str) -> list[Row]:
+def in_sample(drifting: Bench, estimate: Estimate, kind: str) -> list[Row]:
     """Every recording, predicted by an estimate that has seen it, with what it has for itself."""
     rows = []
-    for k, each in enumerate(one.prepared):
-        name, (whole,) = each.recording.name, each.stretches(STEP)
-        found = rolled_out(
-            one.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name]
+    for k, prepared in enumerate(drifting.prepared):
+        name = prepared.recording.name
+        (whole,) = prepared.stretches(STEP)
+        predicted = rolled_out(
+            drifting.rollout, whole, estimate.starts[k], estimate.shared, estimate.own[name]
         )
-        rows.append(row(name, kind, found))
+        rows.append(row(name, kind, predicted))
     return rows
 
 
-def nulls(one: Bench) -> list[Row]:
+def nulls(steady: Bench) -> list[Row]:
     """The vehicle where the search begins, and none that moves."""
     rows = []
-    prior = one.predictor(one.vehicle.shared.start)
-    for each in one.prepared:
-        (whole,) = each.stretches(STEP)
-        predicted = prior.of(whole)
-        rows += [
-            row(each.recording.name, PRIOR, predicted),
-            row(each.recording.name, STILL, static_baseline(whole, prior.start_window)),
-        ]
+    prior = steady.predictor(steady.vehicle.shared.start)
+    for prepared in steady.prepared:
+        name = prepared.recording.name
+        (whole,) = prepared.stretches(STEP)
+        rows.append(row(name, PRIOR, prior.of(whole)))
+        rows.append(row(name, STILL, static_baseline(whole, prior.start_window)))
     return rows
 
 
 def medians(rows: Sequence[Row]) -> list[Row]:
     """Over the recordings, by kind of prediction."""
-    kinds = dict.fromkeys(each["prediction"] for each in rows)
-    return [
-        {"prediction": kind, **{name: _median(rows, kind, name) for name in CHANNELS}}
-        for kind in kinds
-    ]
+    table = list[Row]()
+    for kind in dict.fromkeys(column(rows, "prediction")):
+        fits = {channel: _median(rows, kind, channel) for channel in CHANNELS}
+        table.append({"prediction": kind, **fits})
+    return table
 
 
 def _median(rows: Sequence[Row], kind: str, channel: str) -> float | None:
-    known = [
-        each[channel] for each in rows if each["prediction"] == kind and each[channel] is not None
-    ]
-    return float(np.median(known)) if known else None
+    fits = known_values(rows_where(rows, "prediction", kind), channel)
+    return float(np.median(fits)) if fits else None
 
 
-def _length(one: Bench) -> float:
-    return float(np.median([np.diff(each.recording.span)[0] for each in one.prepared]))
+def _length(steady: Bench) -> float:
+    durations = [np.diff(prepared.recording.span)[0] for prepared in steady.prepared]
+    return float(np.median(durations))
 
 
-def _doubts(one: Bench) -> str:
-    told = [
-        f"- {each.recording.name}: {doubt}"
-        for each in one.prepared
-        for doubt in check_data_quality(each.recording)
-    ]
-    return "\n".join(told) or "None."
+def _doubts(steady: Bench) -> str:
+    sentences = []
+    for prepared in steady.prepared:
+        recording = prepared.recording
+        sentences += [f"- {recording.name}: {doubt}" for doubt in check_data_quality(recording)]
+    return "\n".join(sentences) or "None."
 
 
-def prose(one: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
+def prose(steady: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
     """With the figures of a bench, of an estimate with forces of each recording, and of rows."""
-    forces = [float(own[0]) for own in drifting.own.values()]
+    forces = [float(own_unknowns[0]) for own_unknowns in drifting.own.values()]
     return PROSE.format(
-        n=len(one.prepared),
-        length=_length(one),
+        n=len(steady.prepared),
+        length=_length(steady),
         force=FORCE,
         filter=FILTER,
         coefficients=n_coefficients(),
         memory=MEMORY,
         twice=TWICE,
         smoothing=WINDOW,
-        known=one.predictor(one.vehicle.shared.start).start_window,
+        known=steady.predictor(steady.vehicle.shared.start).start_window,
         least=MOVING["surge"],
         turning=MOVING["yaw rate"],
         window=RATE_WINDOW,
-        wanted=", ".join(f"{name} {least:g}" for name, least in WANTED.items()),
+        wanted=", ".join(f"{name} {fit:g}" for name, fit in WANTED.items()),
         short=HORIZONS[0],
         asked=WANTED_SOON,
         one_vehicle=ONE_VEHICLE,
@@ -358,7 +370,7 @@ def prose(one: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
         soon=f"{HORIZONS[0]:g} s, {FORCE}, seen",
         alone=ALONE,
         forces=f"{min(forces):.2g} to {max(forces):.2g}",
-        doubts=_doubts(one),
+        doubts=_doubts(steady),
     )
 
 
@@ -366,23 +378,27 @@ def main() -> None:
     """Identify and predict."""
     parser = parser_of(__doc__)
     parser.add_argument("folder", type=Path, help="of the recordings")
-    given, run = begin(parser)
-    stages = tuple((duration, 1 if run.quick else iterations) for duration, iterations in STAGES)
-    one = bench(given.folder, quick=run.quick)
-    drifting = bench(given.folder, quick=run.quick, **DRIFT)
+    arguments, run = begin(parser)
+    stages: tuple[tuple[float | None, int], ...] = STAGES
+    if run.quick:
+        stages = tuple((duration, 1) for duration, _ in STAGES)
+    steady = bench(arguments.folder, quick=run.quick)
+    drifting = bench(arguments.folder, quick=run.quick, **DRIFT)
     everything = drifting.trained(drifting.prepared, None, stages)
-    rows = left_out(one, drifting, stages) + one_vehicle(one, everything.shared, ONE_VEHICLE)
-    rows += by_halves(one, drifting, stages) + in_sample(drifting, everything, OWN)
-    rows += seen_soon(drifting, everything.shared) + alone(
-        drifting, everything.shared, quick=run.quick
-    )
-    rows += bounds(one) + nulls(one)
+    rows = left_out(steady, drifting, stages)
+    rows += one_vehicle(steady, everything.shared, ONE_VEHICLE)
+    rows += by_halves(steady, drifting, stages)
+    rows += in_sample(drifting, everything, OWN)
+    rows += seen_soon(drifting, everything.shared)
+    rows += alone(drifting, everything.shared, quick=run.quick)
+    rows += bounds(steady)
+    rows += nulls(steady)
     table = Table(rows=medians(rows), columns={"prediction": "", **dict.fromkeys(CHANNELS, ".0f")})
     run.write(
         Report(
             name="identification_tauv",
             title="Identification of a driven AUV",
-            prose=prose(one, everything, rows),
+            prose=prose(steady, everything, rows),
             tables=[table],
             data={"identification_tauv": rows},
         )

@@ -54,39 +54,45 @@ def main() -> None:
     """Run every payload in every water."""
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="runs of each row")
-    given, bench = begin(parser)
-    seeds, duration = (1, 8.0) if bench.quick else (given.seeds, 60.0)
+    arguments, bench = begin(parser)
+    if bench.quick:
+        seeds = 1
+        duration = 8.0
+        robots: tuple[str, ...] = ROBOTS[1:]
+        masses: tuple[float, ...] = (0.0, 2.0)
+    else:
+        seeds = arguments.seeds
+        duration = 60.0
+        robots = ROBOTS
+        masses = MASSES
     hover = Hover(load=LoadLearning(), duration=duration, stays=min(STAYS, duration / 2))
-    robots, masses = (ROBOTS[1:], (0.0, 2.0)) if bench.quick else (ROBOTS, MASSES)
-    cases = [case for case in product(robots, WATERS, masses, BUOYANT) if case[2] or not case[3]]
-    rows = [
-        row_of(replace(hover, robot=robot), water, mass, share, seeds)
-        for robot, water, mass, share in cases
-    ]
-    told = {
-        "stays": STAYS,
-        "certain": CERTAIN,
-        "current": CURRENT,
-        "gusts": GUSTS,
-        "near": 100 * NEAR,
-    }
-    prose = PROSE.format(duration=duration, seeds=seeds, **told)
-    formats = {
-        name: ".2f"
-        for name in rows[0]
-        if "error" in name or "inside" in name or "weight [N]" in name
-    }
-    table = Table(
-        rows=rows, columns={name: formats.get(name, "g" if "[" in name else "") for name in rows[0]}
+    rows = []
+    for robot, water, mass, share in product(robots, WATERS, masses, BUOYANT):
+        if mass or not share:
+            rows.append(row_of(replace(hover, robot=robot), water, mass, share, seeds))
+    prose = PROSE.format(
+        duration=duration,
+        seeds=seeds,
+        stays=STAYS,
+        certain=CERTAIN,
+        current=CURRENT,
+        gusts=GUSTS,
+        near=100 * NEAR,
     )
     bench.write(
         Report(
             name="payloads",
             title="What the tool carries, learnt on line",
             prose=prose,
-            tables=[table],
+            tables=[Table(rows=rows, columns={name: _format(name) for name in rows[0]})],
         )
     )
+
+
+def _format(column: str) -> str:
+    if "error" in column or "inside" in column or "weight [N]" in column:
+        return ".2f"
+    return "g" if "[" in column else ""
 
 
 def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> Row:
@@ -95,6 +101,11 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
     carrying = replace(hover, payload=(mass, volume), **WATERS[water])
     runs = [run(replace(carrying, seed=seed)).learnt for seed in range(seeds)]
     weight = (1.0 - share) * mass * G
+    near = None
+    if mass:
+        near = _from_when_on([_is_near(estimates, weight) for estimates in runs])
+    last_masses = [estimates[-1].mass for estimates in runs]
+    mass_errors = [abs(last - mass) for last in last_masses if not np.isnan(last)]
     return {
         "robot": hover.robot,
         "water": water,
@@ -102,43 +113,48 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
         "volume [l]": 1000.0 * volume,
         "weight [N]": weight,
         **{f"error {t:g} s": _error_at(runs, weight, t) for t in SOON if t < hover.duration},
-        "near": _from_when_on([_near(found, weight) for found in runs]) if mass else None,
-        "mass known": _from_when_on([_knows(found) for found in runs]),
-        "mass error": max(
-            (abs(found[-1].mass - mass) for found in runs if not np.isnan(found[-1].mass)),
-            default=None,
-        ),
+        "near": near,
+        "mass known": _from_when_on([_knows_mass(estimates) for estimates in runs]),
+        "mass error": max(mass_errors, default=None),
         **_inside(runs, weight, mass),
     }
 
 
 def _error_at(runs: Sequence[Sequence[LoadEstimate]], weight: float, t: float) -> float:
-    return max(abs(found[round(t / DT)].weight - weight) for found in runs)
+    tick = round(t / DT)
+    return max(abs(estimates[tick].weight - weight) for estimates in runs)
 
 
-def _near(found: Sequence[LoadEstimate], weight: float) -> np.ndarray:
-    return np.array([abs(load.weight - weight) <= NEAR * weight for load in found])
+def _is_near(estimates: Sequence[LoadEstimate], weight: float) -> np.ndarray:
+    return np.array([abs(load.weight - weight) <= NEAR * weight for load in estimates])
 
 
-def _knows(found: Sequence[LoadEstimate]) -> np.ndarray:
-    return ~np.isnan([load.mass for load in found])
+def _knows_mass(estimates: Sequence[LoadEstimate]) -> np.ndarray:
+    return ~np.isnan([load.mass for load in estimates])
 
 
 def _from_when_on(runs: Sequence[np.ndarray]) -> float | None:
     """The latest time [s] at which any run begins to hold for good; `None` where one never does."""
-    lasts = [int(np.flatnonzero(~held)[-1]) + 1 if not held.all() else 0 for held in runs]
-    return None if any(last == len(runs[0]) for last in lasts) else round(max(lasts) * DT, 1)
+    begins = []
+    for holds in runs:
+        failures = np.flatnonzero(~holds)
+        begins.append(int(failures[-1]) + 1 if len(failures) else 0)
+    if any(begin == len(runs[0]) for begin in begins):
+        return None
+    return round(max(begins) * DT, 1)
 
 
 def _inside(runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float) -> Row:
     """Shares of seconds; of the mass `None` where it is never determined."""
-    seconds = [load for found in runs for load in found[round(SOON[0] / DT) :: round(1.0 / DT)]]
-    weights = [abs(load.weight - weight) <= CERTAIN * load.weight_error for load in seconds]
-    masses = [
-        abs(load.mass - mass) <= CERTAIN * load.mass_error
-        for load in seconds
-        if not np.isnan(load.mass)
-    ]
+    first = round(SOON[0] / DT)
+    stride = round(1.0 / DT)
+    weights = []
+    masses = []
+    for estimates in runs:
+        for load in estimates[first::stride]:
+            weights.append(abs(load.weight - weight) <= CERTAIN * load.weight_error)
+            if not np.isnan(load.mass):
+                masses.append(abs(load.mass - mass) <= CERTAIN * load.mass_error)
     return {"weight inside": np.mean(weights), "mass inside": np.mean(masses) if masses else None}
 
 

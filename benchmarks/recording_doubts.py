@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 from spoiled.doubts import DOUBTS, Doubt, doubt_of
-from spoiled.kinds import KINDS
+from spoiled.kinds import KINDS, Kind
 from spoiled.sound import DURATION, sound
 
 from uvms_ocp.identification.calibration import check_settings
@@ -53,64 +54,72 @@ _PARTNERS: Mapping[str, tuple[str, ...]] = {
     "joint_positions": ("joint_velocities",),
     "joint_velocities": ("joint_positions",),
 }
-_Found = set[tuple[str, Doubt]]
+_Doubts = set[tuple[str, Doubt]]
 
 
-def doubts(one: Recording, issues: Callable[[Recording], Sequence[tuple[str, str]]]) -> _Found:
+def doubts(
+    recording: Recording, issues: Callable[[Recording], Sequence[tuple[str, str]]]
+) -> _Doubts:
     """Channels with the kinds of doubts about them."""
-    return {(name, doubt_of(text)) for name, text in issues(one)}
+    return {(name, doubt_of(text)) for name, text in issues(recording)}
 
 
 def checker() -> Callable[[Recording], Sequence[tuple[str, str]]]:
     """All that is looked at before a fit."""
     settings = CalibrationSettings.model_validate({**SETTINGS, "learn": {"added_mass": {}}})
     subject = calibrated_robot(settings, Path())
-    return lambda one: [
-        (x.channel, x.problem)
-        for x in (*check_data_quality(one), *check_settings(subject, settings, one))
-    ]
+
+    def issues(recording: Recording) -> list[tuple[str, str]]:
+        problems = [*check_data_quality(recording), *check_settings(subject, settings, recording)]
+        return [(issue.channel, issue.problem) for issue in problems]
+
+    return issues
 
 
-def by_doubt(rows: Sequence[Row], before: Sequence[_Found]) -> list[Row]:
+def by_doubt(rows: Sequence[Row], before: Sequence[_Doubts]) -> list[Row]:
     """What each doubt misses, and where it is raised for nothing."""
-    found = list[Row]()
-    for doubt in (one for one in DOUBTS if not one.stated):
-        meant = [row for row in rows if doubt.says in row["meant"]]
-        others = [row for row in rows if doubt.says not in row["meant"]]
-        missed = [row for row in meant if doubt.says not in row["about"]]
-        found.append(
-            {
-                "doubt about": doubt.looks_for,
-                "n": len(meant),
-                "missed [%]": _share(len(missed), len(meant)),
-                "found by none [%]": _share(sum(not row["found"] for row in missed), len(meant)),
-                "sound [%]": _share(
-                    sum(any(one is doubt for _, one in each) for each in before), len(before)
-                ),
-                "others, same channel [%]": _share(
-                    sum(doubt.says in row["about"] for row in others), len(others)
-                ),
-                "others, false [%]": _share(
-                    sum(doubt.says in row["elsewhere"] for row in others), len(others)
-                ),
-            }
-        )
-    return found
+    return [_row_of_doubt(doubt, rows, before) for doubt in DOUBTS if not doubt.stated]
+
+
+def _row_of_doubt(doubt: Doubt, rows: Sequence[Row], before: Sequence[_Doubts]) -> Row:
+    meant = [row for row in rows if doubt.says in row["meant"]]
+    others = [row for row in rows if doubt.says not in row["meant"]]
+    missed = [row for row in meant if doubt.says not in row["about"]]
+    found_by_none = sum(not row["found"] for row in missed)
+    about_sound = 0
+    for doubts_about_recording in before:
+        about_sound += any(raised is doubt for _, raised in doubts_about_recording)
+    same_channel = sum(doubt.says in row["about"] for row in others)
+    elsewhere = sum(doubt.says in row["elsewhere"] for row in others)
+    return {
+        "doubt about": doubt.looks_for,
+        "n": len(meant),
+        "missed [%]": _share(len(missed), len(meant)),
+        "found by none [%]": _share(found_by_none, len(meant)),
+        "sound [%]": _share(about_sound, len(before)),
+        "others, same channel [%]": _share(same_channel, len(others)),
+        "others, false [%]": _share(elsewhere, len(others)),
+    }
 
 
 def by_kind(rows: Sequence[Row]) -> list[Row]:
     """What is found of each kind."""
-    return [
-        {
-            "spoiled": kind.group,
-            "how": kind.how,
-            "n": len(own),
-            "found [%]": _share(sum(row["found"] for row in own), len(own)),
-            "doubts beside it": float(np.mean([len(row["elsewhere"]) for row in own])),
-        }
-        for kind in KINDS
-        if (own := [row for row in rows if row["how"] == kind.how])
-    ]
+    table = list[Row]()
+    for kind in KINDS:
+        spoiled = rows_where(rows, "how", kind.how)
+        if not spoiled:
+            continue
+        elsewhere = [len(doubts) for doubts in column(spoiled, "elsewhere")]
+        table.append(
+            {
+                "spoiled": kind.group,
+                "how": kind.how,
+                "n": len(spoiled),
+                "found [%]": _share(sum(column(spoiled, "found")), len(spoiled)),
+                "doubts beside it": float(np.mean(elsewhere)),
+            }
+        )
+    return table
 
 
 def _share(n: int, of: int) -> float:
@@ -121,64 +130,85 @@ def main() -> None:
     """Spoil and look."""
     _, run = begin(parser_of(__doc__))
     rng = np.random.default_rng(0)
-    rows = list[Row]()
     issues = checker()
-    good = sound(rng, 1 if run.quick else ROBOTS)
-    before = [doubts(one, issues) for one in good]
-    for known, one in zip(before, good, strict=True):
+    recordings = sound(rng, 1 if run.quick else ROBOTS)
+    before = [doubts(recording, issues) for recording in recordings]
+    rows = list[Row]()
+    for recording, doubts_before in zip(recordings, before, strict=True):
         for kind in KINDS:
-            new = doubts(kind.spoil(one, rng), issues) - known
-            there = (kind.channel, *_PARTNERS.get(kind.channel, ()))
-            about = sorted(doubt.says for name, doubt in new if name in there)
-            elsewhere = sorted(doubt.says for name, doubt in new if name not in there)
-            rows.append(
-                {
-                    "recording": one.name,
-                    "spoiled": kind.group,
-                    "how": kind.how,
-                    "channel": kind.channel,
-                    "meant": kind.meant,
-                    "found": bool(about),
-                    "about": about,
-                    "elsewhere": elsewhere,
-                }
-            )
-    found = _share(sum(row["found"] for row in rows), len(rows))
-    prose = PROSE.format(
-        sound=len(good),
+            raised = doubts(kind.spoil(recording, rng), issues) - doubts_before
+            rows.append(_row_of(recording, kind, raised))
+    name = "recording_doubts"
+    by_kind_columns = {
+        "spoiled": "",
+        "how": "",
+        "n": "",
+        "found [%]": ".0f",
+        "doubts beside it": ".2f",
+    }
+    by_doubt_columns = {
+        "doubt about": "",
+        "n": "",
+        "missed [%]": ".0f",
+        "found by none [%]": ".0f",
+        "sound [%]": ".0f",
+        "others, same channel [%]": ".1f",
+        "others, false [%]": ".1f",
+    }
+    tables = [
+        Table(rows=by_kind(rows), columns=by_kind_columns),
+        Table(rows=by_doubt(rows, before), columns=by_doubt_columns),
+    ]
+    run.write(
+        Report(
+            name=name,
+            title="Doubts about spoiled recordings",
+            prose=_prose(rows, before),
+            tables=tables,
+            data={name: [_with_joined_lists(row) for row in rows]},
+        )
+    )
+
+
+def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
+    """What is found of a spoiled recording: the doubts that the sound one did not raise."""
+    channels = (kind.channel, *_PARTNERS.get(kind.channel, ()))
+    about = sorted(doubt.says for name, doubt in raised if name in channels)
+    elsewhere = sorted(doubt.says for name, doubt in raised if name not in channels)
+    return {
+        "recording": recording.name,
+        "spoiled": kind.group,
+        "how": kind.how,
+        "channel": kind.channel,
+        "meant": kind.meant,
+        "found": bool(about),
+        "about": about,
+        "elsewhere": elsewhere,
+    }
+
+
+def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
+    found = _share(sum(column(rows, "found")), len(rows))
+    n_about = sum(len(doubts) for doubts in column(rows, "about"))
+    n_elsewhere = sum(len(doubts) for doubts in column(rows, "elsewhere"))
+    stated = [doubt.looks_for for doubt in DOUBTS if doubt.stated]
+    return PROSE.format(
+        sound=len(before),
         duration=DURATION,
         n=len(rows),
         kinds=len(KINDS),
         found=found,
         missed=100.0 - found,
-        false=_share(sum(bool(one) for one in before), len(before)),
-        others=_share(
-            sum(len(row["elsewhere"]) for row in rows),
-            sum(len(row["about"] + row["elsewhere"]) for row in rows),
-        ),
-        stated=sum(one.stated for one in DOUBTS),
-        statements="; ".join(one.looks_for for one in DOUBTS if one.stated),
+        false=_share(sum(bool(raised) for raised in before), len(before)),
+        others=_share(n_elsewhere, n_about + n_elsewhere),
+        stated=len(stated),
+        statements="; ".join(stated),
     )
-    form = {"spoiled": "", "how": "", "n": "", "found [%]": ".0f", "doubts beside it": ".2f"}
-    kept = dict.fromkeys(("missed [%]", "found by none [%]", "sound [%]"), ".0f")
-    rates = {
-        "doubt about": "",
-        "n": "",
-        **kept,
-        **dict.fromkeys(("others, same channel [%]", "others, false [%]"), ".1f"),
-    }
-    name = "recording_doubts"
-    title = "Doubts about spoiled recordings"
-    tables = [
-        Table(rows=by_kind(rows), columns=form),
-        Table(rows=by_doubt(rows, before), columns=rates),
-    ]
-    lists = ("meant", "about", "elsewhere")
-    data = [
-        {key: "; ".join(value) if key in lists else value for key, value in row.items()}
-        for row in rows
-    ]
-    run.write(Report(name=name, title=title, prose=prose, tables=tables, data={name: data}))
+
+
+def _with_joined_lists(row: Row) -> Row:
+    lists = {name: "; ".join(row[name]) for name in ("meant", "about", "elsewhere")}
+    return {**row, **lists}
 
 
 if __name__ == "__main__":

@@ -63,38 +63,37 @@ def vehicle(
     actuators = ActuatorModel(
         names=names, wrench=B, allocation=np.eye(len(names)), lag=0.1, dead_zone=0.3, delay=0.05
     )
-    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators).with_status(
-        **learnt
-    )
+    nominal = vehicle_declaration(NominalParameters.of(dynamics), _HULL, actuators)
+    declaration = nominal.with_status(**learnt)
     return Vehicle(
         dynamics=dynamics,
-        shared=Unknowns(known),
-        own=Unknowns(known, own=True),
+        shared=Unknowns(declaration),
+        own=Unknowns(declaration, own=True),
         actuators=actuators,
     )
 
 
-def limits(one: Vehicle) -> ExperimentLimits:
+def limits(auv: Vehicle) -> ExperimentLimits:
     """Half of what the thrusters give, in a small pool."""
-    thrust = np.tile([-20.0, 20.0], (len(one.actuators.names), 1))
+    thrust = np.tile([-20.0, 20.0], (len(auv.actuators.names), 1))
     return ExperimentLimits(
         thrust=thrust, pool=np.array([[-3.0, -2.0, -1.0], [3.0, 2.0, 1.0]]), slew=100.0
     )
 
 
-def drawn(one: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
+def drawn(auv: Vehicle, rng: np.random.Generator, n: int) -> np.ndarray:
     """Unknowns (n, n_p) [as `Unknowns.start`] of other vehicles: of each, one in every n-th of what
     is believed.
     """
-    sigma = np.where(np.isfinite(one.shared.sigma), one.shared.sigma, _WITHOUT_PRIOR)
+    sigma = np.where(np.isfinite(auv.shared.sigma), auv.shared.sigma, _WITHOUT_PRIOR)
     places = rng.permuted(np.tile(np.arange(n)[:, None], len(sigma)), axis=0) + rng.uniform(
         size=(n, len(sigma))
     )
-    return np.asarray(one.shared.start + sigma * ndtri(places / n))
+    return np.asarray(auv.shared.start + sigma * ndtri(places / n))
 
 
 def recorded(
-    one: Vehicle,
+    auv: Vehicle,
     stage: StageFunctions,
     p: np.ndarray,
     rng: np.random.Generator,
@@ -105,12 +104,12 @@ def recorded(
     held for equal times.
     """
     n = round((commands.t[-1] + commands.t[1]) / FINE)
-    late = float(np.asarray(stage.delays(p)[0])[0, 0])
-    told = ZeroOrderHold(commands).mean(FINE * np.arange(n + 1) - late)
+    delay = float(np.asarray(stage.delays(p)[0])[0, 0])
+    thrust = ZeroOrderHold(commands).mean(FINE * np.arange(n + 1) - delay)
     begun = np.asarray(stage.begun(np.repeat(commands.values[:1].T, PAST, axis=1), p)[0]).ravel()
     x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), begun])
     after = stage.step.mapaccum(n)(
-        x, told.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n))
+        x, thrust.T, np.zeros((0, n)), np.tile(p[:, None], n), FINE * np.ones((1, n))
     )
     states = np.vstack([x, np.asarray(after).T])[::EVERY]
     return _seen(states, commands, stage, p, rng, name)
@@ -127,7 +126,7 @@ def _seen(
     t = FINE * EVERY * np.arange(len(states))
     y = np.asarray(stage.outputs.map(len(t))(states.T, np.tile(p[:, None], len(t)))[0]).T
     quaternions = states[:, 3:7] + VERTICAL / 2 * rng.normal(size=(len(t), 4))
-    late = float(np.asarray(stage.delays(p)[0])[1, 0])
+    delay = float(np.asarray(stage.delays(p)[0])[1, 0])
     return Recording(
         name=name,
         channels={
@@ -135,7 +134,7 @@ def _seen(
                 t=t, values=quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
             ),
             "linear_velocity": Channel(
-                t=t + late, values=y[:, :3] + VELOCITY * rng.normal(size=(len(t), 3))
+                t=t + delay, values=y[:, :3] + VELOCITY * rng.normal(size=(len(t), 3))
             ),
             "angular_velocity": Channel(
                 t=t, values=y[:, 3:6] + RATE * rng.normal(size=(len(t), 3))

@@ -59,29 +59,30 @@ MAPPING = RecordingMapping.model_validate(
 
 def read_recordings(folder: Path) -> list[Recording]:
     """All of a folder. Raises `InvalidInput` where there are none."""
-    paths = folder.glob("wrench_*.csv.gz")
-    names = sorted((path.name.removeprefix("wrench_").partition(".")[0] for path in paths), key=int)
+    stems = [path.name.removeprefix("wrench_") for path in folder.glob("wrench_*.csv.gz")]
+    names = sorted((stem.partition(".")[0] for stem in stems), key=int)
     if not names:
         raise InvalidInput(f"{folder} holds no wrench_*.csv.gz; give the folder of the recordings")
     return [mapped_recording(folder, MAPPING, name) for name in names]
 
 
 def judged(predicted: Predicted) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """What was seen and what was predicted (m,) [m/s, rad/s], by channel."""
-    found = {
-        name: (predicted.measured[0][:, k], predicted.rows[0][:, k])
-        for k, name in enumerate(CHANNELS[:3])
-    }
-    return found | {
-        CHANNELS[3]: (yaw_rate(predicted, predicted.measured), yaw_rate(predicted, predicted.rows))
-    }
+    """What was measured and what was predicted (m,) [m/s, rad/s], by channel."""
+    pairs = {}
+    for k, name in enumerate(CHANNELS[:3]):
+        pairs[name] = (predicted.measured[0][:, k], predicted.rows[0][:, k])
+    pairs[CHANNELS[3]] = (
+        yaw_rate(predicted, predicted.measured),
+        yaw_rate(predicted, predicted.rows),
+    )
+    return pairs
 
 
 def yaw_rate(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> np.ndarray:
     """Rate (m,) [rad/s] from the angular velocity (m, 3) and the vertical in B, which are rows."""
-    up = np.column_stack(
-        [np.interp(predicted.t[1], predicted.t[2], column) for column in rows[2].T]
-    )
+    t_rate = predicted.t[1]
+    t_vertical = predicted.t[2]
+    up = np.column_stack([np.interp(t_rate, t_vertical, values) for values in rows[2].T])
     return np.asarray(
         (up[:, 1] * rows[1][:, 1] + up[:, 2] * rows[1][:, 2]) / (up[:, 1] ** 2 + up[:, 2] ** 2)
     )

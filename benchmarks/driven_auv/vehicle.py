@@ -27,7 +27,7 @@ MASS = 21.0
 VOLUME = 0.0214
 DENSITY = 1000.0
 """[kg], [m3], [kg/m3]"""
-# , [m] of the thruster matrix
+# [-], then [m], of the thruster matrix
 _ROOT = np.sqrt(0.5)
 _YAW = 0.466302
 _ROLL = 0.213083

@@ -43,37 +43,34 @@ def plan(stages: int) -> Spent:
     planner = Planner(tool_reach(stages), NlpOptions(plugin="stagewise"), wait_for_compiler=True)
     for _ in range(2):
         begin = time.process_time()
-        found = planner.plan(guess=hold_guess(planner.problem), diagnose=False)
+        plan_found = planner.plan(guess=hold_guess(planner.problem), diagnose=False)
         spent = time.process_time() - begin
-    assert found.status is OcpStatus.SOLVED, found.status
-    return {"time_s": spent / found.iterations, "us_each": 1e6 * spent / found.iterations / stages}
+    assert plan_found.status is OcpStatus.SOLVED, plan_found.status
+    return {
+        "time_s": spent / plan_found.iterations,
+        "us_each": 1e6 * spent / plan_found.iterations / stages,
+    }
 
 
 def hierarchy(n: int) -> Spent:
     """Velocity box, equalities and inequalities, least velocity below."""
-    return _solved(
-        LexicographicActiveSet(),
-        [problems.grown_hierarchy(np.random.default_rng(seed), n) for seed in range(20)],
-    )
+    sets = [problems.grown_hierarchy(np.random.default_rng(seed), n) for seed in range(20)]
+    return _solved(LexicographicActiveSet(), sets)
 
 
 def humanoid(n: int) -> Spent:
     """Simple bounds of most variables, 33, 3 and 2 rows, and 97 below."""
-    return _solved(
-        LexicographicActiveSet(),
-        [problems.humanoid_hierarchy(np.random.default_rng(seed), n) for seed in range(20)],
-    )
+    sets = [problems.humanoid_hierarchy(np.random.default_rng(seed), n) for seed in range(20)]
+    return _solved(LexicographicActiveSet(), sets)
 
 
 def cascade(n: int) -> Spent:
     """Random hierarchies by qpOASES."""
-    return _solved(
-        LexicographicQp(),
-        [
-            problems.random_hierarchy(np.random.default_rng(k), n, problems.STRUCTURES[n])
-            for k in range(20)
-        ],
-    )
+    structure = problems.STRUCTURES[n]
+    sets = [
+        problems.random_hierarchy(np.random.default_rng(seed), n, structure) for seed in range(20)
+    ]
+    return _solved(LexicographicQp(), sets)
 
 
 def dependent(n: int) -> Spent:
@@ -89,16 +86,16 @@ def control(n: int) -> Spent:
     """Linear model predictive control of a mass over n steps, within limits of position and
     velocity, by qpOASES.
     """
-    return _solved(
-        LexicographicQp(), [_control(np.random.default_rng(seed), n) for seed in range(30)]
-    )
+    sets = [_control(np.random.default_rng(seed), n) for seed in range(30)]
+    return _solved(LexicographicQp(), sets)
 
 
 def _control(rng: np.random.Generator, n: int) -> list[Level]:
     dt = 0.1
     after = dt * np.tril(np.ones((n, n)))  # velocities after each step, of n accelerations
     place = dt * np.tril(np.ones((n, n))) @ after - 0.5 * dt * after
-    x, v = rng.uniform(-1.0, 1.0), rng.uniform(-0.5, 0.5)
+    x = rng.uniform(-1.0, 1.0)
+    v = rng.uniform(-0.5, 0.5)
     free = x + dt * v * np.arange(1, n + 1)
     limits = Level(
         jacobian=np.vstack([place, after]),
@@ -114,11 +111,11 @@ def _control(rng: np.random.Generator, n: int) -> list[Level]:
 
 
 def _solved(solver: HierarchySolver, sets: list[list[Level]]) -> Spent:
-    found = ours.solved(solver, problems.Problem(name="", warm=False, sets=sets))
+    solution = ours.solved(solver, problems.Problem(name="", warm=False, sets=sets))
     return {
-        "time_s": float(np.median(found.seconds)),
+        "time_s": float(np.median(solution.seconds)),
         "problems": len(sets),
-        "inexact": found.inexact,
+        "inexact": solution.inexact,
     }
 
 
@@ -150,20 +147,19 @@ def setup(runs: int) -> Spent:
     for seed in range(-1, runs):
         begin = time.process_time()
         case1(noise=True, seed=max(seed, 0), duration=0.005).run()
-        spent += begun[-1] - begin if seed >= 0 else 0.0
+        if seed >= 0:
+            spent += begun[-1] - begin
     return {"time_s": spent, "us_each": 1e6 * spent / runs}
 
 
 def obstacles(count: int) -> Spent:
     """Ticks past so many spheres, most of them beside the way."""
     rng = np.random.default_rng(0)
-    places = rng.uniform((-10.0, 1.2, -45.0), (20.0, 20.0, -30.0), (count, 3)) * np.where(
-        rng.random((count, 1)) < 0.5, 1, (1, -1, 1)
-    )
-    rocks = [
-        Obstacle(name=f"rock{k}", shape=coal.Sphere(0.3), X_WO=uo.pose_at(place))
-        for k, place in enumerate(places)
-    ]
+    to_the_left = rng.uniform((-10.0, 1.2, -45.0), (20.0, 20.0, -30.0), (count, 3))
+    places = to_the_left * np.where(rng.random((count, 1)) < 0.5, 1, (1, -1, 1))
+    rocks = []
+    for k, place in enumerate(places):
+        rocks.append(Obstacle(name=f"rock{k}", shape=coal.Sphere(0.3), X_WO=uo.pose_at(place)))
     return _ticks(obstacle_field(obstacles=rocks, plant="kinematic", duration=5.0))
 
 
@@ -176,18 +172,18 @@ def arms(count: int) -> Spent:
     yaml.write_text(f"tool: [{', '.join(tools)}]\n{_WATER}", encoding="utf-8")
     robot = uo.load_robot(urdf=urdf, hydrodynamics=yaml)
     start = robot.configuration(position=(0.0, 0.0, -5.0))
-    now = Kinematics(robot, start)
-    places = [now.pose(tool).translation for tool in tools]
-    reaches = [
-        ToolPosition(name=f"T{a}", frame=tool, goal=uo.pose_at(places[a] + 0.2))
-        for a, tool in enumerate(tools)
-    ]
+    kinematics = Kinematics(robot, start)
+    reaches = []
+    never = []
+    for a, tool in enumerate(tools):
+        goal = uo.pose_at(kinematics.pose(tool).translation + 0.2)
+        reaches.append(ToolPosition(name=f"T{a}", frame=tool, goal=goal))
+        never.append(uo.Below(quantity=f"T{a}.position_error", limit=1e-9))
     tasks = [JointLimits(), *reaches, JointTracking(joints=robot.joint_names, goal=robot.home)]
-    met = tuple(uo.Below(quantity=f"{task.name}.position_error", limit=1e-9) for task in reaches)
     phase = uo.Phase(
         name="reach",
         activations={task.name: 1 for task in tasks},
-        transitions=(uo.Transition(to=uo.DONE, when=met),),
+        transitions=(uo.Transition(to=uo.DONE, when=tuple(never)),),
     )
     mission = uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
     water = uo.Environment(seafloor=uo.FlatSeafloor(z=-20))
@@ -234,14 +230,12 @@ def _link(name: str, mass: float) -> str:
 
 
 def _joint(name: str, kind: str, above: str, below: str, place: str, axis: str) -> str:
-    limit = (
-        "<limit lower='-2.5' upper='2.5' velocity='1' effort='20'/>" if kind == "revolute" else ""
-    )
-    ends = (
-        f"<parent link='{above}'/><child link='{below}'/><origin xyz='{place}'/><axis"
-        f" xyz='{axis}'/>"
-    )
-    return f"<joint name='{name}' type='{kind}'>{ends}{limit}</joint>"
+    limit = ""
+    if kind == "revolute":
+        limit = "<limit lower='-2.5' upper='2.5' velocity='1' effort='20'/>"
+    ends = f"<parent link='{above}'/><child link='{below}'/>"
+    frame = f"<origin xyz='{place}'/><axis xyz='{axis}'/>"
+    return f"<joint name='{name}' type='{kind}'>{ends}{frame}{limit}</joint>"
 
 
 def _ticks(scenario: Scenario) -> Spent:

@@ -54,22 +54,22 @@ class Evaluation:
 
 def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording]) -> list[Evaluation]:
     """All of them, each with the fit that has not seen it."""
-    return [
-        _evaluation(
-            vehicle, one, [other for other in recordings if other.moves and other is not one]
-        )
-        for one in recordings
-    ]
+    moving = [recording for recording in recordings if recording.moves]
+    evaluations = []
+    for recording in recordings:
+        others = [other for other in moving if other is not recording]
+        evaluations.append(_evaluation(vehicle, recording, others))
+    return evaluations
 
 
 def _evaluation(
     vehicle: PoolVehicle, recording: Recording, others: Sequence[Recording]
 ) -> Evaluation:
     shift = fit_shift(vehicle, others, replay)
-    own = np.zeros(3)
+    unshifted = np.zeros(3)
     predictions = {
-        STATIC: static_balance(vehicle, recording, own),
-        REPLAY: replay(vehicle, recording, own),
+        STATIC: static_balance(vehicle, recording, unshifted),
+        REPLAY: replay(vehicle, recording, unshifted),
         FITTED_STATIC: static_balance(vehicle, recording, shift),
         FITTED: replay(vehicle, recording, shift),
     }
@@ -83,24 +83,32 @@ def _evaluation(
 
 def medians(evaluations: Sequence[Evaluation]) -> list[Row]:
     """RMSE of the recordings in which the arm moves."""
-    moving = [one for one in evaluations if one.recording.moves]
-    return [
-        {
-            "prediction": text,
-            "roll RMSE [deg]": float(np.median([one.scores[name][0].rmse for one in moving])),
-            "pitch RMSE [deg]": float(np.median([one.scores[name][1].rmse for one in moving])),
-        }
-        for name, text in PREDICTIONS.items()
-    ]
+    moving = [evaluation for evaluation in evaluations if evaluation.recording.moves]
+    rows = list[Row]()
+    for name, text in PREDICTIONS.items():
+        rolls = [evaluation.scores[name][0].rmse for evaluation in moving]
+        pitches = [evaluation.scores[name][1].rmse for evaluation in moving]
+        rows.append(
+            {
+                "prediction": text,
+                "roll RMSE [deg]": float(np.median(rolls)),
+                "pitch RMSE [deg]": float(np.median(pitches)),
+            }
+        )
+    return rows
 
 
 def changes(evaluations: Sequence[Evaluation]) -> list[Row]:
     """What the fit changes in the replay of each recording."""
-    return [{"recording": one.recording.name, **_change(one)} for one in evaluations]
+    return [
+        {"recording": evaluation.recording.name, **_change(evaluation)}
+        for evaluation in evaluations
+    ]
 
 
-def _change(one: Evaluation) -> dict[str, object]:
-    (roll, pitch), (fitted_roll, fitted_pitch) = one.scores[REPLAY], one.scores[FITTED]
+def _change(evaluation: Evaluation) -> dict[str, object]:
+    roll, pitch = evaluation.scores[REPLAY]
+    fitted_roll, fitted_pitch = evaluation.scores[FITTED]
     return {
         "roll RMSE [deg]": f"{roll.rmse:.2f} to {fitted_roll.rmse:.2f}",
         "pitch RMSE [deg]": f"{pitch.rmse:.2f} to {fitted_pitch.rmse:.2f}",

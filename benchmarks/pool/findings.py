@@ -44,10 +44,9 @@ def offset_deg(recording: Recording, predicted: np.ndarray) -> np.ndarray:
 
 def restoring_ratio(vehicle: PoolVehicle, recording: Recording, shift: np.ndarray) -> float:
     """mean righting moment of a shift (3,) [m] of the centre of buoyancy, over that without one."""
-    fitted, own = (
-        np.linalg.norm(righting(vehicle, recording, s), axis=1) for s in (shift, np.zeros(3))
-    )
-    return float(fitted.mean() / own.mean())
+    fitted = np.linalg.norm(righting(vehicle, recording, shift), axis=1)
+    unshifted = np.linalg.norm(righting(vehicle, recording, np.zeros(3)), axis=1)
+    return float(fitted.mean() / unshifted.mean())
 
 
 def jumps(recording: Recording) -> int:
@@ -68,7 +67,9 @@ def spread_deg(recording: Recording, seconds: float | None = None) -> np.ndarray
 def rest_begins(recording: Recording) -> float:
     """[s] after which the arm stands still."""
     moving = np.flatnonzero(np.abs(recording.joint_v).max(axis=1) > _REST)
-    return float(recording.joint_t[moving[-1]]) if moving.size else float(recording.joint_t[0])
+    if not moving.size:
+        return float(recording.joint_t[0])
+    return float(recording.joint_t[moving[-1]])
 
 
 def free_swings(vehicle: PoolVehicle, recording: Recording) -> tuple[Swing, Swing]:
@@ -100,7 +101,8 @@ def _slowest(values: np.ndarray, vectors: np.ndarray, axis: int) -> Swing:
 
 def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
     """Quaternion xyzw (4,) turned by a small turn (3,) [rad] in B."""
-    (x, y, z, w), (a, b, c) = quaternion, turn / 2
+    x, y, z, w = quaternion
+    a, b, c = turn / 2
     product = [
         w * a + y * c - z * b,
         w * b + z * a - x * c,
@@ -113,7 +115,8 @@ def _turned(quaternion: np.ndarray, turn: np.ndarray) -> np.ndarray:
 
 def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Small turn (3,) [rad] in B from one quaternion xyzw (4,) to another."""
-    (x, y, z, w), (a, b, c, d) = first, second
+    x, y, z, w = first
+    a, b, c, d = second
     turn: np.ndarray = 2.0 * np.array(
         [
             w * a - x * d - y * c + z * b,
@@ -129,7 +132,9 @@ def measured_swing(recording: Recording, angle: int) -> Swing | None:
     resting = recording.t >= rest_begins(recording)
     t = recording.t[resting]
     x = np.degrees(recording.attitude[resting, angle])
-    return swing_in(t - t[0], x) if t.size and np.ptp(t) >= _LONG_ENOUGH else None
+    if not t.size or np.ptp(t) < _LONG_ENOUGH:
+        return None
+    return swing_in(t - t[0], x)
 
 
 def swing_in(t: np.ndarray, x: np.ndarray) -> Swing | None:
@@ -139,7 +144,9 @@ def swing_in(t: np.ndarray, x: np.ndarray) -> Swing | None:
     fits = [_damped_fit(t, x, period) for period in np.arange(1.0, 5.0, 0.25)]
     cost, swing = min(fits, key=lambda fit: fit[0])
     drift = np.polyval(np.polyfit(t, x, 1), t)
-    return swing if cost < (1.0 - EXPLAINED) * float(np.sum((x - drift) ** 2)) else None
+    if cost >= (1.0 - EXPLAINED) * float(np.sum((x - drift) ** 2)):
+        return None
+    return swing
 
 
 def _damped_fit(t: np.ndarray, x: np.ndarray, period: float) -> tuple[float, Swing]:
@@ -150,9 +157,9 @@ def _damped_fit(t: np.ndarray, x: np.ndarray, period: float) -> tuple[float, Swi
         phase = omega * np.sqrt(max(1.0 - zeta**2, 1e-6)) * t
         decay = np.exp(-zeta * omega * t)
         basis = np.column_stack([decay * np.cos(phase), decay * np.sin(phase), np.ones_like(t), t])
-        left: np.ndarray = x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
-        return left
+        residual: np.ndarray = x - basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+        return residual
 
-    found = least_squares(missed, [2 * np.pi / period, 0.05], bounds=([0.5, 0.0], [10.0, 0.9]))
-    omega, zeta = found.x
-    return 2.0 * float(found.cost), Swing(period=float(2 * np.pi / omega), damping=float(zeta))
+    fit = least_squares(missed, [2 * np.pi / period, 0.05], bounds=([0.5, 0.0], [10.0, 0.9]))
+    omega, zeta = fit.x
+    return 2.0 * float(fit.cost), Swing(period=float(2 * np.pi / omega), damping=float(zeta))

@@ -19,18 +19,17 @@ ANGLES = ("roll", "pitch")
 
 
 def angles(predicted: Predicted) -> tuple[np.ndarray, np.ndarray]:
-    """Predicted and seen roll and pitch (m, 2) [deg], each less its mean in the beginning."""
+    """Predicted and measured roll and pitch (m, 2) [deg], each less its mean in the beginning."""
     t = predicted.t[2]
-    found, seen = (
-        without_offset(t, roll_pitch(part[2])) for part in (predicted.rows, predicted.measured)
-    )
-    return found, seen
+    simulated = without_offset(t, roll_pitch(predicted.rows[2]))
+    measured = without_offset(t, roll_pitch(predicted.measured[2]))
+    return simulated, measured
 
 
 def errors(predicted: Predicted) -> np.ndarray:
     """RMSE (2,) [deg]."""
-    found, seen = angles(predicted)
-    return _size(found - seen)
+    simulated, measured = angles(predicted)
+    return _size(simulated - measured)
 
 
 def still(predicted: Predicted) -> np.ndarray:
@@ -49,9 +48,10 @@ def _size(difference: np.ndarray) -> np.ndarray:
 
 def row(name: str, sensor: str, kind: str, rmse: np.ndarray) -> Row:
     """Of one prediction."""
-    return {"recording": name, "sensor": sensor, "prediction": kind} | {
-        f"{angle} RMSE [deg]": float(value) for angle, value in zip(ANGLES, rmse, strict=True)
-    }
+    figures: dict[str, object] = {"recording": name, "sensor": sensor, "prediction": kind}
+    for angle, value in zip(ANGLES, rmse, strict=True):
+        figures[f"{angle} RMSE [deg]"] = float(value)
+    return figures
 
 
 def turned_back(
@@ -61,16 +61,20 @@ def turned_back(
     shared (n,) have it.
     """
     (whole,) = prepared.stretches(STEP)
-    turn = np.asarray(
-        ca.DM(exp3(learner.vehicle.shared.values(ca.SX(ca.DM(shared)))["attitude_turn"]))
-    )
+    values = learner.vehicle.shared.values(ca.SX(ca.DM(shared)))
+    turn = np.asarray(ca.DM(exp3(values["attitude_turn"])))
     return whole.t[2], roll_pitch(whole.measured[2] @ turn.T)
 
 
-def apart(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def apart(
+    first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
     """RMS (2,) [deg] between two sensors, each less its mean in the beginning, at the times of the
     first.
     """
-    inside = (one[0] >= other[0][0]) & (one[0] <= other[0][-1])
-    t = one[0][inside]
-    return _size(without_offset(t, one[1][inside]) - without_offset(t, at_times(t, *other)))
+    first_t, first_angles = first
+    second_t, second_angles = second
+    inside = (first_t >= second_t[0]) & (first_t <= second_t[-1])
+    t = first_t[inside]
+    second_at_t = at_times(t, second_t, second_angles)
+    return _size(without_offset(t, first_angles[inside]) - without_offset(t, second_at_t))

@@ -59,11 +59,11 @@ class Learner:
         iterations: int = 15,
     ) -> Estimate:
         """Identified on whole recordings."""
-        stretches = [one.stretches(STEP)[0] for one in chosen]
+        stretches = [prepared.stretches(STEP)[0] for prepared in chosen]
         error = OutputErrorProblem(self.vehicle, stretches, self.noise, self.rollout)
         return error.solve(error.start(shared), iterations=iterations, tolerance=1e-3)
 
-    def predicted(self, one: PreparedRecording, shared: np.ndarray) -> Predicted:
+    def predicted(self, prepared: PreparedRecording, shared: np.ndarray) -> Predicted:
         """A whole recording, with unknowns shared (n,) [as `Unknowns.start`]."""
         predictor = Predictor(
             vehicle=self.vehicle,
@@ -73,15 +73,19 @@ class Learner:
             start_window=KNOWN,
             own=True,
         )
-        return predictor.of(one.stretches(STEP)[0])
+        return predictor.of(prepared.stretches(STEP)[0])
 
 
 def pool_learner(noise: Noise) -> Learner:
     """Nothing drives the vehicle."""
-    none = ActuatorModel(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
+    no_thrusters = ActuatorModel(names=(), wrench=np.zeros((6, 0)), allocation=np.zeros((0, 6)))
     dynamics = pool_dynamics()
-    known = vehicle_declaration(NominalParameters.of(dynamics), _HULL, none).with_status(**LEARNT)
+    nominal = vehicle_declaration(NominalParameters.of(dynamics), _HULL, no_thrusters)
+    declaration = nominal.with_status(**LEARNT)
     vehicle = Vehicle(
-        dynamics=dynamics, shared=Unknowns(known), own=Unknowns(known, own=True), actuators=none
+        dynamics=dynamics,
+        shared=Unknowns(declaration),
+        own=Unknowns(declaration, own=True),
+        actuators=no_thrusters,
     )
     return Learner(vehicle=vehicle, rollout=Rollout(stage_of(vehicle)), noise=noise)

@@ -47,9 +47,8 @@ class Recording:
 
 def read_recordings(folder: Path) -> list[Recording]:
     """Read all recordings of a folder. Raises `InvalidInput` where there are none."""
-    names = sorted(
-        path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz")
-    )
+    paths = folder.glob("*_mocap.csv.gz")
+    names = sorted(path.name.removesuffix("_mocap.csv.gz") for path in paths)
     if not names:
         raise InvalidInput(
             f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings"
@@ -81,7 +80,7 @@ def _smooth(angles: np.ndarray, derivative: int) -> np.ndarray:
     return smooth
 
 
-def _read_columns(path: Path, wanted: tuple[str, ...]) -> np.ndarray:
+def _read_columns(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     with gzip.open(path, "rt", encoding="utf-8") as lines:
         rows = csv.DictReader(lines)
-        return np.array([[float(row[name]) for name in wanted] for row in rows])
+        return np.array([[float(row[name]) for name in columns] for row in rows])

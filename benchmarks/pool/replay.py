@@ -66,7 +66,8 @@ def _up(quaternions: np.ndarray) -> np.ndarray:
 
 def quaternion_of(attitude: np.ndarray) -> np.ndarray:
     """Quaternion xyzw (4,) of roll and pitch (2,) [rad]."""
-    (sr, sp), (cr, cp) = np.sin(attitude / 2), np.cos(attitude / 2)
+    sr, sp = np.sin(attitude / 2)
+    cr, cp = np.cos(attitude / 2)
     return np.array([sr * cp, cr * sp, -sr * sp, cr * cp])
 
 

@@ -50,7 +50,8 @@ def without_offset(t: np.ndarray, attitude: np.ndarray) -> np.ndarray:
 def scores(recording: Recording, predicted: np.ndarray) -> tuple[Score, Score]:
     """Agreement of roll and of pitch."""
     simulated, measured = compared(recording, predicted)
-    roll, pitch = (_score(recording.t, simulated[:, i], measured[:, i]) for i in (0, 1))
+    roll = _score(recording.t, simulated[:, 0], measured[:, 0])
+    pitch = _score(recording.t, simulated[:, 1], measured[:, 1])
     return roll, pitch
 
 
@@ -71,7 +72,9 @@ def lag_of(t: np.ndarray, simulated: np.ndarray, measured: np.ndarray) -> float:
     inside = (t >= t[0] + _LARGEST_LAG) & (t <= t[-1] - _LARGEST_LAG)
     shifted = [np.interp(t[inside] + lag, t, simulated) for lag in lags]
     best = int(np.argmax([np.corrcoef(values, measured[inside])[0, 1] for values in shifted]))
-    return float(lags[best]) if 0 < best < len(lags) - 1 else np.nan
+    if best in (0, len(lags) - 1):
+        return np.nan
+    return float(lags[best])
 
 
 def fit_shift(
@@ -82,15 +85,14 @@ def fit_shift(
     """
 
     def residuals(shift_cm: np.ndarray) -> np.ndarray:
-        predictions = [
-            (recording, predict(vehicle, recording, shift_cm / 100)) for recording in recordings
-        ]
-        return np.concatenate([_errors(*prediction) for prediction in predictions])
+        errors = []
+        for recording in recordings:
+            errors.append(_errors(recording, predict(vehicle, recording, shift_cm / 100)))
+        return np.concatenate(errors)
 
-    found: np.ndarray = (
-        least_squares(residuals, np.zeros(3), diff_step=1e-2, bounds=(-4.0, 4.0)).x / 100
-    )
-    return found
+    fit = least_squares(residuals, np.zeros(3), diff_step=1e-2, bounds=(-4.0, 4.0))
+    shift: np.ndarray = fit.x / 100
+    return shift
 
 
 def _errors(recording: Recording, predicted: np.ndarray) -> np.ndarray:

@@ -37,9 +37,8 @@ _WINDOW = 1.0  # [s] of the local quadratics that give velocity
 
 def recordings_of(folder: Path) -> dict[str, list[Recording]]:
     """Of every sensor, in the same order. Raises `InvalidInput` where there are none."""
-    names = sorted(
-        path.name.removesuffix("_mocap.csv.gz") for path in folder.glob("*_mocap.csv.gz")
-    )
+    paths = folder.glob("*_mocap.csv.gz")
+    names = sorted(path.name.removesuffix("_mocap.csv.gz") for path in paths)
     if not names:
         raise InvalidInput(
             f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings"
@@ -48,18 +47,21 @@ def recordings_of(folder: Path) -> dict[str, list[Recording]]:
 
 
 def _recording(folder: Path, sensor: str, name: str) -> Recording:
-    found, captured = (_read(folder, one, name) for one in (sensor, MOCAP))
-    channels = {key: _forward(key, one) for key, one in found.channels.items() if key != "position"}
-    nothing = Channel(t=np.array(found.span), values=np.zeros((2, 6)))
-    return Recording(
-        name=name, channels={**channels, "linear_velocity": _velocity(captured), "wrench": nothing}
-    )
+    measured = _read(folder, sensor, name)
+    captured = _read(folder, MOCAP, name)
+    channels = {}
+    for key, channel in measured.channels.items():
+        if key != "position":
+            channels[key] = _forward(key, channel)
+    channels["linear_velocity"] = _velocity(captured)
+    channels["wrench"] = Channel(t=np.array(measured.span), values=np.zeros((2, 6)))
+    return Recording(name=name, channels=channels)
 
 
 def _read(folder: Path, sensor: str, name: str) -> Recording:
-    channels = {
-        key: {"time": "time_secs", **one} for key, one in (_BOTH | _CHANNELS[sensor]).items()
-    }
+    channels = {}
+    for key, columns in (_BOTH | _CHANNELS[sensor]).items():
+        channels[key] = {"time": "time_secs", **columns}
     return mapped_recording(folder, RecordingMapping.model_validate({"channels": channels}), name)
 
 
@@ -68,11 +70,9 @@ def _forward(key: str, channel: Channel) -> Channel:
     if key == "attitude":
         x, y, z, w = channel.values.T
         return Channel(t=channel.t, values=np.column_stack([y, -x, w, -z]))
-    return (
-        Channel(t=channel.t, values=channel.values * [-1, -1, 1])
-        if key == "angular_velocity"
-        else channel
-    )
+    if key == "angular_velocity":
+        return Channel(t=channel.t, values=channel.values * [-1, -1, 1])
+    return channel
 
 
 def _velocity(captured: Recording) -> Channel:

@@ -44,23 +44,31 @@ def swings(recording: Recording, predicted: Predicted) -> list[Row]:
         inside = (predicted.t[2] >= begin) & (predicted.t[2] <= end)
         t = predicted.t[2][inside]
         for k, angle in enumerate(ANGLES):
-            found, seen = (part[inside, k] for part in angles(predicted))
-            if seen.size and seen.std() > SMALLEST:
-                rows += _row(recording.name, angle, t - t[0], seen, found)
+            predicted_angles, measured_angles = angles(predicted)
+            measured = measured_angles[inside, k]
+            if measured.size and measured.std() > SMALLEST:
+                simulated = predicted_angles[inside, k]
+                rows += _row(recording.name, angle, t - t[0], measured, simulated)
     return rows
 
 
-def _row(name: str, angle: str, t: np.ndarray, seen: np.ndarray, found: np.ndarray) -> list[Row]:
-    told = swing_in(t, seen)
-    ours = swing_in(t, found)
-    if told is None:
+def _row(
+    name: str, angle: str, t: np.ndarray, measured: np.ndarray, simulated: np.ndarray
+) -> list[Row]:
+    measured_swing = swing_in(t, measured)
+    predicted_swing = swing_in(t, simulated)
+    if measured_swing is None:
         return []
-    row: dict[str, object] = {"recording": name, "angle": angle, "size [deg]": float(seen.std())}
-    row |= {"period [s]": told.period, "damping": told.damping}
-    if ours is not None:
-        row |= {"predicted period [s]": ours.period, "predicted damping": ours.damping}
+    row: dict[str, object] = {"recording": name, "angle": angle}
+    row |= {"size [deg]": float(measured.std())}
+    row |= {"period [s]": measured_swing.period, "damping": measured_swing.damping}
+    if predicted_swing is not None:
         row |= {
-            "period [%]": 100 * (ours.period / told.period - 1),
-            "damping [%]": 100 * (ours.damping / told.damping - 1),
+            "predicted period [s]": predicted_swing.period,
+            "predicted damping": predicted_swing.damping,
+        }
+        row |= {
+            "period [%]": 100 * (predicted_swing.period / measured_swing.period - 1),
+            "damping [%]": 100 * (predicted_swing.damping / measured_swing.damping - 1),
         }
     return [row]
