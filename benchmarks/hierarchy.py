@@ -7,11 +7,11 @@ calls it. Writes hierarchy.csv and hierarchy.md.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from hierarchy_solvers.found import CERTIFIED, EXCESS, rows_of
+from hierarchy_solvers.found import CERTIFIED, EXCESS, Found, rows_of
 from hierarchy_solvers.ours import IN_C, SOLVERS, cold_rows, exactness_rows, solved, whole_tick_rows
 from hierarchy_solvers.peers import daqp_results, lexls_results, pink_rows
 from hierarchy_solvers.problems import (
@@ -72,14 +72,15 @@ FORMATS = {
 
 def large_rows(sets: list[Problem], lexls: Path | None) -> list[Row]:
     """The active set and LexLS on sets that grow, each the least time of some passes."""
-    also = lexls_results(lexls, sets, PASSES) if lexls else {}
+    by_lexls = lexls_results(lexls, sets, PASSES) if lexls else {}
     rows: list[Row] = []
     for problem in sets:
         passes = [solved(SOLVERS[IN_C], problem) for _ in range(PASSES)]
-        found = {
-            IN_C: replace(passes[0], seconds=np.min([each.seconds for each in passes], axis=0))
-        }
-        rows += rows_of(problem, found | ({"LexLS, native": also[problem.name]} if lexls else {}))
+        shortest = np.min([results.seconds for results in passes], axis=0)
+        results_of = {IN_C: replace(passes[0], seconds=shortest)}
+        if lexls:
+            results_of["LexLS, native"] = by_lexls[problem.name]
+        rows += rows_of(problem, results_of)
     return rows
 
 
@@ -87,17 +88,20 @@ def matrix_rows(
     sets: list[Problem], peers: Path | None, lexls: Path | None
 ) -> tuple[list[Row], dict[str, str]]:
     """Every solver on given matrices; and the versions of the peers."""
-    daqp, version = daqp_results(interpreter(peers, "pink"), sets) if peers else ({}, "")
-    also = lexls_results(lexls, sets, PASSES) if lexls else {}
+    versions = {}
+    by_daqp: dict[str, Found] = {}
+    if peers:
+        by_daqp, versions["daqp"] = daqp_results(interpreter(peers, "pink"), sets)
+    by_lexls = lexls_results(lexls, sets, PASSES) if lexls else {}
     rows: list[Row] = []
     for problem in sets:
-        found = {name: solved(solver, problem) for name, solver in SOLVERS.items()}
-        if problem.name in daqp:
-            found["daqp, native"] = daqp[problem.name]
-        if problem.name in also:
-            found["LexLS, native"] = also[problem.name]
-        rows += rows_of(problem, found)
-    return rows, {"daqp": version} if peers else {}
+        results_of = {name: solved(solver, problem) for name, solver in SOLVERS.items()}
+        if problem.name in by_daqp:
+            results_of["daqp, native"] = by_daqp[problem.name]
+        if problem.name in by_lexls:
+            results_of["LexLS, native"] = by_lexls[problem.name]
+        rows += rows_of(problem, results_of)
+    return rows, versions
 
 
 def main() -> None:
@@ -111,36 +115,55 @@ def main() -> None:
     parser.add_argument(
         "--exactness", type=int, default=10_000, metavar="N", help="hierarchies to certify"
     )
-    given, run = begin(parser)
-    quick = run.quick
-    random, exactness, passes = (2, 10, 1) if quick else (given.random, given.exactness, PASSES)
-    problem, inputs = recorded_ticks(duration=0.25 if quick else 120.0)
-    rows = whole_tick_rows(problem, inputs, passes=passes, cold=not quick)
-    rows += cold_rows(problem, random_states(inputs, 20 if quick else 3000), passes)
-    peers: dict[str, str] = {}
-    if given.peers:
-        found, peers["pin-pink"] = pink_rows(
-            interpreter(given.peers, "pink"), passes=passes, ticks=5 if quick else 500
+    arguments, run = begin(parser)
+    if run.quick:
+        size = _Size(
+            duration=0.25,
+            passes=1,
+            states=20,
+            pink_ticks=5,
+            random=2,
+            largest=HUMANOID,
+            exactness=10,
         )
-        rows += found
-    found, versions = matrix_rows(problems(problem, inputs, random), given.peers, given.lexls)
-    rows += [
-        *found,
-        *large_rows(large_problems(max(LARGE) if not quick else HUMANOID), given.lexls),
-        *exactness_rows(exactness),
-    ]
+    else:
+        size = _Size(
+            duration=120.0,
+            passes=PASSES,
+            states=3000,
+            pink_ticks=500,
+            random=arguments.random,
+            largest=max(LARGE),
+            exactness=arguments.exactness,
+        )
+    problem, inputs = recorded_ticks(duration=size.duration)
+    rows = whole_tick_rows(problem, inputs, passes=size.passes, cold=not run.quick)
+    rows += cold_rows(problem, random_states(inputs, size.states), size.passes)
+    versions: dict[str, str] = {}
+    if arguments.peers:
+        python = interpreter(arguments.peers, "pink")
+        rows_of_pink, versions["pin-pink"] = pink_rows(
+            python, passes=size.passes, ticks=size.pink_ticks
+        )
+        rows += rows_of_pink
+    sets = problems(problem, inputs, size.random)
+    rows_of_matrices, versions_of_matrices = matrix_rows(sets, arguments.peers, arguments.lexls)
+    versions |= versions_of_matrices
+    rows += rows_of_matrices
+    rows += large_rows(large_problems(size.largest), arguments.lexls)
+    rows += exactness_rows(size.exactness)
     prose = PROSE.format(
-        passes=passes,
+        passes=size.passes,
         certified=CERTIFIED,
         excess=EXCESS,
         nearly=NEARLY,
         separated=min(SEPARATED),
-        exactness=exactness,
+        exactness=size.exactness,
     )
-    prose += (
-        "\nLexLS:"
-        f" {'a program that is given, its least time of ' + str(PASSES) if given.lexls else 'not there'}.\n"
-    )
+    if arguments.lexls:
+        prose += f"\nLexLS: a program that is given, its least time of {PASSES}.\n"
+    else:
+        prose += "\nLexLS: not there.\n"
     table = Table(rows=rows, columns=FORMATS)
     run.write(
         Report(
@@ -148,9 +171,27 @@ def main() -> None:
             title="Hierarchy solvers",
             prose=prose,
             tables=[table],
-            peers=peers | versions,
+            peers=versions,
         )
     )
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Size:
+    """How much is measured."""
+
+    duration: float
+    """[s] of the recorded run."""
+    passes: int
+    states: int
+    """Random states of Case 1."""
+    pink_ticks: int
+    random: int
+    """Hierarchies of each random set."""
+    largest: int
+    """Unknowns of the sets that grow, at most."""
+    exactness: int
+    """Hierarchies to certify."""
 
 
 if __name__ == "__main__":

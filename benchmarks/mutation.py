@@ -16,12 +16,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from mutants.sample import Mutant, draw
 from mutants.suite import BUDGET, SLOW, Suite, recorded
 from mutants.tree import ROOT
 from mutants.trials import KILLED, Trial, Trials
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import count_where, rows_where
 
 ROOMS = ("tasks", "control", "sim", "solvers", "mission", "ocp")
 JUDGED = Path(__file__).parent / "mutants" / "judged.csv"
@@ -57,42 +59,44 @@ class Judgement:
 
 def judgements(path: Path = JUDGED) -> dict[tuple[str, str, str], Judgement]:
     """By file, line before and line after."""
+    judged = {}
     with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return {
-        (row["file"], row["before"], row["after"]): Judgement(
-            verdict=row["verdict"], reason=row["reason"]
-        )
-        for row in rows
-    }
+        for row in csv.DictReader(file):
+            change = (row["file"], row["before"], row["after"])
+            judged[change] = Judgement(verdict=row["verdict"], reason=row["reason"])
+    return judged
 
 
 def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row:
     """Of the table of all mutants."""
-    verdict = NOT_RUN if trial is None else trial.verdict
-    if trial is not None and trial.verdict != KILLED and judged is not None:
-        verdict = judged.verdict
-    return {
+    row: dict[str, Any] = {
         "room": mutant.file.split("/")[1],
         "file": mutant.file,
         "line": mutant.line,
         "operator": mutant.operator.removeprefix("core/"),
         "before": mutant.before,
         "after": mutant.after,
-        "verdict": verdict,
-        "by": "" if trial is None else trial.by,
-        "reason": judged.reason if judged is not None and verdict != KILLED else "",
-        "tests": None if trial is None else trial.n_tests,
-        "seconds": None if trial is None else trial.seconds,
+        "verdict": NOT_RUN,
+        "by": "",
+        "reason": "",
+        "tests": None,
+        "seconds": None,
     }
+    if trial is not None:
+        row |= {"verdict": trial.verdict, "by": trial.by}
+        row |= {"tests": trial.n_tests, "seconds": trial.seconds}
+    if judged is not None and row["verdict"] != KILLED:
+        row["reason"] = judged.reason
+        if trial is not None:
+            row["verdict"] = judged.verdict
+    return row
 
 
 def score(rows: Sequence[Row], room: str) -> Row:
     """How many of the mutants of a room ended in which way."""
-    count = {
-        verdict: sum(row["verdict"] == verdict for row in rows)
-        for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN)
-    }
+    count = {}
+    for verdict in (KILLED, SURVIVED, EQUIVALENT, NOT_RUN):
+        count[verdict] = count_where(rows, "verdict", verdict)
     judgeable = count[KILLED] + count[SURVIVED]
     share = 100.0 * count[KILLED] / judgeable if judgeable else None
     return {"room": room, "mutants": len(rows), **count, "noticed [%]": share}
@@ -100,12 +104,18 @@ def score(rows: Sequence[Row], room: str) -> Row:
 
 def report(rows: Sequence[Row], suite: Suite, seed: int, tests: Sequence[str]) -> Report:
     """What is written."""
-    rooms = [score([row for row in rows if row["room"] == room], room) for room in ROOMS]
+    scores = [score(rows_where(rows, "room", room), room) for room in ROOMS]
     total = score(rows, "all")
-    left = [row for row in rows if row["verdict"] == SURVIVED]
+    survivors = rows_where(rows, "verdict", SURVIVED)
     left_out = [{"left out": name, "why": why} for name, why in sorted(suite.left_out.items())]
     of_survivors = dict.fromkeys(("file", "line", "before", "after", "by", "reason"), "")
     of_rooms = dict.fromkeys(total, "") | {"noticed [%]": ".1f"}
+    mutated = [row for row in scores if row["mutants"]]
+    tables = [Table(rows=[*mutated, total], columns=of_rooms)]
+    if survivors:
+        tables.append(Table(rows=survivors, columns=of_survivors))
+    if left_out:
+        tables.append(Table(rows=left_out))
     return Report(
         name="mutation",
         title="Errors that the tests notice",
@@ -122,11 +132,7 @@ def report(rows: Sequence[Row], suite: Suite, seed: int, tests: Sequence[str]) -
             slow=SLOW,
             tests=", ".join(f"`{path}`" for path in tests),
         ),
-        tables=[
-            Table(rows=[*(room for room in rooms if room["mutants"]), total], columns=of_rooms),
-            *([Table(rows=left, columns=of_survivors)] if left else []),
-            *([Table(rows=left_out)] if left_out else []),
-        ],
+        tables=tables,
         data={"mutation": rows},
         peers={"cosmic-ray": version("cosmic-ray")},
     )
@@ -138,7 +144,11 @@ def measured(
     """One row per mutant."""
     trials: Mapping[str, Trial] = Trials(work, suite, jobs).run(sample, hours)
     judged = judgements()
-    return [row_of(m, trials.get(m.key), judged.get((m.file, m.before, m.after))) for m in sample]
+    rows = []
+    for mutant in sample:
+        change = (mutant.file, mutant.before, mutant.after)
+        rows.append(row_of(mutant, trials.get(mutant.key), judged.get(change)))
+    return rows
 
 
 def main() -> None:
@@ -157,27 +167,32 @@ def main() -> None:
     parser.add_argument(
         "--tests", nargs="*", default=["tests"], metavar="PATH", help="to run instead of all"
     )
-    given, run = begin(parser)
-    files = given.files or source_files()
-    tests = given.tests
-    n = given.sample
+    arguments, run = begin(parser)
+    files = arguments.files or source_files()
+    tests = arguments.tests
+    n = arguments.sample
     if run.quick:
         files = list(QUICK_FILES)
         tests = list(QUICK_TESTS)
         n = QUICK_SAMPLE
-    with tempfile.TemporaryDirectory() as own:
-        work = (given.work or Path(own)).resolve()
+    with tempfile.TemporaryDirectory() as temporary:
+        work = (arguments.work or Path(temporary)).resolve()
         work.mkdir(parents=True, exist_ok=True)
-        suite = recorded(work, tests, given.jobs)
+        suite = recorded(work, tests, arguments.jobs)
         sys.stderr.write(f"{len(suite.seconds)} tests recorded, {len(suite.left_out)} left out\n")
-        rows = measured(work, draw(ROOT, files, n, given.seed), suite, given.jobs, given.hours)
-        run.write(report(rows, suite, given.seed, tests))
+        rows = measured(
+            work, draw(ROOT, files, n, arguments.seed), suite, arguments.jobs, arguments.hours
+        )
+        run.write(report(rows, suite, arguments.seed, tests))
 
 
 def source_files() -> list[str]:
     """Below the repository, of all rooms."""
-    found = (path for room in ROOMS for path in (ROOT / "uvms_ocp" / room).rglob("*.py"))
-    return sorted(path.relative_to(ROOT).as_posix() for path in found)
+    files = []
+    for room in ROOMS:
+        paths = (ROOT / "uvms_ocp" / room).rglob("*.py")
+        files += [path.relative_to(ROOT).as_posix() for path in paths]
+    return sorted(files)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,15 @@ class _Flown:
         record = self.record
         meta = self.record.run_meta
         *_, total = resources(record)
+        over_greedy = None
+        if greedy_energy is not None:
+            over_greedy = total["energy_j"] / greedy_energy
         tilt = quantity(record, "HA.tilt")
+        largest_tilt = None if tilt is None else float(np.nanmax(tilt))
+        clear = None
+        if self.scenario.environment.obstacles:
+            clear = _clear(self.scenario, record)
+        takeovers = [alarm for alarm in meta.alarms if alarm.text.startswith("plan left")]
         return {
             "mission": self.mission,
             "flown": self.how,
@@ -106,22 +114,17 @@ class _Flown:
             "duration [s]": float(record["t"][-1]),
             "energy [J]": total["energy_j"],
             "of thrusters [J]": total["thruster_energy_j"],
-            "over greedy [-]": None if greedy_energy is None else total["energy_j"] / greedy_energy,
+            "over greedy [-]": over_greedy,
             "over drag [-]": total["thruster_energy_j"] / self._bound(),
             "over drag and inertia [-]": total["thruster_energy_j"] / self._bound(inertia=True),
             "water [m/s]": self._water(),
             "peak thrust [N]": total["peak_thrust_n"],
-            "tilt [rad]": None if tilt is None else float(np.nanmax(tilt)),
+            "tilt [rad]": largest_tilt,
             "threshold used [-]": _used(record),
             "estimated [-]": _used(record, estimated=True),
-            "clear of obstacles [mm]": _clear(self.scenario, record)
-            if self.scenario.environment.obstacles
-            else None,
+            "clear of obstacles [mm]": clear,
             "links apart [mm]": _apart(self.scenario, record),
-            "left": next(
-                (f"{a.t:.1f} s: {a.text}" for a in meta.alarms if a.text.startswith("plan left")),
-                "",
-            ),
+            "left": f"{takeovers[0].t:.1f} s: {takeovers[0].text}" if takeovers else "",
         }
 
     def _bound(self, *, inertia: bool = False) -> float:
@@ -129,12 +132,10 @@ class _Flown:
         record = self.record
         current = self.scenario.environment.current
         motion = (record["t"], record["q"], record["v"])
-        return max(
-            quasi_static_energy(
-                self.scenario.robot, current, *motion, every=_EVERY, inertia=inertia
-            ),
-            1e-9,
+        energy = quasi_static_energy(
+            self.scenario.robot, current, *motion, every=_EVERY, inertia=inertia
         )
+        return max(energy, 1e-9)
 
     def _water(self) -> float:
         """Mean speed [m/s] of the current around the vehicle."""
@@ -142,46 +143,42 @@ class _Flown:
         rows = slice(None, None, _EVERY)
         places = self.record["q"][rows, :3]
         times = self.record["t"][rows].tolist()
-        return float(
-            np.mean(
-                [
-                    np.linalg.norm(current.velocity(p[None], t)[0])
-                    for p, t in zip(places, times, strict=True)
-                ]
-            )
-        )
+        speeds = []
+        for place, t in zip(places, times, strict=True):
+            velocity = current.velocity(place[None], t)[0]
+            speeds.append(np.linalg.norm(velocity))
+        return float(np.mean(speeds))
 
 
 def _used(record: Record, *, estimated: bool = False) -> float | None:
     """The largest share of the limit of a condition at the end of its phase, true or as it was
     estimated.
     """
-    shares = [
-        (condition.estimated if estimated else event.truth[condition.quantity]) / condition.limit
-        for event in record.run_meta.events
-        for condition in event.conditions
-        if condition.sign == "<" and condition.quantity in event.truth
-    ]
+    shares = []
+    for event in record.run_meta.events:
+        for condition in event.conditions:
+            if condition.sign != "<" or condition.quantity not in event.truth:
+                continue
+            value = condition.estimated if estimated else event.truth[condition.quantity]
+            shares.append(value / condition.limit)
     return max(shares, default=None)
 
 
 def _clear(scenario: Scenario, record: Record) -> float:
     """Least [mm] to obstacles."""
-    return (
-        1e3
-        * closest_approach(
-            scenario.robot, scenario.environment, record["q"][::_EVERY], floor=False
-        ).distance
-    )
+    configurations = record["q"][::_EVERY]
+    passage = closest_approach(scenario.robot, scenario.environment, configurations, floor=False)
+    return 1e3 * passage.distance
 
 
 def _apart(scenario: Scenario, record: Record) -> float:
     """Least [mm] between links."""
-    nothing = replace(scenario.environment, obstacles=())
-    found = closest_approach(
-        scenario.robot, nothing, record["q"][::_EVERY], floor=False, self_collision=True
+    no_obstacles = replace(scenario.environment, obstacles=())
+    configurations = record["q"][::_EVERY]
+    passage = closest_approach(
+        scenario.robot, no_obstacles, configurations, floor=False, self_collision=True
     )
-    return 1e3 * found.distance
+    return 1e3 * passage.distance
 
 
 def measured(
@@ -190,27 +187,24 @@ def measured(
     """Rows of both flights, and of the plan."""
     greedy = _Flown(mission=name, how="greedy", scenario=scenario, record=scenario.run())
     first = greedy.row(None)
-    found = once(lambda: plan_of(scenario, duration=first["duration [s]"]))
-    plan = found.value
+    planning = once(lambda: plan_of(scenario, duration=first["duration [s]"]))
+    plan = planning.value
     rows: list[Row] = [first]
     if plan.status.usable:
         flown = _Flown(
             mission=name, how="one problem", scenario=scenario, record=plan.fly(scenario)
         )
         rows.append(flown.row(first["energy [J]"]))
-    told = {
+    row_of_plan = {
         "mission": name,
         "status": plan.status.value,
         "iterations": plan.iterations,
-        "CPU [s]": found.cpu,
-    }
-    clear = None if plan.clearance is None else 1e3 * plan.clearance
-    return rows, {
-        **told,
+        "CPU [s]": planning.cpu,
         "planned [s]": plan.duration,
         "planned [J]": plan.energy,
-        "clear [mm]": clear,
+        "clear [mm]": None if plan.clearance is None else 1e3 * plan.clearance,
     }
+    return rows, row_of_plan
 
 
 def quick_plan(scenario: Scenario, **more: Any) -> MissionPlan:
@@ -222,23 +216,27 @@ def main() -> None:
     """Plan, fly, compare."""
     parser = parser_of(__doc__)
     parser.add_argument("--only", choices=MISSIONS, help="this mission alone")
-    given, run = begin(parser)
-    chosen = {given.only: MISSIONS[given.only]} if given.only else MISSIONS
+    arguments, run = begin(parser)
+    chosen = MISSIONS
+    plan_of: Callable[..., MissionPlan] = plan_mission
+    if arguments.only:
+        chosen = {arguments.only: MISSIONS[arguments.only]}
     if run.quick:
         hide_compiler()
         chosen = {"reach": lambda **more: scenarios.reach(duration=0.2)}
-    both = [
-        measured(name, make(noise=True), quick_plan if run.quick else plan_mission)
-        for name, make in chosen.items()
-    ]
-    flights = Table(rows=[row for rows, _ in both for row in rows], columns=FORMATS)
-    plans = Table(rows=[row for _, row in both], columns=PLANS)
+        plan_of = quick_plan
+    flights = list[Row]()
+    plans = list[Row]()
+    for name, make in chosen.items():
+        rows, row_of_plan = measured(name, make(noise=True), plan_of)
+        flights += rows
+        plans.append(row_of_plan)
     run.write(
         Report(
             name="ocp_missions",
             title="Missions as one problem",
             prose=PROSE.format(current=STEADY),
-            tables=[flights, plans],
+            tables=[Table(rows=flights, columns=FORMATS), Table(rows=plans, columns=PLANS)],
         )
     )
 

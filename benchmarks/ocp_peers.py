@@ -21,6 +21,7 @@ from horizon.comparison import (
 from horizon.ours import CONVERGENCE, GAUSS_NEWTON
 from horizon.peer_problems import DURATION, least_time, quickest_problem, shooting_problem
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import known_values, rows_where
 from recording.timing import LONG
 
 REPEATS = 5
@@ -80,29 +81,21 @@ TURNS = {
 def found_text(rows: Sequence[Row]) -> str:
     """What ours take with the peer's kind of Hessian, by tolerance."""
     parts = [*_ratios(rows)]
-    return (
-        f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}."
-        if parts
-        else ""
-    )
+    if not parts:
+        return ""
+    return f"With Gauss and Newton's Hessian, which the peer uses as well, {'; '.join(parts)}."
 
 
 def _ratios(rows: Sequence[Row]) -> Iterator[str]:
     for tolerance in CONVERGENCE:
         setting = f"{GAUSS_NEWTON}, {tolerance:g}, {COMPILED}"
-        chosen = [
-            row
-            for row in rows
-            if (row["solver"], row["setting"]) == ("uvms_ocp stagewise", setting)
-        ]
-        chosen = [
-            row
-            for row in chosen
-            if row["problem"].startswith("shooting") and row["ratio"] is not None
-        ]
-        if chosen:
-            ratios = [row["ratio"] for row in chosen]
-            apart = max(abs(row["off"]) for row in chosen)
+        of_setting = rows_where(
+            rows_where(rows, "solver", "uvms_ocp stagewise"), "setting", setting
+        )
+        shooting = [row for row in of_setting if row["problem"].startswith("shooting")]
+        ratios = known_values(shooting, "ratio")
+        if ratios:
+            apart = max(abs(row["off"]) for row in shooting if row["ratio"] is not None)
             yield (
                 f"stagewise takes {min(ratios):.2f} to {max(ratios):.2f} times the peer's time at a"
                 f" tolerance of {tolerance:g}, where the costs agree to {apart:.0e}"
@@ -113,16 +106,30 @@ def main() -> None:
     """Solve everything with everyone."""
     parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, metavar="FOLDER")
-    given, run = begin(parser)
-    repeats, steps, rounds = (1, (5,), 1) if run.quick else (REPEATS, STEPS, ROUNDS)
+    arguments, run = begin(parser)
+    if run.quick:
+        repeats = 1
+        steps: tuple[int, ...] = (5,)
+        rounds = 1
+    else:
+        repeats = REPEATS
+        steps = STEPS
+        rounds = ROUNDS
+    in_turn = list[Row]()
     with tempfile.TemporaryDirectory() as name:
         comparison = Comparison(
-            peers=given.peers, scratch=Path(name), repeats=repeats, quick=run.quick
+            peers=arguments.peers, scratch=Path(name), repeats=repeats, quick=run.quick
         )
-        shooting = [found(comparison, n) for found in (shooting_rows, limited_rows) for n in steps]
-        parts = [*shooting, quickest_rows(comparison, steps[:2])]
-        in_turn = [row for n in steps for row in turns(comparison, n, rounds)]
-    rows = [row for part, _ in parts for row in part]
+        parts = [shooting_rows(comparison, n) for n in steps]
+        parts += [limited_rows(comparison, n) for n in steps]
+        parts.append(quickest_rows(comparison, steps[:2]))
+        for n in steps:
+            in_turn += turns(comparison, n, rounds)
+    rows = list[Row]()
+    versions: dict[str, str] = {}
+    for rows_of_part, versions_of_part in parts:
+        rows += rows_of_part
+        versions |= versions_of_part
     prose = PROSE.format(
         repeats=repeats,
         long=LONG,
@@ -139,7 +146,7 @@ def main() -> None:
             title="Optimal control: the peers",
             prose=prose,
             tables=[Table(rows=rows, columns=FORMATS), Table(rows=in_turn, columns=TURNS)],
-            peers={name: version for _, versions in parts for name, version in versions.items()},
+            peers=versions,
         )
     )
 

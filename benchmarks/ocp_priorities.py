@@ -17,6 +17,7 @@ from horizon.conflicts import AHEAD, N_LINKS, Conflict, arm, vehicle
 from horizon.toys import FORMATS as TOY_FORMATS, toy_rows
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 from recording.timing import once
 
 from uvms_ocp.ocp.planner import Planner
@@ -64,8 +65,8 @@ def rows(conflict: Conflict, weights: Sequence[float]) -> Iterator[Row]:
 
 
 def _row(conflict: Conflict, priorities: str, planner: Planner, *, of_sum: bool) -> Row:
-    found = once(partial(planner.plan, diagnose=False))
-    plan = found.value
+    planning = once(partial(planner.plan, diagnose=False))
+    plan = planning.value
     assert plan.result is not None
     errors = conflict.errors(plan)
     return {
@@ -73,7 +74,7 @@ def _row(conflict: Conflict, priorities: str, planner: Planner, *, of_sum: bool)
         "priorities": priorities,
         "status": plan.result.status.value,
         "iterations": plan.iterations,
-        "cpu_ms": 1e3 * found.cpu,
+        "cpu_ms": 1e3 * planning.cpu,
         "condition": condition(planner, plan) if of_sum else None,
         "errors_m": " ".join(f"{error:.3e}" for error in errors),
         "above_best_m": " ".join(f"{excess:.1e}" for excess in _excesses(conflict, errors)),
@@ -90,33 +91,34 @@ def found_text(table: Sequence[Row]) -> str:
     """For each problem: what the largest weight that converges pays, from which weight on none
     does.
     """
-    return "\n".join(
-        _found_in(name, table) for name in dict.fromkeys(row["problem"] for row in table)
-    )
+    names = dict.fromkeys(column(table, "problem"))
+    return "\n".join(_found_in(name, table) for name in names)
 
 
 def _found_in(name: str, table: Sequence[Row]) -> str:
-    levels, *sums = (row for row in table if row["problem"] == name)
-    done = [row for row in sums if row["status"] == SOLVED]
+    levels, *sums = rows_where(table, "problem", name)
+    done = rows_where(sums, "status", SOLVED)
     text = f"- {name}: by levels the first goal is missed by {_first_error_mm(levels):.2g} mm"
     if not done:
         return f"{text}; no weight converges."
     last = done[-1]
     text += (
         f", with {last['priorities']}, the largest that converges, by {_first_error_mm(last):.2g}"
-        " mm at a condition of "
+        f" mm at a condition of {last['condition']:.0e}"
     )
-    text += f"{last['condition']:.0e}"
     beyond = sums[sums.index(last) + 1 :]
-    return (
-        f"{text}; {beyond[0]['priorities']} ends as: {beyond[0]['status']}."
-        if beyond
-        else f"{text}."
-    )
+    if not beyond:
+        return f"{text}."
+    return f"{text}; {beyond[0]['priorities']} ends as: {beyond[0]['status']}."
 
 
 def _first_error_mm(row: Row) -> float:
-    return 1e3 * float(row["errors_m"].split()[0])
+    return 1e3 * _errors(row)[0]
+
+
+def _errors(row: Row) -> list[float]:
+    """[m] of all goals, as the row has them."""
+    return [float(word) for word in row["errors_m"].split()]
 
 
 def draw(table: Sequence[Row], path: Path) -> None:
@@ -128,14 +130,14 @@ def draw(table: Sequence[Row], path: Path) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    names = list(dict.fromkeys(row["problem"] for row in table))
+    names = list(dict.fromkeys(column(table, "problem")))
     figure, panels = plt.subplots(1, len(names), figsize=(6 * len(names), 4), layout="constrained")
     for name, panel in zip(names, np.atleast_1d(panels), strict=True):
-        levels, *sums = (row for row in table if row["problem"] == name)
-        errors = np.array([[float(word) for word in row["errors_m"].split()] for row in sums])
+        levels, *sums = rows_where(table, "problem", name)
+        errors = np.array([_errors(row) for row in sums])
         weights = np.array([float(row["priorities"].split()[1]) for row in sums])
-        done = np.array([row["status"] == SOLVED for row in sums])
-        for i, reference in enumerate(float(word) for word in levels["errors_m"].split()):
+        done = np.array(column(sums, "status")) == SOLVED
+        for i, reference in enumerate(_errors(levels)):
             (line,) = panel.loglog(weights, errors[:, i], label=f"goal {i + 1}")
             panel.loglog(weights[done], errors[done, i], "o", color=line.get_color())
             panel.loglog(weights[~done], errors[~done, i], "x", color=line.get_color())
@@ -151,11 +153,17 @@ def main() -> None:
     """Solve with levels and with all weights."""
     parser = parser_of(__doc__)
     parser.add_argument("--figure", type=Path, metavar="PNG", help="draw it as well")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     if run.quick:
         hide_compiler()
-    conflicts, weights = ([arm(5)], WEIGHTS[2:4]) if run.quick else ([arm(), vehicle()], WEIGHTS)
-    table = [row for conflict in conflicts for row in rows(conflict, weights)]
+        conflicts = [arm(5)]
+        weights: tuple[float, ...] = WEIGHTS[2:4]
+    else:
+        conflicts = [arm(), vehicle()]
+        weights = WEIGHTS
+    table = list[Row]()
+    for conflict in conflicts:
+        table += rows(conflict, weights)
     toys = toy_rows()
     prose = PROSE.format(
         tolerance=OPTIONS.tolerance,
@@ -173,8 +181,8 @@ def main() -> None:
             data={"ocp_priorities": table, "ocp_toys": toys},
         )
     )
-    if given.figure:
-        draw(table, given.figure)
+    if arguments.figure:
+        draw(table, arguments.figure)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ import pinocchio as pin
 from horizon.problems import tool_reach
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, count_where
 from recording.timing import once
 
 from uvms_ocp.ocp.planner import Planner
@@ -75,10 +76,10 @@ def drawn(base: OcpProblem, rng: np.random.Generator) -> tuple[OcpProblem, float
     """A reach, and how far its tool moves [m]."""
     robot = base.robot
     q = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, rng.uniform(-np.pi, np.pi))).copy()
-    low, up = robot.limits.position_lower, robot.limits.position_upper
-    q[7:] = np.clip(
-        q[7:] + rng.uniform(-0.25, 0.25, robot.n_joints) * (up - low), low + 0.05, up - 0.05
-    )
+    low = robot.limits.position_lower
+    up = robot.limits.position_upper
+    change = rng.uniform(-0.25, 0.25, robot.n_joints) * (up - low)
+    q[7:] = np.clip(q[7:] + change, low + 0.05, up - 0.05)
     way = rng.uniform(-1.0, 1.0, 3) * WAY / np.sqrt(3)
     turn = pin.rpy.rpyToMatrix(*rng.uniform(-TURN, TURN, 3))
     levels = (_tool_level(base, _moved(robot, q, way, turn)), *base.levels[1:])
@@ -101,9 +102,13 @@ def _tool_level(base: OcpProblem, goal: pin.SE3) -> OcpLevel:
 
 def row(planner: Planner, peer: Planner, problem: OcpProblem, number: int, way: float) -> Row:
     """What becomes of a reach."""
-    found, other = (once(partial(one.plan, problem, diagnose=False)) for one in (planner, peer))
-    plan = found.value
-    both = plan.status.value == other.value.status.value == "solved"
+    ours = once(partial(planner.plan, problem, diagnose=False))
+    theirs = once(partial(peer.plan, problem, diagnose=False))
+    plan = ours.value
+    peer_plan = theirs.value
+    to_ipopt = None
+    if plan.status.value == peer_plan.status.value == "solved":
+        to_ipopt = (plan.levels[-1].residual / peer_plan.levels[-1].residual) ** 2
     return {
         "reach": number,
         "way_m": way,
@@ -111,13 +116,11 @@ def row(planner: Planner, peer: Planner, problem: OcpProblem, number: int, way: 
         "status": plan.status.value,
         "reason": plan.reason,
         "iterations": plan.iterations,
-        "cpu_ms": 1e3 * found.cpu,
+        "cpu_ms": 1e3 * ours.cpu,
         "goal": plan.levels[0].residual if plan.levels else None,
-        "ipopt_status": other.value.status.value,
-        "ipopt_ms": 1e3 * other.cpu,
-        "to_ipopt": (plan.levels[-1].residual / other.value.levels[-1].residual) ** 2
-        if both
-        else None,
+        "ipopt_status": peer_plan.status.value,
+        "ipopt_ms": 1e3 * theirs.cpu,
+        "to_ipopt": to_ipopt,
     }
 
 
@@ -131,9 +134,9 @@ def histogram(rows: Sequence[Row]) -> str:
 
 def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
     """With the figures of all reaches."""
-    outcomes = Counter(row["status"] for row in rows)
-    times = [row["cpu_ms"] for row in rows]
-    peer_times = [row["ipopt_ms"] for row in rows]
+    outcomes = Counter(column(rows, "status"))
+    times = column(rows, "cpu_ms")
+    peer_times = column(rows, "ipopt_ms")
     ratios = np.array([row["to_ipopt"] or np.nan for row in rows])
     return PROSE.format(
         coarse=COARSE_STEPS,
@@ -149,7 +152,7 @@ def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
         share=outcomes["solved"] / len(rows),
         median=np.median(times),
         most=np.max(times),
-        peer_solved=sum(row["ipopt_status"] == "solved" for row in rows),
+        peer_solved=count_where(rows, "ipopt_status", "solved"),
         peer_median=np.median(peer_times),
         peer_most=np.max(peer_times),
         near=NEAR,
@@ -169,25 +172,27 @@ def main() -> None:
     _, run = begin(parser_of(__doc__))
     if run.quick:
         hide_compiler()
-    base = tool_reach(3 if run.quick else STEPS)
+        n = 2
+        steps = 3
+        options = replace(OPTIONS, max_iterations=3)
+    else:
+        n = DRAWN
+        steps = STEPS
+        options = OPTIONS
+    base = tool_reach(steps)
     rng = np.random.default_rng(SEED)
-    options = replace(OPTIONS, max_iterations=3) if run.quick else OPTIONS
     planner = Planner(base, options)
     peer = Planner(base, replace(options, plugin=PEER))
-    rows = [row(planner, peer, *_numbered(base, rng, i)) for i in range(2 if run.quick else DRAWN)]
+    rows = []
+    for number in range(n):
+        problem, way = drawn(base, rng)
+        rows.append(row(planner, peer, problem, number, way))
     table = Table(rows=rows, columns=FORMATS)
     run.write(
         Report(
             name="ocp_random_reach", title="Random reaches", prose=prose(base, rows), tables=[table]
         )
     )
-
-
-def _numbered(
-    base: OcpProblem, rng: np.random.Generator, number: int
-) -> tuple[OcpProblem, int, float]:
-    problem, way = drawn(base, rng)
-    return problem, number, way
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from recording.report import Row
 
 from hierarchy_solvers.problems import Problem
 from uvms_ocp.solvers.hierarchy.certificate import certificate
+from uvms_ocp.solvers.hierarchy.level import Level
 
 # Relative difference of level residuals that counts. At its optimum the norm of a level is flat: a
 # solver that misses rows by d changes it by d squared only, which rounding hides up to this, and
@@ -36,48 +37,49 @@ class Found:
         return int((~self.exact.astype(bool)).sum())
 
 
-def rows_of(problem: Problem, found: Mapping[str, Found]) -> list[Row]:
+def rows_of(problem: Problem, results: Mapping[str, Found]) -> list[Row]:
     """One row per solver."""
-    norms = {name: level_norms(problem, of.v) for name, of in found.items()}
-    certificates = {name: certificates_of(problem, of.v) for name, of in found.items()}
+    norms = {}
+    certificates = {}
+    for solver, result in results.items():
+        norms[solver] = level_norms(problem, result.v)
+        certificates[solver] = certificates_of(problem, result.v)
     worst = excesses(norms, certificates)
-    return [
-        {
-            **timed_row(problem.name, name, of.seconds, of.inexact),
-            "largest certificate where exact": max(
-                certificates[name][of.exact.astype(bool)], default=None
-            ),
-            "largest excess": worst[name],
-        }
-        for name, of in found.items()
-    ]
+    rows: list[Row] = []
+    for solver, result in results.items():
+        row = timed_row(problem.name, solver, result.seconds, result.inexact)
+        where_exact = certificates[solver][result.exact.astype(bool)]
+        row["largest certificate where exact"] = max(where_exact, default=None)
+        row["largest excess"] = worst[solver]
+        rows.append(row)
+    return rows
 
 
 def timed_row(problem: str, solver: str, seconds: np.ndarray, inexact: int) -> dict[str, object]:
     """Percentiles of times (n,) [s], in us."""
-    p50, p99, largest = (float(x) for x in np.percentile(seconds * 1e6, [50, 99, 100]))
-    times = {"p50_us": p50, "p99_us": p99, "max_us": largest}
+    p50, p99, largest = np.percentile(seconds * 1e6, [50, 99, 100]).tolist()
     return {
         "problem": problem,
         "solver": solver,
         "problems": len(seconds),
-        **times,
+        "p50_us": p50,
+        "p99_us": p99,
+        "max_us": largest,
         "not exact": inexact,
     }
 
 
 def level_norms(problem: Problem, v: np.ndarray) -> np.ndarray:
     """(problems, levels) norm of what each level misses at v (problems, n)."""
-    return np.array(
-        [
-            [
-                np.linalg.norm(y - np.clip(y, lv.lower, lv.upper))
-                for lv in levels
-                for y in [lv.jacobian @ x]
-            ]
-            for levels, x in zip(problem.sets, v, strict=True)
-        ]
-    )
+    norms = []
+    for levels, x in zip(problem.sets, v, strict=True):
+        norms.append([_missed(level, x) for level in levels])
+    return np.array(norms)
+
+
+def _missed(level: Level, x: np.ndarray) -> float:
+    y = level.jacobian @ x
+    return float(np.linalg.norm(y - np.clip(y, level.lower, level.upper)))
 
 
 def certificates_of(problem: Problem, v: np.ndarray) -> np.ndarray:
@@ -109,9 +111,9 @@ def _best(
     return best
 
 
-def first_difference(mine: np.ndarray, other: np.ndarray) -> float:
-    """mine - other (levels,) at the first level where they differ; 0 where none does."""
-    for a, b in zip(mine, other, strict=True):
+def first_difference(first: np.ndarray, second: np.ndarray) -> float:
+    """first - second (levels,) at the first level where they differ; 0 where none does."""
+    for a, b in zip(first, second, strict=True):
         if abs(a - b) > EXCESS * (1.0 + abs(b)):
             return float(a - b)
     return 0.0

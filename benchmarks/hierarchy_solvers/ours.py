@@ -43,28 +43,32 @@ def stacked(levels: Sequence[Level]) -> list[np.ndarray]:
 def solved(solver: HierarchySolver, problem: Problem) -> Found:
     """Every problem of the set, after one call to warm up."""
     tick = _bound_to_matrices(solver, problem)
-    results = []
-    given = [stacked(levels) for levels in problem.sets]
-    tick(*given[0])
-    for inputs in given:
+    inputs_of_ticks = [stacked(levels) for levels in problem.sets]
+    tick(*inputs_of_ticks[0])
+    v = []
+    exact = []
+    seconds = []
+    for inputs in inputs_of_ticks:
         if not problem.warm:
             _forget(tick)
         start = time.perf_counter()
         result = tick(*inputs)
-        results.append((result.v, result.status.exact, time.perf_counter() - start))
-    v, exact, seconds = (np.array(column) for column in zip(*results, strict=True))
-    return Found(v=v, exact=exact, seconds=seconds)
+        seconds.append(time.perf_counter() - start)
+        v.append(result.v)
+        exact.append(result.status.exact)
+    return Found(v=np.array(v), exact=np.array(exact), seconds=np.array(seconds))
 
 
 def _bound_to_matrices(solver: HierarchySolver, problem: Problem) -> Tick:
     """A tick whose inputs are the stacked levels themselves."""
     n = problem.sets[0][0].n_velocities
-    symbols = [
-        ca.MX.sym(name, sum(problem.sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS
-    ]
-    function = ca.Function(
-        "levels", symbols, symbols, [f"{x}_in" for x in LEVEL_OUTPUTS], list(LEVEL_OUTPUTS)
-    )
+    n_rows = sum(problem.sizes)
+    symbols = []
+    for name in LEVEL_OUTPUTS:
+        n_columns = n if name == "J" else 1
+        symbols.append(ca.MX.sym(name, n_rows, n_columns))
+    names_in = [f"{name}_in" for name in LEVEL_OUTPUTS]
+    function = ca.Function("levels", symbols, symbols, names_in, list(LEVEL_OUTPUTS))
     return solver.bind(function, problem.sizes)
 
 
@@ -91,11 +95,11 @@ def whole_tick_rows(
 
 def cold_rows(problem: LevelsProblem, states: Sequence[Inputs], passes: int) -> list[Row]:
     """Case 1 at random states, each from a cold start."""
-    ticks = {name: SOLVERS[name].bind(problem.function, problem.sizes) for name in (IN_C, IN_NUMPY)}
-    return [
-        _repeated("random states, cold", name, tick, states, passes, True)
-        for name, tick in ticks.items()
-    ]
+    rows: list[Row] = []
+    for name in (IN_C, IN_NUMPY):
+        tick = SOLVERS[name].bind(problem.function, problem.sizes)
+        rows.append(_repeated("random states, cold", name, tick, states, passes, True))
+    return rows
 
 
 def _repeated(
@@ -110,21 +114,22 @@ def _repeated(
     programs.
     """
     tick(*inputs[0])
-    found = [_one_pass(tick, inputs, forget) for _ in range(passes)]
-    return timed_row(
-        problem, solver, np.min([seconds for seconds, _ in found], axis=0), found[-1][1]
-    )
+    times = []
+    for _ in range(passes):
+        seconds, inexact = _one_pass(tick, inputs, forget)
+        times.append(seconds)
+    return timed_row(problem, solver, np.min(times, axis=0), inexact)
 
 
 def _one_pass(tick: Tick, inputs: Sequence[Inputs], forget: bool) -> tuple[np.ndarray, int]:
     """Times [s] of all ticks in sequence, and the number that are not exact."""
     seconds = []
     inexact = 0
-    for given in inputs:
+    for values in inputs:
         if forget:
             _forget(tick)
         start = time.perf_counter()
-        result = tick(*given)
+        result = tick(*values)
         seconds.append(time.perf_counter() - start)
         inexact += not result.status.exact
     return np.array(seconds), inexact
@@ -134,10 +139,8 @@ def exactness_rows(count: int) -> list[Row]:
     """Certificates of many random hierarchies, all of them checked."""
     rows: list[Row] = []
     for problem in exactness_problems(count):
-        found = solved(SOLVERS[IN_C], problem)
-        row = timed_row(problem.name, IN_C, found.seconds, found.inexact)
-        rows.append(
-            row
-            | {"largest certificate where exact": float(certificates_of(problem, found.v).max())}
-        )
+        results = solved(SOLVERS[IN_C], problem)
+        row = timed_row(problem.name, IN_C, results.seconds, results.inexact)
+        largest = float(certificates_of(problem, results.v).max())
+        rows.append(row | {"largest certificate where exact": largest})
     return rows

@@ -16,35 +16,35 @@ from hierarchy_solvers.ours import stacked
 from hierarchy_solvers.problems import Problem
 from uvms_ocp.robot.loading import robot_folder
 
-_HERE = Path(__file__).parent
+_FOLDER = Path(__file__).parent
 
 
 def daqp_results(python: Path, sets: list[Problem]) -> tuple[dict[str, Found], str]:
     """What daqp finds for every problem set, and its version."""
     with tempfile.TemporaryDirectory() as folder:
-        given = Path(folder) / "problems.npz"
+        problems = Path(folder) / "problems.npz"
         result = Path(folder) / "result.npz"
-        np.savez(given, **_dumped(sets))
-        run_script(python, _HERE / "peer_daqp.py", given, result)
-        with np.load(result) as found:
-            return {p.name: _found(found, p.name) for p in sets}, str(found["version"])
+        np.savez(problems, **_dumped(sets))
+        run_script(python, _FOLDER / "peer_daqp.py", problems, result)
+        with np.load(result) as file:
+            results = {problem.name: _found(file, problem.name) for problem in sets}
+            return results, str(file["version"])
 
 
 def _dumped(sets: list[Problem]) -> dict[str, Any]:
     dump: dict[str, Any] = {}
     for problem in sets:
-        J, lower, upper, *_ = (
-            np.array(part) for part in zip(*(stacked(s) for s in problem.sets), strict=True)
-        )
-        parts = {"J": J, "lower": lower, "upper": upper, "ends": np.cumsum([0, *problem.sizes])}
-        dump |= {f"{problem.name}/{part}": value for part, value in parts.items()}
+        inputs = [stacked(levels) for levels in problem.sets]
+        J, lower, upper, *_ = (np.array(part) for part in zip(*inputs, strict=True))
+        dump[f"{problem.name}/J"] = J
+        dump[f"{problem.name}/lower"] = lower
+        dump[f"{problem.name}/upper"] = upper
+        dump[f"{problem.name}/ends"] = np.cumsum([0, *problem.sizes])
     return dump
 
 
-def _found(found: np.lib.npyio.NpzFile, name: str) -> Found:
-    return Found(
-        v=found[f"{name}/v"], exact=found[f"{name}/flag"] > 0, seconds=found[f"{name}/time"]
-    )
+def _found(file: np.lib.npyio.NpzFile, name: str) -> Found:
+    return Found(v=file[f"{name}/v"], exact=file[f"{name}/flag"] > 0, seconds=file[f"{name}/time"])
 
 
 _FAR = 1e10
@@ -60,7 +60,7 @@ def lexls_results(program: Path, sets: list[Problem], passes: int) -> dict[str, 
     infinite ones `_FAR`. OUT: float64 solutions (N, n), least seconds of all passes (N,), statuses
     (N,), 0 where solved, and factorisations (N,). WARM is 1 where each starts from the one before.
     """
-    found: dict[str, Found] = {}
+    results: dict[str, Found] = {}
     for problem in sets:
         N = len(problem.sets)
         n = problem.sets[0][0].jacobian.shape[1]
@@ -70,15 +70,15 @@ def lexls_results(program: Path, sets: list[Problem], passes: int) -> dict[str, 
             for levels in problem.sets
         ]
         with tempfile.TemporaryDirectory() as folder:
-            given = Path(folder) / "in"
+            hierarchies = Path(folder) / "in"
             result = Path(folder) / "out"
-            given.write_bytes(head.tobytes() + np.concatenate(rows).tobytes())
+            hierarchies.write_bytes(head.tobytes() + np.concatenate(rows).tobytes())
             subprocess.run(
-                [program, given, result, str(int(problem.warm)), str(passes)], check=True
+                [program, hierarchies, result, str(int(problem.warm)), str(passes)], check=True
             )
             v, seconds, status, _ = np.split(np.fromfile(result), N * (n + np.arange(3)))
-        found[problem.name] = Found(v=v.reshape(N, n), exact=status == 0, seconds=seconds)
-    return found
+        results[problem.name] = Found(v=v.reshape(N, n), exact=status == 0, seconds=seconds)
+    return results
 
 
 def pink_rows(python: Path, *, passes: int, ticks: int) -> tuple[list[Row], str]:
@@ -88,19 +88,14 @@ def pink_rows(python: Path, *, passes: int, ticks: int) -> tuple[list[Row], str]
     urdf = robot_folder("girona_maris7_full") / "robot.urdf"
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.npz"
-        run_script(
-            python, _HERE / "peer_pink.py", urdf, result, "--passes", passes, "--ticks", ticks
-        )
+        words = ("--passes", passes, "--ticks", ticks)
+        run_script(python, _FOLDER / "peer_pink.py", urdf, result, *words)
         with np.load(result) as file:
-            found = dict(file)
-    names = [key.removesuffix("/time") for key in found if key.endswith("/time")]
-    rows: list[Row] = [
-        timed_row(
-            "whole tick",
-            f"pink ({name}), weights",
-            found[f"{name}/time"],
-            int(found[f"{name}/failed"]),
-        )
-        for name in names
-    ]
-    return rows, str(found["version"])
+            results = dict(file)
+    rows: list[Row] = []
+    for key, seconds in results.items():
+        if key.endswith("/time"):
+            solver = key.removesuffix("/time")
+            failed = int(results[f"{solver}/failed"])
+            rows.append(timed_row("whole tick", f"pink ({solver}), weights", seconds, failed))
+    return rows, str(results["version"])

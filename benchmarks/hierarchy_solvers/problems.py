@@ -83,8 +83,9 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
     """The levels of one tick, gates in the bounds."""
     J, *columns = (np.array(x) for x in problem.function(*inputs)[:6])
     lower, upper, rate, activation, gate = (column.ravel() for column in columns)
-    levels = [
-        Level(
+    levels = []
+    for rows in row_slices(problem.sizes):
+        level = Level(
             jacobian=J[rows],
             lower=lower[rows],
             upper=upper[rows],
@@ -92,9 +93,8 @@ def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
             activation=activation[rows],
             gate=gate[rows],
         )
-        for rows in row_slices(problem.sizes)
-    ]
-    return [_gated(level) for level in levels]
+        levels.append(_gated(level))
+    return levels
 
 
 def _gated(level: Level) -> Level:
@@ -112,8 +112,9 @@ def _gated(level: Level) -> Level:
 
 def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> list[Problem]:
     """Recorded ticks, and `count` hierarchies of each random kind."""
+    recorded = [levels_of(problem, tick) for tick in inputs]
     return [
-        Problem(name="case1", warm=True, sets=[levels_of(problem, given) for given in inputs]),
+        Problem(name="case1", warm=True, sets=recorded),
         *(_random(f"random n={n}", n, range(count)) for n in STRUCTURES),
         _dependent("dependent", 0.0, range(count)),
         _dependent(f"dependent to {NEARLY:.0e}", NEARLY, range(count)),
@@ -125,15 +126,11 @@ def large_problems(largest: int) -> list[Problem]:
     humanoid's size.
     """
     sizes = [n for n in LARGE if n <= largest]
-    return [
-        *(_large(f"random, grown, n={n}", n, grown_hierarchy) for n in sizes),
-        *(_large(f"box and equalities, n={n}", n, boxed_hierarchy) for n in sizes),
-        *(
-            [_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy)]
-            if largest >= HUMANOID
-            else []
-        ),
-    ]
+    sets = [_large(f"random, grown, n={n}", n, grown_hierarchy) for n in sizes]
+    sets += [_large(f"box and equalities, n={n}", n, boxed_hierarchy) for n in sizes]
+    if largest >= HUMANOID:
+        sets.append(_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy))
+    return sets
 
 
 def _large(
@@ -154,8 +151,14 @@ def grown_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
 def boxed_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
     """Velocity box, three levels of equalities, least velocity below."""
     first, *_, last = random_hierarchy(rng, n, (n, n))
-    ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (n // 7, n // 3, n // 5)]
-    return [first, *(Level(jacobian=J, lower=b, upper=b) for J, b in ends), last]
+    return [first, *(_equalities(rng, n, m) for m in (n // 7, n // 3, n // 5)), last]
+
+
+def _equalities(rng: np.random.Generator, n: int, m: int) -> Level:
+    """Level of m equalities."""
+    J = rng.standard_normal((m, n))
+    b = rng.standard_normal(m)
+    return Level(jacobian=J, lower=b, upper=b)
 
 
 def humanoid_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
@@ -165,26 +168,19 @@ def humanoid_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
         lower=-rng.uniform(0.5, 1.5, n - 14),
         upper=rng.uniform(0.5, 1.5, n - 14),
     )
-    ends = [(rng.standard_normal((m, n)), rng.standard_normal(m)) for m in (33, 3, 2)]
-    rest = np.vstack([np.eye(n), rng.standard_normal((97 - n, n))])
-    return [
-        box,
-        *(Level(jacobian=J, lower=b, upper=b) for J, b in ends),
-        Level(jacobian=rest, lower=0.0, upper=0.0),
-    ]
+    equalities = [_equalities(rng, n, m) for m in (33, 3, 2)]
+    below = np.vstack([np.eye(n), rng.standard_normal((97 - n, n))])
+    return [box, *equalities, Level(jacobian=below, lower=0.0, upper=0.0)]
 
 
 def exactness_problems(count: int) -> list[Problem]:
     """`count` hierarchies in all, whose rows are independent, dependent, or separated."""
     separations = (0.0, *SEPARATED)
     seeds = [(7, seed) for seed in range(count // (2 + len(separations)))]
-    return [
-        *(_random(f"exactness, random n={n}", n, seeds) for n in (7, 13)),
-        *(
-            _dependent(f"exactness, dependent to {nearly:g}", nearly, seeds)
-            for nearly in separations
-        ),
-    ]
+    sets = [_random(f"exactness, random n={n}", n, seeds) for n in (7, 13)]
+    for nearly in separations:
+        sets.append(_dependent(f"exactness, dependent to {nearly:g}", nearly, seeds))
+    return sets
 
 
 def _random(name: str, n: int, seeds: Sequence[int | tuple[int, ...]]) -> Problem:
@@ -204,15 +200,14 @@ def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
     rng = np.random.default_rng(0)
     states = []
     for _ in range(count):
-        q, v, passive, _, change, altitude, *rest = (
-            x.copy() for x in inputs[int(rng.integers(len(inputs)))]
-        )
+        tick = inputs[int(rng.integers(len(inputs)))]
+        q, v, passive, _, change, altitude, *others = (x.copy() for x in tick)
         q[:3] += rng.uniform(-2.0, 2.0, 3)
         q[3:7] = rng.standard_normal(4)
         q[3:7] /= np.linalg.norm(q[3:7])
         q[7:] += rng.uniform(-0.5, 0.5, len(q) - 7)
         v = rng.uniform(-0.3, 0.3, len(v))
-        states.append((q, v, passive, v, change, altitude * rng.uniform(0.2, 2.0), *rest))
+        states.append((q, v, passive, v, change, altitude * rng.uniform(0.2, 2.0), *others))
     return states
 
 
@@ -221,12 +216,13 @@ def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -
     the bottom.
     """
     box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
-    rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
-    return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), rest]
+    at_rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
+    return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), at_rest]
 
 
 def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
-    lower, kind = rng.standard_normal(size), rng.integers(0, 4, size)
+    lower = rng.standard_normal(size)
+    kind = rng.integers(0, 4, size)
     width = np.select([kind == 2, kind == 3], [rng.uniform(0.0, 1.0, size), np.inf], 0.0)
     return Level(jacobian=rng.standard_normal((size, n)), lower=lower, upper=lower + width)
 

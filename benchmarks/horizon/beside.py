@@ -75,7 +75,7 @@ class _Way:
 
     def run(self, seconds: float, *, planning: bool) -> None:
         """One block; ticks that plan count if `planning`."""
-        found = []
+        block = []
         begin = perf_counter()
         for i in range(round(seconds / DT)):
             # Sleeping leaves the processor to the other process, as a robot's loop would.
@@ -83,25 +83,24 @@ class _Way:
             solves = len(self.nmpc.statistics.solve_times)
             times = self._tick()
             if planning or len(self.nmpc.statistics.solve_times) == solves:
-                found.append(times)
-        self.blocks.append(1e3 * np.array(found))
+                block.append(times)
+        self.blocks.append(1e3 * np.array(block))
 
     def _tick(self) -> tuple[float, float]:
         state = self.plant.state
         t = self.ticks * DT
-        measurement = StateEstimate(q=state.q, v=state.v, altimeter_range=30.0)
-        wall = perf_counter()
-        own = thread_time()
-        command = self.nmpc(measurement, t)
-        own = thread_time() - own
-        wall = perf_counter() - wall
+        estimate = StateEstimate(q=state.q, v=state.v, altimeter_range=30.0)
+        wall_begin = perf_counter()
+        thread_begin = thread_time()
+        command = self.nmpc(estimate, t)
+        thread_seconds = thread_time() - thread_begin
+        wall_seconds = perf_counter() - wall_begin
         self.plant.step(command, DT)
         self.ticks += 1
         tool = tool_position(self.nmpc._robot, self.plant.state.q)
-        self.errors.append(
-            1e3 * float(np.linalg.norm(tool - self.goal(self.ticks * DT)[0].translation))
-        )
-        return own, wall
+        goal, _ = self.goal(self.ticks * DT)
+        self.errors.append(1e3 * float(np.linalg.norm(tool - goal.translation)))
+        return thread_seconds, wall_seconds
 
 
 def tick_rows(experiment: Experiment, blocks: Blocks) -> Iterator[Row]:
@@ -123,16 +122,15 @@ def _figures(way: _Way, without: _Way) -> Row:
     """Ratios are medians of those of blocks that were next to each other."""
     all_ticks = np.concatenate(way.blocks)
     statistics = way.nmpc.statistics
-    peaks, others = (
-        np.array([np.percentile(b, 99, axis=0) for b in own.blocks]) for own in (way, without)
-    )
-    own, wall = np.median(peaks / others, axis=0).tolist()
+    peaks = np.array([np.percentile(block, 99, axis=0) for block in way.blocks])
+    peaks_without = np.array([np.percentile(block, 99, axis=0) for block in without.blocks])
+    thread_ratio, wall_ratio = np.median(peaks / peaks_without, axis=0).tolist()
     return {
         "p50 [ms]": float(np.median(all_ticks[:, 0])),
         "p99 [ms]": float(np.percentile(all_ticks[:, 0], 99)),
-        "p99 to that without plans [-]": own,
+        "p99 to that without plans [-]": thread_ratio,
         "p99, clock on the wall [ms]": float(np.percentile(all_ticks[:, 1], 99)),
-        "to that without plans [-]": wall,
+        "to that without plans [-]": wall_ratio,
         "plans": len(statistics.solve_times),
         "late": statistics.missed,
         "unfit": statistics.rejected,

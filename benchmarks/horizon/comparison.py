@@ -25,7 +25,7 @@ from horizon.peer_problems import (
     write,
 )
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 LIMITED_TOLERANCE = 1e-6
 COMPILED = "compiled"
 INTERPRETED = "virtual machine"
@@ -52,11 +52,10 @@ class Comparison:
         problem = write(numbers, self.scratch / "problem.json")
         result = self.scratch / f"{script}.json"
         python = interpreter(self.peers, environment)
-        run_script(
-            python, HERE / f"{script}.py", problem, result, "--repeats", self.repeats, *words
-        )
-        found: dict[str, Any] = json.loads(result.read_text())
-        return found
+        program = FOLDER / f"{script}.py"
+        run_script(python, program, problem, result, "--repeats", self.repeats, *words)
+        outcome: dict[str, Any] = json.loads(result.read_text())
+        return outcome
 
     def run_ours(
         self,
@@ -71,12 +70,14 @@ class Comparison:
         what was compiled before.
         """
         result = self.scratch / "ours.json"
-        words = ["--quick"] if self.quick or first_setting else []
-        words += [] if judge is None else ["--peer", str(self.scratch / f"{judge}.json")]
-        arguments = (kind, n_steps, result, "--repeats", self.repeats, *words)
-        run_script(sys.executable, HERE / "ours.py", *arguments, compiler=how == COMPILED)
-        found: dict[str, Any] = json.loads(result.read_text())
-        return found
+        words: list[object] = [kind, n_steps, result, "--repeats", self.repeats]
+        if self.quick or first_setting:
+            words.append("--quick")
+        if judge is not None:
+            words += ["--peer", self.scratch / f"{judge}.json"]
+        run_script(sys.executable, FOLDER / "ours.py", *words, compiler=how == COMPILED)
+        outcome: dict[str, Any] = json.loads(result.read_text())
+        return outcome
 
     @property
     def ways(self) -> tuple[str, ...]:
@@ -97,10 +98,10 @@ def shooting_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict
     cost = peer.get("cost")
     rows: list[Row] = []
     for how in comparison.ways:
-        found = comparison.run_ours("shooting", n_steps, how, judge)
+        ours = comparison.run_ours("shooting", n_steps, how, judge)
         if judge and how == comparison.ways[0]:
-            rows.append(_crocoddyl_row(name, peer, found["judged"]))
-        rows += [our_row(name, row, how, reference, (row["cost"], cost)) for row in found["rows"]]
+            rows.append(_crocoddyl_row(name, peer, ours["judged"]))
+        rows += [our_row(name, row, how, reference, (row["cost"], cost)) for row in ours["rows"]]
     return rows, peer.get("versions", {})
 
 
@@ -114,28 +115,28 @@ def turns(comparison: Comparison, n_steps: int, rounds: int) -> list[Row]:
     if not comparison.peers:
         return []
     numbers = shooting_numbers(shooting_problem(n_steps))
-    found = {name: list[float]() for name in SIDES}
+    how = comparison.ways[0]
+    peer_times = []
+    our_times = []
     for _ in range(rounds):
-        found[SIDES[0]].append(
-            comparison.run_peer("crocoddyl", "peer_crocoddyl", numbers)["cold"]["cpu"]
+        peer = comparison.run_peer("crocoddyl", "peer_crocoddyl", numbers)
+        peer_times.append(peer["cold"]["cpu"])
+        ours = comparison.run_ours("shooting", n_steps, how, first_setting=True)
+        our_times.append(ours["rows"][0]["cpu"])
+    rows: list[Row] = []
+    for side, seconds in zip(SIDES, (peer_times, our_times), strict=True):
+        ratios = np.array(seconds) / np.array(peer_times)
+        rows.append(
+            {
+                "problem": f"shooting, N = {n_steps}",
+                "solver": side,
+                "least_ms": 1e3 * min(seconds),
+                "median_ms": 1e3 * float(np.median(seconds)),
+                "ratio": min(seconds) / min(peer_times),
+                "median_ratio": float(np.median(ratios)),
+            }
         )
-        ours = comparison.run_ours("shooting", n_steps, comparison.ways[0], first_setting=True)[
-            "rows"
-        ]
-        found[SIDES[1]].append(ours[0]["cpu"])
-    least = min(found[SIDES[0]])
-    peer = np.array(found[SIDES[0]])
-    return [
-        {
-            "problem": f"shooting, N = {n_steps}",
-            "solver": name,
-            "least_ms": 1e3 * min(own),
-            "median_ms": 1e3 * float(np.median(own)),
-            "ratio": min(own) / least,
-            "median_ratio": float(np.median(np.array(own) / peer)),
-        }
-        for name, own in found.items()
-    ]
+    return rows
 
 
 def _crocoddyl_row(name: str, peer: Mapping[str, Any], judged: Mapping[str, float]) -> Row:
@@ -166,18 +167,21 @@ def limited_rows(comparison: Comparison, n_steps: int) -> tuple[list[Row], dict[
     rows: list[Row] = []
     if peer:
         status = "converged" if peer["converged"] else "not converged"
-        row = {
-            "problem": name,
-            "solver": "mim-solvers CSQP",
-            "setting": f"Gauss-Newton, {LIMITED_TOLERANCE:g}",
-        }
-        found = {"iterations": peer["iterations"], "result": peer["cost"], "status": status}
-        rows.append({**row, **times(peer, peer["cpu"]), **found})
+        rows.append(
+            {
+                "problem": name,
+                "solver": "mim-solvers CSQP",
+                "setting": f"Gauss-Newton, {LIMITED_TOLERANCE:g}",
+                **times(peer, peer["cpu"]),
+                "iterations": peer["iterations"],
+                "result": peer["cost"],
+                "status": status,
+            }
+        )
     best = peer.get("cost") if peer.get("converged") else None
-    ours = comparison.run_ours("limited", n_steps, comparison.ways[0])["rows"]
-    rows += [
-        our_row(name, row, comparison.ways[0], peer.get("cpu"), (row["cost"], best)) for row in ours
-    ]
+    how = comparison.ways[0]
+    for row in comparison.run_ours("limited", n_steps, how)["rows"]:
+        rows.append(our_row(name, row, how, peer.get("cpu"), (row["cost"], best)))
     return rows, peer.get("versions", {})
 
 
@@ -190,16 +194,18 @@ def quickest_rows(
     problem = quickest_problem(sizes[0])
     best = least_time(problem)
     peers = _quickest_peers(comparison, quickest_numbers(problem))
-    reference = min((run["cpu"] for peer in peers.values() for run in peer["runs"]), default=None)
+    peer_times = list[float]()
+    versions: dict[str, str] = {}
+    for peer in peers.values():
+        peer_times += [run["cpu"] for run in peer["runs"]]
+        versions |= peer["versions"]
+    reference = min(peer_times, default=None)
     rows = [*_quickest_peer_rows(peers, reference, best)]
     for n_steps in sizes:
         for how in comparison.ways:
-            for row in comparison.run_ours("quickest", n_steps, how)["rows"]:
-                made = our_row("quickest", row, how, reference, (row["duration"], best))
-                rows.append({**made, "setting": f"N = {n_steps}, {made['setting']}"})
-    versions = {
-        name: version for peer in peers.values() for name, version in peer["versions"].items()
-    }
+            for outcome in comparison.run_ours("quickest", n_steps, how)["rows"]:
+                row = our_row("quickest", outcome, how, reference, (outcome["duration"], best))
+                rows.append({**row, "setting": f"N = {n_steps}, {row['setting']}"})
     return rows, versions
 
 
@@ -208,11 +214,10 @@ def _quickest_peers(
 ) -> dict[str, dict[str, Any]]:
     if comparison.peers is None:
         return {}
+    words = ["--quick"] if comparison.quick else []
     return {
         "peer_drake": comparison.run_peer("drake", "peer_drake", numbers),
-        "peer_pyroboplan": comparison.run_peer(
-            "drake", "peer_pyroboplan", numbers, *(["--quick"] if comparison.quick else [])
-        ),
+        "peer_pyroboplan": comparison.run_peer("drake", "peer_pyroboplan", numbers, *words),
     }
 
 
@@ -253,14 +258,16 @@ def our_row(
     }
 
 
-def times(found: Mapping[str, Any], reference: float | None) -> dict[str, float | None]:
+def times(outcome: Mapping[str, Any], reference: float | None) -> dict[str, float | None]:
     """Of the build and of a cold call, and the ratio of its processor time to the reference [s]."""
-    ratio = None if reference is None else found["cpu"] / reference
-    cpu_ms = 1e3 * found["cpu"]
-    wall_ms = 1e3 * found["wall"]
-    return {"build_s": found["build_s"], "cpu_ms": cpu_ms, "wall_ms": wall_ms, "ratio": ratio}
+    ratio = None if reference is None else outcome["cpu"] / reference
+    cpu_ms = 1e3 * outcome["cpu"]
+    wall_ms = 1e3 * outcome["wall"]
+    return {"build_s": outcome["build_s"], "cpu_ms": cpu_ms, "wall_ms": wall_ms, "ratio": ratio}
 
 
 def off(value: float | None, best: float | None) -> float | None:
     """share by which a value exceeds the best; None where either is not known."""
-    return None if value is None or best is None else value / best - 1.0
+    if value is None or best is None:
+        return None
+    return value / best - 1.0

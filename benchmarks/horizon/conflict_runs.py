@@ -49,20 +49,20 @@ def conflict_rows(runs: ConflictRuns) -> Iterator[Row]:
         conflict = make(robot)
         if runs.only and conflict.name not in runs.only:
             continue
-        problems = {LEVELS: conflict.problem} | {
-            f"weights, {w:g}": conflict.as_sum(w) for w in runs.weights
-        }
+        problems = {LEVELS: conflict.problem}
+        for weight in runs.weights:
+            problems[f"weights, {weight:g}"] = conflict.as_sum(weight)
         for seed in runs.seeds:
             for name, problem in problems.items():
                 nmpc = Nmpc(
                     problem, dt=DT, period=PERIOD, clock=process_time, options=STRICT, gains=GAINS
                 )
-                found = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
+                errors = conflict_run(conflict, nmpc, seed, min(runs.seconds, conflict.seconds))
                 yield {
                     "conflict": conflict.name,
                     "priorities": name,
                     "seed": seed,
-                    **found,
+                    **errors,
                     **deadlines(nmpc),
                 }
 
@@ -80,22 +80,22 @@ def conflict_run(
     vehicle = []
     gaps = []
     for i in range(round(seconds / DT)):
-        plant.step(
-            nmpc(StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0), i * DT), DT
-        )
-        now = plant.state.q
+        estimate = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
+        plant.step(nmpc(estimate, i * DT), DT)
         t = (i + 1) * DT
-        tool.append(
-            1e3 * float(np.linalg.norm(tool_position(robot, now) - conflict.goal(t)[0].translation))
-        )
-        vehicle.append(1e3 * float(np.linalg.norm(now[:3] - q[:3])))
-        gaps.append(1e3 * conflict.obstacle.gap(robot, now, t) if conflict.obstacle else np.inf)
+        q_after = plant.state.q
+        goal, _ = conflict.goal(t)
+        tool_error = tool_position(robot, q_after) - goal.translation
+        tool.append(1e3 * float(np.linalg.norm(tool_error)))
+        vehicle.append(1e3 * float(np.linalg.norm(q_after[:3] - q[:3])))
+        if conflict.obstacle:
+            gaps.append(1e3 * conflict.obstacle.gap(robot, q_after, t))
     settled = tool[round((conflict.returned + SETTLING) / DT) :]
     spent = plant.telemetry()
     return {
         "largest tool error [mm]": max(tool),
         "largest tool error afterwards [mm]": max(settled, default=np.nan),
         "largest way of the vehicle [mm]": max(vehicle),
-        "smallest gap [mm]": min(gaps),
+        "smallest gap [mm]": min(gaps, default=np.inf),
         "energy [J]": float(np.sum(spent["thruster_energy"])) + float(spent["joint_energy"]),
     }

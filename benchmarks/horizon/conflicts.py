@@ -19,9 +19,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPosition
 
-# , [m] length of each
 N_LINKS = 11
-LINK = 0.1
+LINK = 0.1  # [m] length of each
 MARKS = {"shoulder": 3, "elbow": 6, "tool": 11}  # joints from the base to the frame
 AHEAD = 3.0
 """[m] from the tool to its goal."""
@@ -46,22 +45,21 @@ class Conflict:
         model = plan.robot.model
         data = plan.robot.model.createData()
         pin.framesForwardKinematics(model, data, plan.trajectory.q[-1])
-        ends = [data.oMf[plan.robot.frame_id(frame)].translation for frame, _ in self.goals]
-        return [
-            float(np.linalg.norm(end - goal))
-            for end, (_, goal) in zip(ends, self.goals, strict=True)
-        ]
+        errors = []
+        for frame, goal in self.goals:
+            end = data.oMf[plan.robot.frame_id(frame)].translation
+            errors.append(float(np.linalg.norm(end - goal)))
+        return errors
 
     def as_sum(self, weight: float) -> OcpProblem:
         """One level: residuals of every goal `weight` times those of the next before they are
         squared, the costs once.
         """
-        goals, costs = self.problem.levels[:-1], self.problem.levels[-1]
-        terms = [
-            replace(term, weight=weight ** (2 * (len(goals) - i)))
-            for i, level in enumerate(goals)
-            for term in level.terms
-        ]
+        *goals, costs = self.problem.levels
+        terms = []
+        for i, level in enumerate(goals):
+            rank = len(goals) - i
+            terms += [replace(term, weight=weight ** (2 * rank)) for term in level.terms]
         return replace(self.problem, levels=(OcpLevel(name="sum", terms=(*terms, *costs.terms)),))
 
 
@@ -90,10 +88,9 @@ def arm(n_steps: int = 20) -> Conflict:
         duration=4.0,
         n_steps=n_steps,
         levels=[
-            *(
-                _goal(name, name, p)
-                for name, p in (("tool", tool), ("elbow", elbow), ("shoulder", shoulder))
-            ),
+            _goal("tool", "tool", tool),
+            _goal("elbow", "elbow", elbow),
+            _goal("shoulder", "shoulder", shoulder),
             CHEAP,
         ],
         constraints=(AtRest(),),
@@ -112,9 +109,9 @@ def vehicle(n_steps: int = 20) -> Conflict:
     both cost effort.
     """
     problem = tool_reach(n_steps)
-    here = Kinematics(problem.robot, problem.start.q)
-    base = here.pose("base_link").translation
-    tool = here.pose("tool").translation + np.array([AHEAD, 0, 0])
+    start = Kinematics(problem.robot, problem.start.q)
+    base = start.pose("base_link").translation
+    tool = start.pose("tool").translation + np.array([AHEAD, 0, 0])
     levels = (_goal("vehicle", "base_link", base), _goal("tool", "tool", tool), problem.levels[-1])
     return Conflict(
         name="vehicle and arm, 13 DoF, water",

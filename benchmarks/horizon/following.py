@@ -91,10 +91,15 @@ def circle(first: pin.SE3, *, radius: float = 0.3, speed: float = 0.1) -> PoseRe
     """Horizontal, of radius [m], at full speed [m/s] after 2 s."""
 
     def at(t: float) -> tuple[pin.SE3, np.ndarray]:
-        way, now = (speed * (t - 1), speed) if t > 2 else (speed * t * t / 4, speed * t / 2)
+        if t > 2:
+            way = speed * (t - 1)
+            rate = speed
+        else:
+            way = speed * t * t / 4
+            rate = speed * t / 2
         s, c = np.sin(way / radius), np.cos(way / radius)
         moved = first.translation + radius * np.array([s, 1 - c, 0.0])
-        return pin.SE3(first.rotation, moved), now * np.array([c, s, 0.0, 0.0, 0.0, 0.0])
+        return pin.SE3(first.rotation, moved), rate * np.array([c, s, 0.0, 0.0, 0.0, 0.0])
 
     return at
 
@@ -106,10 +111,13 @@ def back_and_forth(first: pin.SE3, *, way: float = 0.5, speed: float = 0.1) -> P
 
     def at(t: float) -> tuple[pin.SE3, np.ndarray]:
         place = speed * t % (2 * way)
-        forth = place < way
-        direction = np.array([0.0, 1.0 if forth else -1.0, 0.0])
-        moved = first.translation + np.array([0.0, place if forth else 2 * way - place, 0.0])
-        return pin.SE3(first.rotation, moved), np.concatenate([speed * direction, np.zeros(3)])
+        direction = 1.0
+        if place >= way:
+            place = 2 * way - place
+            direction = -1.0
+        moved = first.translation + np.array([0.0, place, 0.0])
+        velocity = np.array([0.0, speed * direction, 0.0, 0.0, 0.0, 0.0])
+        return pin.SE3(first.rotation, moved), velocity
 
     return at
 
@@ -140,8 +148,8 @@ def problem(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpPro
 
 def strict(robot: Robot, goal: PoseReference, experiment: Experiment) -> OcpProblem:
     """Tool, then tilt and a range of postures, then effort, in strict order."""
-    rest = JointTracking(joints=robot.joint_names, goal=np.array(JOINTS))
-    posture = TaskTerm(task=rest, at=At.PATH, tolerance=POSTURE)
+    home = JointTracking(joints=robot.joint_names, goal=np.array(JOINTS))
+    posture = TaskTerm(task=home, at=At.PATH, tolerance=POSTURE)
     tilt = TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0)
     tool = problem(robot, goal, experiment).levels[0].terms[:2]
     costs = (Effort(), Smoothness(weight=0.09))
@@ -203,9 +211,9 @@ def run(
     times = []
     peak = 0.0
     for i in range(round(seconds / DT)):
-        measurement = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
+        estimate = StateEstimate(q=plant.state.q, v=plant.state.v, altimeter_range=30.0)
         begin = process_time()
-        command = controller(measurement, i * DT)
+        command = controller(estimate, i * DT)
         times.append(process_time() - begin)
         plant.step(command, DT)
         tool = tool_position(robot, plant.state.q)
@@ -224,15 +232,16 @@ def run(
 
 def deadlines(nmpc: Nmpc) -> dict[str, Any]:
     """Of all solves but the first; `late` by the controller's own clock."""
-    s = nmpc.statistics
-    own, processor = (1e3 * np.array(times) for times in (s.solve_times, s.processor_times))
+    statistics = nmpc.statistics
+    own_clock_ms = 1e3 * np.array(statistics.solve_times)
+    processor_ms = 1e3 * np.array(statistics.processor_times)
     return {
-        "solves": len(own),
-        "late": s.missed,
-        "unfit": s.rejected,
-        "solve p50 [ms]": float(np.median(processor)),
-        "solve p99 [ms]": float(np.percentile(processor, 99)),
-        "solve p99, own clock [ms]": float(np.percentile(own, 99)),
+        "solves": len(own_clock_ms),
+        "late": statistics.missed,
+        "unfit": statistics.rejected,
+        "solve p50 [ms]": float(np.median(processor_ms)),
+        "solve p99 [ms]": float(np.percentile(processor_ms, 99)),
+        "solve p99, own clock [ms]": float(np.percentile(own_clock_ms, 99)),
     }
 
 
@@ -250,6 +259,8 @@ def rows(experiment: Experiment) -> Iterator[Row]:
                 plant = DynamicPlant(
                     robot, start_of(robot), dynamics=dynamics, environment=environment
                 )
-                found = run(robot, plant, controller, goal_of(first), experiment.seconds)
-                late = deadlines(controller) if isinstance(controller, Nmpc) else {}
-                yield {"case": case, "controller": name, "seed": seed, **found, **late}
+                row: dict[str, Any] = {"case": case, "controller": name, "seed": seed}
+                row |= run(robot, plant, controller, goal_of(first), experiment.seconds)
+                if isinstance(controller, Nmpc):
+                    row |= deadlines(controller)
+                yield row

@@ -48,24 +48,24 @@ def settings(kind: str, n_steps: int) -> Iterator[tuple[str, str, OcpProblem]]:
 def solve(kind: str, n_steps: int, repeats: int, quick: bool) -> list[dict[str, Any]]:
     """One row per setting: times of solves, cold and from the solution, and of `Planner.plan`."""
     chosen = list(settings(kind, n_steps))
+    if quick:
+        chosen = chosen[:1]
     rows = []
-    for plugin, hessian, problem in chosen[:1] if quick else chosen:
-        first, *others = (
-            NlpOptions(plugin=plugin, convergence=convergence) for convergence in CONVERGENCE
-        )
-        made = built(partial(Planner, problem, first), cold=not quick)
-        shared = made.value.transcription
-        planners = [
-            made.value,
-            *(Planner(problem, options, transcription=shared) for options in others),
-        ]
-        for planner in planners[:1] if quick else planners:
-            found = {
+    for plugin, hessian, problem in chosen:
+        options = [NlpOptions(plugin=plugin, convergence=value) for value in CONVERGENCE]
+        build = built(partial(Planner, problem, options[0]), cold=not quick)
+        transcription = build.value.transcription
+        planners = [build.value]
+        if not quick:
+            planners += [Planner(problem, o, transcription=transcription) for o in options[1:]]
+        for planner in planners:
+            row = {
                 "plugin": plugin,
                 "hessian": hessian,
                 "convergence": planner.options.convergence,
+                "build_s": build.wall,
             }
-            rows.append(found | {"build_s": made.wall} | measured(planner, repeats))
+            rows.append(row | measured(planner, repeats))
     return rows
 
 
@@ -94,8 +94,9 @@ def measured(planner: Planner, repeats: int) -> dict[str, Any]:
 
 def sparse_program(planner: Planner) -> Transcription:
     """The sparse program of a planner, whose cost is that of every plugin."""
-    own = planner.transcription
-    return own if isinstance(own, Transcription) else Transcription(planner.problem)
+    if isinstance(planner.transcription, Transcription):
+        return planner.transcription
+    return Transcription(planner.problem)
 
 
 def cost(transcription: Transcription, x: np.ndarray) -> float:
@@ -104,31 +105,26 @@ def cost(transcription: Transcription, x: np.ndarray) -> float:
     return float(level.functions["nlp_f"](x, transcription.parameters()))
 
 
-def judged(found: dict[str, Any], n_steps: int) -> dict[str, float]:
+def judged(solution: dict[str, Any], n_steps: int) -> dict[str, float]:
     """Cost and largest violation, in our terms, of states and controls that a peer has found."""
     problem = shooting_problem(n_steps)
     transcription = Transcription(problem)
-    q, v, u = (np.array(found[name]) for name in ("q", "v", "u"))
+    q = np.array(solution["q"])
+    v = np.array(solution["v"])
+    u = np.array(solution["u"])
     t = problem.nominal_times()
     n = problem.robot.n_vehicle
     a = np.diff(v, axis=0) / np.diff(t)[:, None]
-    given = Trajectory(t=t, q=q, v=v, a=a, thrust=u[:, :n], torque=u[:, n:])
-    x = transcription.pack(given)
+    by_peer = Trajectory(t=t, q=q, v=v, a=a, thrust=u[:, :n], torque=u[:, n:])
+    x = transcription.pack(by_peer)
     ours = transcription.unpack(x)
     units = transcription.model.actuators
-    forces = np.hstack(
-        [
-            (ours.thrust - given.thrust) / units.thrust_unit,
-            (ours.torque - given.torque) / units.torque_unit,
-        ]
-    )
-    violations = [
-        abs(value) for value in transcription.violations(x, transcription.parameters()).values()
-    ]
-    return {
-        "cost": cost(transcription, x),
-        "violation": max(*violations, float(np.abs(forces).max())),
-    }
+    thrust_gap = (ours.thrust - by_peer.thrust) / units.thrust_unit
+    torque_gap = (ours.torque - by_peer.torque) / units.torque_unit
+    force_gap = float(np.abs(np.hstack([thrust_gap, torque_gap])).max())
+    violations = transcription.violations(x, transcription.parameters()).values()
+    largest_violation = max(abs(value) for value in violations)
+    return {"cost": cost(transcription, x), "violation": max(largest_violation, force_gap)}
 
 
 def main() -> None:
@@ -142,11 +138,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, required=True)
     parser.add_argument("--peer", type=Path)
     parser.add_argument("--quick", action="store_true")
-    given = parser.parse_args()
-    result: dict[str, Any] = {"rows": solve(given.kind, given.steps, given.repeats, given.quick)}
-    if given.peer:
-        result["judged"] = judged(json.loads(given.peer.read_text()), given.steps)
-    given.result.write_text(json.dumps(result))
+    arguments = parser.parse_args()
+    result: dict[str, Any] = {
+        "rows": solve(arguments.kind, arguments.steps, arguments.repeats, arguments.quick)
+    }
+    if arguments.peer:
+        result["judged"] = judged(json.loads(arguments.peer.read_text()), arguments.steps)
+    arguments.result.write_text(json.dumps(result))
 
 
 if __name__ == "__main__":

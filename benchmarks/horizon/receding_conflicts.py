@@ -82,9 +82,8 @@ class MovingGoal:
     def __call__(self, t: float) -> tuple[pin.SE3, np.ndarray]:
         place, rate = self.motion.at(t)
         moved = self.first.translation + place * self.direction
-        return pin.SE3(self.first.rotation, moved), np.concatenate(
-            [rate * self.direction, np.zeros(3)]
-        )
+        velocity = np.concatenate([rate * self.direction, np.zeros(3)])
+        return pin.SE3(self.first.rotation, moved), velocity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -117,14 +116,11 @@ class ClosingIn(Term):
         place = self.reference(t)
         data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, data, q)
-        balls = self.clearance.robot_balls
-        centres = [
-            data.oMf[robot.frame_id(str(ball.frame))].act(np.array(ball.centre)) for ball in balls
-        ]
-        gaps = [
-            float(np.linalg.norm(c - place[:3])) - b.radius
-            for c, b in zip(centres, balls, strict=True)
-        ]
+        gaps = []
+        for ball in self.clearance.robot_balls:
+            X_WF = data.oMf[robot.frame_id(str(ball.frame))]
+            centre = X_WF.act(np.array(ball.centre))
+            gaps.append(float(np.linalg.norm(centre - place[:3])) - ball.radius)
         return min(gaps) - place[3] + self.clearance.margin
 
 
@@ -147,12 +143,12 @@ class RecedingConflict:
 
     def as_sum(self, weight: float) -> OcpProblem:
         """One level, in which the terms of a level weigh so many times those of the next."""
-        levels = self.problem.levels
-        terms = [
-            replace(term, weight=term.weight * weight ** (len(levels) - 1 - i))
-            for i, level in enumerate(levels)
-            for term in level.terms
-        ]
+        terms = []
+        levels_below = len(self.problem.levels)
+        for level in self.problem.levels:
+            levels_below -= 1
+            for term in level.terms:
+                terms.append(replace(term, weight=term.weight * weight**levels_below))
         return replace(self.problem, levels=(OcpLevel(name="sum", terms=tuple(terms)),))
 
 
@@ -175,8 +171,9 @@ def tool_level(goal: PoseReference, *more: Term) -> OcpLevel:
     )
 
 
-def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray | None = None) -> OcpProblem:
-    start = State(q=start_of(robot) if q is None else q, v=np.zeros(robot.n_v))
+def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray) -> OcpProblem:
+    """From rest at q (n_q,)."""
+    start = State(q=q, v=np.zeros(robot.n_v))
     return single_phase(
         robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT
     )
@@ -195,7 +192,7 @@ def tilt_above(robot: Robot) -> RecedingConflict:
     tilt = OcpLevel(
         name="tilt", terms=(TaskTerm(task=HorizontalAttitude(), at=At.PATH, weight=100.0),)
     )
-    problem = _problem(robot, [tilt, tool_level(goal), CHEAP])
+    problem = _problem(robot, [tilt, tool_level(goal), CHEAP], start_of(robot))
     return RecedingConflict(
         name="tilt above tool", problem=problem, goal=goal, returned=goal.motion.returned
     )
@@ -209,19 +206,20 @@ def vehicle_above(robot: Robot, *, stretched: bool = False) -> RecedingConflict:
     of its range is just beyond the straight arm, and an elbow that is pressed against it would stay
     there.
     """
-    goal = moving_goal(robot, -3.0 if stretched else WAIT)
-    q = (
-        robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED)
-        if stretched
-        else None
-    )
+    if stretched:
+        name = "vehicle above tool, from a stretched arm"
+        goal = moving_goal(robot, -3.0)
+        q = robot.configuration(position=(0, 0, -5), rpy=(0, 0, 0.5), joints=STRETCHED)
+    else:
+        name = "vehicle above tool"
+        goal = moving_goal(robot)
+        q = start_of(robot)
     vehicle = VehiclePose(goal=Kinematics(robot, start_of(robot)).pose("base_link"))
-    held = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))
+    stay = OcpLevel(name="vehicle", terms=(TaskTerm(task=vehicle, at=At.PATH, weight=100.0),))
     level = tool_level(goal, Posture(q=start_of(robot), weight=1.0))
-    name = "vehicle above tool" + (", from a stretched arm" if stretched else "")
     return RecedingConflict(
         name=name,
-        problem=_problem(robot, [held, level, CHEAP], q),
+        problem=_problem(robot, [stay, level, CHEAP], q),
         goal=goal,
         returned=goal.motion.returned,
     )
@@ -241,9 +239,8 @@ def clearance_above(robot: Robot) -> RecedingConflict:
     motion = OutAndBack(way=0.9, speed=0.2)
     obstacle = ClosingIn(clearance=clearance, direction=side, motion=motion, weight=100.0)
     goal: Any = _Still(first)
-    problem = _problem(
-        robot, [OcpLevel(name="clearance", terms=(obstacle,)), tool_level(goal), CHEAP]
-    )
+    levels = [OcpLevel(name="clearance", terms=(obstacle,)), tool_level(goal), CHEAP]
+    problem = _problem(robot, levels, start_of(robot))
     return RecedingConflict(
         name="clearance above tool",
         problem=problem,

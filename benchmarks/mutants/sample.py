@@ -9,6 +9,7 @@ import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -59,12 +60,14 @@ def operators() -> tuple[str, ...]:
     """Those that change a value into another of its kind: a shift of floats would fail at once and
     say nothing.
     """
-    pairs = [
-        *(("Binary", a, b) for group in (_ARITHMETIC, _BITS) for a in group for b in group),
-        *(("Comparison", a, b) for group in (_ORDER, _IDENTITY) for a in group for b in group),
-    ]
-    replaced = (f"Replace{kind}Operator_{a}_{b}" for kind, a, b in pairs if a != b)
-    return tuple(f"core/{name}" for name in (*replaced, *_SINGLE))
+    groups = [("Binary", _ARITHMETIC), ("Binary", _BITS)]
+    groups += [("Comparison", _ORDER), ("Comparison", _IDENTITY)]
+    names = []
+    for kind, group in groups:
+        pairs = permutations(group, 2)
+        names += [f"core/Replace{kind}Operator_{a}_{b}" for a, b in pairs]
+    names += [f"core/{name}" for name in _SINGLE]
+    return tuple(names)
 
 
 def draw(root: Path, files: Sequence[str], n: int, seed: int) -> list[Mutant]:
@@ -72,16 +75,22 @@ def draw(root: Path, files: Sequence[str], n: int, seed: int) -> list[Mutant]:
 
     The draw goes by hashes of the lines, so that lines which do not change keep their place in it.
     """
-    found: list[Mutant] = []
-    for places in sorted(_places(root, files, seed)):
-        mutant = next(
-            filter(None, (_mutant(root, *choice[1:]) for choice in sorted(places[1]))), None
-        )
+    mutants: list[Mutant] = []
+    for _, choices in sorted(_places(root, files, seed)):
+        mutant = _first_mutant(root, sorted(choices))
         if mutant is not None:
-            found.append(mutant)
-        if len(found) == n:
+            mutants.append(mutant)
+        if len(mutants) == n:
             break
-    return found
+    return mutants
+
+
+def _first_mutant(root: Path, choices: Sequence[_Choice]) -> Mutant | None:
+    for _, file, operator, occurrence, line in choices:
+        mutant = _mutant(root, file, operator, occurrence, line)
+        if mutant is not None:
+            return mutant
+    return None
 
 
 _Choice = tuple[str, str, str, int, int]
@@ -105,11 +114,11 @@ def _places(root: Path, files: Sequence[str], seed: int) -> Iterator[tuple[str, 
 
 def _named(lines: Sequence[str]) -> list[str]:
     """Each line, and how many equal ones stand above it."""
-    seen: Counter[str] = Counter()
+    above: Counter[str] = Counter()
     named = []
     for line in lines:
-        named.append(f"{seen[line]} {line}")
-        seen[line] += 1
+        named.append(f"{above[line]} {line}")
+        above[line] += 1
     return named
 
 

@@ -45,18 +45,21 @@ class Suite:
         share what the first made.
         """
         lines = self.contexts.get(mutant.file, {})
-        own = {name for line in statement(mutant) for name in lines.get(line, ())}
-        if own == {""}:  # runs at the import, for all that use the file
-            own = {name for names in lines.values() for name in names}
-        direct = self._known(own)
+        names = set[str]().union(*(lines.get(line, ()) for line in statement(mutant)))
+        if names == {""}:  # runs at the import, for all that use the file
+            names = names.union(*lines.values())
+        direct = self._usable(names)
         files = {name.partition("::")[0] for name in direct}
-        others = [name for name in self._known(self.seconds) if name.partition("::")[0] in files]
-        return self._affordable(dict.fromkeys([*direct, *others]))
+        same_files = [
+            name for name in self._usable(self.seconds) if name.partition("::")[0] in files
+        ]
+        return self._affordable(dict.fromkeys([*direct, *same_files]))
 
-    def _known(self, names: Iterable[str]) -> list[str]:
+    def _usable(self, names: Iterable[str]) -> list[str]:
+        """Those that are timed and not left out, quick ones first."""
         left_out = self.left_out
-        known = [name for name in names if name in self.seconds and name not in left_out]
-        return sorted(known, key=lambda name: (self.seconds[name], name))
+        usable = [name for name in names if name in self.seconds and name not in left_out]
+        return sorted(usable, key=lambda name: (self.seconds[name], name))
 
     def _affordable(self, names: Iterable[str]) -> list[str]:
         chosen = []
@@ -74,20 +77,17 @@ def statement(mutant: Mutant) -> range:
     it.
     """
     tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
-    around = [
-        node
-        for node in ast.walk(tree)
-        if isinstance(node, ast.stmt) and mutant.line in _lines(node)
-    ]
-    return min(
-        (_lines(node) for node in around), key=len, default=range(mutant.line, mutant.line + 1)
-    )
+    ranges = [_lines(node) for node in ast.walk(tree) if isinstance(node, ast.stmt)]
+    around = [lines for lines in ranges if mutant.line in lines]
+    return min(around, key=len, default=range(mutant.line, mutant.line + 1))
 
 
 def _lines(node: ast.stmt) -> range:
     body = getattr(node, "body", None)
-    end = node.end_lineno or node.lineno
-    return range(node.lineno, max(node.lineno + 1, body[0].lineno) if body else end + 1)
+    if body:
+        return range(node.lineno, max(node.lineno + 1, body[0].lineno))
+    last = node.end_lineno or node.lineno
+    return range(node.lineno, last + 1)
 
 
 def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
@@ -95,14 +95,14 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
     `work`.
     """
     file = work / "suite.json"
-    now = fingerprint("uvms_ocp", "tests", "robots")
+    current = fingerprint("uvms_ocp", "tests", "robots")
     if file.exists():
-        found = json.loads(file.read_text())
-        if found["tests"] == now:
+        stored = json.loads(file.read_text())
+        if stored["tests"] == current:
             return Suite(
-                tests=now,
-                seconds=found["seconds"],
-                failing=tuple(found["failing"]),
+                tests=current,
+                seconds=stored["seconds"],
+                failing=tuple(stored["failing"]),
                 contexts=_contexts(work),
             )
     tree = Tree(work, "recorded")
@@ -114,9 +114,9 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
         raise SystemExit(f"the tests do not run without mutants: {first.text}; {second.text}")
     elsewhere = (name for name in second.seconds if str(tree.root) in name)  # in no other tree
     failing = sorted({*first.failed, *second.failed, *elsewhere})
-    file.write_text(json.dumps({"tests": now, "seconds": second.seconds, "failing": failing}))
+    file.write_text(json.dumps({"tests": current, "seconds": second.seconds, "failing": failing}))
     return Suite(
-        tests=now, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work)
+        tests=current, seconds=second.seconds, failing=tuple(failing), contexts=_contexts(work)
     )
 
 
@@ -126,9 +126,11 @@ def _contexts(work: Path) -> dict[str, dict[int, list[str]]]:
     data = CoverageData(str(work / "coverage"))
     root = work / "recorded"
     data.read()
-    found: dict[str, dict[int, list[str]]] = defaultdict(dict)
+    contexts_of_file: dict[str, dict[int, list[str]]] = defaultdict(dict)
     for path in data.measured_files():
         name = Path(path).relative_to(root.resolve()).as_posix()
         for line, contexts in data.contexts_by_lineno(path).items():
-            found[name][line] = sorted({context.partition("|")[0] for context in contexts})
-    return dict(found)
+            contexts_of_file[name][line] = sorted(
+                {context.partition("|")[0] for context in contexts}
+            )
+    return dict(contexts_of_file)

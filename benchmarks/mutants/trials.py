@@ -54,36 +54,44 @@ class Trials:
 
     def run(self, mutants: Iterable[Mutant], hours: float) -> dict[str, Trial]:
         """Trials by their mutants' keys; none of those that `hours` did not suffice for."""
-        known = self._known()
+        finished = self._finished()
         end = time.monotonic() + 3600.0 * hours
-        left = [mutant for mutant in mutants if mutant.key not in known]
+        remaining = [mutant for mutant in mutants if mutant.key not in finished]
+
+        def trial_in_time(mutant: Mutant) -> Trial | None:
+            return self._trial(mutant) if time.monotonic() < end else None
+
         with ThreadPoolExecutor(self._jobs) as pool, self._file.open("a", encoding="utf-8") as file:
-            trials = pool.map(
-                lambda mutant: self._trial(mutant) if time.monotonic() < end else None, left
-            )
+            trials = pool.map(trial_in_time, remaining)
             for done, trial in enumerate(trials, 1):
                 if trial is not None:
-                    known[trial.key] = trial
+                    finished[trial.key] = trial
                     file.write(json.dumps(asdict(trial)) + "\n")
                     file.flush()
-                show_progress(done, len(left))
-        return known
+                show_progress(done, len(remaining))
+        return finished
 
-    def _known(self) -> dict[str, Trial]:
-        lines = self._file.read_text(encoding="utf-8").splitlines() if self._file.exists() else []
-        trials = [Trial(**json.loads(line)) for line in lines if line.endswith("}")]
-        return {
-            trial.key: trial
-            for trial in trials
-            if trial.verdict == KILLED or trial.tests == self._suite.tests
-        }
+    def _finished(self) -> dict[str, Trial]:
+        """Trials of former runs that still count."""
+        if not self._file.exists():
+            return {}
+        lines = self._file.read_text(encoding="utf-8").splitlines()
+        trials = {}
+        for line in lines:
+            if not line.endswith("}"):  # a run was interrupted while it wrote it
+                continue
+            trial = Trial(**json.loads(line))
+            if trial.verdict == KILLED or trial.tests == self._suite.tests:
+                trials[trial.key] = trial
+        return trials
 
     def _trial(self, mutant: Mutant) -> Trial:
         tests = self._suite.tests_of(mutant)
         begin = time.monotonic()
-        verdict, by = (
-            (SURVIVED, "no test runs the line") if not tests else self._tried(mutant, tests)
-        )
+        verdict = SURVIVED
+        by = "no test runs the line"
+        if tests:
+            verdict, by = self._tried(mutant, tests)
         return Trial(
             key=mutant.key,
             verdict=verdict,
@@ -97,7 +105,9 @@ class Trials:
         timeout = _START + _FACTOR * sum(self._suite.seconds[name] for name in tests)
         with self._tree() as tree, tree.changed(mutant.file, mutant.source):
             outcome = tree.test(tests, timeout=timeout, options=("-x", "-n0"))
-        return (SURVIVED, "") if outcome.code == 0 else (KILLED, _killer(outcome))
+        if outcome.code == 0:
+            return SURVIVED, ""
+        return KILLED, _killer(outcome)
 
     @contextmanager
     def _tree(self) -> Iterator[Tree]:
