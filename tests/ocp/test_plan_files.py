@@ -17,7 +17,7 @@ from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
-from uvms_ocp.ocp.stagewise.program import StagewisePoint
+from uvms_ocp.ocp.stagewise.levels import StagewisePoint
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.scene import NearestPair

@@ -28,7 +28,8 @@ from uvms_ocp.ocp import (
     single_phase,
 )
 from uvms_ocp.ocp.stagewise.level_qp import StageLevelQp
-from uvms_ocp.ocp.stagewise.program import StagewisePoint, StagewiseProgram
+from uvms_ocp.ocp.stagewise.levels import StagewisePoint
+from uvms_ocp.ocp.stagewise.program import StagewiseProgram
 from uvms_ocp.ocp.stagewise.sqp import StageSqp
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot

@@ -22,7 +22,7 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 
 def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
-    seen = Filter(first=1.0, most=10.0)
+    seen = Filter(first_violation=1.0, largest_violation=10.0)
     here = FilterMerit(cost=1.0, violation=1e-2)
     seen.entries.append(here)
     assert not seen.accepts(FilterMerit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
@@ -35,7 +35,7 @@ def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> N
 def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(
     cost: float,
 ) -> None:
-    seen = Filter(first=0.0, most=1.0)
+    seen = Filter(first_violation=0.0, largest_violation=1.0)
     here = FilterMerit(cost=cost, violation=0.0)
     for share, passes in ((0.5e-13, True), (1e-12, False)):
         trial = FilterMerit(cost=cost + share * max(1.0, cost), violation=1e-13)

@@ -6,42 +6,47 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-_SHARE = 1e-5  # of the violation by which one of both must become less
-_ARMIJO = 1e-4  # of the descent that the slope promises
-# violation, beside the first one, below which descent alone decides: it chooses between two rules of
-# acceptance, and no end of a search depends on it
-_LOUD = 1e-4
+_SUFFICIENT_SHARE = 1e-5  # share of the violation by which it, or the cost, must become less
+_ARMIJO = 1e-4  # share of the descent that the slope promises
+# violation, beside the first one, above which descent of the cost alone never decides: it chooses
+# between two rules of acceptance, and no end of a search depends on it
+_LARGE_VIOLATION = 1e-4
+_NO_VIOLATION = 1e-12  # violation that is rounding
 
 
 @dataclass(kw_only=True, slots=True)
 class Filter:
-    """Remembers what must not come again."""
+    """Filter of a line search, which remembers the points that must not come again."""
 
-    first: float
+    first_violation: float
     """Violation of the first point."""
-    most: float
-    """Violation that is never accepted."""
+    largest_violation: float
+    """Violation above which no point is accepted."""
     entries: list[FilterMerit] = field(default_factory=list)
     """Points that were left for less violation."""
 
-    def accepts(self, trial: FilterMerit, merit: FilterMerit, slope: float, share: float) -> bool:
-        """Check whether a `share` of a step may be taken along which the cost has the `slope`."""
-        if not (
-            trial.violation <= self.most and all(_better(trial, entry) for entry in self.entries)
-        ):
+    def accepts(
+        self, trial: FilterMerit, merit: FilterMerit, slope: float, step_length: float
+    ) -> bool:
+        """Check whether a point may be taken after a share of a step, along which the cost has the
+        `slope`.
+        """
+        if not trial.violation <= self.largest_violation:
+            return False
+        if not all(_is_better(trial, entry) for entry in self.entries):
             return False
         rounding = 1e-13 * max(1.0, abs(merit.cost))
-        if self.descends(merit, slope, share):
-            return trial.cost <= merit.cost + _ARMIJO * share * slope + rounding
-        return _better(trial, merit) or (
-            trial.violation <= 1e-12 and trial.cost <= merit.cost + rounding
-        )
+        if self.descends(merit, slope, step_length):
+            return trial.cost <= merit.cost + _ARMIJO * step_length * slope + rounding
+        if _is_better(trial, merit):
+            return True
+        return trial.violation <= _NO_VIOLATION and trial.cost <= merit.cost + rounding
 
-    def descends(self, merit: FilterMerit, slope: float, share: float) -> bool:
+    def descends(self, merit: FilterMerit, slope: float, step_length: float) -> bool:
         """Check whether a share of a step along the slope is taken for descent of the cost."""
-        if merit.violation > _LOUD * max(1.0, self.first) or slope >= 0.0:
+        if merit.violation > _LARGE_VIOLATION * max(1.0, self.first_violation) or slope >= 0.0:
             return False
-        return bool(share * (-slope) ** 2.3 > merit.violation**1.1)
+        return bool(step_length * (-slope) ** 2.3 > merit.violation**1.1)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -49,8 +54,9 @@ class FilterMerit:
     """Merit of a point: cost and violation."""
 
     cost: float
+    """Half square of the residual."""
     violation: float
-    """Sum over all rows"""
+    """[unit of the row] sum over all rows."""
 
     @property
     def residual(self) -> float:
@@ -58,8 +64,8 @@ class FilterMerit:
         return float((2 * self.cost) ** 0.5)
 
 
-def _better(trial: FilterMerit, entry: FilterMerit) -> bool:
-    return (
-        trial.violation <= (1 - _SHARE) * entry.violation
-        or trial.cost <= entry.cost - _SHARE * entry.violation
-    )
+def _is_better(trial: FilterMerit, entry: FilterMerit) -> bool:
+    """Check that a point improves on another by enough, in violation or in cost."""
+    has_less_violation = trial.violation <= (1 - _SUFFICIENT_SHARE) * entry.violation
+    has_less_cost = trial.cost <= entry.cost - _SUFFICIENT_SHARE * entry.violation
+    return has_less_violation or has_less_cost

@@ -1,0 +1,135 @@
+"""Levels of a horizon for steps in real time, each with a QP that is solved stage by stage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from uvms_ocp.ocp.stagewise.levels import StagewiseLevels
+from uvms_ocp.ocp.stagewise.memory import StageMemory
+from uvms_ocp.ocp.stagewise.ranges import StageRanges
+from uvms_ocp.solvers.nlp.program import NlpStatus, RowBounds
+from uvms_ocp.solvers.nlp.real_time_sqp import LevelMerit, SqpPoint
+from uvms_ocp.solvers.stage_qp.problem import StageQpOptions, WarmStart
+from uvms_ocp.types import Array
+
+# Rough: steps are searched along, and made again at the next tick.
+_QP_OPTIONS = StageQpOptions(tolerance=3e-4)
+# iterations, after which a QP is given up that may be: those that it takes more have up to 25
+_FEW_ITERATIONS = 6
+# [1/unit of the row^2] weight of rows of levels above
+_SMALLEST_WEIGHT = 1e2
+_FIRST_WEIGHT = 1e4
+_LARGEST_WEIGHT = 1e8
+
+
+class StagewiseLevelModel:
+    """A `uvms_ocp.solvers.nlp.real_time_sqp.LevelModel` on the memory of a horizon, whose points
+    are those of all stages.
+
+    QPs start from the last one of their level: the bounds that are reached are mostly the same.
+    Frozen rows are kept by a weight, with which the last QP would have missed them by an eighth of
+    the tolerance: where limits bind there is often no motion that keeps them as they are, and of
+    slabs it would be guessed in vain which sides are reached. Levels below the first whose
+    residuals have no forces take the slopes of forces from where the first was linearised.
+    """
+
+    slack = 0.0
+
+    def __init__(self, memory: StageMemory, tolerance: float) -> None:
+        """tolerance [unit of the row]: by which the norm of frozen rows may rise."""
+        self._levels = StagewiseLevels(memory, _QP_OPTIONS)
+        self._memory = memory
+        self._tolerance = tolerance
+        self._weight_above = [_FIRST_WEIGHT] * memory.n_levels
+        """Weight [1/unit of the row^2] by which each level keeps those above."""
+        self._warm_starts: dict[int, WarmStart] = {}
+        """Warm start of the next QP of each level."""
+        self._last_ranges: tuple[RowBounds, int, StageRanges] | None = None
+        """Bounds and level of the ranges that were asked for last, and these."""
+        self._constraint_ranges: StageRanges | None = None
+        """Ranges of the constraints alone."""
+
+    def begin(self, x: Array, p: Array, bounds: RowBounds) -> SqpPoint:
+        """Return the point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter]
+        holds from then on.
+        """
+        self._levels.go_to(x, p)
+        self._constraint_ranges = self._ranges(bounds, 0)
+        self._memory.evaluate()
+        return self._point()
+
+    def step(
+        self, level: int, point: SqpPoint, bounds: RowBounds, damping: float
+    ) -> NlpStatus | None:
+        """Solve the QP of a level for the step from a point; return why there is none. damping
+        [1/unit of z^2]: weight of the square of the step.
+        """
+        memory = self._memory
+        level_qp = self._levels.level(level)
+        memory.z[:] = point.x.reshape(memory.z.shape)
+        memory.z_from[:] = memory.z
+        if level == 0:
+            level_qp.linearize()
+        else:
+            level_qp.relinearize()
+        if not np.isfinite(memory.residuals(level)).all():
+            return NlpStatus.NOT_A_NUMBER
+        ranges_before = self._last_ranges
+        ranges = self._ranges(bounds, level)
+        is_second_step = self._last_ranges is ranges_before
+        # A second step of a level, which mends the first, is welcome, but not at the price of many
+        # iterations.
+        if level and is_second_step:
+            level_qp.max_iterations = _FEW_ITERATIONS
+        else:
+            level_qp.max_iterations = None
+        solution = level_qp.solve(
+            ranges,
+            damping,
+            0.0,
+            self._warm_starts.get(level),
+            l2_above=self._weight_above[level],
+        )
+        if not solution.status.usable:
+            return NlpStatus.STALLED
+        self._warm_starts[level] = solution.warm_start()
+        pull = float(np.linalg.norm(level_qp.multipliers_above(solution)))
+        weight = max(8.0 * pull / self._tolerance, _SMALLEST_WEIGHT)
+        self._weight_above[level] = min(weight, _LARGEST_WEIGHT)
+        return None
+
+    def moved(self, share: float) -> SqpPoint:
+        """Return the point after a share of the last step."""
+        self._memory.step_length[0] = share
+        self._memory.move()
+        self._memory.evaluate()
+        return self._point()
+
+    def variables(self, point: SqpPoint) -> Array:
+        """Return the variables (n_x,) [unit of x] of a point."""
+        self._memory.z[:] = point.x.reshape(self._memory.z.shape)
+        return self._levels.variables()
+
+    def _ranges(self, bounds: RowBounds, level: int) -> StageRanges:
+        """Return the ranges of a level; those of its first step again for the second."""
+        if self._last_ranges is not None:
+            last_bounds, last_level, last_ranges = self._last_ranges
+            if last_bounds is bounds and last_level == level:
+                return last_ranges
+        ranges = self._levels.ranges(bounds, level)
+        self._last_ranges = bounds, level, ranges
+        return ranges
+
+    def _point(self) -> SqpPoint:
+        """Return the point in the memory, as it was evaluated."""
+        memory = self._memory
+        rows = self._levels.rows()
+        residuals = []
+        for level, values in zip(memory.whole.ranges().levels, rows, strict=True):
+            residuals.append(float(np.linalg.norm(level.distance(values))))
+        assert self._constraint_ranges is not None
+        violation = float(self._constraint_ranges.excess().max(initial=0.0))
+        if not np.isfinite(violation):
+            violation = np.inf
+        merit = LevelMerit(violation=violation, residuals=np.array(residuals))
+        return SqpPoint(x=memory.z.ravel().copy(), rows=rows, merit=merit)
