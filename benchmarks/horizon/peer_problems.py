@@ -23,7 +23,7 @@ from uvms_ocp.ocp.problem import (
     single_phase,
 )
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, StageSymbols, TaskTerm, Term
-from uvms_ocp.ocp.transcription.stage import ActuationModel
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.robot.limits import Limits
 from uvms_ocp.robot.loading import load_robot, robot_folder
 from uvms_ocp.robot.robot import Robot

@@ -77,10 +77,11 @@ def _compiled(
         return function
 
     monkeypatch.setattr("uvms_ocp.ocp.stagewise.functions.compiled_from", take)
-    monkeypatch.setattr("uvms_ocp.ocp.transcription.stage.compiled_from", take)
-    monkeypatch.setattr(
-        "uvms_ocp.ocp.transcription.stage.available_function", lambda function: function
-    )
+    for module in ("stage", "derivatives"):
+        monkeypatch.setattr(f"uvms_ocp.ocp.transcription.{module}.compiled_from", take)
+        monkeypatch.setattr(
+            f"uvms_ocp.ocp.transcription.{module}.available_function", lambda function: function
+        )
     whole = Transcription(problem, plugin="ipopt" if sparse else "stagewise")
     _ = whole.program if sparse else StagewiseProgram(whole)
     return found

@@ -13,16 +13,13 @@ from uvms_ocp.ocp.planner import Planner, plan
 from uvms_ocp.ocp.problem import OcpLevel, OcpPhase, OcpProblem
 from uvms_ocp.ocp.terms import At, AtRest, Duration, Effort, Posture
 from uvms_ocp.ocp.trajectory import hold_guess
-from uvms_ocp.ocp.transcription.layout import (
-    RowLayout,
-    VariableLayout,
-    boundary,
-    parameter_layout,
-    row_layout,
-)
+from uvms_ocp.ocp.transcription.horizon import horizon
+from uvms_ocp.ocp.transcription.layout import RowLayout, boundary, row_layout
+from uvms_ocp.ocp.transcription.parameters import parameter_layout
 from uvms_ocp.ocp.transcription.stage import StageModel
 from uvms_ocp.ocp.transcription.term_rows import term_blocks
-from uvms_ocp.ocp.transcription.transcription import Transcription, horizon
+from uvms_ocp.ocp.transcription.transcription import Transcription
+from uvms_ocp.ocp.transcription.variables import VariableLayout
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State

@@ -184,7 +184,7 @@ class PlanCheck:
         self._accuracy = accuracy
         self.planned_motion = PlannedMotion(transcription.problem, gains)
         self._constrained = [
-            (block, block.rows.own)
+            (block, block.rows.numbers)
             for block in transcription.blocks
             if (block.rows.level == CONSTRAINT).any()
         ]

@@ -17,7 +17,8 @@ from uvms_ocp.ocp.problem import OcpPhase, OcpProblem, counts
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.terms import At, StageSymbols, Term
-from uvms_ocp.ocp.transcription.stage import ActuationModel, altimeter_range
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
+from uvms_ocp.ocp.transcription.stage import altimeter_range
 from uvms_ocp.robot import SymbolicModel
 from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.tasks.task import Residual, TickSymbols

@@ -11,7 +11,7 @@ import pinocchio as pin
 from uvms_ocp.ocp.motion_scan import Motion, QuantityRange
 from uvms_ocp.ocp.problem import Integrator
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
-from uvms_ocp.ocp.transcription.stage import ActuationModel
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.robot import Robot
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics

@@ -10,7 +10,7 @@ from uvms_ocp.ocp.motion_dynamics import axis_names, given_forces, required_forc
 from uvms_ocp.ocp.motion_scan import Motion, QuantityRange, Samples, given_by_start, scanned
 from uvms_ocp.ocp.range_check import RangeCheck, RangeKind
 from uvms_ocp.ocp.trajectory import has_thrusters
-from uvms_ocp.ocp.transcription.stage import ActuationModel
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.types import Array
 
 

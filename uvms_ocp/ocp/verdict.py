@@ -24,7 +24,7 @@ from uvms_ocp.ocp.problem import OcpLevel, OcpProblem
 from uvms_ocp.ocp.range_check import MotionCheck, Peak, RangeCheck, RangeKind
 from uvms_ocp.ocp.stagewise.program import stagewise_or
 from uvms_ocp.ocp.trajectory import Trajectory
-from uvms_ocp.ocp.transcription.stage import ActuationModel
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.solvers.nlp.level_solver import IPOPT
 from uvms_ocp.types import Array, Finite

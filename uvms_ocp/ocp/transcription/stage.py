@@ -1,5 +1,4 @@
-"""Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX;
-what moves the robot.
+"""Functions of one step of the horizon, as CasADi SX.
 
 Inverse-dynamics form: the acceleration is a decision, and the forces that it takes are an equality.
 Nothing is solved inside the functions, so their derivatives stay short (a Hessian of forward
@@ -16,192 +15,29 @@ what cancels out among redundant thrusters, ``z = [q, v, h, a, s]`` with its coo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.compile import available_function, compiled_from, content_of, start_compiling
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
-from uvms_ocp.ocp.terms import StageSymbols, finite_or
-from uvms_ocp.robot import Robot, SymbolicModel
+from uvms_ocp.ocp.terms import StageSymbols
+from uvms_ocp.ocp.transcription.actuation import ActuationModel
+from uvms_ocp.ocp.transcription.derivatives import (
+    Derivatives,
+    compiled_derivatives,
+    derivatives,
+)
+from uvms_ocp.robot import SymbolicModel
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.symbolic_bodies import sparse
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
-from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.tasks.task import TickSymbols
 from uvms_ocp.types import Keyed
-
-# What moves a robot: its thrusters or a wrench on the vehicle, and its joints.
-
-_UNLIMITED_EFFORT = 10.0  # [N m] unit of torque where the robot has no limit
-_RANK = 1e-9  # of a singular value of the thruster matrix
-_VEHICLE_FORCE = 100.0  # [N, N m] unit of the wrench on a vehicle without thrusters
-
-
-class ActuationModel:
-    """Matrix, units and limits of what moves the robot."""
-
-    def __init__(self, robot: Robot, actuation: Actuation) -> None:
-        thrusters = bool(robot.n_vehicle) and actuation is Actuation.THRUSTERS
-        n = robot.n_vehicle
-        if thrusters:
-            self.matrix = thruster_matrix(robot)[:n]
-            limits = thrust_limits(robot)
-        else:
-            self.matrix = np.eye(n)
-            limits = (np.full(n, -np.inf), np.full(n, np.inf))
-        self.thrust_unit = finite_or(
-            np.maximum(np.abs(limits[0]), np.abs(limits[1])), _VEHICLE_FORCE
-        )
-        self.thrust_lower, self.thrust_upper = (limit / self.thrust_unit for limit in limits)
-        self.torque_unit = finite_or(robot.limits.effort, _UNLIMITED_EFFORT)
-        self.torque_limit = robot.limits.effort / self.torque_unit
-        reach = np.abs(self.matrix) @ self.thrust_unit / 4
-        self.force_unit = np.concatenate(
-            [np.maximum(reach, 1e-3 * reach.max(initial=1.0)), self.torque_unit]
-        )
-
-    @cached_property
-    def spread(self) -> np.ndarray:
-        """(n_thrust, n_vehicle) least thrust in shares for a wrench [N, N m]."""
-        return np.asarray(np.linalg.pinv(self.matrix * self.thrust_unit, rcond=_RANK))
-
-    @cached_property
-    def null(self) -> np.ndarray:
-        """(n_thrust, n) thrust in shares that cancels out."""
-        return self._complement((self.matrix * self.thrust_unit).T)
-
-    @cached_property
-    def beyond(self) -> np.ndarray:
-        """(n_vehicle, n) directions of a wrench that no thrust makes, in shares of its units."""
-        return self._complement(self.matrix / self.force_unit[: len(self.matrix), None])
-
-    @staticmethod
-    def _complement(matrix: np.ndarray) -> np.ndarray:
-        """Orthonormal directions (n, ...) that are orthogonal to all columns of a matrix (n, m)."""
-        U, sizes, _ = np.linalg.svd(matrix, full_matrices=True)
-        return np.asarray(U[:, int(np.sum(sizes > _RANK * sizes.max(initial=0.0))) :])
-
-
-# Functions of one step of the horizon, with sparse first and second derivatives, as CasADi SX.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class StepLayout:
-    """Layout of the parts of z."""
-
-    n_q: int
-    n_v: int
-    n_thrust: int
-    n_torque: int
-    n_null: int = 0
-
-    q: slice = field(init=False, compare=False)
-    v: slice = field(init=False, compare=False)
-    a: slice = field(init=False, compare=False)
-    thrust: slice = field(init=False, compare=False)
-    torque: slice = field(init=False, compare=False)
-    null: slice = field(init=False, compare=False)
-    h: int = field(init=False, compare=False)
-    n_z: int = field(init=False, compare=False)
-
-    def __post_init__(self) -> None:
-        sizes = {"q": self.n_q, "v": self.n_v, "h": 1, "a": self.n_v}
-        sizes |= {"thrust": self.n_thrust, "torque": self.n_torque, "null": self.n_null}
-        ends = np.cumsum([0, *sizes.values()]).tolist()
-        for name, first, stop in zip(sizes, ends[:-1], ends[1:], strict=True):
-            object.__setattr__(self, name, first if name == "h" else slice(first, stop))
-        object.__setattr__(self, "n_z", ends[-1])
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Derivatives:
-    """A vector function ``(z, s) -> rows`` of variables z and parameters s, with a scalar cost and
-    its derivatives.
-
-    `value`: rows (m,). `jacobian`: nonzeros of d rows / dz. `hessian`: nonzeros of the second
-    derivative of ``sigma' costs + lam' rows`` (upper and lower part). `gradient`: of ``sigma'
-    costs``. `costs` (n_costs,).
-    """
-
-    value: ca.Function
-    jacobian: ca.Function
-    hessian: ca.Function
-    costs: ca.Function
-    gradient: ca.Function
-    jacobian_sparsity: ca.Sparsity
-    hessian_sparsity: ca.Sparsity
-
-
-def derivatives(
-    name: str,
-    z: ca.SX,
-    s: ca.SX,
-    rows: ca.SX,
-    *,
-    costs: ca.SX | None = None,
-    residuals: Sequence[ca.SX] | None = None,
-) -> Derivatives:
-    """Functions of rows (m,) and costs in z and s.
-
-    With `residuals`, vectors r whose ``1/2 |r|^2`` are the costs, the Hessian is that of Gauss and Newton: no curvature
-    of residuals or rows.
-    """
-    if costs is None:
-        c = ca.SX(0, 1)
-    else:
-        c = costs
-    sigma = ca.SX.sym("sigma", c.shape[0])
-    lam = ca.SX.sym("lam", rows.shape[0])
-    J = ca.jacobian(rows, z)
-    if c.numel():
-        gradient = ca.gradient(ca.dot(sigma, c), z)
-    else:
-        gradient = ca.SX.zeros(z.shape)
-    lagrangian = ca.dot(sigma, c) + ca.dot(lam, rows)
-    if residuals is None:
-        H = ca.hessian(lagrangian, z)[0]
-    else:
-        H = _gauss_newton(residuals, sigma, z)
-
-    def function(kind: str, inputs: list[ca.SX], output: ca.SX) -> ca.Function:
-        # Common subexpressions are shared by how rows are written: looking for more takes as long
-        # as all else, for 4 %.
-        return ca.Function(f"{name}_{kind}", inputs, [ca.densify(output)])
-
-    return Derivatives(
-        value=function("value", [z, s], rows),
-        jacobian=function("jacobian", [z, s], _nonzeros(J)),
-        hessian=function("hessian", [z, s, sigma, lam], _nonzeros(H)),
-        costs=function("costs", [z, s], c),
-        gradient=function("gradient", [z, s, sigma], gradient),
-        jacobian_sparsity=J.sparsity(),
-        hessian_sparsity=H.sparsity(),
-    )
-
-
-def _gauss_newton(residuals: Sequence[ca.SX], sigma: ca.SX, z: ca.SX) -> ca.SX:
-    H = ca.SX(z.shape[0], z.shape[0])
-    for i, residual in enumerate(residuals):
-        J = ca.jacobian(residual, z)
-        H += sigma[i] * (J.T @ J)
-    return H
-
-
-def _nonzeros(matrix: ca.SX) -> ca.SX:
-    return ca.vertcat(ca.SX(0, 1), *matrix.nonzeros())
-
-
-@lru_cache(maxsize=8)
-def kept_content(model_hash: Keyed) -> str:
-    """Return the hash that the function in `given` computes, once for each kind of model, which is
-    its key.
-    """
-    return str(model_hash.value())
 
 
 class StageModel:
@@ -215,7 +51,10 @@ class StageModel:
         like: StageModel | None = None,
         compiled: bool = True,
     ) -> None:
-        """like: another model, whose dynamics serve here too where they are the same. compiled:
+        """Write the symbols of a step.
+
+        eliminated: forces are expressions in the other variables. like: another model, whose
+        dynamics serve this one too where they are the same. compiled:
         rows and their derivatives become machine code; else CasADi's virtual machine evaluates
         them, and nothing waits for a compiler.
         """
@@ -224,16 +63,16 @@ class StageModel:
         self.robot = robot
         self._like = like
         self.actuators = ActuationModel(robot, problem.actuation)
-        direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
-        self.has_force_variables = not eliminated and (
-            problem.water or problem.limited or not direct
-        )
-        n_thrust, n_torque = (
-            (self.actuators.matrix.shape[1], robot.n_joints) if self.has_force_variables else (0, 0)
-        )
-        n_null = self.actuators.null.shape[1] if eliminated else 0
+        is_direct = not robot.n_vehicle or problem.actuation is Actuation.WRENCH
+        needs_force_variables = problem.water or problem.limited or not is_direct
+        self.has_force_variables = needs_force_variables and not eliminated
+        """Thrust and torque are variables."""
         self.layout = StepLayout(
-            n_q=robot.n_q, n_v=robot.n_v, n_thrust=n_thrust, n_torque=n_torque, n_null=n_null
+            n_q=robot.n_q,
+            n_v=robot.n_v,
+            n_thrust=self.actuators.matrix.shape[1] if self.has_force_variables else 0,
+            n_torque=robot.n_joints if self.has_force_variables else 0,
+            n_null=self.actuators.null.shape[1] if eliminated else 0,
         )
         self.n_forces = robot.n_v if self.has_force_variables else 0
         """Rows of forces in the dynamics."""
@@ -271,50 +110,59 @@ class StageModel:
     @property
     def content(self) -> str:
         """Hash of the robot's forces, which are not written out anew for each model of a kind."""
-        return kept_content(
-            Keyed(
-                self.kind,
-                lambda: content_of([self.z[: self.n_motion], self.water], [self.required_force]),
-            )
-        )
+
+        def compute() -> str:
+            inputs = [self.z[: self.n_motion], self.water]
+            return content_of(inputs, [self.required_force])
+
+        return kept_content(Keyed(self.kind, compute))
 
     @cached_property
     def dynamics(self) -> Derivatives:
-        """Rows ``[q_next, v_next, wanted minus given forces]``, the parameter is the water velocity
-        (3,).
+        """Rows ``[q_next, v_next, required minus actuated forces]``, the parameter is the water
+        velocity (3,).
 
         The last rows are left out where forces are no variables.
         """
         if self._like is not None and self._like.kind == self.kind:
             return self._like.dynamics
-        z, layout = self.z, self.layout
+        z = self.z
+        layout = self.layout
         q = z[layout.q]
         v = z[layout.v]
         h = z[layout.h]
         a = z[layout.a]
         rows = ca.vertcat(self.moved(q, v, a, h), v + h * a)
         if self.has_force_variables:
-            actuated = ca.vertcat(
-                sparse(self.actuators.matrix)
-                @ (z[layout.thrust] * ca.DM(self.actuators.thrust_unit)),
-                z[layout.torque] * ca.DM(self.actuators.torque_unit),
-            )
-            rows = ca.vertcat(
-                rows, (self.required_force - actuated) / ca.DM(self.actuators.force_unit)
-            )
-        exact = self.problem.hessian is HessianKind.EXACT
-        if not (self._compiled and exact and self.has_force_variables):
-            return self.derivatives(
-                "dynamics", z, self.water, rows, residuals=None if exact else ()
-            )
-        begun = self.bend, self._curvature(rows)
-        compiled = compiled_derivatives("dynamics", z, self.water, rows, residuals=())
-        bend, curvature = (available_function(function) for function in begun)
-        x, s, sigma, lam = (ca.MX.sym("x", size) for size in (layout.n_z, 3, 0, rows.numel()))
-        bent = bend(x[: self.n_motion], s, lam[-self.n_forces :] / ca.DM(self.actuators.force_unit))
-        hessian = ca.Function(
-            "dynamics_hessian", [x, s, sigma, lam], [curvature(x, lam, bent).nz[:]]
-        )
+            thrust = z[layout.thrust] * ca.DM(self.actuators.thrust_unit)
+            torque = z[layout.torque] * ca.DM(self.actuators.torque_unit)
+            actuated = ca.vertcat(sparse(self.actuators.matrix) @ thrust, torque)
+            imbalance = (self.required_force - actuated) / ca.DM(self.actuators.force_unit)
+            rows = ca.vertcat(rows, imbalance)
+        is_exact = self.problem.hessian is HessianKind.EXACT
+        if not (self._compiled and is_exact and self.has_force_variables):
+            residuals = None if is_exact else ()
+            return self.derivatives("dynamics", z, self.water, rows, residuals=residuals)
+        return self._dynamics_with_bend(rows)
+
+    def _dynamics_with_bend(self, rows: ca.SX) -> Derivatives:
+        """Build the derivatives of the dynamics with the Hessian made of `bend`, which all solvers
+        share.
+        """
+        # All are begun before any of them is waited for.
+        compiling_bend = self.bend
+        compiling_curvature = self._curvature(rows)
+        compiled = compiled_derivatives("dynamics", self.z, self.water, rows, residuals=())
+        bend = available_function(compiling_bend)
+        curvature = available_function(compiling_curvature)
+        z = ca.MX.sym("x", self.layout.n_z)
+        water = ca.MX.sym("x", 3)
+        sigma = ca.MX.sym("x", 0)
+        lam = ca.MX.sym("x", rows.numel())
+        force_weights = lam[-self.n_forces :] / ca.DM(self.actuators.force_unit)
+        bent = bend(z[: self.n_motion], water, force_weights)
+        H = curvature(z, lam, bent)
+        hessian = ca.Function("dynamics_hessian", [z, water, sigma, lam], [H.nz[:]])
         return replace(compiled, hessian=hessian, hessian_sparsity=curvature.sparsity_out(0))
 
     @property
@@ -336,10 +184,9 @@ class StageModel:
 
         def make() -> ca.Function:
             motion, w, slope, H = self._force_curvature
-            found = ca.densify(
-                ca.substitute(ca.vertcat(slope, *H.nonzeros()), motion, self.midpoint)
-            )
-            return ca.Function("force_curvature", [*inputs, w], [found], {"cse": True})
+            slope_and_curvature = ca.vertcat(slope, *H.nonzeros())
+            bent = ca.densify(ca.substitute(slope_and_curvature, motion, self.midpoint))
+            return ca.Function("force_curvature", [*inputs, w], [bent], {"cse": True})
 
         return compiled_from("force_curvature", self.content, make, __file__)
 
@@ -353,18 +200,20 @@ class StageModel:
 
     @cached_property
     def _force_curvature(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Motion, weights, slope and curvature."""
-        n_q, n_v = self.layout.n_q, self.layout.n_v
+        """Symbols of the motion and of weights of forces, and slope and curvature of the weighted
+        sum of forces in them.
+        """
+        n_q = self.layout.n_q
+        n_v = self.layout.n_v
         motion = ca.SX.sym("motion", n_q + 2 * n_v)
         w = ca.SX.sym("w", n_v)
         v = slice(n_q, n_q + n_v)
         slope = ca.gradient(ca.dot(w, self.forces_of(motion)), motion)
         # Forces are linear in the acceleration, with a factor in which no velocity is.
         H = ca.jacobian(slope[:n_q], motion)
-        fast = ca.jacobian(slope[v], motion)[:, v]
-        hessian = ca.blockcat(
-            [[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, ca.diagcat(fast, ca.SX(n_v, n_v))]]
-        )
+        fast = ca.jacobian(slope[v], motion)[:, v]  # in velocities alone
+        lower_right = ca.diagcat(fast, ca.SX(n_v, n_v))
+        hessian = ca.blockcat([[H[:, :n_q], H[:, n_q:]], [H[:, n_q:].T, lower_right]])
         return motion, w, slope, ca.sparsify(hessian)
 
     def _curvature(self, rows: ca.SX) -> ca.Function:
@@ -377,7 +226,8 @@ class StageModel:
             bent, slope, H = self.bent
             D = ca.jacobian(middle, z)
             n = rows.numel() - self.n_forces
-            H = D.T @ H @ D + ca.hessian(ca.dot(slope, middle) + ca.dot(lam[:n], rows[:n]), z)[0]
+            weighted_motion = ca.dot(slope, middle) + ca.dot(lam[:n], rows[:n])
+            H = D.T @ H @ D + ca.hessian(weighted_motion, z)[0]
             return ca.Function("dynamics_curvature", [z, lam, bent], [H], {"cse": True})
 
         return compiled_from(
@@ -394,8 +244,9 @@ class StageModel:
 
     @cached_property
     def midpoint(self) -> ca.SX:
-        """Q, v and a (n_q + 2 n_v,) where the forces of a step are."""
-        z, layout = self.z, self.layout
+        """q, v and a (n_q + 2 n_v,) where the forces of a step are."""
+        z = self.z
+        layout = self.layout
         q = z[layout.q]
         v = z[layout.v]
         h = z[layout.h]
@@ -408,14 +259,16 @@ class StageModel:
         """Generalised forces (n_v,) [N, N m] of a motion q, v and a (n_q + 2 n_v,)."""
         n_q = self.layout.n_q
         n_v = self.layout.n_v
-        u = self.water
-        u_links = ca.repmat(u, 1, len(self._dynamics.links))
-        parts = (motion[:n_q], motion[n_q : n_q + n_v], motion[n_q + n_v :])
-        return self._dynamics.inverse_dynamics(*parts, u_links, ca.SX(*u_links.shape))
+        q = motion[:n_q]
+        v = motion[n_q : n_q + n_v]
+        a = motion[n_q + n_v :]
+        water_at_links = ca.repmat(self.water, 1, len(self._dynamics.links))
+        water_acceleration = ca.SX(*water_at_links.shape)  # none
+        return self._dynamics.inverse_dynamics(q, v, a, water_at_links, water_acceleration)
 
     @cached_property
     def force(self) -> ca.SX:
-        """(n_v,) [N, N m] `wanted`; where forces are `eliminated` a symbol for it: differentiated
+        """(n_v,) [N, N m] `required_force`; where forces are `eliminated` a symbol for it: differentiated
         once for all rows.
         """
         if self._eliminated:
@@ -430,38 +283,37 @@ class StageModel:
         n = self.robot.n_vehicle
         force = self.force
         actuators = self.actuators
-        thrust = (
-            sparse(actuators.spread) @ force[:n, 0]
-            + sparse(actuators.null) @ self.z[self.layout.null]
-        )
-        return thrust, force[n:, 0] / ca.DM(actuators.torque_unit)
+        least_squares = sparse(actuators.spread) @ force[:n, 0]
+        cancelling = sparse(actuators.null) @ self.z[self.layout.null]
+        torque = force[n:, 0] / ca.DM(actuators.torque_unit)
+        return least_squares + cancelling, torque
 
     @cached_property
     def inputs_function(self) -> ca.Function:
         """``z, water -> thrust, torque`` in shares of their limits."""
-        function = ca.Function(
-            "inputs", [self.z, self.water], [ca.densify(part) for part in self.inputs]
-        )
+        outputs = [ca.densify(part) for part in self.inputs]
+        function = ca.Function("inputs", [self.z, self.water], outputs)
         if self.has_force_variables:
             return function
         return available_function(start_compiling(function))
 
     def moved(self, q: ca.SX, v: ca.SX, a: ca.SX, h: ca.SX) -> ca.SX:
-        """Configuration after the time h of constant acceleration."""
+        """Return the configuration after the time h of constant acceleration."""
         if self.problem.integrator is Integrator.EULER:
             step = h * v + h**2 * a
         else:
             step = h * v + h**2 / 2 * a
         if self.problem.integrator is Integrator.MAGNUS and self.robot.n_vehicle:
-            # Omega = int V + 1/2 int int [V(s), V(t)] ... = h v + h^2/2 a + h^3/12 [v, a] for V = v
-            # + a t.
+            # For V = v + a t the series of Magnus begins with
+            # Omega = int V + 1/2 int int [V(s), V(t)] = h v + h^2/2 a + h^3/12 [v, a].
             step[:6] += h**3 / 12 * _commutator(v[:6], a[:6])
         return self._dynamics.symbolic.integrate(q, step)
 
     @cached_property
     def symbols(self) -> StageSymbols:
         """Return the symbols that terms are written in."""
-        z, layout = self.z, self.layout
+        z = self.z
+        layout = self.layout
         thrust_share, torque_share = self.inputs
         kinematics = SymbolicModel(self.robot.model).forward_kinematics(z[layout.q])
         tick = TickSymbols(
@@ -482,8 +334,54 @@ class StageModel:
         )
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StepLayout:
+    """Layout of the parts of z, by their sizes."""
+
+    n_q: int
+    n_v: int
+    n_thrust: int
+    n_torque: int
+    n_null: int = 0
+
+    # Where each of them is in z:
+    q: slice = field(init=False, compare=False)
+    v: slice = field(init=False, compare=False)
+    a: slice = field(init=False, compare=False)
+    thrust: slice = field(init=False, compare=False)
+    torque: slice = field(init=False, compare=False)
+    null: slice = field(init=False, compare=False)
+    h: int = field(init=False, compare=False)
+    n_z: int = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        sizes = {
+            "q": self.n_q,
+            "v": self.n_v,
+            "h": 1,
+            "a": self.n_v,
+            "thrust": self.n_thrust,
+            "torque": self.n_torque,
+            "null": self.n_null,
+        }
+        first = 0
+        for name, size in sizes.items():
+            place = first if name == "h" else slice(first, first + size)
+            object.__setattr__(self, name, place)
+            first += size
+        object.__setattr__(self, "n_z", first)
+
+
+@lru_cache(maxsize=8)
+def kept_content(model_hash: Keyed) -> str:
+    """Return the hash that the function in `model_hash` computes, once for each kind of model, which is
+    its key.
+    """
+    return str(model_hash.value())
+
+
 def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.SX:
-    """Range over a level floor: what makes the vertical part of the beam the height above it."""
+    """Return the range over a level floor: what makes the vertical part of the beam the height above it."""
     if not np.isfinite(problem.floor) or not problem.robot.has_frame(problem.altimeter_frame):
         return ca.SX(ca.inf)
     R, p = kinematics.pose(problem.altimeter_frame)
@@ -491,46 +389,5 @@ def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.S
 
 
 def _commutator(v: ca.SX, a: ca.SX) -> ca.SX:
-    """Lie bracket of body twists, ``d/ds`` of the adjoint action of exp(s v) on a."""
+    """Return the Lie bracket of body twists, ``d/ds`` of the adjoint action of exp(s v) on a."""
     return ca.vertcat(ca.cross(v[3:], a[:3]) + ca.cross(v[:3], a[3:]), ca.cross(v[3:], a[3:]))
-
-
-def compiled_derivatives(
-    name: str,
-    z: ca.SX,
-    s: ca.SX,
-    rows: ca.SX,
-    *,
-    costs: ca.SX | None = None,
-    residuals: Sequence[ca.SX] | None = None,
-) -> Derivatives:
-    """`derivatives` in machine code where a C compiler exists, not made anew where they were
-    compiled before.
-    """
-    outputs = [rows, *([] if costs is None else [costs]), *(residuals or ())]
-    content = content_of([z, s], outputs, costs is None, residuals is None)
-
-    @cache
-    def made() -> Derivatives:
-        return derivatives(name, z, s, rows, costs=costs, residuals=residuals)
-
-    def of_kind(kind: str) -> ca.Function:
-        return getattr(made(), kind)
-
-    def patterns() -> ca.Function:
-        ones = [
-            ca.SX(pattern, 1) for pattern in (made().jacobian_sparsity, made().hessian_sparsity)
-        ]
-        return ca.Function(f"{name}_patterns", [], ones)
-
-    kinds = ("value", "jacobian", "hessian", "costs", "gradient")
-    begun = {
-        kind: compiled_from(f"{name}_{kind}", content, partial(of_kind, kind), __file__)
-        for kind in kinds
-    }
-    sparsities = available_function(compiled_from(f"{name}_patterns", content, patterns, __file__))
-    return Derivatives(
-        **{kind: available_function(function) for kind, function in begun.items()},
-        jacobian_sparsity=sparsities.sparsity_out(0),
-        hessian_sparsity=sparsities.sparsity_out(1),
-    )
