@@ -1,0 +1,248 @@
+"""Draft of a robot's description from its URDF: tools, sensors, motors and thrusters as far as names
+and axes tell, and the questions that are left open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot import limits
+from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
+from uvms_ocp.robot.roles import CHOOSE, Roles, is_called
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
+
+# Thrusters of vehicles of 10 to 160 kg have the larger of both.
+_THRUST_PER_ROOT_MASS = 12.0  # [N/kg^0.5]
+_THRUST_PER_MASS = 0.95  # [N/kg]
+SPIN_UP = 0.03
+"""[s] in which full effort brings the rotor of a joint alone to full speed: mechanical time
+constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit.
+"""
+_FINGERS = (
+    "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock`"
+    " each is its own"
+)
+_EMPTY = (
+    "moves nothing that has a mass, and is held still; give its links <inertial>, and take it out"
+    " of `lock`"
+)
+_DOWN = 0.9  # cosine to straight down, of a range sensor's -z
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProposedThruster:
+    """A thruster of a URDF."""
+
+    name: str
+    X: pin.SE3
+    """Pose in B."""
+    direction: np.ndarray
+    """Direction (3,) of positive thrust in B."""
+    source: str
+    """Words for where the direction comes from."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ProposalDraft:
+    """Description of a robot before its hydrodynamics are proposed."""
+
+    models: UrdfModels
+    roles: Roles
+    reading: UrdfReading
+    floats: bool
+    """True for a vehicle, False for an arm that stands on something."""
+    requested_tools: tuple[str, ...]
+    """Frames that the user named; empty for none."""
+    requested_altimeter: str | None
+    """Frame that the user named."""
+    requested_dvl: str | None
+    """Frame that the user named."""
+    thrusters: list[ProposedThruster]
+
+    @property
+    def tools(self) -> tuple[str, ...]:
+        """Tools, one for each arm, where that leaves no doubt."""
+        if self.requested_tools:
+            return self.requested_tools
+        chains = self.roles.tools
+        has_tool_frame = any(frame.name == "tool" for frame in self.models.model.frames)
+        if has_tool_frame and len(chains) < 2:
+            return ("tool",)
+        if all(len(chain) == 1 for chain in chains):
+            return tuple(chain[0] for chain in chains)
+        return ()
+
+    @property
+    def altimeter(self) -> str | None:
+        """A link that is called an altimeter and looks down."""
+        if self.requested_altimeter or not self.floats:
+            return self.requested_altimeter
+        model = self.models.model
+        data = model.createData()
+        pin.framesForwardKinematics(model, data, pin.neutral(model))
+        looking_down = list[str]()
+        for index, link in self._links_called("altimeter"):
+            if data.oMf[index].rotation[2, 2] > _DOWN:
+                looking_down.append(str(link.name))
+        if len(looking_down) == 1:
+            return looking_down[0]
+        return None
+
+    @property
+    def dvl(self) -> str | None:
+        """The only link of the vehicle that is called a DVL."""
+        if self.requested_dvl:
+            return self.requested_dvl
+        candidates = self._dvl_candidates()
+        if self.floats and len(candidates) == 1:
+            return candidates[0]
+        return None
+
+    def _dvl_candidates(self) -> list[str]:
+        """Return links of the vehicle that are called a DVL."""
+        return [link.name for _, link in self._links_called("dvl") if link.parentJoint <= 1]
+
+    def _links_called(self, kind: str) -> list[tuple[int, pin.Frame]]:
+        """Return links whose name is of a kind, with their indices."""
+        links = list[tuple[int, pin.Frame]]()
+        for index, frame in enumerate(self.models.model.frames):
+            if frame.type == pin.FrameType.BODY and is_called(kind, frame.name):
+                links.append((index, frame))
+        return links
+
+    def questions(self) -> Iterator[str]:
+        """Yield the questions that are left open."""
+        if not self.thrusters:
+            yield self._base_question()
+        if not self.tools and self.roles.candidates:
+            yield f"tool: any of {', '.join(self.roles.candidates)}; {CHOOSE}"
+        if self.floats and not self.altimeter:
+            yield (
+                "altimeter: no link is called one and looks down along its -z; --altimeter LINK, or"
+                " none: no altitude tasks"
+            )
+        if self.floats and not self.dvl:
+            candidates = self._dvl_candidates()
+            if candidates:
+                choice = f"any of {', '.join(candidates)}"
+            else:
+                choice = "no link of the vehicle is called one"
+            yield f"dvl: {choice}; --dvl LINK, or `sensors: {{linear_velocity: null}}` for none"
+        for names, reason in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
+            still = [name for name in names if name in self.reading.lock]
+            if still:
+                yield f"joint {', '.join(still)}: {reason}"
+        if self.floats:
+            yield from self._thruster_questions()
+
+    def _base_question(self) -> str:
+        if self.floats:
+            kind = "a vehicle, as its root is the heaviest part"
+            alternative = "fixed"
+        else:
+            kind = "an arm that stands on something"
+            alternative = "free_flyer"
+        return f"base: taken for {kind}; --base {alternative} if it is not"
+
+    def _thruster_questions(self) -> Iterator[str]:
+        fins = [name for name in self.roles.propellers if is_called("fin", name)]
+        steering = [*self.roles.gimbals, *fins]
+        if steering:
+            yield (
+                f"joint {', '.join(steering)}: turns thrusters or the flow, which is not modelled;"
+                " it is held still"
+            )
+        moving = list[str]()
+        for _, link in self._links_called("propeller"):
+            if link.parentJoint > 1 and not is_called("fin", link.name):
+                moving.append(link.name)
+        if moving:
+            yield (
+                f"link {', '.join(moving)}: a thruster on a link that moves is not modelled; it is"
+                " left out"
+            )
+        if not self.thrusters:
+            yield (
+                "thrusters: no link or joint is called one; write them into the file, or fly with"
+                " --plant kinematic"
+            )
+
+    def content(self, links: dict[str, Any]) -> dict[str, Any]:
+        """Return the values of the file, with these of `links`."""
+        content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed"}
+        content["water_density"] = WATER_DENSITY
+        if self.floats and self.roles.base != "base_link":
+            content["base_link"] = self.roles.base
+        if len(self.tools) == 1:
+            content["tool"] = self.tools[0]
+        elif self.tools:
+            content["tool"] = self.tools
+        if self.altimeter:
+            content["altimeter"] = self.altimeter
+        if self.dvl:
+            content["dvl"] = self.dvl
+        content["loading"] = self._loading()
+        if self.floats:
+            content["vehicle_limits"] = {
+                "velocity": [0.5, 0.4, 0.4, 0.4, 0.4, 0.5],
+                "acceleration": [0.3] * 3 + [0.4] * 3,
+            }
+        model = self.models.model
+        joints = limits.joints_of(model, free_flyer=self.floats)
+        content["joints"] = {joint.name: _motor(model, joint) for joint in joints}
+        content["links"] = links
+        if self.thrusters:
+            content["thrusters"] = self._thruster_entries()
+        return content
+
+    def _loading(self) -> dict[str, Any]:
+        """Return how the URDF is read, as far as that is not the default."""
+        loading = dict[str, Any]()
+        if self.reading.mimic not in ("coupled", None):
+            loading["mimic"] = self.reading.mimic
+        if self.reading.lock:
+            loading["lock"] = dict(self.reading.lock)
+        if self.reading.drop:
+            loading["drop"] = self.reading.drop
+        if not self.reading.meshes:
+            loading["meshes"] = "no"
+        return loading
+
+    def _thruster_entries(self) -> list[dict[str, Any]]:
+        model = self.models.model
+        mass = sum(inertia.mass for inertia in model.inertias)
+        thrust = max(_THRUST_PER_ROOT_MASS * np.sqrt(mass), _THRUST_PER_MASS * mass)
+        limit = float(f"{thrust:.2g}")  # [N]
+        X_FB = model.frames[model.getFrameId(self.roles.base)].placement.inverse()
+        entries = list[dict[str, Any]]()
+        for thruster in self.thrusters:
+            entry = {
+                "name": thruster.name,
+                "link": self.roles.base,
+                "position": rounded(X_FB.act(thruster.X.translation)),
+                "direction": rounded(X_FB.rotation @ thruster.direction),
+                "minimum": -limit,
+                "maximum": limit,
+                "time_constant": 0.15,
+            }
+            entries.append(entry)
+        return entries
+
+
+def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
+    """Return half a second to full speed, and the rotor that full effort brings there in `SPIN_UP`,
+    whatever the gear.
+    """
+    speed = float(model.upperVelocityLimit[joint.idx_v])
+    effort = float(model.upperEffortLimit[joint.idx_v])
+    if not 0.0 < speed < 10.0:
+        return {"acceleration": 1.0}
+    motor = {"acceleration": float(f"{2.0 * speed:.3g}")}
+    if 0.0 < effort < 1e4:
+        motor["rotor_inertia"] = float(f"{SPIN_UP * effort / speed:.3g}")
+    return motor

@@ -1,0 +1,175 @@
+"""Propose the coefficients in water of the links of a URDF by their shapes, and a volume of the hull
+with which the vehicle floats level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.robot import assembly, hydrodynamics
+from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
+from uvms_ocp.robot.loading import link_masses
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.urdf import UrdfModels
+
+WATER_DENSITY = 1025.0
+"""[kg/m3] of the sea."""
+_LIFT = 0.03  # [m] of buoyancy above the mass
+_MAX_DENSITY_RATIO = 20.0
+"""Mass of water in the shapes of a link over that of the link, and over 1 kg: with more, its shapes
+are no hull, or in millimetres.
+"""
+_MIN_SIDE = 1e-3  # [m] of a box
+
+
+def links_by_shape(models: UrdfModels, *, floats: bool) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return coefficients by link, and where they come from: of the vehicle those of a box around
+    all that is fixed to it.
+    """
+    descriptions = dict[str, Any]()
+    sources = dict[str, str]()
+    hull = hull_of(models.model, floats=floats)
+    vehicle_joint = 1 if floats else 0
+    for name, mass in link_masses(models.model).items():
+        if mass <= 0.0:
+            continue
+        on_vehicle = _carrier(models.model, name) <= vehicle_joint
+        if on_vehicle and name != hull:
+            descriptions[name] = {"coefficients": {}}
+            sources[name] = f"in the box around {hull}" if hull else "does not move"
+        else:
+            coefficients, source = _by_shape(models, name, mass, is_hull=name == hull)
+            descriptions[name] = {"coefficients": coefficients}
+            sources[name] = source
+    return descriptions, sources
+
+
+def hull_of(model: pin.Model, *, floats: bool) -> str:
+    """Return the link of the vehicle that has the coefficients: the heaviest; "" for none."""
+    if not floats:
+        return ""
+    masses_on_vehicle = dict[str, float]()
+    for name, mass in link_masses(model).items():
+        if mass > 0.0 and _carrier(model, name) == 1:
+            masses_on_vehicle[name] = mass
+    if not masses_on_vehicle:
+        return ""
+    return max(masses_on_vehicle, key=lambda name: masses_on_vehicle[name])
+
+
+def _carrier(model: pin.Model, link: str) -> int:
+    """Return the index of the joint that moves a link."""
+    return int(model.frames[model.getFrameId(link)].parentJoint)
+
+
+def _by_shape(
+    models: UrdfModels, name: str, mass: float, *, is_hull: bool
+) -> tuple[dict[str, Any], str]:
+    """Return coefficients of one link and their source: of the box or cylinder around its shapes,
+    or of a box with its inertia. is_hull: around all that is fixed to the vehicle.
+    """
+    model = models.model
+    joint = _carrier(model, name) if is_hull else None
+    corners = assembly.box_around(model, models.collision, name, joint=joint)
+    if np.isnan(corners).any():
+        corners = assembly.box_around(model, models.visual, name, joint=joint)
+    source = f"{'box' if is_hull else 'cylinder'} around its shapes"
+    if np.isnan(corners).any() or _is_too_large(np.ptp(corners, axis=0), mass):
+        corners = _box_by_inertia(model, name, mass)
+        source = "box with its mass and inertia, as it has no fitting shapes"
+    size = np.ptp(corners, axis=0)
+    centre = corners.mean(axis=0)
+    cylinder = None if is_hull else assembly.cylinder_in(corners)
+    if cylinder is None:
+        box = Box(
+            size=tuple(np.maximum(size, _MIN_SIDE).tolist()),
+            pose=Pose(position=tuple(centre.tolist())),
+            drag_by="flow",
+        )
+        link = LinkDescription(box=box)
+    else:
+        link = LinkDescription(cylinder=cylinder)
+    description = RobotDescription(links={name: link}, water_density=WATER_DENSITY)
+    (water,) = links_in_water(description)
+    sides = " x ".join(f"{side:.3g}" for side in size)
+    return _coefficients(water, mass), f"{source}, {sides} m"
+
+
+def _is_too_large(size: np.ndarray, mass: float) -> bool:
+    """Check whether a box of that size (3,) [m] is no hull of a link of that mass [kg]."""
+    return bool(np.prod(size) * WATER_DENSITY > _MAX_DENSITY_RATIO * max(mass, 1.0))
+
+
+def _box_by_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
+    """Return corners (2, 3) [m] of a box that has the moments of a link, or of one as heavy as
+    water where it has none.
+    """
+    frame = model.frames[model.getFrameId(name)]
+    inertia = frame.placement.actInv(model.inertias[frame.parentJoint])
+    a, b, c = np.diag(inertia.inertia)
+    squared_sides = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
+    cube = np.full(3, (mass / WATER_DENSITY) ** (1 / 3))
+    size = np.sqrt(squared_sides) if (squared_sides > 0.0).all() else cube
+    if _is_too_large(size, mass):
+        size = cube
+    return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
+
+
+def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:
+    """Return coefficients in the words of a file. No link floats by itself: what its shape holds of
+    air or water is not known.
+    """
+    pose = {
+        "position": rounded(water.X_FL.translation),
+        "rpy": rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7),
+    }
+    return {
+        "pose": pose,
+        "added_mass": rounded(np.diag(water.added_mass)),
+        "linear_drag": rounded(np.diag(water.linear_drag)),
+        "quadratic_drag": rounded(np.diag(water.quadratic_drag)),
+        "drag_by": "flow" if water.by_flow else "axes",
+        "volume": float(f"{min(water.volume, mass / WATER_DENSITY):.4g}"),
+        "centre_of_buoyancy": rounded(water.centre_of_buoyancy),
+    }
+
+
+def rounded(values: np.ndarray, digits: int = 4) -> list[float]:
+    """Round numbers to so many significant digits; of rounding errors nothing is left."""
+    numbers = list[float]()
+    for value in np.asarray(values, dtype=float):
+        is_significant = abs(value) > 1e-9
+        numbers.append(float(f"{value:.{digits}g}") if is_significant else 0.0)
+    return numbers
+
+
+def trimmed(robot: Robot, links: dict[str, Any], hull: str) -> dict[str, Any]:
+    """Return the links with so much volume of the hull, and there, that the vehicle floats level
+    with its arm stowed.
+
+    robot: with these links as they are.
+    """
+    if not hull:
+        return links
+    coefficients = dict(links[hull]["coefficients"])
+    coefficients.pop("volume", None)
+    coefficients.pop("centre_of_buoyancy", None)
+    trimmed_links = {**links, hull: {"coefficients": coefficients}}
+    bare = checked_copy(robot.description, links=trimmed_links)
+    bare_robot = replace(robot, description=bare, hydrodynamics=links_in_water(bare))
+    arms, lift = assembly.lifts(bare_robot, robot.configuration())
+    total = -float(lift.sum())  # [N]
+    if total <= 0.0:
+        return links
+    centre = -(arms.T @ lift) / total  # [m] in B
+    centre[2] = robot.model.inertias[1].lever[2] + _LIFT
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    X_BF = robot.model.frames[robot.frame_id(hull)].placement
+    coefficients["volume"] = float(f"{total / (gravity * WATER_DENSITY):.6g}")
+    coefficients["centre_of_buoyancy"] = [float(f"{value:.6g}") for value in X_BF.actInv(centre)]
+    return trimmed_links
