@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import Channel, Recording, rotations, smoothed
 
 IMU = "IMU"

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from spoiled.sound import DURATION
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import Channel, Recording, rotations, split_at_gaps
 from uvms_ocp.identification.tables import write_columns
 

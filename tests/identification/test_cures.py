@@ -14,7 +14,8 @@ import yaml
 from motions import DOWN
 from test_doubts import driven, moved, told
 
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import Channel, Recording, rotations
 from uvms_ocp.identification.tables import write_columns
 

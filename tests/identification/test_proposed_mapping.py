@@ -22,14 +22,11 @@ from typer.testing import CliRunner
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import messages
+from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.messages import messages as reader
 from uvms_ocp.identification.proposed_mapping import propose_mapping
-from uvms_ocp.identification.reading import (
-    RecordingMapping,
-    mapped_recording,
-    read_mapping,
-    read_recording,
-)
+from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording, rotations
 from uvms_ocp.identification.tables import write_columns, write_recording
 

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.reading import read_mapping, read_recording
+from uvms_ocp.identification.channel_mapping import read_mapping
+from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.tables import write_columns, write_recording
 from uvms_ocp.record.record import Record
 from uvms_ocp.scenario.cases.case1 import case1

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uvms_ocp.identification.reading import RecordingMapping, mapped_recording
+from uvms_ocp.identification.channel_mapping import RecordingMapping
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 
 BEGIN = 1.7e9
 """[s] since 1970."""

@@ -11,7 +11,7 @@ from tiny_robots import TINY, robot_of, scenario_of
 
 from uvms_ocp.campaign.run_metrics import run_metrics
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.reading import run_recording
+from uvms_ocp.identification.run_recordings import run_recording
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.row_rates import EXTREMES, MEANS, WORST, thinned_rows

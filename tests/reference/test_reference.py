@@ -14,7 +14,7 @@ from undocumented import undocumented_names
 import uvms_ocp
 from uvms_ocp.campaign.jobs import ERROR, KILLED, TIME_LIMIT
 from uvms_ocp.errors import AdvisedStatus
-from uvms_ocp.identification.reading import ChannelMapping
+from uvms_ocp.identification.channel_mapping import ChannelMapping
 from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
 from uvms_ocp.record.tables import SERIES

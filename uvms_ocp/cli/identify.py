@@ -23,6 +23,7 @@ from uvms_ocp.identification import (
     write_recording,
 )
 from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.channel_mapping import UNITS, read_mapping
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
     DesignStatus,
@@ -30,7 +31,7 @@ from uvms_ocp.identification.experiment_design import (
     design_experiment,
 )
 from uvms_ocp.identification.proposed_mapping import propose_mapping
-from uvms_ocp.identification.reading import UNITS, read_mapping, read_recording
+from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
     Channel,

@@ -1,4 +1,8 @@
 from .calibration import Calibration as Calibration, calibrate as calibrate
+from .channel_mapping import (
+    RecordingMapping as RecordingMapping,
+    read_mapping as read_mapping,
+)
 from .data_quality import check_data_quality as check_data_quality
 from .experiment import ExperimentLimits as ExperimentLimits
 from .experiment_design import (
@@ -7,15 +11,11 @@ from .experiment_design import (
     design_experiment as design_experiment,
 )
 from .fit import Predictor as Predictor, fit_percent as fit_percent
+from .mapped_recordings import mapped_recording as mapped_recording
 from .model import Vehicle as Vehicle, stage_of as stage_of
 from .output_error import Noise as Noise
 from .parameters import AXES as AXES
-from .reading import (
-    RecordingMapping as RecordingMapping,
-    mapped_recording as mapped_recording,
-    read_mapping as read_mapping,
-    read_recording as read_recording,
-)
+from .reading import read_recording as read_recording
 from .recording import Channel as Channel, Recording as Recording
 from .results import (
     excitation_text as excitation_text,

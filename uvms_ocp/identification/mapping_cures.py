@@ -16,7 +16,9 @@ from typing import Any
 import yaml
 
 from uvms_ocp.errors import UvmsError
-from uvms_ocp.identification import data_quality, reading
+from uvms_ocp.identification import data_quality
+from uvms_ocp.identification.channel_mapping import RecordingMapping, frames_of
+from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.recording import CHANNEL_KINDS
 
 _ROUNDS = 3  # of cures, one of which may show what another one cures
@@ -75,8 +77,8 @@ def first_reading(path: Path, channels: MappedChannels) -> FirstReading:
     error is a doubt.
     """
     try:
-        mapping = reading.RecordingMapping.model_validate({"channels": channels})
-        recording = reading.mapped_recording(path, mapping)
+        mapping = RecordingMapping.model_validate({"channels": channels})
+        recording = mapped_recording(path, mapping)
     except UvmsError as error:
         return _reading_without_a_channel(path, channels, str(error))
     ranges = {}
@@ -151,7 +153,7 @@ def _with_frames(channels: MappedChannels, keys: Mapping[str, Any]) -> MappedCha
     """Set keys such as ``world`` in all channels that have such a frame."""
     changed = MappedChannels()
     for name, channel in channels.items():
-        frames = reading.frames_of(name, channel.get("frame"))
+        frames = frames_of(name, channel.get("frame"))
         changed[name] = channel | {key: value for key, value in keys.items() if key in frames}
     return changed
 

@@ -22,7 +22,7 @@ import tomllib
 import yaml
 
 from uvms_ocp.errors import InvalidInput, UvmsError
-from uvms_ocp.identification import file_kinds, reading, tables
+from uvms_ocp.identification import channel_mapping, file_kinds, tables
 from uvms_ocp.identification.column_guesses import GuessedName, guessed_names
 from uvms_ocp.identification.mapping_cures import MappedChannels, apply_cures, first_reading
 from uvms_ocp.identification.messages import messages, topics_of
@@ -166,7 +166,7 @@ def _keys_of(
     """Return what a form, and units in the names of columns, say of a channel."""
     keys = {key: form[key] for key in _COPIED_KEYS if key in form}
     units = {_unit_of(name) for name in columns if isinstance(name, str)}
-    allowed_units = reading.units_of(form["channel"], form.get("format")).keys()
+    allowed_units = channel_mapping.units_of(form["channel"], form.get("format")).keys()
     if len(units) == 1 and units <= allowed_units:
         keys["unit"] = units.pop()
     rows = {name: value for name, value in form.get("rows", {}).items() if name in names}

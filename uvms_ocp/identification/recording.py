@@ -1,7 +1,7 @@
 """Recordings of a moving vehicle as values: channels of samples, resampling, and cuts at gaps.
 
 Frames are those of `uvms_ocp.robot.spatial`: W with z up, B forward-left-up. What a file has
-otherwise is turned when it is read, see `uvms_ocp.identification.reading`.
+otherwise is turned when it is read, see `uvms_ocp.identification.mapped_recordings`.
 """
 
 from __future__ import annotations

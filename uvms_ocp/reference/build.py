@@ -27,7 +27,7 @@ import uvms_ocp
 from uvms_ocp import cli
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound, OutputError
-from uvms_ocp.identification import parameters, reading, recording, settings
+from uvms_ocp.identification import channel_mapping, parameters, recording, settings
 from uvms_ocp.record.tables import series_markdown
 from uvms_ocp.robot.description import RobotDescription
 
@@ -74,7 +74,7 @@ def generated_pages() -> dict[str, str]:
         "series": {"table": series_markdown()},
         "channels": {
             "table": _channels(),
-            "mapping": _fields(reading.ChannelMapping.model_json_schema()),
+            "mapping": _fields(channel_mapping.ChannelMapping.model_json_schema()),
         },
         "statuses": {"tables": "\n\n".join(_statuses())},
         "commands": {

@@ -1,0 +1,202 @@
+"""Mapping of the columns of a foreign file to the channels of a recording.
+
+It is a YAML file, or the same as a value:
+
+    channels:
+      linear_velocity:
+        file: navigation_{name}.csv.gz
+        time: header.stamp
+        time_unit: ns
+        columns: [velocity.x, velocity.y, velocity.z]
+        body: FRD
+
+Messages of MCAP files and rosbag2 folders have a topic, and fields by their paths; without a time
+they count as measured when they were logged:
+
+      attitude:
+        topic: /odometry time: header.stamp columns: [pose.pose.orientation.x,
+        pose.pose.orientation.y, pose.pose.orientation.z, pose.pose.orientation.w]
+      joint_positions:
+        topic: /joint_states
+        columns: ["position[shoulder]", "position[elbow]"]
+
+What a table of text looks like is found, or given (``table: {delimiter: tab}``). Frames: ``world:
+NED`` and ``body: FRD`` are turned to W with z up and B forward-left-up. A world with z up is taken
+as it is: where it has its x axis changes no fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from uvms_ocp.errors import InvalidInput, require_known
+from uvms_ocp.identification import recording as recordings
+from uvms_ocp.identification.text_tables import TextFormat
+from uvms_ocp.model_errors import FileModel, one_line_errors
+from uvms_ocp.record import yaml_file
+
+UNITS: Mapping[str, Mapping[str, float]] = recordings.CHANNEL_TABLE["units"]
+"""Factors of the units that values of a channel may be given in, by the unit of the channel."""
+_OF_CHANNEL = recordings.CHANNEL_TABLE["of_channel"]
+_Numbers = float | tuple[float, ...]
+
+
+class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=True):
+    """Source of one channel: topic or columns, units and frame."""
+
+    file: str = ""
+    """in the folder of the recording, {name} for its name; empty: the file itself"""
+    topic: str = ""
+    """of the messages, in MCAP files, bags, logs of MAVLink; `type` of JSON lines"""
+    time: str | Annotated[float, Field(gt=0.0, strict=True)] | tuple[str, str] = ""
+    """column or field of the times; of messages, empty for when they were logged; a number is the
+    period of rows that have none; two columns of a table are whole seconds and nanoseconds
+    """
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] | None = None
+    """of times that are plain numbers, default: as a header says, or s; stamps and ISO 8601 need
+    none
+    """
+    columns: tuple[str | float, ...] = Field(min_length=1)
+    """in the order that the channel has; -name for the opposite, a number for what is not measured;
+    of messages, paths such as position.x, actuators[3]; of tables also places, #1
+    """
+    rows: dict[str, float | str] = Field(default={})
+    """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor:
+    left}
+    """
+    missing: tuple[float, ...] = ()
+    """values that stand where nothing was measured"""
+    format: Literal["rpy", "quaternion xyzw", "quaternion wxyz"] | None = None
+    """of an attitude; default: quaternion xyzw"""
+    unit: str | None = None
+    """of the values; default: as a header says, or that of the channel"""
+    offset: _Numbers = 0.0
+    """added to the values, of all columns or of each [unit of the channel]"""
+    scale: _Numbers = 1.0
+    """factor of the values then, of all columns or of each [-]"""
+    frame: Literal["W", "B"] | None = None
+    """of a velocity or a force; W is turned by the attitude; default: B"""
+    world: Literal["z up", "NED"] | None = None
+    """axes of W; default: z up"""
+    body: Literal["FLU", "FRD"] | None = None
+    """axes of B; default: FLU"""
+    delay: float = 0.0
+    """by which times are known to be late [s]"""
+    sent_every: Annotated[float, Field(gt=0.0)] | None = None
+    """period [s] of what was sent evenly but arrived in bursts"""
+    lost: Literal["never", "all zero"] = "never"
+    """how samples look that are none"""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the columns or fields that are measured, without their signs."""
+        return tuple(column.removeprefix("-") for column in self.columns if isinstance(column, str))
+
+    @property
+    def words(self) -> tuple[str | None, ...]:
+        """For each column, then each row: the word that reads as 1 (every other word as 0); None
+        where numbers are read.
+        """
+        words: list[str | None] = [None] * len(self.fields)
+        for value in self.rows.values():
+            words.append(value if isinstance(value, str) else None)
+        return tuple(words)
+
+
+@one_line_errors
+class RecordingMapping(FileModel, use_attribute_docstrings=True):
+    """Mapping of all channels of a recording, by the names of `CHANNEL_KINDS`."""
+
+    channels: dict[str, ChannelMapping] = Field(min_length=1)
+    table: TextFormat | None = None
+    """what is known of tables of text"""
+    messages: str = ""
+    """folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks"""
+
+
+def read_mapping(path: Path | str) -> RecordingMapping:
+    """Read a mapping from its YAML file, beside which its folder of messages is.
+
+    Raises InvalidInput in one line for what is none, NameNotFound for a channel that there is not.
+    """
+    path = Path(path)
+    mapping = yaml_file.read_yaml_as(path, RecordingMapping)
+    for key, channel in mapping.channels.items():
+        require_meaning(key, channel)
+    if mapping.messages:
+        return mapping.model_copy(update={"messages": str(path.parent / mapping.messages)})
+    return mapping
+
+
+def require_meaning(key: str, mapping: ChannelMapping) -> None:
+    """Check that every key has a meaning for its channel: none is ignored.
+
+    Raises NameNotFound for no channel, InvalidInput for a key without meaning.
+    """
+    require_known("channel", key, recordings.CHANNEL_KINDS)
+    for name in ("format", "frame", "world", "body"):
+        if getattr(mapping, name) is not None and name not in frames_of(key, mapping.frame):
+            raise InvalidInput(
+                f"{key}: {name}: {getattr(mapping, name)} given, which means nothing of it; leave"
+                " it out"
+            )
+    allowed_units = units_of(key, mapping.format)
+    if mapping.unit is not None and mapping.unit not in allowed_units:
+        raise InvalidInput(
+            f"{key}: unit {mapping.unit!r} given; allowed:"
+            f" {', '.join(allowed_units) or 'none, it has no unit'}"
+        )
+    for name in ("offset", "scale"):
+        values = getattr(mapping, name)
+        if isinstance(values, tuple) and len(values) != len(mapping.columns):
+            raise InvalidInput(
+                f"{key}: {len(values)} numbers of {name} given; allowed: one, or one for each column"
+            )
+    _require_width(key, mapping)
+
+
+def _require_width(key: str, mapping: ChannelMapping) -> None:
+    """Check that a channel has as many columns as its kind; an array may have several of them."""
+    if mapping.format == "rpy":
+        width = 3
+    else:
+        width = len(recordings.CHANNEL_KINDS[key].columns)
+    n_columns = len(mapping.columns)
+    if not width or n_columns == width:
+        return
+    if n_columns > width:
+        raise InvalidInput(f"{key}: {n_columns} columns given; allowed: {width}")
+    has_paths = any("." in column or "[" in column for column in mapping.fields)
+    if not has_paths and not mapping.topic:
+        raise InvalidInput(
+            f"{key}: {n_columns} columns given; allowed: {width}; a number may stand for one that is"
+            " not measured, such as 0.0"
+        )
+
+
+def frames_of(key: str, frame: str | None) -> tuple[str, ...]:
+    """Return the keys about axes that have a meaning for a channel in a frame."""
+    if key == "attitude":
+        return "format", "world", "body"
+    usual_frame = recordings.CHANNEL_KINDS[key].frame
+    if usual_frame == "W":
+        return ("world",)
+    if usual_frame == "B":
+        return ("frame", "world") if frame == "W" else ("frame", "body")
+    return ()
+
+
+def units_of(key: str, form: str | None) -> dict[str, float]:
+    """Return the units that a channel may have, an attitude in a form, and their factors."""
+    if key != "attitude" or form == "rpy":
+        bases = _OF_CHANNEL.get(key, (recordings.CHANNEL_KINDS[key].unit,))
+    else:
+        bases = ()
+    factors = dict[str, float]()
+    for base in bases:
+        factors |= UNITS[base]
+    return factors
