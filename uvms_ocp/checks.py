@@ -15,7 +15,8 @@ from typing import Annotated, Any, ParamSpec, TypeVar, dataclass_transform, get_
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.argument_kinds import Kind, kinds_of
+from uvms_ocp.annotation_kinds import kinds_of
+from uvms_ocp.argument_kinds import Kind
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError, short
 from uvms_ocp.types import Range, Shape
 from uvms_ocp.written_functions import parameter_source, written_function

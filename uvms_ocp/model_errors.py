@@ -16,9 +16,9 @@ from pydantic.fields import FieldInfo
 from uvms_ocp.errors import InvalidInput, short
 
 _M = TypeVar("_M", bound=BaseModel)
-# mistakes, characters of a key
-_SHOWN = 3
-_LONGEST = 200
+
+_SHOWN_PROBLEMS = 3  # of a file, in one line
+_LONGEST_KEY = 200  # characters of a key that is shown as it is
 
 
 class FileModel(BaseModel):
@@ -28,17 +28,19 @@ class FileModel(BaseModel):
 
 
 def one_line(error: ValidationError, model: type[BaseModel]) -> str:
-    """The mistakes of a file read as ``model``, the first few in full."""
-    texts = problems_of(error, model)
-    n_hidden = len(texts) - _SHOWN
-    return "; and ".join(texts[:_SHOWN]) + (f"; and {n_hidden} more" if n_hidden > 0 else "")
+    """Describe the mistakes of a file read as ``model``, the first few in full."""
+    problems = problems_of(error, model)
+    texts = problems[:_SHOWN_PROBLEMS]
+    n_hidden = len(problems) - len(texts)
+    if n_hidden:
+        texts.append(f"{n_hidden} more")
+    return "; and ".join(texts)
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """All mistakes of a file read as ``model``, each with its key."""
-    return [
-        f"{printable(key)}: {_problem(problem, model)}" for key, problem in _by_key(error).items()
-    ]
+    """Describe all mistakes of a file read as ``model``, each with its key."""
+    problems = _deepest_problems(error)
+    return [f"{printable(key)}: {_describe(problems[key], model)}" for key in problems]
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:
@@ -58,47 +60,49 @@ def one_line_errors(model: type[_M]) -> type[_M]:
     return model
 
 
-def _by_key(error: ValidationError) -> dict[str, Any]:
-    """One problem per key: of the alternatives that a value does not fit, the one that it got
-    furthest with.
+def _deepest_problems(error: ValidationError) -> dict[str, Any]:
+    """Return one problem per key, without those of keys above: of the alternatives that a value
+    does not fit, the one that it got furthest with.
     """
     problems: dict[str, Any] = {}
     for problem in error.errors(include_url=False):
         key = ".".join(_keys_of(problem)) or "file"
         if key not in problems or len(problem["loc"]) > len(problems[key]["loc"]):
             problems[key] = problem
-    # What is wrong inside a value is told by the deepest key.
-    above = {
-        prefix for key in problems for prefix in accumulate(key.split(".")[:-1], "{}.{}".format)
-    }
-    return {key: problems[key] for key in problems if key not in above}
+    keys_above = set[str]()
+    for key in problems:
+        parents = key.split(".")[:-1]
+        keys_above.update(accumulate(parents, "{}.{}".format))
+    return {key: problems[key] for key in problems if key not in keys_above}
 
 
 def _keys_of(problem: Any) -> list[str]:
     """Return the keys that lead to the problem in the file."""
     location = [str(part) for part in problem["loc"]]
-    # pydantic names the alternative that it tried, in brackets; an unknown key, which comes last,
-    # may have some of its own.
-    last_key = location[-1:] if problem["type"] == "extra_forbidden" else []
-    return [
-        *(part for part in location[: len(location) - len(last_key)] if "[" not in part),
-        *last_key,
-    ]
+    unknown_key = []
+    if problem["type"] == "extra_forbidden":
+        unknown_key = [location.pop()]  # which may have brackets of its own
+    # pydantic names the alternative that it tried, in brackets.
+    keys = [part for part in location if "[" not in part]
+    return keys + unknown_key
 
 
 def printable(key: object) -> str:
-    """A key or a path as messages show it: as it is where it fits in a line."""
-    key = str(key)
-    if key.isprintable() and len(key) <= _LONGEST:
-        return key
-    return short(key)
+    """Return a key or a path as messages show it: as it is where it fits in a line."""
+    text = str(key)
+    if text.isprintable() and len(text) <= _LONGEST_KEY:
+        return text
+    return short(text)
 
 
-def _problem(problem: Any, model: type[BaseModel]) -> str:
+def _describe(problem: Any, model: type[BaseModel]) -> str:
+    """Say what was given at a key, and what is allowed or to be done there."""
     if problem["type"] == "missing":
         *section, key = _keys_of(problem)
         model_field = _fields(section, model).get(key)
-        return f"missing; give {(model_field and model_field.description) or 'it a value'}"
+        if model_field is None or not model_field.description:
+            return "missing; give it a value"
+        return f"missing; give {model_field.description}"
     if problem["type"] == "extra_forbidden":
         return f"unknown key; {_advice(_keys_of(problem), model)}"
     message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "allowed:")
@@ -106,6 +110,7 @@ def _problem(problem: Any, model: type[BaseModel]) -> str:
 
 
 def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
+    """Name the known key that is nearest to an unknown one, or all that its section may have."""
     *section, key = path
     known_keys = sorted(_fields(section, model))
     close = get_close_matches(key, known_keys, n=1)
@@ -115,18 +120,23 @@ def _advice(path: Sequence[str], model: type[BaseModel]) -> str:
 
 
 def _fields(section: Sequence[str], model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Fields that may stand in a section, given by its path in the file."""
+    """Return the fields that may stand in a section, given by its path in the file."""
     models = [model]
     for part in section:
-        fields = [m.model_fields[part] for m in models if part in m.model_fields]
+        fields_there = [outer.model_fields[part] for outer in models if part in outer.model_fields]
         # Any other part is the name or the number of an entry, whose model is known already.
-        if fields:
-            models = [m for field in fields for m in _models(field.annotation)]
-    return {name: field for m in models for name, field in m.model_fields.items()}
+        if fields_there:
+            models = []
+            for model_field in fields_there:
+                models += _models(model_field.annotation)
+    fields: dict[str, FieldInfo] = {}
+    for section_model in models:
+        fields |= section_model.model_fields
+    return fields
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Models that occur in an annotation such as ``dict[str, A | B]``."""
+    """Yield the models that occur in an annotation such as ``dict[str, A | B]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for argument in get_args(annotation):
