@@ -22,7 +22,7 @@ from uvms_ocp.robot.signals import State
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.tasks.joints import JointTracking
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.types import Array
 
 N_STEPS = 24

@@ -16,8 +16,10 @@ from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.path_cost import CostWeights, PathCost
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.trajectories.curve_conditions import CurveSpecification
 from uvms_ocp.trajectories.free_derivatives import pieces_of
-from uvms_ocp.trajectories.min_snap import CurveSpecification, MotionLimits, min_snap
+from uvms_ocp.trajectories.min_snap import min_snap
+from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.types import Array
 
 Distances = CoalDistances | ClosedFormDistances

@@ -17,7 +17,7 @@ from curves.scenes import Problem, problem
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.soft_collision import CollisionPlan, plan_soft_collision
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 COAL = "coal"
 CLOSED_FORMS = "closed forms"

@@ -13,7 +13,8 @@ from recording.report import Row
 from recording.timing import Timed, timed
 
 from curves.figure import figure
-from uvms_ocp.trajectories.min_snap import MinSnap, min_snap, min_snap_qp
+from uvms_ocp.trajectories.coefficient_qp import min_snap_qp
+from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.types import Array
 
 OURS = "banded"

@@ -8,7 +8,7 @@ import numpy as np
 from uvms_ocp.planning.planned_axes import Coordinates
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 N = 13
 SPHERE = obstacle("ball", coal.Sphere(0.3), [1.6, 0.1, -0.3])

@@ -20,7 +20,7 @@ from uvms_ocp.planning.path_cost import (
 )
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.trajectories.free_derivatives import pieces_of
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 
 def test_the_penalty_is_twice_differentiable_and_convex() -> None:

@@ -29,7 +29,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.segment_times import MotionLimits
 
 
 @pytest.fixture(scope="module")

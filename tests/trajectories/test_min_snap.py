@@ -9,15 +9,10 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.trajectories import min_snap
+from uvms_ocp.trajectories.coefficient_qp import Bound, min_snap_qp
+from uvms_ocp.trajectories.curve_conditions import Boundary, Constraint, CurveSpecification
 from uvms_ocp.trajectories.free_derivatives import end_data, piece_costs, pieces_of
-from uvms_ocp.trajectories.min_snap import (
-    Bound,
-    Boundary,
-    Constraint,
-    CurveSpecification,
-    MinSnap,
-    min_snap_qp,
-)
+from uvms_ocp.trajectories.min_snap import MinSnap
 
 RNG = np.random.default_rng
 

@@ -5,9 +5,8 @@ import pytest
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.trajectories import min_snap
-from uvms_ocp.trajectories.min_snap import (
-    MINIMUM_SNAP,
-    CurveSpecification,
+from uvms_ocp.trajectories.curve_conditions import MINIMUM_SNAP, CurveSpecification
+from uvms_ocp.trajectories.segment_times import (
     MotionLimits,
     optimal_times,
     scale_to_limits,

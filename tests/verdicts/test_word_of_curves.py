@@ -20,16 +20,11 @@ from uvms_ocp.planning.soft_collision import PlanStatus
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle, obstacle
 from uvms_ocp.trajectories import free_derivatives
+from uvms_ocp.trajectories.coefficient_qp import Bound, _Qp, min_snap_qp
 from uvms_ocp.trajectories.curve_judge import excess_over_limits
-from uvms_ocp.trajectories.min_snap import (
-    Bound,
-    MinSnap,
-    _Qp,
-    min_snap,
-    min_snap_qp,
-    optimal_times,
-)
+from uvms_ocp.trajectories.min_snap import MinSnap, min_snap
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
+from uvms_ocp.trajectories.segment_times import optimal_times
 
 RNG = np.random.default_rng(0)
 WAYPOINTS = RNG.normal(size=(6, 2))

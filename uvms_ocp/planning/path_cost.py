@@ -14,8 +14,9 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.planning.block_tridiagonal import BlockTridiagonal
 from uvms_ocp.planning.distances import NearPairs
 from uvms_ocp.planning.scene import CollisionScene
-from uvms_ocp.trajectories.free_derivatives import Pieces, basis, hermite_cost, onto_nodes
-from uvms_ocp.trajectories.min_snap import MotionLimits
+from uvms_ocp.trajectories.free_derivatives import Pieces, onto_nodes
+from uvms_ocp.trajectories.hermite_pieces import basis, hermite_cost
+from uvms_ocp.trajectories.segment_times import MotionLimits
 from uvms_ocp.types import Array, AtLeastOne, Indices, Positive, Range
 
 

@@ -1,15 +1,11 @@
 """Minimum-derivative trajectories in the free derivatives of their nodes, in time linear in the
 pieces.
 
-A piece of degree 2k - 1 is fixed by its value and first k - 1 derivatives at both ends, the *end
-data* ``z = [p(0), p'(0), ..., p(1), p'(1), ...]`` (2k,). Derivatives are per unit-interval time, so
-an end derivative of order d in real time is multiplied by duration^d. All matrices are.
-
 Unknowns are the derivatives 0 .. k-1 of the curve at its nodes that nobody has fixed ([Gao2022] eq.
-(78)). The cost is a sum over pieces of quadratic forms of their end data, so its matrix is block
-tridiagonal: a banded Cholesky factor, shared by all axes. Internally time is divided by the
-geometric mean of the durations and derivatives are scaled per node, so that conditioning does not
-depend on the unit of time.
+(78)). The cost is a sum over pieces of quadratic forms of their end data, see
+`uvms_ocp.trajectories.hermite_pieces`, so its matrix is block tridiagonal: a banded Cholesky factor,
+shared by all axes. Internally time is divided by the geometric mean of the durations and derivatives
+are scaled per node, so that conditioning does not depend on the unit of time.
 
 `[axis]` is the unit of an axis, such as m or rad; derivatives of order d are [axis/s^d].
 """
@@ -17,93 +13,12 @@ depend on the unit of time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
-from functools import lru_cache
-from math import factorial
 
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.types import Array, Indices, Mask, read_only
-
-# Hermite pieces on the unit interval: exact matrices of the piece and of its cost.
-
-_Rational = np.ndarray
-"""(n, n) of fractions."""
-
-
-@lru_cache
-def hermite_matrix(k: int) -> Array:
-    """(2k, 2k): end data -> coefficients in ascending powers; exact before rounding."""
-    return _rounded(_inverse(_end_data_matrix(k)))
-
-
-@lru_cache
-def hermite_cost(k: int) -> Array:
-    """(2k, 2k), positive semi-definite: end data -> integral of the squared k-th derivative,
-    [Gao2022] eq. (61).
-    """
-    to_coefficients = _inverse(_end_data_matrix(k))
-    return _rounded(to_coefficients.T @ _monomial_cost(k) @ to_coefficients)
-
-
-@lru_cache
-def monomial_cost(k: int) -> Array:
-    """(2k, 2k): the same cost in the coefficients of the piece."""
-    return _rounded(_monomial_cost(k))
-
-
-def monomial_row(u: float, derivative: int, n_coefficients: int) -> Array:
-    """(n_coefficients,) the derivative-th derivative of ``1, u, u^2, ...`` at u."""
-    return np.array(
-        [_falling(i, derivative) * u ** max(i - derivative, 0) for i in range(n_coefficients)]
-    )
-
-
-def basis(u: Array, derivative: int, k: int) -> Array:
-    """(n, 2k) derivative-th derivative at unit times u (n,) as a linear map of the end data."""
-    return np.array([monomial_row(float(x), derivative, 2 * k) for x in u]) @ hermite_matrix(k)
-
-
-def _falling(i: int, d: int) -> int:
-    if i >= d:
-        return factorial(i) // factorial(i - d)
-    return 0
-
-
-def _end_data_matrix(k: int) -> _Rational:
-    rows_at_0 = []
-    rows_at_1 = []
-    for d in range(k):
-        rows_at_0.append([Fraction(factorial(d) if i == d else 0) for i in range(2 * k)])
-        rows_at_1.append([Fraction(_falling(i, d)) for i in range(2 * k)])
-    return np.array(rows_at_0 + rows_at_1)
-
-
-def _monomial_cost(k: int) -> _Rational:
-    n = 2 * k
-    rows = []
-    for i in range(n):
-        factors = [_falling(i, k) * _falling(j, k) for j in range(n)]
-        rows.append([Fraction(factors[j], max(i + j - n + 1, 1)) for j in range(n)])
-    return np.array(rows)
-
-
-def _inverse(matrix: _Rational) -> _Rational:
-    """Gauss-Jordan with exact fractions."""
-    n = len(matrix)
-    rows = np.hstack([matrix, np.eye(n, dtype=int)])
-    for column in range(n):
-        pivot = column + np.flatnonzero(rows[column:, column])[0]
-        rows[[column, pivot]] = rows[[pivot, column]]
-        rows[column] /= rows[column, column]
-        others = np.arange(n) != column
-        rows[others] -= np.outer(rows[others, column], rows[column])
-    return rows[:, n:]
-
-
-def _rounded(matrix: _Rational) -> Array:
-    return read_only(matrix, np.float64)
+from uvms_ocp.trajectories.hermite_pieces import hermite_cost, hermite_matrix
+from uvms_ocp.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -125,20 +40,21 @@ class Pieces:
 
 
 def pieces_of(durations: Array, k: int) -> Pieces:
-    """Pieces of the given durations (n,) [s]."""
+    """Return the pieces of the given durations (n,) [s], for derivative k."""
     unit = float(np.exp(np.mean(np.log(durations))))
     tau = durations / unit
-    node = np.empty(tau.size + 1)
-    node[0] = tau[0]
-    node[-1] = tau[-1]
-    np.sqrt(tau[1:] * tau[:-1], out=node[1:-1])
-    scale = np.concatenate([_powers(tau / node[:-1], k), _powers(tau / node[1:], k)])[..., None]
+    node_times = np.empty(tau.size + 1)
+    node_times[0] = tau[0]
+    node_times[-1] = tau[-1]
+    np.sqrt(tau[1:] * tau[:-1], out=node_times[1:-1])
+    start_scale = _powers(tau / node_times[:-1], k)
+    end_scale = _powers(tau / node_times[1:], k)
     return Pieces(
         k=k,
         unit=unit,
         durations=tau,
-        node_times=node,
-        scale=scale,
+        node_times=node_times,
+        scale=np.concatenate([start_scale, end_scale])[..., None],
         weight=tau[:, None] ** (1 - 2 * k),
     )
 
@@ -155,16 +71,16 @@ def solve_free(pieces: Pieces, values: Array, fixed: Mask) -> Array:
         return values
     node_scale = _powers(pieces.node_times * pieces.unit, pieces.k)[..., None]
     scaled = values * node_scale
-    factor = _factorised(_band(pieces, free_rows, ~fixed[free_rows]), 2 * free_rows.size - 1)
-    scaled[free_rows] -= _back_substituted(
-        factor, _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
-    )
+    band = _band(pieces, free_rows, ~fixed[free_rows])
+    factor = _factorised(band, 2 * free_rows.size - 1)
+    slope = _gradient(pieces, scaled)[free_rows] * ~fixed[free_rows, :, None]
+    scaled[free_rows] -= _back_substituted(factor, slope)
     return np.where(fixed[..., None], values, scaled / node_scale)
 
 
 def end_data(pieces: Pieces, values: Array) -> Array:
-    """(2k, n, n_axes) [axis] end data of every piece from node derivatives: values (k, n + 1,
-    n_axes) [axis/s^d].
+    """Compute the end data (2k, n, n_axes) [axis] of every piece from node derivatives: values (k, n
+    + 1, n_axes) [axis/s^d].
 
     Positions are relative to the start of the piece: the cost does not see where it is, rounding
     does.
@@ -174,31 +90,31 @@ def end_data(pieces: Pieces, values: Array) -> Array:
 
 
 def coefficients(pieces: Pieces, data: Array, values: Array) -> Array:
-    """(2k, n, n_axes) [axis] unit-interval coefficients of every piece, read-only.
+    """Compute the unit-interval coefficients (2k, n, n_axes) [axis] of every piece, read-only.
 
-    data (2k, n, n_axes) [axis]: as of `end_data`; values (k, n + 1, n_axes) [axis/s^d]: of the
-    nodes.
+    data (2k, n, n_axes) [axis]: from `end_data`; values (k, n + 1, n_axes) [axis/s^d]: derivatives
+    at the nodes.
     """
     result = np.empty(data.shape)
-    np.matmul(
-        hermite_matrix(pieces.k), data.reshape(len(data), -1), out=result.reshape(len(data), -1)
-    )
+    flat_data = data.reshape(len(data), -1)
+    np.matmul(hermite_matrix(pieces.k), flat_data, out=result.reshape(len(data), -1))
     result[0] += values[0, :-1]
     result.flags.writeable = False
     return result
 
 
 def piece_costs(pieces: Pieces, data: Array) -> Array:
-    """(n, n_axes) [axis^2/s^(2k - 1)] integral of the squared k-th derivative over each piece.
+    """Compute the integral (n, n_axes) [axis^2/s^(2k - 1)] of the squared k-th derivative over each
+    piece.
 
-    data (2k, n, n_axes) [axis]: as of `end_data`.
+    data (2k, n, n_axes) [axis]: from `end_data`.
     """
     unit_cost = np.einsum("ijk,ijk->jk", data, _times(hermite_cost(pieces.k), data))
     return unit_cost * (pieces.durations * pieces.unit)[:, None] ** (1 - 2 * pieces.k)
 
 
 def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
-    """Partial derivatives of the cost: by duration (n,) [axis^2/s^2k], and by node derivative (k, n
+    """Compute partial derivatives of the cost: by duration (n,) [axis^2/s^2k], and by node derivative (k, n
     + 1, n_axes) [axis/s^(2k - 1 - d)], at node derivatives: values (k, n + 1, n_axes) [axis/s^d].
 
     At the optimum the slope by every free derivative is zero, so these are also the total
@@ -211,12 +127,13 @@ def cost_slopes(pieces: Pieces, values: Array) -> tuple[Array, Array]:
     slope = 2.0 * h ** (1 - 2 * k) * _times(hermite_cost(k), data)
     order = np.tile(np.arange(k), 2)[:, None, None]
     by_duration = np.sum((order * data - (k - 0.5) * data) * slope, axis=(0, 2)) / h[:, 0]
-    return by_duration, onto_nodes(slope * np.tile(_powers(h[:, 0], k), (2, 1))[..., None], k)
+    powers = np.tile(_powers(h[:, 0], k), (2, 1))[..., None]
+    return by_duration, onto_nodes(slope * powers, k)
 
 
 def cost_curvature(pieces: Pieces) -> Array:
-    """(k, n + 1, 1) [1/s^(2k - 1 - 2d)] second derivative of the cost by each node derivative of
-    one axis alone.
+    """Compute the second derivative (k, n + 1, 1) [1/s^(2k - 1 - 2d)] of the cost by each node
+    derivative of one axis alone.
     """
     k = pieces.k
     h = pieces.durations * pieces.unit
@@ -246,7 +163,9 @@ def _relative(values: Array, start_scale: Array, end_scale: Array) -> Array:
 
 
 def _times(matrix: Array, data: Array) -> Array:
-    return (matrix @ data.reshape(data.shape[0], -1)).reshape(-1, *data.shape[1:])
+    """Multiply a matrix (m, 2k) with the end data (2k, n, n_axes) of all pieces: (m, n, n_axes)."""
+    flat_data = data.reshape(data.shape[0], -1)
+    return (matrix @ flat_data).reshape(-1, *data.shape[1:])
 
 
 def onto_nodes(by_end: Array, k: int) -> Array:
@@ -259,13 +178,12 @@ def onto_nodes(by_end: Array, k: int) -> Array:
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
     """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
-    slope = _times(
-        hermite_cost(pieces.k),
-        _relative(scaled, pieces.scale[: pieces.k], pieces.scale[pieces.k :]),
-    )
+    k = pieces.k
+    data = _relative(scaled, pieces.scale[:k], pieces.scale[k:])
+    slope = _times(hermite_cost(k), data)
     slope *= pieces.scale
     slope *= pieces.weight
-    return onto_nodes(slope, pieces.k)
+    return onto_nodes(slope, k)
 
 
 def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
@@ -293,9 +211,13 @@ def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
 
 
 def _factorised(band: Array, width: int) -> Array:
-    stacked = band.reshape(-1, width + 1).T
+    """Cholesky factor of a matrix by its lower band, of this width below the diagonal.
+
+    Raises `InvalidInput` where it is singular: the curve is not determined.
+    """
     from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
 
+    stacked = band.reshape(-1, width + 1).T
     factor, info = lapack.dpbtrf(stacked, lower=1, overwrite_ab=1)
     if info:
         node = (info - 1) // band.shape[1]
@@ -307,9 +229,10 @@ def _factorised(band: Array, width: int) -> Array:
 
 
 def _back_substituted(factor: Array, slope: Array) -> Array:
-    b, n_nodes, n_axes = slope.shape
-    stacked = np.asfortranarray(slope.transpose(1, 0, 2).reshape(-1, n_axes))
+    """Solve for a right side (b, n + 1, n_axes), of b free derivatives at each node."""
     from scipy.linalg import lapack
 
+    b, n_nodes, n_axes = slope.shape
+    stacked = np.asfortranarray(slope.transpose(1, 0, 2).reshape(-1, n_axes))
     solution, _ = lapack.dpbtrs(factor, stacked, lower=1, overwrite_b=1)
     return solution.reshape(n_nodes, b, n_axes).transpose(1, 0, 2)
