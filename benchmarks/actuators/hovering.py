@@ -24,13 +24,13 @@ from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.estimation.degraded_modes import FREE
 from uvms_ocp.estimation.estimator import Estimator, PassThrough
 from uvms_ocp.estimation.fallbacks import Watchdog
-from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import cached_dynamics, robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS, Command, State, StateEstimate, robot_sensors
+from uvms_ocp.robot.static_balance import with_trim
 from uvms_ocp.robot.thrusters import thrust_limits
 from uvms_ocp.sim.currents import GustyCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant

@@ -18,9 +18,9 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp import OcpRequest, solve_ocp
 from uvms_ocp.planning import CoalDistances, PostureGoal, collision_scene, coordinates
 from uvms_ocp.planning.request import PlanRequest, plan_path
-from uvms_ocp.robot.assembly import static_residual
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.static_balance import static_residual
 
 BODY = (
     "<inertial>{at}<mass value='{m}'/><inertia ixx='{i}' ixy='0' ixz='0' iyy='{i}' iyz='0'"

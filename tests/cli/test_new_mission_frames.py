@@ -10,10 +10,10 @@ from yaml import safe_dump, safe_load
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.report import summarize
-from uvms_ocp.robot.assembly import static_residual, with_trim, without_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.loading import load_robot, robot_folder
+from uvms_ocp.robot.static_balance import static_residual, with_trim, without_trim
 from uvms_ocp.scenario.own_code import own_code
 from uvms_ocp.scenario.preflight.robot_check import check_robot
 

@@ -24,14 +24,8 @@ from uvms_ocp.record.meta_values import RobotFilesMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.planned_motion import motion_record
 from uvms_ocp.robot import loading
-from uvms_ocp.robot.loading import (
-    list_variants,
-    load_robot,
-    recorded_robot,
-    robot_called,
-    robot_folder,
-    robot_meta,
-)
+from uvms_ocp.robot.loading import list_variants, load_robot, robot_called, robot_folder
+from uvms_ocp.robot.recorded_robots import recorded_robot, robot_meta
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import State
 from uvms_ocp.scenario.own_code import load_scenario

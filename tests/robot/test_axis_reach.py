@@ -11,8 +11,8 @@ import pytest
 from kinematic_trees import MODELS, built_model, random_configuration
 
 from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.joining import robot_of
 from uvms_ocp.robot.kinematics import largest_change, point_reach
-from uvms_ocp.robot.loading import robot_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import obstacle

@@ -9,17 +9,13 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.robot.assembly import (
-    cylinders_around_links,
-    mount,
-    trimmed,
-    without_arm,
-    without_trim,
-)
+from uvms_ocp.robot.assembly import mount, without_arm
 from uvms_ocp.robot.description import LinkDescription, Sphere
 from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.link_boxes import cylinders_around_links
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import trimmed, without_trim
 from uvms_ocp.robot.thrusters import thruster_matrix
 
 ARMS = {

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.robot.assembly import up_at_rest, without_trim
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import up_at_rest, without_trim
 from uvms_ocp.robot.thrusters import unactuated_axes
 
 

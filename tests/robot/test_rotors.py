@@ -9,12 +9,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.robot.assembly import mount, with_trim, without_arm, without_trim
+from uvms_ocp.robot.assembly import mount, without_arm
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import example_robot_data, load_robot
 from uvms_ocp.robot.proposal import propose
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import with_trim, without_trim
 
 ROTOR = 0.25  # [kg m2]
 

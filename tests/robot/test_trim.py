@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.robot.assembly import static_residual, trimmed, with_trim, without_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import static_residual, trimmed, with_trim, without_trim
 
 FLOATING = [name for name in list_robots() if load_robot(name).n_vehicle]
 

@@ -9,14 +9,10 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from uvms_ocp.robot.assembly import without_arm, without_trim
-from uvms_ocp.robot.loading import (
-    link_masses,
-    links_without_water,
-    list_robots,
-    load_robot,
-    robot_folder,
-)
+from uvms_ocp.robot.assembly import without_arm
+from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
+from uvms_ocp.robot.static_balance import without_trim
+from uvms_ocp.robot.unknowns import link_masses, links_without_water
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot, check_robot_files
 

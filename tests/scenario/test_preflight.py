@@ -17,11 +17,11 @@ from scipy.optimize import minimize
 from uvms_ocp.mission.mission import Mission
 from uvms_ocp.mission.phase import Below, Phase, Transition
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.signals import SensorSpecs
+from uvms_ocp.robot.static_balance import with_trim
 from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options

@@ -10,9 +10,10 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.assembly import with_trim, without_arm, without_trim
+from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import example_robot_data, list_robots, load_robot, robot_folder
+from uvms_ocp.robot.static_balance import with_trim, without_trim
 from uvms_ocp.scenario.preflight.robot_check import (
     RobotFinding,
     RobotReport,

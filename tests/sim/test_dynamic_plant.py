@@ -11,7 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.assembly import with_trim, without_arm
+from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
@@ -19,6 +19,7 @@ from uvms_ocp.robot.loading import list_robots, load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Command
 from uvms_ocp.robot.spatial import quaternion_to_matrix
+from uvms_ocp.robot.static_balance import with_trim
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.sim.currents import Current, GustyCurrent, ShearedCurrent, UniformCurrent
 from uvms_ocp.sim.dynamic_plant import DynamicPlant

@@ -19,8 +19,8 @@ from uvms_ocp.planning.planned_axes import coordinates
 from uvms_ocp.planning.request import PostureGoal
 from uvms_ocp.planning.scene import collision_scene
 from uvms_ocp.record.run_meta import joint_errors, joint_positions
-from uvms_ocp.robot.assembly import up_at_rest
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import up_at_rest
 from uvms_ocp.tasks.joints import JointTracking, Manipulability
 from uvms_ocp.tasks.task import Task
 

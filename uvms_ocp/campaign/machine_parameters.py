@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from uvms_ocp.campaign.distributions import Parameter
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import assembly
+from uvms_ocp.robot import static_balance
 from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
 from uvms_ocp.robot.description import LinkDescription, Thruster, TrimBody, checked_copy
 from uvms_ocp.robot.robot import Robot
@@ -100,7 +100,7 @@ def _carrying(carrier: str, payload: str, quantity: str, robot: Robot, value: fl
     if not value >= 0.0:
         raise InvalidInput(f"{payload}.{quantity} = {value:g}; give 0 or more")
     body = {"mass": 0.0, "volume": 0.0} | {quantity: value}
-    return assembly.with_trim(
+    return static_balance.with_trim(
         robot,
         [TrimBody(name=f"{payload} {quantity}", link=carrier, position=(0.0, 0.0, 0.0), **body)],
     )

@@ -33,7 +33,7 @@ from uvms_ocp.ocp.terms import (
 from uvms_ocp.planning.conservative_advancement import ClearanceReport
 from uvms_ocp.planning.planned_axes import coordinates
 from uvms_ocp.planning.scene import CollisionScene, collision_scene
-from uvms_ocp.robot.assembly import box_corners
+from uvms_ocp.robot.link_boxes import box_corners
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.hull import skid_points
 from uvms_ocp.scenario.scenario import Scenario

@@ -24,7 +24,7 @@ from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.meta_values import AxisLimitsMeta, PhaseMeta, SurroundingsMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages
-from uvms_ocp.robot import Robot, list_robots, load_robot, loading
+from uvms_ocp.robot import Robot, list_robots, load_robot, recorded_robots
 from uvms_ocp.robot.thrusters import joint_power, power_law
 from uvms_ocp.solvers.nlp.lexicographic_nlp import LexicographicResult
 from uvms_ocp.types import Array
@@ -162,7 +162,7 @@ def plan_record(
         limits = AxisLimitsMeta(x_rate=tuple(planned.rate_limits(x)[0].tolist()))
     meta = PlanMeta(
         scenario=title,
-        **loading.robot_meta(robot),
+        **recorded_robots.robot_meta(robot),
         phases=(PhaseMeta(name="plan"),),
         surroundings=surroundings,
         packages=packages(),

@@ -31,7 +31,7 @@ from uvms_ocp.record.meta_values import (
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.record.series_checks import PLANNED
-from uvms_ocp.robot import kinematics, loading, thrusters
+from uvms_ocp.robot import kinematics, recorded_robots, thrusters
 from uvms_ocp.robot.shapes import collision_model, obstacles
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
@@ -177,7 +177,7 @@ def plan_meta(
     X_WF = motion.goal_pose()
     return PlanMeta(
         scenario=scenario,
-        **loading.robot_meta(request.robot),
+        **recorded_robots.robot_meta(request.robot),
         phases=(PhaseMeta(name="plan"),),
         quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(

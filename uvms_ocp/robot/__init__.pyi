@@ -1,4 +1,4 @@
-from .assembly import mount as mount, trimmed as trimmed, without_arm as without_arm
+from .assembly import mount as mount, without_arm as without_arm
 from .dynamics import robot_dynamics as robot_dynamics
 from .hydrodynamics import Water as Water
 from .kinematics import Kinematics as Kinematics
@@ -21,5 +21,6 @@ from .signals import (
     StateEstimate as StateEstimate,
     robot_sensors as robot_sensors,
 )
+from .static_balance import trimmed as trimmed
 from .symbolic_model import SymbolicModel as SymbolicModel
 from .thrusters import thruster_matrix as thruster_matrix

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.robot.description import RobotDescription
-from uvms_ocp.robot.loading import assemble
+from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
 from uvms_ocp.robot.proposal_text import proposal_lines
 from uvms_ocp.robot.proposed_water import hull_of, links_by_shape, trimmed

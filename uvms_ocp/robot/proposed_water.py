@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot import assembly, hydrodynamics
+from uvms_ocp.robot import hydrodynamics, link_boxes, static_balance
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
-from uvms_ocp.robot.loading import link_masses
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.unknowns import link_masses
 from uvms_ocp.robot.urdf import UrdfModels
 
 WATER_DENSITY = 1025.0
@@ -75,16 +75,16 @@ def _by_shape(
     """
     model = models.model
     joint = _carrier(model, name) if is_hull else None
-    corners = assembly.box_around(model, models.collision, name, joint=joint)
+    corners = link_boxes.box_around(model, models.collision, name, joint=joint)
     if np.isnan(corners).any():
-        corners = assembly.box_around(model, models.visual, name, joint=joint)
+        corners = link_boxes.box_around(model, models.visual, name, joint=joint)
     source = f"{'box' if is_hull else 'cylinder'} around its shapes"
     if np.isnan(corners).any() or _is_too_large(np.ptp(corners, axis=0), mass):
         corners = _box_by_inertia(model, name, mass)
         source = "box with its mass and inertia, as it has no fitting shapes"
     size = np.ptp(corners, axis=0)
     centre = corners.mean(axis=0)
-    cylinder = None if is_hull else assembly.cylinder_in(corners)
+    cylinder = None if is_hull else link_boxes.cylinder_in(corners)
     if cylinder is None:
         box = Box(
             size=tuple(np.maximum(size, _MIN_SIDE).tolist()),
@@ -162,7 +162,7 @@ def trimmed(robot: Robot, links: dict[str, Any], hull: str) -> dict[str, Any]:
     trimmed_links = {**links, hull: {"coefficients": coefficients}}
     bare = checked_copy(robot.description, links=trimmed_links)
     bare_robot = replace(robot, description=bare, hydrodynamics=links_in_water(bare))
-    arms, lift = assembly.lifts(bare_robot, robot.configuration())
+    arms, lift = static_balance.lifts(bare_robot, robot.configuration())
     total = -float(lift.sum())  # [N]
     if total <= 0.0:
         return links

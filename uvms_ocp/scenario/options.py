@@ -22,9 +22,9 @@ from uvms_ocp.robot import (
     Obstacle,
     Robot,
     SensorSpecs,
-    assembly,
     load_robot,
     robot_sensors,
+    static_balance,
     thrusters,
 )
 from uvms_ocp.robot.description import TrimBody
@@ -141,7 +141,7 @@ class RunOptions:
         flown_robot = plant_robot or self.robot
         floor = seafloor or FlatSeafloor(z=self.seabed)
         if self.payload is not None:
-            flown_robot = assembly.with_trim(flown_robot, [self.payload])
+            flown_robot = static_balance.with_trim(flown_robot, [self.payload])
         return Scenario(
             **{option: getattr(self, option) for option in _OF_SCENARIO},
             name=name,

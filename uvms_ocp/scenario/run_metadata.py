@@ -19,7 +19,7 @@ from uvms_ocp.estimation.health.monitor import HealthMonitor
 from uvms_ocp.mission import Condition, Mission, MissionState
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.run_meta import RunMeta, packages
-from uvms_ocp.robot import IDEAL_SENSORS, Robot, loading, roles
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, recorded_robots, roles
 from uvms_ocp.robot.shapes.obstacles import describe_obstacles
 from uvms_ocp.scenario.preflight.checks import quantity_stds
 from uvms_ocp.scenario.preflight.setup import Setup
@@ -82,7 +82,9 @@ def meta_without_mission(robot: Robot, name: str, phase: str, **fields: Any) -> 
     phases = (meta_values.PhaseMeta(name=phase),)
     floating = bool(robot.n_vehicle)
     shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating}
-    return RunMeta(scenario=name, **loading.robot_meta(robot), phases=phases, **shared, **fields)
+    return RunMeta(
+        scenario=name, **recorded_robots.robot_meta(robot), phases=phases, **shared, **fields
+    )
 
 
 def run_meta(
@@ -131,7 +133,7 @@ def run_meta(
     energy = getattr(controller.guide, "energy", None)
     return RunMeta(
         scenario=name,
-        **loading.robot_meta(robot),
+        **recorded_robots.robot_meta(robot),
         thrusters=robot.thruster_names,
         phases=tuple(
             meta_values.PhaseMeta(name=phase.name, title=phase.title, tasks=phase.on)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import assembly, description
+from uvms_ocp.robot import description, static_balance
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.sim.faults import Fault
 
@@ -54,7 +54,7 @@ def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
             "position": (0.0, 0.0, 0.0),
         }
         bodies.append(description.TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
-    return assembly.with_trim(robot, bodies)
+    return static_balance.with_trim(robot, bodies)
 
 
 def joined_velocity(

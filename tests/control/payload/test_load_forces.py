@@ -12,12 +12,12 @@ import pytest
 from uvms_ocp.control.force.observer import ObserverLaw, ObserverState
 from uvms_ocp.control.load_filter import LOAD_FRAME
 from uvms_ocp.control.payload import COLUMNS, current_force, load_force, response_function
-from uvms_ocp.robot.assembly import with_trim
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import with_trim
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 DT = 1 / 200

@@ -17,7 +17,7 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import kinematics, loading
+from uvms_ocp.robot import kinematics, unknowns
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
@@ -45,7 +45,7 @@ def links_without_shape(robot: Robot) -> tuple[str, ...]:
     }
     return tuple(
         name
-        for name, mass in loading.link_masses(robot.model).items()
+        for name, mass in unknowns.link_masses(robot.model).items()
         if mass > 0.0 and name not in shaped
     )
 

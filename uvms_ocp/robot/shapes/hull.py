@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot import assembly, symbolic_model
+from uvms_ocp.robot import link_boxes, symbolic_model
 from uvms_ocp.robot.robot import Robot
 
 
@@ -46,7 +46,7 @@ def _hull(robot: Robot) -> list[pin.GeometryObject]:
 def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
     return np.asarray(
-        assembly.box_corners(shape.geometry) @ shape.placement.rotation.T
+        link_boxes.box_corners(shape.geometry) @ shape.placement.rotation.T
         + shape.placement.translation
     )
 

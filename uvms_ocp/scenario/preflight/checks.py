@@ -14,7 +14,7 @@ from uvms_ocp.control.velocity import goals, levels, swing
 from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Above, Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
-from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, assembly, loading, spatial
+from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, unknowns
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.scenario.preflight import forces, reachability
 from uvms_ocp.scenario.preflight.altitude import (
@@ -222,8 +222,8 @@ def _check_wherever(setup: Setup) -> Iterator[Finding]:
 def check_unspecified(setup: Setup) -> Iterator[Finding]:
     """Find numbers that the robot's files leave open and the plant takes for 0."""
     if setup.with_forces:
-        for subject, text in loading.unknowns(
-            assembly.without_trim(setup.robot).model, setup.robot.description
+        for subject, text in unknowns.unknowns(
+            static_balance.without_trim(setup.robot).model, setup.robot.description
         ):
             yield Severity.WARNING.finding(subject, text)
 
@@ -291,7 +291,7 @@ def _shortest_stay(phase: Phase) -> float:
 def check_inertia(setup: Setup) -> Iterator[Finding]:
     """Find joints that have nothing to move, whose acceleration under a force is not defined."""
     if setup.with_forces and "plant" not in setup.own_parts:
-        for joint in loading.joints_without_inertia(
+        for joint in unknowns.joints_without_inertia(
             setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)
         ):
             text = (

@@ -15,8 +15,8 @@ from uvms_ocp.control.force.allocation import Allocation, allocation_of
 from uvms_ocp.control.force.velocity_law import CONTROLLER_DEAD_TIME, dead_times, largest_dead_time
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
-from uvms_ocp.robot.assembly import rotation_at_rest, static_residual
 from uvms_ocp.robot.dynamics import Dynamics, cached_dynamics, robot_dynamics
+from uvms_ocp.robot.static_balance import rotation_at_rest, static_residual
 from uvms_ocp.robot.thrusters import (
     AXES,
     driven_turns,

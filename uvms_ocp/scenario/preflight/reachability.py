@@ -14,9 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.control.velocity.swing import swinging_axes
-from uvms_ocp.robot.assembly import rotation_at_rest
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.static_balance import rotation_at_rest
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose

@@ -19,9 +19,18 @@ import yaml
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot import Robot, assembly, description, roles, thruster_matrix, thrusters
-from uvms_ocp.robot.loading import joints_without_inertia, load_robot, unknowns
+from uvms_ocp.robot import (
+    Robot,
+    description,
+    link_boxes,
+    roles,
+    static_balance,
+    thruster_matrix,
+    thrusters,
+)
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -128,7 +137,7 @@ def check_robot(robot: Robot) -> RobotReport:
         *_water(robot),
         *(
             _warning(*gap)
-            for gap in unknowns(assembly.without_trim(robot).model, robot.description)
+            for gap in unknowns(static_balance.without_trim(robot).model, robot.description)
         ),
     )
     return RobotReport(name=robot.name, findings=findings)
@@ -255,7 +264,7 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
 
 
 def _trim(robot: Robot) -> RobotFinding:
-    force, moment = assembly.static_residual(robot, robot.configuration())
+    force, moment = static_balance.static_residual(robot, robot.configuration())
     text = f"{force:+.3g} N upwards and {np.linalg.norm(moment):.3g} N m with the arm stowed"
     density = f"in water of {robot.description.water_density:g} kg/m3"
     if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
@@ -311,7 +320,7 @@ def trim_bodies(
         candidates = chain([name], (f"{name}_{k}" for k in count(1)))
         name = next(candidate for candidate in candidates if candidate not in used_names)
         x, y = place + 0.0  # no zero with a sign
-        return assembly.trim_body(name, float(x), float(y), lift, robot), lift
+        return static_balance.trim_body(name, float(x), float(y), lift, robot), lift
 
     if abs(lift) >= FORCE_TOLERANCE:
         place = lever / lift
@@ -338,7 +347,7 @@ def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     for shape in model.geometryObjects:
         if shape.parentJoint == 1:
             points += [
-                shape.placement.act(corner) for corner in assembly.box_corners(shape.geometry)
+                shape.placement.act(corner) for corner in link_boxes.box_corners(shape.geometry)
             ]
     points += [np.array(thruster.position) for thruster in robot.description.thrusters]
     return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]

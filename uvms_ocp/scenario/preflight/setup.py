@@ -19,7 +19,7 @@ from uvms_ocp.control.force.dynamic import VelocityGains
 from uvms_ocp.mission import Below, Mission, Phase
 from uvms_ocp.record.display import WIDTH, SmallTable, TableDisplay
 from uvms_ocp.record.meta_values import DONE
-from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs, assembly, thrusters
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, SensorSpecs, static_balance, thrusters
 from uvms_ocp.robot.robot import require_normalized
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.tasks import Alignment, LandingAltitude, NullVelocity, Task, VehiclePose, goals
@@ -179,7 +179,7 @@ class Setup:
         """
         place: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
         return float(
-            assembly.rotation_at_rest(self.robot, self.start)[2] @ place
+            static_balance.rotation_at_rest(self.robot, self.start)[2] @ place
             if self.with_forces
             else place[2]
         )

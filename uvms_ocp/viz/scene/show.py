@@ -13,7 +13,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot import Robot, list_robots, load_robot, loading
+from uvms_ocp.robot import Robot, list_robots, load_robot, recorded_robots
 from uvms_ocp.viz.scene import animation, shapes
 from uvms_ocp.viz.scene.animation import (
     NO_GHOSTS,
@@ -248,7 +248,7 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     if files is None:
         robot = None
     else:
-        robot = loading.recorded_robot(name, files, folder or Path.cwd())
+        robot = recorded_robots.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
         location = (
             f"which is no longer at {files.urdf}" if files else "which does not hold its robot"

@@ -1,0 +1,199 @@
+"""Static balance of weight and buoyancy: floats and ballast that trim a vehicle, and the attitude that
+it comes to by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+import pinocchio as pin
+
+from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import coefficients, thrusters
+from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.types import Range
+
+_FOAM = 200.0  # [kg/m3] syntactic foam
+_LEAD = 11340.0  # [kg/m3]
+_HEIGHT = 0.1  # [m] floats above, ballast below the origin, for stability
+
+_Station = Annotated[float, Range(-50.0, 50.0)]  # [m], as positions in robot files
+
+_SWEEPS = 200  # about one axis after the other; a tilt of 60 deg about two is exact by then
+_NEGLIGIBLE_MOMENT = 0.1
+"""[N m] of righting moment, below which weight and buoyancy leave every attitude."""
+
+
+def static_residual(robot: Robot, q: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the net upward force [N] and the moment (3,) [N m] about the origin of B, in W, at
+    rest at q (n_q,) [m, rad].
+    """
+    arms, lift = lifts(robot, q)
+    return float(lift.sum()), np.array([arms[:, 1] @ lift, -arms[:, 0] @ lift, 0.0])
+
+
+def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where buoyancy and weight act, arms (n, 3) [m] from the origin of B, in W, and how
+    much each lifts (n,) [N].
+
+    At q (n_q,) [m, rad]; weight lifts less than nothing.
+    """
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    density = robot.description.water_density
+    inertias = robot.model.inertias
+    loads = [
+        *(
+            (
+                data.oMf[robot.frame_id(link.frame)].act(link.centre_of_buoyancy),
+                density * link.volume,
+            )
+            for link in robot.hydrodynamics
+        ),
+        *(
+            (data.oMi[i].act(inertias[i].lever), -inertias[i].mass)
+            for i in range(1, robot.model.njoints)
+        ),
+    ]
+    arms = np.array([point for point, _ in loads]) - q[:3]
+    return arms, float(np.linalg.norm(robot.model.gravity.linear)) * np.array(
+        [mass for _, mass in loads]
+    )
+
+
+def without_trim(robot: Robot) -> Robot:
+    """Return a copy without floats and ballast, to be trimmed anew."""
+    model = robot.model.copy()
+    for body in robot.description.trim:
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] = model.inertias[joint] - inertia
+    return _retrimmed(robot, model, ())
+
+
+def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
+    """Return a copy that carries these floats and weights too. Raises ``FrameNotFound`` and
+    ``InvalidInput``.
+    """
+    added = tuple(bodies)
+    for body in added:
+        robot.frame_id(body.link)
+    return _retrimmed(robot, with_bodies(robot.model, added), (*robot.description.trim, *added))
+
+
+@checked
+def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
+    """Return a copy that floats level and neutral with its arm stowed, by one body at ``bow`` and
+    one at ``stern``.
+
+    bow, stern: x in ``base_link`` [m]. Lift comes from foam of 200 kg/m3, weight from lead. Raises
+    ``InvalidInput`` for a fixed base and for stations that are less than 1 cm apart.
+    """
+    if not robot.n_vehicle:
+        raise InvalidInput(
+            f"robot {robot.name!r} has a fixed base; only a free-flyer can be trimmed"
+        )
+    if bow - stern < 0.01:
+        raise InvalidInput(
+            f"bow {bow} m, stern {stern} m; allowed: bow at least 0.01 m ahead of stern"
+        )
+    return with_trim(robot, _trim_bodies(robot, bow, stern))
+
+
+def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
+    force, moment = static_residual(robot, np.array(robot.configuration()))
+    lifts = np.linalg.solve([[1.0, 1.0], [-bow, -stern]], [-force, -moment[1]])
+    # The body with the larger lift takes the roll moment by a sideways shift.
+    strongest = int(np.argmax(np.abs(lifts)))
+    y = np.zeros(2)
+    if abs(lifts[strongest]) > 0.0:
+        y[strongest] = -moment[0] / lifts[strongest]
+    stations = zip(("trim_bow", "trim_stern"), (bow, stern), y, lifts, strict=True)
+    return [trim_body(*station, robot) for station in stations if abs(station[-1]) > 0.0]
+
+
+def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
+    """Return a float of foam, or ballast of lead, at x [m], y [m] in ``base_link`` with a lift [N]
+    in the robot's water.
+    """
+    material = _FOAM if lift > 0.0 else _LEAD
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    volume = lift / (gravity * (robot.description.water_density - material))
+    return TrimBody(
+        name=name,
+        position=(x, y, float(np.copysign(_HEIGHT, lift))),
+        mass=material * volume,
+        volume=volume,
+    )
+
+
+def _retrimmed(robot: Robot, model: pin.Model, trim: tuple[TrimBody, ...]) -> Robot:
+    description: RobotDescription = checked_copy(robot.description, trim=trim)
+    return replace(
+        robot,
+        model=model,
+        description=description,
+        hydrodynamics=coefficients.links_in_water(description),
+    )
+
+
+def with_bodies(model: pin.Model, bodies: Sequence[TrimBody]) -> pin.Model:
+    """Return a copy of the model that carries these floats and weights too."""
+    model = model.copy()
+    for body in bodies:
+        joint, inertia = trim_inertia(model, body)
+        model.inertias[joint] += inertia
+    return model
+
+
+def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
+    """Return the joint that carries a float or ballast, and its point mass in the frame of that
+    joint.
+    """
+    frame = model.frames[model.getFrameId(body.link)]
+    return frame.parentJoint, frame.placement.act(
+        pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    )
+
+
+def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Return the direction (3,) that is up, in B, once a vehicle that was level has come to rest.
+
+    q (n_q,) [m, rad] gives the posture of the arm. Thrusters keep the axes that they drive; about
+    the others weight and buoyancy turn the vehicle to where they do no more work. ``(0, 0, 1)``,
+    level, where every such axis is driven.
+    """
+    arms, lift = lifts(robot, robot.configuration(joints=robot.joint_values(q)))
+    righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
+    up = np.array([0.0, 0.0, 1.0])
+    axes = [axis - 3 for axis in thrusters.unactuated_axes(robot) if axis >= 3]
+    for _ in range(_SWEEPS if len(axes) > 1 else 1):
+        for axis in axes:
+            up = _turned(up, axis, righting)
+    return up
+
+
+def rotation_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Return R_WB (3, 3) without yaw of the attitude of `up_at_rest`, for q (n_q,) [m, rad]."""
+    up = up_at_rest(robot, q)
+    R: np.ndarray = pin.rpy.rpyToMatrix(
+        float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0])), 0.0
+    )
+    return R
+
+
+def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:
+    """After a turn about one axis of B, until buoyancy is straight above weight as seen along that
+    axis.
+    """
+    across = np.arange(3) != axis
+    pull = float(np.linalg.norm(righting[across]))
+    if pull < _NEGLIGIBLE_MOMENT:
+        return up
+    turned = up.copy()
+    turned[across] = np.linalg.norm(up[across]) * righting[across] / pull
+    return turned
