@@ -5,7 +5,7 @@ and what is uncertain.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -20,26 +20,22 @@ from uvms_ocp.robot.loading import files_of
 
 TEMPLATES = Path(str(files("uvms_ocp.scenario"))) / "templates"
 
-# [m, rad]
-_START = (0.0, 0.0, -6.0)
-_WAY_POINT = (3.0, 1.0, -8.0)
-_YAW = 0.4
-# [m] the floor, and what stays between it and all parts at their goals
-_FLOOR = -10.0
-_OVER = 1.2
-# [m] from where a tool is anyway to its target
-_FORWARD = 0.25
-_DOWN = 0.1
-_SMALL = 0.15  # of the range of each joint, for the target of an arm that stands
+_START = (0.0, 0.0, -6.0)  # [m] position of the vehicle in W
+_WAY_POINT = (3.0, 1.0, -8.0)  # [m] in W
+_YAW = 0.4  # [rad] of the vehicle at the way point
+_FLOOR = -10.0  # [m] z of the floor in W, unless a robot needs a deeper one
+_FLOOR_CLEARANCE = 1.2  # [m] at least, between the floor and all parts at their goals
+_FORWARD = 0.25  # [m] ahead of where a tool is at the way point, to its target
+_DOWN = 0.1  # [m] below it
+_JOINT_SHARE = 0.15  # of the range of each joint, to the target of an arm that stands
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NewMission:
-    """A mission of a robot, ready to be written. robot: `None` for bluerov2_alpha5 of the package,
-    by name.
-    """
+    """A mission of a robot, ready to be written."""
 
     robot: Robot
+    """Robot whose vehicle, tools and joints the mission names."""
     place: str
     """Expression for ROBOT, the folder of the robot."""
     load: str
@@ -50,12 +46,16 @@ class NewMission:
         robot = self.robot
         tasks = list(self._tasks())
         names = [name for _, name in tasks if name]
-        safe = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
         template = (TEMPLATES / "mission.py.txt").read_text(encoding="utf-8")
         if robot.n_vehicle:
-            abort = f", abort=abort_phase({', '.join(map(_quoted, safe))})"
+            abort_tasks = [name for name in names if name in ("JL", "MAC", "HA", "MP")]
+            abort = f", abort=abort_phase({_quoted_list(abort_tasks)})"
+            start = "run.start(START)"
+            duration = "90.0"
         else:
             abort = ""
+            start = "robot.configuration()"
+            duration = "30.0"
         return template.format(
             title=self.title,
             file=file.name,
@@ -65,32 +65,27 @@ class NewMission:
             imports="\n".join(self._imports(tasks)),
             constants="\n".join(self._constants(self._goal())),
             defaults="" if self.has_forces else '"plant": "kinematic", ',
-            duration="90.0" if robot.n_vehicle else "30.0",
+            duration=duration,
             tasks="\n".join(f"        {line}" for line, _ in tasks),
             conditions="\n".join(f"    {line}" for line in self._conditions()),
             phases="\n".join(self._phases(names)),
             name=file.stem if file.stem.isidentifier() else "my_mission",
             abort=abort,
-            start="run.start(START)" if robot.n_vehicle else "robot.configuration()",
+            start=start,
             markers=self._markers(),
         )
 
     @property
     def title(self) -> str:
         """Summarize the mission in a phrase."""
-        bring = (
-            "bring the tool to a target and hold it there"
-            if len(self.tools) == 1
-            else "bring each tool to its target"
-        )
-        swim = "swim to a way point"
-        if not self.robot.n_vehicle:
-            if self.tools:
-                return bring
-            return "hold the posture"
-        if self.tools:
-            return f"{swim}, then {bring}"
-        return swim
+        steps = []
+        if self.robot.n_vehicle:
+            steps.append("swim to a way point")
+        if len(self.tools) == 1:
+            steps.append("bring the tool to a target and hold it there")
+        elif self.tools:
+            steps.append("bring each tool to its target")
+        return ", then ".join(steps) or "hold the posture"
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -100,58 +95,60 @@ class NewMission:
         return ()
 
     @property
-    def held(self) -> Mapping[str, limits.Joint]:
-        """Joints of one degree of freedom, which a posture is of."""
+    def posture_joints(self) -> Mapping[str, limits.Joint]:
+        """Joints of one degree of freedom, by name: those that a posture can hold."""
         return {joint.name: joint for joint in self.robot.joints if joint.n_v == 1}
 
     @property
     def level_frame(self) -> str:
         """Argument of tasks of the vehicle where ``base_link`` does not lie as the vehicle does:
-        the root has a frame, too.
+        the frame of the root.
         """
-        R = Kinematics(self.robot, self.robot.configuration()).pose(roles.BASE).rotation
-        root = self.robot.frame_names[1]
-        if np.allclose(R, np.eye(3), atol=1e-6):
+        kinematics = Kinematics(self.robot, self.robot.configuration())
+        R_WB = kinematics.pose(roles.BASE).rotation
+        if np.allclose(R_WB, np.eye(3), atol=1e-6):
             return ""
+        root = self.robot.frame_names[1]
         return f"frame={_quoted(root)}"
 
     @property
     def has_forces(self) -> bool:
-        """Check that the dynamic plant can move it: by thrusters, or an arm that stands by its
-        motors.
+        """True where the dynamic plant can move the robot: a vehicle by thrusters, or an arm that
+        stands by its motors.
         """
         return bool(self.robot.description.thrusters) or not self.robot.n_vehicle
 
     @property
-    def missing(self) -> tuple[int, ...]:
+    def undriven_axes(self) -> tuple[int, ...]:
         """Axes of the vehicle that no thruster drives, where it has thrusters."""
         return thrusters.undriven_axes(self.robot)
 
     @property
     def turns_first(self) -> bool:
-        """Check that it goes ahead alone, and so has to turn its bow to where it goes."""
-        return 1 in self.missing and not {0, 5} & set(self.missing)
+        """True for a vehicle without sway that has to turn its bow to where it goes."""
+        return 1 in self.undriven_axes and not {0, 5} & set(self.undriven_axes)
 
     def notes(self) -> Iterator[str]:
-        """Yield what is left out, one line each, with how to have it."""
-        yield from (
-            text
-            for is_good, text in roles.role_notes(self.robot.model, self.robot.description)
-            if not is_good
-        )
+        """Yield a line for each thing that the mission lacks, with how to have it."""
+        for is_good, text in roles.role_notes(self.robot.model, self.robot.description):
+            if not is_good:
+                yield text
         if not self.has_forces:
             yield (
                 "thrusters: none, so that the mission flies on the kinematic plant; write them into"
                 " hydrodynamics.yaml"
             )
-        free_joints = [joint.name for joint in self.robot.joints if joint.name not in self.held]
+        posture_joints = self.posture_joints
+        free_joints = [
+            joint.name for joint in self.robot.joints if joint.name not in posture_joints
+        ]
         if free_joints:
             yield (
                 f"joint {', '.join(free_joints)}: has several degrees of freedom, which no posture"
                 " holds; --lock JOINT fixes it"
             )
-        if self.missing:
-            axis_names = ", ".join(thrusters.AXES[axis] for axis in self.missing)
+        if self.undriven_axes:
+            axis_names = ", ".join(thrusters.AXES[axis] for axis in self.undriven_axes)
             if self.turns_first:
                 way_text = "it turns to the way point first"
             else:
@@ -167,37 +164,58 @@ class NewMission:
         return np.asarray(robot.configuration(position=position, rpy=(0.0, 0.0, yaw)))
 
     def _way_point(self) -> tuple[tuple[float, float, float], float]:
-        """Return the way point to which all axes lead; straight ahead where some are missing and
-        the robot cannot turn there first.
+        """Return position [m] and yaw [rad] of the way point, which the driven axes can reach.
+
+        It is straight ahead where some axes are not driven and the robot cannot turn to it first.
         """
-        x, _, z = [_START[axis] if axis in self.missing else _WAY_POINT[axis] for axis in range(3)]
+        undriven = set(self.undriven_axes)
+        x = _START[0] if 0 in undriven else _WAY_POINT[0]
+        y = _WAY_POINT[1]
+        z = _START[2] if 2 in undriven else _WAY_POINT[2]
         if self.turns_first:
-            return (x, _WAY_POINT[1], z), round(float(np.arctan2(_WAY_POINT[1], x)), 3)
-        if {0, 1, 2} & set(self.missing):
-            return ((x, 0.0, z), 0.0)
-        return (_WAY_POINT, _YAW)
+            return (x, y, z), round(float(np.arctan2(y, x)), 3)
+        if undriven & {0, 1, 2}:
+            return (x, 0.0, z), 0.0
+        return _WAY_POINT, _YAW
 
     def _targets(self, goal: np.ndarray) -> list[tuple[float, ...]]:
-        """Return positions [m] in W that the tools can reach."""
+        """Return positions [m] in W that the tools can reach.
+
+        goal: configuration (n_q,) [m, rad] at the way point.
+        """
+        if self.robot.n_vehicle:
+            return self._targets_ahead(goal)
+        return self._targets_in_reach(goal)
+
+    def _targets_ahead(self, goal: np.ndarray) -> list[tuple[float, ...]]:
+        """Return places a little ahead of where the tools of a vehicle are at the way point."""
+        _, yaw = self._way_point()
+        down = 0.0 if 2 in self.undriven_axes else _DOWN
+        offset = pin.rpy.rpyToMatrix(0.0, 0.0, yaw) @ np.array([_FORWARD, 0.0, -down])
+        kinematics = Kinematics(self.robot, goal)
+        targets = []
+        for tool in self.tools:
+            position = kinematics.pose(tool).translation + offset
+            targets.append(tuple(np.round(position, 2).tolist()))
+        return targets
+
+    def _targets_in_reach(self, goal: np.ndarray) -> list[tuple[float, ...]]:
+        """Return where the tools of an arm that stands get by a small motion of all joints."""
         robot = self.robot
-        if robot.n_vehicle:
-            poses = [Kinematics(robot, goal).pose(tool).translation for tool in self.tools]
-            R = pin.rpy.rpyToMatrix(0.0, 0.0, self._way_point()[1])
-            offset = R @ np.array([_FORWARD, 0.0, 0.0 if 2 in self.missing else -_DOWN])
-            return [tuple(np.round(pose + offset, 2).tolist()) for pose in poses]
-        values = np.zeros(robot.n_v)
+        motion = np.zeros(robot.n_v)
         for joint, lower_limit, upper_limit in limits.bounded_joints(robot.joints, robot.limits):
             position = float(goal[joint.idx_q])
             # Rails may be as long as a tank.
             lower = max(lower_limit, position - np.pi)
             upper = min(upper_limit, position + np.pi)
             direction = 1.0 if upper - position > position - lower else -1.0
-            values[joint.v] = _SMALL * (upper - lower) * direction
-        configuration = pin.integrate(robot.model, goal, values)
-        return [
-            tuple(np.round(Kinematics(robot, configuration).pose(tool).translation, 3).tolist())
-            for tool in self.tools
-        ]
+            motion[joint.v] = _JOINT_SHARE * (upper - lower) * direction
+        kinematics = Kinematics(robot, pin.integrate(robot.model, goal, motion))
+        targets = []
+        for tool in self.tools:
+            position = kinematics.pose(tool).translation
+            targets.append(tuple(np.round(position, 3).tolist()))
+        return targets
 
     def _constants(self, goal: np.ndarray) -> Iterator[str]:
         targets = self._targets(goal)
@@ -210,36 +228,32 @@ class NewMission:
             )
             yield f"WAY_POINT = uo.pose_at({position}, (0.0, 0.0, {yaw}))"
         for name, target, tool in zip(self._numbered("TARGET"), targets, self.tools, strict=True):
-            if len(targets) == 1:
-                subject = "the tool"
-            else:
-                subject = tool
+            subject = "the tool" if len(targets) == 1 else tool
             yield f"{name} = {target}  # [m] where {subject} goes"
 
     def _floor(self, goal: np.ndarray, targets: list[tuple[float, ...]]) -> float:
+        """Return z [m] of a floor in W below all frames and targets at their goals."""
         data = self.robot.model.createData()
         pin.framesForwardKinematics(self.robot.model, data, goal)
-        heights = [float(X.translation[2]) for X in list(data.oMf)[1:]] + [
-            target[2] for target in targets
-        ]
-        lowest = min(heights) - _OVER
+        frame_heights = [float(X_WF.translation[2]) for X_WF in list(data.oMf)[1:]]
+        target_heights = [target[2] for target in targets]
+        lowest = min(frame_heights + target_heights) - _FLOOR_CLEARANCE
         if self.robot.n_vehicle:
             return min(_FLOOR, float(np.floor(lowest)))
         return float(np.floor(lowest - 1.0))
 
     def _numbered(self, name: str, mark: str = "_") -> list[str]:
-        """Return names of what there is one of for each tool: the name itself for a single tool."""
-        if len(self.tools) == 1:
+        """Return a name for each tool: the name itself for a single tool, else with a number."""
+        n_tools = len(self.tools)
+        if n_tools == 1:
             return [name]
-        return [f"{name}{mark}{k}" for k in range(1, len(self.tools) + 1)]
+        return [f"{name}{mark}{number}" for number in range(1, n_tools + 1)]
 
     def _tasks(self) -> Iterator[tuple[str, str]]:
         """Yield lines, each with the name of its task, if it is one."""
         robot = self.robot
-        if robot.n_vehicle and self.level_frame:
-            frame_argument = f", {self.level_frame}"
-        else:
-            frame_argument = ""
+        level_frame = self.level_frame if robot.n_vehicle else ""
+        frame_argument = f", {level_frame}" if level_frame else ""
         if robot.n_joints:
             yield "JointLimits(),", "JL"
         if robot.n_vehicle:
@@ -247,32 +261,32 @@ class NewMission:
                 yield "MinimumAltitude(threshold=0.8),  # [m]", "MAC"
             else:
                 yield "# MinimumAltitude() needs `altimeter: LINK` in hydrodynamics.yaml", ""
-            if not {3, 4} & set(self.missing):
-                yield f"HorizontalAttitude({self.level_frame}),", "HA"
+            if not {3, 4} & set(self.undriven_axes):
+                yield f"HorizontalAttitude({level_frame}),", "HA"
         if self.turns_first:
             yield f"Alignment(goal=WAY_POINT.translation{frame_argument}),", "AT"
-        for name, tool, target in zip(
-            self._numbered("TP", ""), self.tools, self._numbered("TARGET"), strict=True
-        ):
-            if len(self.tools) == 1:
-                tool_arguments = ""
-            else:
-                tool_arguments = f'name="{name}", frame={_quoted(tool)}, '
-            yield f"ToolPosition({tool_arguments}goal=uo.pose_at({target})),", name
+        names = self._numbered("TP", "")
+        targets = self._numbered("TARGET")
+        for name, tool, target in zip(names, self.tools, targets, strict=True):
+            arguments = f"goal=uo.pose_at({target})"
+            if len(self.tools) > 1:
+                arguments = f'name="{name}", frame={_quoted(tool)}, {arguments}'
+            yield f"ToolPosition({arguments}),", name
         if robot.n_vehicle:
             yield f"VehiclePose(goal=WAY_POINT{frame_argument}),", "PC"
-        if len(self.held) == len(robot.joints) > 0:
+        posture_joints = self.posture_joints
+        if len(posture_joints) == len(robot.joints) > 0:
             yield "JointTracking(joints=robot.joint_names, goal=robot.home),", "MP"
-        elif self.held:
-            names = ", ".join(map(_quoted, self.held))
-            places = [joint.idx_v - robot.n_vehicle for joint in self.held.values()]
-            yield f"JointTracking(joints=({names},), goal=robot.home[{places}]),", "MP"
+        elif posture_joints:
+            joint_names = _quoted_list(posture_joints)
+            places = [joint.idx_v - robot.n_vehicle for joint in posture_joints.values()]
+            yield f"JointTracking(joints=({joint_names},), goal=robot.home[{places}]),", "MP"
 
     def _conditions(self) -> Iterator[str]:
         if self.robot.n_vehicle:
             # The axes that nothing drives drift as weight and buoyancy have it.
-            error = "horizontal_error" if 2 in self.missing else "position_error"
-            limit = 0.3 if self.missing else 0.1
+            error = "horizontal_error" if 2 in self.undriven_axes else "position_error"
+            limit = 0.3 if self.undriven_axes else 0.1
             yield f'arrived = uo.Below(quantity="PC.{error}", limit={limit})  # [m]'
         if self.turns_first:
             yield 'turned = uo.Below(quantity="AT.misalignment", limit=0.07)  # [rad]'
@@ -283,53 +297,36 @@ class NewMission:
             yield f'still = uo.Below(quantity="MP.posture_error", limit=0.02)  # [{unit}]'
 
     def _phases(self, names: list[str]) -> Iterator[str]:
-        tools = set(self._numbered("TP", ""))
+        """Yield the source of each phase; names: of all tasks."""
+        tool_tasks = set(self._numbered("TP", ""))
         if self.robot.n_vehicle:
-            next_phase = '"B"' if self.tools else "uo.DONE"
-            vehicle_tasks = [name for name in names if name not in tools]
+            way_tasks = [name for name in names if name not in tool_tasks]
             if self.turns_first:
-                yield _phase(
-                    "T", "turn", [name for name in vehicle_tasks if name != "PC"], '"A"', "turned"
-                )
-            yield _phase(
-                "A",
-                "way point",
-                vehicle_tasks,
-                next_phase,
-                "arrived",
-                "  # [s]: noise alone ends no phase",
-            )
+                turn_tasks = [name for name in way_tasks if name != "PC"]
+                yield _phase("T", "turn", turn_tasks, '"A"', "turned")
+            next_phase = '"B"' if self.tools else "uo.DONE"
+            comment = "  # [s]: noise alone ends no phase"
+            yield _phase("A", "way point", way_tasks, next_phase, "arrived", comment)
         if self.tools:
-            yield _phase(
-                "B",
-                "reach",
-                [name for name in names if name != "AT"],
-                "uo.DONE",
-                ", ".join(self._numbered("reached")),
-            )
+            reach_tasks = [name for name in names if name != "AT"]
+            conditions = ", ".join(self._numbered("reached"))
+            yield _phase("B", "reach", reach_tasks, "uo.DONE", conditions)
         if not self.robot.n_vehicle and not self.tools:
             yield _phase("A", "posture", names, "uo.DONE", "still")
 
     def _markers(self) -> str:
-        if len(self.tools) == 1:
-            names = ["target"]
-        else:
-            names = [*self.tools]
-        values = dict(zip(names, self._numbered("TARGET"), strict=True))
-        items = [f"{_quoted(name)}: {value}" for name, value in values.items()]
+        names = ["target"] if len(self.tools) == 1 else self.tools
+        targets = self._numbered("TARGET")
+        items = [f"{_quoted(name)}: {target}" for name, target in zip(names, targets, strict=True)]
         if self.robot.n_vehicle:
             items.append('"way point": tuple(np.asarray(WAY_POINT.translation).tolist())')
         return f"{{{', '.join(items)}}}"
 
     def _imports(self, tasks: list[tuple[str, str]]) -> Iterator[str]:
         kinds = sorted({line.partition("(")[0] for line, name in tasks if name})
-        options = [
-            *(["abort_phase"] if self.robot.n_vehicle else []),
-            "activate",
-            "mission_of",
-            "run_options",
-        ]
+        options = ["activate", "mission_of", "run_options"]
         if self.robot.n_vehicle:
+            options.insert(0, "abort_phase")
             yield "import numpy as np\n"
         yield "import uvms_ocp as uo"
         yield f"from uvms_ocp.scenario.options import {', '.join(options)}"
@@ -339,19 +336,25 @@ class NewMission:
 def _phase(
     name: str, title: str, tasks: list[str], next_phase: str, condition: str, comment: str = ""
 ) -> str:
+    """Return the source of a phase that ends in a transition to the next one."""
     transition = f"uo.Transition(to={next_phase}, when=({condition},), hold=1.0)"
     lines = [
         "uo.Phase(",
         f'    name="{name}",',
         f'    title="{title}",',
-        f"    activations=activate({', '.join(map(_quoted, tasks))}),",
+        f"    activations=activate({_quoted_list(tasks)}),",
         f"    transitions=({transition},),{comment}",
         "),",
     ]
     return "\n".join(f"        {line}" for line in lines)
 
 
+def _quoted_list(names: Iterable[str]) -> str:
+    return ", ".join(_quoted(name) for name in names)
+
+
 def _quoted(name: str) -> str:
+    """Return a name as a string of Python's source."""
     return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
@@ -365,14 +368,13 @@ def loading_line(
 
     files = files_of(robot, hydrodynamics)
     urdf = Path(files["urdf"])
-    hydrodynamics_file = files["hydrodynamics"]
     parts = [f'urdf=ROBOT / "{urdf.name}"']
-    if hydrodynamics_file is not None:
-        is_inside = Path(hydrodynamics_file).resolve().parent == urdf.resolve().parent
-        if is_inside:
-            location = f"ROBOT / {_quoted(Path(hydrodynamics_file).name)}"
+    if files["hydrodynamics"] is not None:
+        hydrodynamics_file = Path(files["hydrodynamics"])
+        if hydrodynamics_file.resolve().parent == urdf.resolve().parent:
+            location = f"ROBOT / {_quoted(hydrodynamics_file.name)}"
         else:
-            location = f"HERE / {_quoted(relative_path(Path(hydrodynamics_file)))}"
+            location = f"HERE / {_quoted(relative_path(hydrodynamics_file))}"
         parts.append(f"hydrodynamics={location}")
     for key, value in loading.items():
         if key == "package_dirs":
@@ -380,10 +382,8 @@ def loading_line(
             parts.append(f"{key}=[{', '.join(folders)}]")
         else:
             parts.append(f"{key}={value!r}")
-    return (
-        f"HERE / {_quoted(relative_path(urdf.parent))}",
-        f"return uo.load_robot({', '.join(parts)})",
-    )
+    place = f"HERE / {_quoted(relative_path(urdf.parent))}"
+    return place, f"return uo.load_robot({', '.join(parts)})"
 
 
 def variations_text(mission: NewMission) -> str:
@@ -392,11 +392,17 @@ def variations_text(mission: NewMission) -> str:
     """
     robot = mission.robot
     text = (TEMPLATES / "variations.py.txt").read_text(encoding="utf-8")
-    conditions = [
-        ("payload.", bool(mission.tools and mission.has_forces)),
-        ("start.yaw", bool(robot.n_vehicle)),
-        ("water.", bool(robot.description.links and mission.has_forces)),
-        ("current.", mission.has_forces),
-    ]
-    absent = [f'Variation("{word}' for word, is_met in conditions if not is_met]
-    return "\n".join(line for line in text.split("\n") if not any(word in line for word in absent))
+    absent = []
+    if not (mission.tools and mission.has_forces):
+        absent.append('Variation("payload.')
+    if not robot.n_vehicle:
+        absent.append('Variation("start.yaw')
+    if not (robot.description.links and mission.has_forces):
+        absent.append('Variation("water.')
+    if not mission.has_forces:
+        absent.append('Variation("current.')
+    lines = []
+    for line in text.split("\n"):
+        if not any(words in line for words in absent):
+            lines.append(line)
+    return "\n".join(lines)

@@ -37,15 +37,12 @@ from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
 
-# A planned motion of either method, and what its report and its record tell alike.
-
 _TOOL = "tool"
 
-_PERIOD = 0.02  # [s] of the record, longer where it would have more rows than this:
+_PERIOD = 0.02  # [s] between rows of the record, longer where there would be too many
 _MAX_ROWS = 5000
 _UNREACHED = "no posture reaches the goal"
 _UNREACHED_ADVICE = "move the goal or the obstacles, leave its orientation free, or plan more axes."
-_RATES = ("velocity", "acceleration")
 
 _TOUCHING = "two shapes touch: add way for them, move the goal, or plan a curve"
 _ADVICE = {  # where a request has other means than a problem
@@ -61,9 +58,11 @@ class PlannedMotion:
     """Samples of a planned motion, both ends included, and the distances at them."""
 
     request: PlanRequest | OcpRequest
+    """What was to be planned, with which robot."""
     scene: CollisionScene
+    """Shapes among which it moves, and its axes."""
     t: Array
-    """(n,) [s]"""
+    """(n,) [s] times of the samples."""
     q: Array
     """(n, n_q) [m, rad] configurations."""
     distances: Array
@@ -93,47 +92,42 @@ class PlannedMotion:
         X_WF = self.goal_pose()
         if X_WF is None or not isinstance(goal, ToolGoal):
             return None
-        posed = goal.target if isinstance(goal.target, pin.SE3) else None
-        error = {
-            "position_m": float(
-                np.linalg.norm(
-                    X_WF.translation - (goal.target if posed is None else posed.translation)
-                )
-            )
-        }
-        if posed is not None:
-            error["orientation_rad"] = float(
-                np.linalg.norm(pin.log3(X_WF.rotation.T @ posed.rotation))
-            )
-        return error
+        if not isinstance(goal.target, pin.SE3):
+            distance = np.linalg.norm(X_WF.translation - goal.target)
+            return {"position_m": float(distance)}
+        distance = np.linalg.norm(X_WF.translation - goal.target.translation)
+        angle = np.linalg.norm(pin.log3(X_WF.rotation.T @ goal.target.rotation))
+        return {"position_m": float(distance), "orientation_rad": float(angle)}
 
     def clearance_series(self) -> dict[str, Array]:
         """``clearance`` (n, n_groups) [m] and ``quantities`` (n, 1) [m] of a record; none where
         nothing can meet.
         """
-        d = self.distances
         groups = self.scene.groups()
         if not groups:
             return {}
-        smallest = [d[:, pairs].min(axis=1) for pairs in groups.values()]
-        return {"clearance": np.stack(smallest, axis=1), "quantities": d.min(axis=1)[:, None]}
+        group_clearances = [self.distances[:, pairs].min(axis=1) for pairs in groups.values()]
+        clearance = self.distances.min(axis=1)
+        return {
+            "clearance": np.stack(group_clearances, axis=1),
+            "quantities": clearance[:, None],
+        }
 
 
 def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
-    """Robot, surroundings and versions in a report."""
+    """Return the entries of a report that tell robot, surroundings and versions."""
+    shapes = collision_model.shapes_among(request.robot, request.obstacles)
+    obstacle_metas = obstacles.describe_obstacles(request.obstacles)
+    link_clearance = request.link_clearance
+    if link_clearance is None:
+        link_clearance = request.clearance
     return {
         "robot": request.robot.name,
         "links_without_shape": list(collision_model.links_without_shape(request.robot)),
-        "open_surfaces": list(
-            open_surfaces(collision_model.shapes_among(request.robot, request.obstacles))
-        ),
-        "obstacles": [
-            item.model_dump(mode="json") for item in obstacles.describe_obstacles(request.obstacles)
-        ],
+        "open_surfaces": list(open_surfaces(shapes)),
+        "obstacles": [obstacle.model_dump(mode="json") for obstacle in obstacle_metas],
         "clearance_wanted_m": request.clearance,
-        "link_clearance_wanted_m": request.clearance
-        if request.link_clearance is None
-        else request.link_clearance,
+        "link_clearance_wanted_m": link_clearance,
         "versions": versions(packages()),
     }
 
@@ -141,21 +135,24 @@ def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
 def nearest_entries(
     nearest: NearestPair | None, motion: PlannedMotion | OcpResult
 ) -> dict[str, Any]:
-    """The smallest distance in a report, and that to each obstacle and between links; `None` where
-    nothing is measured.
+    """Return the entries of a report that tell the smallest distance, and that to each obstacle and
+    between links; `None` where nothing is measured.
     """
     if nearest is None:
-        return dict.fromkeys(
-            ("min_clearance_m", "min_clearance_at_s", "min_clearance_between", "clearances_m")
-        )
+        return {
+            "min_clearance_m": None,
+            "min_clearance_at_s": None,
+            "min_clearance_between": None,
+            "clearances_m": None,
+        }
+    clearances = {}
+    for name, pairs in motion.scene.groups().items():
+        clearances[name] = float(motion.distances[:, pairs].min())
     return {
         "min_clearance_m": nearest.distance if np.isfinite(nearest.distance) else None,
         "min_clearance_at_s": nearest.time,
         "min_clearance_between": nearest.pair,
-        "clearances_m": {
-            name: float(motion.distances[:, pairs].min())
-            for name, pairs in motion.scene.groups().items()
-        },
+        "clearances_m": clearances,
     }
 
 
@@ -174,17 +171,22 @@ def plan_meta(
     """
     request = motion.request
     scene = motion.scene
+    frames = []
     X_WF = motion.goal_pose()
+    if X_WF is not None:
+        frames.append(FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())))
+    measured = dict[str, Any]()
+    if scene.n_pairs:
+        measured["quantities"] = ("plan.clearance",)
+        measured["min_clearance"] = ClearanceMeta(
+            t=nearest.time, distance=nearest.distance, between=nearest.pair
+        )
     return PlanMeta(
         scenario=scenario,
         **recorded_robots.robot_meta(request.robot),
         phases=(PhaseMeta(name="plan"),),
-        quantities=("plan.clearance",) if scene.n_pairs else (),
         surroundings=SurroundingsMeta(
-            frames=()
-            if X_WF is None
-            else (FrameMeta(name="goal", pose=tuple(pin.SE3ToXYZQUAT(X_WF).tolist())),),
-            obstacles=obstacles.describe_obstacles(request.obstacles),
+            frames=tuple(frames), obstacles=obstacles.describe_obstacles(request.obstacles)
         ),
         packages=packages(),
         axes=scene.coordinates.names,
@@ -193,51 +195,48 @@ def plan_meta(
         clearance_wanted=request.clearance,
         link_clearance_wanted=request.link_clearance,
         clearance_groups=tuple(scene.groups()),
-        min_clearance=ClearanceMeta(t=nearest.time, distance=nearest.distance, between=nearest.pair)
-        if scene.n_pairs
-        else None,
+        **measured,
     )
-
-
-# What came out of a plan request: the content of ``report.json``, and the motion as a ``Record``.
 
 
 @checked
 def plan_report(result: PlanResult) -> dict[str, Any]:
-    """The content of ``report.json``: lengths in m, angles in rad, times in s."""
+    """Return the content of ``report.json`` of a smooth curve: lengths in m, angles in rad, times in
+    s.
+    """
     request = result.request
     scene = result.scene
+    plan = result.plan
     report = {
         **_request_entries(request),
         "collision_free": result.collision_free,
-        "status": _UNREACHED if result.plan is None else result.plan.status.value,
-        "advice": _UNREACHED_ADVICE if result.plan is None else result.plan.status.advice,
+        "status": _UNREACHED if plan is None else plan.status.value,
+        "advice": _UNREACHED_ADVICE if plan is None else plan.status.advice,
         "axes": list(scene.coordinates.names),
         "n_pairs": scene.n_pairs,
         "seed": request.seed,
     }
-    if result.plan is None:
+    if plan is None:
         return report
-    return report | _of_plan(result, result.plan)
+    return report | _curve_entries(result, plan)
 
 
-def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
+def _curve_entries(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
     curve = plan.trajectory
-    motion = _curve_motion(result, plan.trajectory)
+    motion = _curve_motion(result, curve)
     ends = curve.evaluate([curve.start, curve.end])
     # Largest velocities and accelerations by their limits; 0 where there is no limit.
     robot = result.request.robot
     shares = curve_limits(result.scene.coordinates, ends).ratios(curve)
     names = (*thrusters.AXES[: robot.n_vehicle], *robot.joint_names)
+    velocity_shares = dict(zip(names, shares[0].tolist(), strict=True))
+    acceleration_shares = dict(zip(names, shares[1].tolist(), strict=True))
     return {
         "start": ends[0].tolist(),
         "goal": ends[1].tolist(),
         "duration_s": curve.duration,
         "piece_durations_s": curve.durations.tolist(),
-        "limit_ratios": {
-            rate: dict(zip(names, share.tolist(), strict=True))
-            for rate, share in zip(_RATES, shares[:2], strict=True)
-        },
+        "limit_ratios": {"velocity": velocity_shares, "acceleration": acceleration_shares},
         **nearest_entries(_nearest(plan, motion), motion),
         "n_samples_certified": plan.clearance.n_samples,
         "tool_error": motion.tool_error(),
@@ -249,8 +248,8 @@ def _of_plan(result: PlanResult, plan: CollisionPlan) -> dict[str, Any]:
 
 @checked
 def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
-    """The planned motion: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up to the snap,
-    and clearance.
+    """Return a smooth curve as a record: series t (n,) [s], q (n, n_q), v (n, n_v), x, its rates up
+    to the snap, and clearance.
 
     ``x``, ``x_rate``, ``x_acceleration``, ``x_jerk`` and ``x_snap`` are (n, n_axes); ``clearance``
     (n, n_groups) is the smallest distance to each obstacle and between links, as
@@ -261,10 +260,11 @@ def motion_record(result: PlanResult, plan: CollisionPlan) -> Record:
     motion = _curve_motion(result, curve)
     x = [curve.evaluate(motion.t, order) for order in range(len(PLANNED))]
     limits = planned.rate_limits(x[0])
+    v = (planned.velocity_map(x[0]) @ x[1][..., None])[..., 0]
     series = {
         "t": motion.t,
         "q": motion.q,
-        "v": (planned.velocity_map(x[0]) @ x[1][..., None])[..., 0],
+        "v": v,
         **dict(zip(PLANNED, x, strict=True)),
         **motion.clearance_series(),
     }
@@ -288,17 +288,14 @@ def _curve_motion(result: PlanResult, curve: PiecewisePolynomial) -> PlannedMoti
 
 
 def _nearest(plan: CollisionPlan, motion: PlannedMotion) -> NearestPair:
-    """The smallest distance met, by the certificate or along the record."""
+    """Return the smallest distance, of the certificate or along the record."""
     return min(plan.clearance.nearest, motion.nearest, key=lambda nearest: nearest.distance)
-
-
-# What came out of optimal control: the content of ``report.json``, and the motion as a ``Record``.
 
 
 @checked
 def ocp_report(result: OcpResult) -> dict[str, Any]:
-    """The content of ``report.json``: lengths in m, angles in rad, times in s, energy in J, thrust
-    in N.
+    """Return the content of ``report.json`` of optimal control: lengths in m, angles in rad, times
+    in s, energy in J, thrust in N.
 
     What is measured along the motion is `None` where the plan is not usable: no motion is there to
     measure.
@@ -308,14 +305,16 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     summary = plan.summary()
     usable = plan.status.usable
     is_free = usable and result.collision_free
+    if usable and not is_free:
+        advice = _TOUCHING
+    else:
+        advice = _ADVICE.get(plan.status, summary["advice"])
     return {
         **_request_entries(request),
         "method": "ocp",
         "status": summary["status"],
         "reason": summary["reason"],
-        "advice": _TOUCHING
-        if usable and not is_free
-        else _ADVICE.get(plan.status, summary["advice"]),
+        "advice": advice,
         "collision_free": is_free,
         "duration_s": summary["duration"],
         "n_steps": request.n_steps,
@@ -333,8 +332,8 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
 
 @checked
 def ocp_record(result: OcpResult) -> Record:
-    """The planned motion: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x`` and their rates,
-    clearance, and efforts.
+    """Return a plan of optimal control as a record: t (n,) [s], q (n, n_q), v (n, n_v), axes ``x``
+    and their rates, clearance, and efforts.
 
     ``thrust`` and ``torque`` are those of the steps, ``thruster_energy`` and ``joint_energy`` what
     was taken so far [J]. ``clearance`` (n, n_groups) is the smallest distance to each obstacle and
@@ -342,19 +341,17 @@ def ocp_record(result: OcpResult) -> Record:
     """
     motion = _ocp_motion(result)
     plan = result.plan
+    planned = result.scene.coordinates
     robot = result.request.robot
     series = motion_series(robot, plan.trajectory, plan.powers(), motion.t, motion.q)
-    series |= (
-        axis_series(result.scene.coordinates, result.coordinates, series["v"])
-        | motion.clearance_series()
-    )
+    series |= axis_series(planned, result.coordinates, series["v"])
+    series |= motion.clearance_series()
+    rate_limits = planned.rate_limits(result.coordinates)[0]
     meta = plan_meta(
         motion,
-        scenario=f"plan by optimal control, {result.plan.status.value}",
-        axis_limits=AxisLimitsMeta(
-            x_rate=tuple(result.scene.coordinates.rate_limits(result.coordinates)[0].tolist())
-        ),
-        breaks=(0.0, result.plan.duration),
+        scenario=f"plan by optimal control, {plan.status.value}",
+        axis_limits=AxisLimitsMeta(x_rate=tuple(rate_limits.tolist())),
+        breaks=(0.0, plan.duration),
         nearest=motion.nearest,
     )
     return Record(series=series, meta=meta)

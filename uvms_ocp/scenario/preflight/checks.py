@@ -16,7 +16,7 @@ from uvms_ocp.mission import Above, Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, unknowns
 from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.scenario.preflight import forces, reachability
+from uvms_ocp.scenario.preflight import forces, reachability, undriven_axes
 from uvms_ocp.scenario.preflight.altitude import (
     check_altitude,
     check_echo,
@@ -24,6 +24,7 @@ from uvms_ocp.scenario.preflight.altitude import (
     check_hull,
     check_obstacles,
 )
+from uvms_ocp.scenario.preflight.delays import check_delays
 from uvms_ocp.scenario.preflight.setup import (
     Finding,
     PreflightReport,
@@ -176,9 +177,7 @@ def check_mission(setup: Setup) -> PreflightReport:
             *check_goals(setup),
             *check_accuracy(setup),
         ]
-        return PreflightReport(
-            findings=(*findings, *forces.check_delays(setup), *_check_wherever(setup))
-        )
+        return PreflightReport(findings=(*findings, *check_delays(setup), *_check_wherever(setup)))
     visits = forecast(setup)
     findings = [
         *check_structure(setup.mission),
@@ -194,14 +193,14 @@ def check_mission(setup: Setup) -> PreflightReport:
     ]
     for check in (
         forces.check_forces,
-        forces.check_depth,
-        forces.check_undriven,
+        undriven_axes.check_depth,
+        undriven_axes.check_undriven,
         forces.check_rest,
     ):
         findings += check(setup, visits)
     findings += [
         *check_accuracy(setup),
-        *forces.check_delays(setup, visits),
+        *check_delays(setup, visits),
         *_check_wherever(setup),
     ]
     return PreflightReport(findings=(*findings, *reachability.check_tool(setup, visits)))

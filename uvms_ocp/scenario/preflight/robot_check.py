@@ -8,8 +8,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
-from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +33,8 @@ from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
-_WITHIN = 0.9  # of the hull, for trim
-_HAND = 0.1  # [m]
+_HULL_SHARE = 0.9  # of the hull, within which floats and ballast for trim are placed
+_SMALLEST_REACH = 0.1  # [m] from the origin to a border of the hull, a hand's breadth
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = (
     "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit>"
@@ -64,8 +62,11 @@ class RobotFinding:
     """One thing that was checked."""
 
     subject: str
+    """What was checked, such as ``trim``."""
     verdict: RobotVerdict
+    """Weight of the finding."""
     text: str
+    """What was found, and the cure, in one sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -83,25 +84,23 @@ class RobotReport:
     @property
     def advice(self) -> str:
         """Advice for the next step."""
-        counts = {
-            verdict: sum(finding.verdict is verdict for finding in self.findings)
-            for verdict in RobotVerdict
-        }
-        errors = counts[RobotVerdict.ERROR]
+        errors = self._count(RobotVerdict.ERROR)
         if errors:
             return f"not usable: mend what is called error ({errors}), and check again"
         next_step = (
             "next: `uvms-ocp new-mission FILE.py --robot DIR` writes a mission of it, `uvms-ocp"
             " show` draws it"
         )
-        warnings = counts[RobotVerdict.WARNING]
-        if warnings:
-            warning_advice = (
-                f", with {warnings} to look at: what is called warning says how to mend it"
-            )
-        else:
-            warning_advice = ""
-        return f"usable{warning_advice}; {next_step}"
+        warnings = self._count(RobotVerdict.WARNING)
+        if not warnings:
+            return f"usable; {next_step}"
+        return (
+            f"usable, with {warnings} to look at: what is called warning says how to mend it;"
+            f" {next_step}"
+        )
+
+    def _count(self, verdict: RobotVerdict) -> int:
+        return sum(finding.verdict is verdict for finding in self.findings)
 
 
 @checked
@@ -116,9 +115,8 @@ def check_robot_files(
     try:
         robot = load_robot(Path(path), hydrodynamics=hydrodynamics, **loading)
     except RobotDataError as error:
-        return RobotReport(
-            name=Path(path).name, findings=tuple(_error("files", text) for text in error.lines)
-        )
+        findings = tuple(_error("files", text) for text in error.lines)
+        return RobotReport(name=Path(path).name, findings=findings)
     return check_robot(robot)
 
 
@@ -129,87 +127,87 @@ def check_robot(robot: Robot) -> RobotReport:
         *_inertias(robot),
         _mass_matrix(robot),
         *_limits(robot),
-        *(
-            (_good if is_good else _warning)("frames", text)
-            for is_good, text in roles.role_notes(robot.model, robot.description)
-        ),
+        *_frames(robot),
         *_shapes(robot),
         *_water(robot),
-        *(
-            _warning(*gap)
-            for gap in unknowns(static_balance.without_trim(robot).model, robot.description)
-        ),
+        *_unknowns(robot),
     )
     return RobotReport(name=robot.name, findings=findings)
 
 
-def _finding(verdict: RobotVerdict, subject: str, text: str) -> RobotFinding:
-    return RobotFinding(subject=subject, verdict=verdict, text=text)
+def _good(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.GOOD, text=text)
 
 
-_good, _warning, _error = (
-    partial(_finding, one) for one in (RobotVerdict.GOOD, RobotVerdict.WARNING, RobotVerdict.ERROR)
-)
+def _warning(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.WARNING, text=text)
+
+
+def _error(subject: str, text: str) -> RobotFinding:
+    return RobotFinding(subject=subject, verdict=RobotVerdict.ERROR, text=text)
 
 
 def _inertias(robot: Robot) -> Iterator[RobotFinding]:
+    """Check that every moving body has a mass, and principal moments that a body can have."""
     inertias = list(robot.model.inertias)
     moving = range(1, robot.model.njoints)
-    massless = [_body(robot, i) for i in moving if inertias[i].mass == 0.0]
-    principal = {i: np.linalg.eigvalsh(inertias[i].inertia) for i in moving}
-    factor = 1.0 + _TRIANGLE_TOLERANCE
-    impossible = [
-        i
-        for i, (a, b, c) in principal.items()
-        if not (a >= -1e-12 and c <= (a + b) * factor + 1e-12)
-    ]
+    massless = [_body(robot, joint) for joint in moving if inertias[joint].mass == 0.0]
     if massless:
         yield _warning(
             "inertias", f"no mass in link {', '.join(massless)}; give links there an <inertial>"
         )
-    for i in impossible:
-        moments = " ".join(f"{moment:.4g}" for moment in principal[i])
-        allowed = "none exceeds the sum of the others; mend <inertia>"
+    all_possible = True
+    for joint in moving:
+        moments = np.linalg.eigvalsh(inertias[joint].inertia)
+        if _are_moments_possible(moments):
+            continue
+        all_possible = False
+        moments_text = " ".join(f"{moment:.4g}" for moment in moments)
         yield _error(
             "inertias",
-            f"link {_body(robot, i)}: principal moments {moments} kg m2; allowed: {allowed}",
+            f"link {_body(robot, joint)}: principal moments {moments_text} kg m2; allowed: none"
+            " exceeds the sum of the others; mend <inertia>",
         )
-    if not massless and not impossible:
-        yield _good(
-            "inertias",
-            f"{robot.model.njoints - 1} moving bodies, {sum(i.mass for i in inertias):.6g} kg",
-        )
+    if all_possible and not massless:
+        mass = sum(inertia.mass for inertia in inertias)
+        yield _good("inertias", f"{robot.model.njoints - 1} moving bodies, {mass:.6g} kg")
+
+
+def _are_moments_possible(moments: np.ndarray) -> bool:
+    """Check the triangle inequality of principal moments (3,) [kg m2], in rising order."""
+    smallest, middle, largest = moments
+    bound = (smallest + middle) * (1.0 + _TRIANGLE_TOLERANCE) + 1e-12
+    return bool(smallest >= -1e-12 and largest <= bound)
 
 
 def _body(robot: Robot, joint: int) -> str:
-    """Names of the links that a joint of the model carries."""
+    """Return the names of the links that a joint of the model carries, for a sentence."""
     names = [
         frame.name
         for frame in robot.model.frames
         if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
     ]
-    if names[1:]:
-        fixed_parts = (
-            f" and what is fixed to it ({', '.join(names[1:4])}{', ...' if len(names) > 4 else ''})"
-        )
-    else:
-        fixed_parts = ""
-    if names:
-        return f"{names[0]!r}{fixed_parts}"
-    return f"behind joint {robot.model.names[joint]!r}"
+    if not names:
+        return f"behind joint {robot.model.names[joint]!r}"
+    if len(names) == 1:
+        return repr(names[0])
+    fixed = ", ".join(names[1:4])
+    if len(names) > 4:
+        fixed += ", ..."
+    return f"{names[0]!r} and what is fixed to it ({fixed})"
 
 
 def _mass_matrix(robot: Robot) -> RobotFinding:
-    M = pin.crba(robot.model, robot.model.createData(), np.array(robot.configuration()))
-    M = np.triu(M) + np.triu(M, 1).T
-    empty = list(joints_without_inertia(robot.model, M))
-    if empty:
-        joints = "; ".join(empty)
-        advice = (
-            "fix the joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT"
-        )
+    """Check that the mass matrix is positive definite, with the arm stowed."""
+    q = np.array(robot.configuration())
+    upper_M = pin.crba(robot.model, robot.model.createData(), q)
+    M = np.triu(upper_M) + np.triu(upper_M, 1).T
+    inertialess = list(joints_without_inertia(robot.model, M))
+    if inertialess:
         return _error(
-            "mass matrix", f"no inertia about its axis: {joints}; give an <inertial>, or {advice}"
+            "mass matrix",
+            f"no inertia about its axis: {'; '.join(inertialess)}; give an <inertial>, or fix the"
+            " joint: `lock: {JOINT: 0}` in loading of hydrodynamics.yaml, or --lock JOINT",
         )
     smallest = float(np.linalg.eigvalsh(M).min())
     text = f"smallest eigenvalue of the mass matrix {smallest:.3g}"
@@ -219,33 +217,39 @@ def _mass_matrix(robot: Robot) -> RobotFinding:
 
 
 def _limits(robot: Robot) -> Iterator[RobotFinding]:
-    limits_by_name = {
+    limits = {
         "velocity": robot.limits.velocity,
         "acceleration": robot.limits.acceleration,
         "effort": robot.limits.effort,
     }
-    unlimited = [
-        f"{np.isinf(values).sum()} of {len(values)} {name}"
-        for name, values in limits_by_name.items()
-        if np.isinf(values).any()
-    ]
+    unlimited = []
+    for name, values in limits.items():
+        n_unlimited = np.isinf(values).sum()
+        if n_unlimited:
+            unlimited.append(f"{n_unlimited} of {len(values)} {name}")
     if unlimited:
         yield _warning("limits", f"unlimited: {', '.join(unlimited)}; {_LIMITING}")
     else:
         yield _good("limits", "velocity, acceleration and effort are limited")
 
 
+def _frames(robot: Robot) -> Iterator[RobotFinding]:
+    for is_good, text in roles.role_notes(robot.model, robot.description):
+        if is_good:
+            yield _good("frames", text)
+        else:
+            yield _warning("frames", text)
+
+
 def _shapes(robot: Robot) -> Iterator[RobotFinding]:
     for kind, shapes in (("visual", robot.visual_model), ("collision", robot.collision_model)):
-        meshes = sum(
-            bool(shape.meshPath and Path(shape.meshPath).is_file())
-            for shape in shapes.geometryObjects
-        )
-        text = f"{shapes.ngeoms} {kind} shapes, {meshes} of them meshes, all found"
-        yield (
-            _good("shapes", text)
-            if shapes.ngeoms
-            else _warning("shapes", f"no {kind} shapes; give <{kind}>")
+        if not shapes.ngeoms:
+            yield _warning("shapes", f"no {kind} shapes; give <{kind}>")
+            continue
+        paths = [shape.meshPath for shape in shapes.geometryObjects]
+        n_meshes = sum(bool(path and Path(path).is_file()) for path in paths)
+        yield _good(
+            "shapes", f"{shapes.ngeoms} {kind} shapes, {n_meshes} of them meshes, all found"
         )
     unshaped = links_without_shape(robot)
     if unshaped and robot.collision_model.ngeoms:
@@ -263,29 +267,39 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
     yield _thrusters(robot)
 
 
+def _unknowns(robot: Robot) -> Iterator[RobotFinding]:
+    """Warn of numbers that the robot's file leaves open."""
+    untrimmed = static_balance.without_trim(robot)
+    for subject, text in unknowns(untrimmed.model, robot.description):
+        yield _warning(subject, text)
+
+
 def _trim(robot: Robot) -> RobotFinding:
     force, moment = static_balance.static_residual(robot, robot.configuration())
-    text = f"{force:+.3g} N upwards and {np.linalg.norm(moment):.3g} N m with the arm stowed"
-    density = f"in water of {robot.description.water_density:g} kg/m3"
-    if abs(force) < FORCE_TOLERANCE and np.linalg.norm(moment) < MOMENT_TOLERANCE:
-        return _good("trim", f"{text} {density}")
-    return _warning("trim", f"{text} {density}; {_trim_advice(robot, force, moment)}")
+    moment_norm = np.linalg.norm(moment)
+    text = (
+        f"{force:+.3g} N upwards and {moment_norm:.3g} N m with the arm stowed in water of"
+        f" {robot.description.water_density:g} kg/m3"
+    )
+    if abs(force) < FORCE_TOLERANCE and moment_norm < MOMENT_TOLERANCE:
+        return _good("trim", text)
+    return _warning("trim", f"{text}; {_trim_advice(robot, force, moment)}")
 
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
+    """Describe floats and ballast that would trim the robot, and the entry of its file for them."""
     link = next(frame.name for frame in robot.model.frames if frame.type == pin.FrameType.BODY)
-    bodies = trim_bodies(robot, force, moment)
     present_trim = robot.description.trim
-    parts = [
-        f"a {body.name.partition('_')[0]} of {abs(lift):.3g} N at x = {body.position[0]:.3g} m, y ="
-        f" {body.position[1]:.3g} m"
-        for body, lift in bodies
-    ]
-    linked_bodies = [body.model_copy(update={"link": link}) for body, _ in bodies]
-    entries = [
-        {key: _rounded(value) for key, value in body.model_dump().items()}
-        for body in (*present_trim, *linked_bodies)
-    ]
+    parts = []
+    bodies = [*present_trim]
+    for body, lift in trim_bodies(robot, force, moment):
+        kind = body.name.partition("_")[0]
+        x, y, _ = body.position
+        parts.append(f"a {kind} of {abs(lift):.3g} N at x = {x:.3g} m, y = {y:.3g} m")
+        bodies.append(body.model_copy(update={"link": link}))
+    entries = []
+    for body in bodies:
+        entries.append({key: _rounded(value) for key, value in body.model_dump().items()})
     text = yaml.safe_dump(
         entries, default_flow_style=True, width=math.inf, sort_keys=False, allow_unicode=True
     ).strip()
@@ -294,7 +308,7 @@ def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """A part of an entry with numbers of five digits."""
+    """Return a value of an entry with numbers of five digits."""
     if isinstance(value, tuple):
         return [_rounded(part) for part in value]
     if isinstance(value, float):
@@ -311,72 +325,73 @@ def trim_bodies(
     One where that lies within the hull, else two at its ends in the direction of the moment.
     """
     lift = -force
-    lever = np.array([moment[1], -moment[0]])
+    lever = np.array([moment[1], -moment[0]])  # [N m] lift times place
     low, high = _hull(robot)
-    used_names = [body.name for body in robot.description.trim]
-
-    def body(name: str, place: np.ndarray, lift: float) -> tuple[description.TrimBody, float]:
-        name = f"{'float' if lift > 0.0 else 'ballast'}{name}"
-        candidates = chain([name], (f"{name}_{k}" for k in count(1)))
-        name = next(candidate for candidate in candidates if candidate not in used_names)
-        x, y = place + 0.0  # no zero with a sign
-        return static_balance.trim_body(name, float(x), float(y), lift, robot), lift
-
     if abs(lift) >= FORCE_TOLERANCE:
         place = lever / lift
-    else:
-        place = np.full(2, np.inf)
-    if ((low <= place) & (place <= high)).all():
-        return [body("", place, lift)]
-    along = lever / np.linalg.norm(lever)
-    reach = [_reach(way, low, high) for way in (along, -along)]
-    first_lift = (float(np.linalg.norm(lever)) + lift * reach[1]) / sum(reach)
+        if ((low <= place) & (place <= high)).all():
+            return [_trim_body(robot, "", place, lift)]
+    direction = lever / np.linalg.norm(lever)
+    reach = _reach(direction, low, high)
+    opposite_reach = _reach(-direction, low, high)
+    first_lift = (float(np.linalg.norm(lever)) + lift * opposite_reach) / (reach + opposite_reach)
     pair = (
-        body("_1", reach[0] * along, first_lift),
-        body("_2", -reach[1] * along, lift - first_lift),
+        _trim_body(robot, "_1", reach * direction, first_lift),
+        _trim_body(robot, "_2", -opposite_reach * direction, lift - first_lift),
     )
-    return [entry for entry in pair if abs(entry[1]) > 0.0]
+    return [(body, body_lift) for body, body_lift in pair if abs(body_lift) > 0.0]
+
+
+def _trim_body(
+    robot: Robot, suffix: str, place: np.ndarray, lift: float
+) -> tuple[description.TrimBody, float]:
+    """Return a float or ballast of a lift [N] at a place (2,) [m] in B, and the lift."""
+    used_names = [body.name for body in robot.description.trim]
+    kind = "float" if lift > 0.0 else "ballast"
+    free_name = f"{kind}{suffix}"
+    number = 0
+    while free_name in used_names:
+        number += 1
+        free_name = f"{kind}{suffix}_{number}"
+    x, y = place + 0.0  # no zero with a sign
+    return static_balance.trim_body(free_name, float(x), float(y), lift, robot), lift
 
 
 def _hull(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (2,) [m] of the vehicle's collision shapes and thrusters, x and y in B, with the
-    origin between them.
+    """Return the lower and the upper corner (2,) [m] of a box around the vehicle's collision shapes
+    and thrusters, x and y in B, with the origin between them.
     """
     model = robot.collision_model
     points = [np.zeros(3)]
     for shape in model.geometryObjects:
         if shape.parentJoint == 1:
-            points += [
-                shape.placement.act(corner) for corner in link_boxes.box_corners(shape.geometry)
-            ]
+            corners = link_boxes.box_corners(shape.geometry)
+            points += [shape.placement.act(corner) for corner in corners]
     points += [np.array(thruster.position) for thruster in robot.description.thrusters]
-    return _WITHIN * np.min(points, axis=0)[:2], _WITHIN * np.max(points, axis=0)[:2]
+    return _HULL_SHARE * np.min(points, axis=0)[:2], _HULL_SHARE * np.max(points, axis=0)[:2]
 
 
-def _reach(along: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """Distance [m] from the origin of B to the border of the hull; a hand's breadth where it has
-    none.
+def _reach(direction: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """Return the distance [m] from the origin of B to the border of the hull in a direction (2,).
+
+    It is a hand's breadth at least. low, high: corners of the hull (2,) [m].
     """
-    ends = [
-        r / a
-        for r, a in zip(np.where(along > 0.0, high, low), along, strict=True)
-        if abs(a) > _RANK_TOLERANCE
-    ]
-    return max(min(ends), _HAND)
+    borders = np.where(direction > 0.0, high, low)
+    is_along = np.abs(direction) > _RANK_TOLERANCE
+    distances = borders[is_along] / direction[is_along]
+    return max(float(distances.min()), _SMALLEST_REACH)
 
 
 def _thrusters(robot: Robot) -> RobotFinding:
     matrix = thruster_matrix(robot)
     if not matrix.shape[1]:
         text = "none: the vehicle cannot be driven on the dynamic plant"
-        alone = robot.description.model_fields_set <= {"links"}  # as variants have them
-        return _warning("thrusters", f"{text}; {_ALONE}" if alone else text)
-    U, singular, _ = np.linalg.svd(matrix)
-    rank = int((singular > _RANK_TOLERANCE * singular[0]).sum())
-    text = (
-        f"{matrix.shape[1]} thrusters, rank {rank}, singular values"
-        f" {' '.join(f'{s:.3g}' for s in singular)}"
-    )
+        has_links_alone = robot.description.model_fields_set <= {"links"}  # as variants do
+        return _warning("thrusters", f"{text}; {_ALONE}" if has_links_alone else text)
+    U, singular_values, _ = np.linalg.svd(matrix)
+    rank = int((singular_values > _RANK_TOLERANCE * singular_values[0]).sum())
+    values_text = " ".join(f"{value:.3g}" for value in singular_values)
+    text = f"{matrix.shape[1]} thrusters, rank {rank}, singular values {values_text}"
     if rank == 6:
         return _good("thrusters", text)
     lost = [thrusters.AXES[int(np.argmax(np.abs(column)))] for column in U.T[rank:]]
