@@ -32,7 +32,8 @@ class Cell:
 
     def read(self, script: str) -> float:
         """Raises `LookupError` unless one row alone is meant."""
-        with (ROOT / "results" / f"{script}.csv").open(encoding="utf-8", newline="") as file:
+        path = ROOT / "results" / f"{script}.csv"
+        with path.open(encoding="utf-8", newline="") as file:
             lines = (line for line in file if not line.startswith("#"))
             rows = [row for row in csv.DictReader(lines) if self.where.items() <= row.items()]
         if len(rows) != 1:
@@ -48,7 +49,7 @@ def _digits(value: float) -> str:
 class Claim:
     """Our number beside a peer's."""
 
-    what: str
+    label: str
     unit: str
     script: str
     """Which measures both, one after the other, on one machine."""
@@ -59,10 +60,9 @@ class Claim:
 
     def line(self) -> str:
         """A row of the table."""
-        ours, theirs = (
-            f"{_digits(cell.read(self.script))} {self.unit}" for cell in (self.ours, self.theirs)
-        )
-        return f"| {self.what} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
+        ours = f"{_digits(self.ours.read(self.script))} {self.unit}"
+        theirs = f"{_digits(self.theirs.read(self.script))} {self.unit}"
+        return f"| {self.label} | {ours} | {theirs}: {self.peer} | `{self.script}.md` |"
 
 
 def _processor_time(**where: str) -> Cell:
@@ -73,7 +73,7 @@ def _processor_time(**where: str) -> Cell:
 _STAGEWISE = "Gauss-Newton, 1e-06, compiled"
 CLAIMS = (
     Claim(
-        what="one tick of Case 1, kinematics and solver, from Python",
+        label="one tick of Case 1, kinematics and solver, from Python",
         unit="us",
         script="hierarchy",
         ours=Cell(where={"problem": "whole tick", "solver": "active set in C"}, column="p50_us"),
@@ -83,7 +83,7 @@ CLAIMS = (
         ),
     ),
     Claim(
-        what="strict levels of inequalities and equalities, 80 unknowns, 253 rows, from Python",
+        label="strict levels of inequalities and equalities, 80 unknowns, 253 rows, from Python",
         unit="us",
         script="hierarchy",
         ours=Cell(
@@ -95,7 +95,7 @@ CLAIMS = (
         ),
     ),
     Claim(
-        what="minimum snap through 100 pieces",
+        label="minimum snap through 100 pieces",
         unit="ms",
         script="trajectories",
         ours=Cell(
@@ -108,7 +108,7 @@ CLAIMS = (
         ),
     ),
     Claim(
-        what="optimal control, 13 degrees of freedom, 40 steps, no limits",
+        label="optimal control, 13 degrees of freedom, 40 steps, no limits",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
@@ -118,7 +118,7 @@ CLAIMS = (
         theirs=_processor_time(problem="shooting, N = 40", solver="crocoddyl FDDP"),
     ),
     Claim(
-        what="the same within hard limits on velocities, torques and positions",
+        label="the same within hard limits on velocities, torques and positions",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
@@ -128,7 +128,7 @@ CLAIMS = (
         theirs=_processor_time(problem="limited, N = 40", solver="mim-solvers CSQP"),
     ),
     Claim(
-        what="quickest motion of an arm, within 0.2 % of the known answer",
+        label="quickest motion of an arm, within 0.2 % of the known answer",
         unit="ms",
         script="ocp_peers",
         ours=_processor_time(
@@ -153,7 +153,7 @@ def table() -> str:
 
 def written_into(text: str) -> str:
     """A text whose table is the one of today."""
-    return _TABLE.sub(lambda found: table(), text)
+    return _TABLE.sub(lambda match: table(), text)
 
 
 def run(names: list[str], options: list[str]) -> int:
@@ -186,24 +186,24 @@ def main() -> int:
     parser.add_argument(
         "--quick", action="store_true", help="little work, to see that it runs; needs --out"
     )
-    given = parser.parse_args()
-    unknown = set(given.names) - {"all", *SCRIPTS}
+    arguments = parser.parse_args()
+    unknown = set(arguments.names) - {"all", *SCRIPTS}
     if unknown:
         parser.error(f"unknown: {', '.join(sorted(unknown))}; give all, or of {', '.join(SCRIPTS)}")
-    options = [
-        word
-        for name in ("peers", "out")
-        if (path := getattr(given, name))
-        for word in (f"--{name}", str(path))
-    ]
-    if given.names and (
-        code := run(given.names, [*options, *(["--quick"] if given.quick else [])])
-    ):
-        return code
-    if given.into:
-        given.into.write_text(
-            written_into(given.into.read_text(encoding="utf-8")), encoding="utf-8"
-        )
+    options = []
+    if arguments.peers:
+        options += ["--peers", str(arguments.peers)]
+    if arguments.out:
+        options += ["--out", str(arguments.out)]
+    if arguments.quick:
+        options.append("--quick")
+    if arguments.names:
+        code = run(arguments.names, options)
+        if code:
+            return code
+    if arguments.into:
+        text = arguments.into.read_text(encoding="utf-8")
+        arguments.into.write_text(written_into(text), encoding="utf-8")
     sys.stdout.write(f"{table()}\n")
     return 0
 

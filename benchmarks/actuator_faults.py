@@ -30,9 +30,9 @@ def fault_of(kind: str, thruster: int, seed: int, limit: float) -> ThrusterFault
     rng = np.random.default_rng(100 * seed + thruster)
     onset = 8.0 + 3.0 * float(rng.uniform())
     share = {"dead": 0.0, "weak": 0.5, "stuck": 0.0, "reversed": -1.0}[kind]
-    constant = (
-        float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4)) * limit if kind == "stuck" else 0.0
-    )
+    constant = 0.0
+    if kind == "stuck":
+        constant = float(rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.4)) * limit
     return ThrusterFault(thruster=thruster, share=share, constant=constant, onset=onset)
 
 
@@ -43,19 +43,14 @@ def faulty_runs(
     for seed in range(seeds):
         for i in range(thrusters):
             fault = fault_of(kind, i, seed, ROBOTS[robot])
-            current = (0.5, 0.3)[i % 2]
-            yield (
-                fault,
-                run(
-                    Hover(
-                        robot=robot,
-                        seed=1000 * seed + i,
-                        faults=(fault,),
-                        duration=duration,
-                        current=current,
-                    )
-                ),
+            hover = Hover(
+                robot=robot,
+                seed=1000 * seed + i,
+                faults=(fault,),
+                duration=duration,
+                current=(0.5, 0.3)[i % 2],
             )
+            yield fault, run(hover)
 
 
 def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> Row:
@@ -66,14 +61,15 @@ def row_of(robot: str, kind: str, runs: list[tuple[ThrusterFault, Outcome]]) -> 
     for fault, outcome in runs:
         assert outcome.monitor is not None
         verdicts = outcome.monitor.thrusters
-        named = [i for i, verdict in enumerate(verdicts) if verdict.health is ActuatorHealth.FAULTY]
-        told = [
-            t for t, text in outcome.alarms if text.startswith(f"thruster{fault.thruster + 1} ")
-        ]
-        times += [told[0] - fault.onset] if told else []
-        mine = verdicts[fault.thruster].kind
-        right += mine.word == kind
-        wrong += any(i != fault.thruster for i in named)
+        name = f"thruster{fault.thruster + 1} "
+        alarm_times = [t for t, text in outcome.alarms if text.startswith(name)]
+        if alarm_times:
+            times.append(alarm_times[0] - fault.onset)
+        right += verdicts[fault.thruster].kind.word == kind
+        for i, verdict in enumerate(verdicts):
+            if i != fault.thruster and verdict.health is ActuatorHealth.FAULTY:
+                wrong += 1
+                break
     return {
         "robot": robot,
         "kind": kind,
@@ -111,25 +107,32 @@ def main() -> None:
     parser.add_argument(
         "--free", type=int, default=100, metavar="N", help="runs without a fault, per robot"
     )
-    given, bench = begin(parser)
-    seeds, free, duration, thrusters = (
-        (1, 1, 2.0, 1) if bench.quick else (given.seeds, given.free, 30.0, 8)
-    )
-    rows = [
-        row_of(robot, kind, list(faulty_runs(robot, kind, seeds, duration, thrusters)))
-        for robot in ROBOTS
-        for kind in KINDS
-    ]
+    arguments, bench = begin(parser)
+    if bench.quick:
+        seeds = 1
+        free = 1
+        duration = 2.0
+        thrusters = 1
+    else:
+        seeds = arguments.seeds
+        free = arguments.free
+        duration = 30.0
+        thrusters = 8
+    rows = []
+    for robot in ROBOTS:
+        for kind in KINDS:
+            runs = list(faulty_runs(robot, kind, seeds, duration, thrusters))
+            rows.append(row_of(robot, kind, runs))
     sound = [free_row(robot, free, duration) for robot in ROBOTS]
-    formats = {"median time [s]": ".1f"}
+    columns = dict.fromkeys(rows[0], "") | {"median time [s]": ".1f"}
     bench.write(
         Report(
             name="actuator_faults",
             title="Thrusters that fail",
             prose=PROSE.format(seeds=seeds, duration=duration, free=free),
             tables=[
-                Table(rows=rows, columns={name: formats.get(name, "") for name in rows[0]}),
-                Table(rows=sound, columns={name: formats.get(name, "") for name in sound[0]}),
+                Table(rows=rows, columns=columns),
+                Table(rows=sound, columns=dict.fromkeys(sound[0], "")),
             ],
             data={"actuator_faults": rows},
         )

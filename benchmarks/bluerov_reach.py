@@ -13,6 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 
 from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
+from recording.rows import column, rows_where
 
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import list_variants
@@ -30,9 +31,8 @@ def attempt(job: tuple[int, str, float | None]) -> Row:
     """One mission of a seed under a set of drag; a duration [s] ends it early."""
     seed, drag, duration = job
     variant = None if drag == NOMINAL else drag
-    report = summarize(
-        reach(robot=ROBOT, seed=seed, variant=variant, noise=True, duration=duration).run()
-    )
+    scenario = reach(robot=ROBOT, seed=seed, variant=variant, noise=True, duration=duration)
+    report = summarize(scenario.run())
     return {
         "seed": seed,
         "drag": drag,
@@ -45,25 +45,26 @@ def attempt(job: tuple[int, str, float | None]) -> Row:
 
 def sums(rows: Sequence[Row]) -> list[Row]:
     """One row per set of drag."""
-    return [
-        {
-            "drag": drag,
-            "missions": len(group),
-            "completed": sum(row["completed"] for row in group),
-            "longest [s]": max(row["simulated_s"] for row in group),
-            "largest tool error [mm]": max(row["tool_error_mm"] for row in group),
-        }
-        for drag in dict.fromkeys(row["drag"] for row in rows)
-        for group in [[row for row in rows if row["drag"] == drag]]
-    ]
+    table: list[Row] = []
+    for drag in dict.fromkeys(column(rows, "drag")):
+        missions = rows_where(rows, "drag", drag)
+        table.append(
+            {
+                "drag": drag,
+                "missions": len(missions),
+                "completed": sum(column(missions, "completed")),
+                "longest [s]": max(column(missions, "simulated_s")),
+                "largest tool error [mm]": max(column(missions, "tool_error_mm")),
+            }
+        )
+    return table
 
 
 def prose(rows: Sequence[Row]) -> str:
     """With the figures of all missions."""
     done = [row["tool_error_mm"] for row in rows if row["completed"]]
-    causes = [
-        f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in rows if not row["completed"]
-    ]
+    failed = [row for row in rows if not row["completed"]]
+    causes = [f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in failed]
     return PROSE.format(
         runs=len(rows),
         first=rows[0]["seed"],
@@ -85,10 +86,12 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=20, metavar="N")
     add_jobs_option(parser)
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     drags = (NOMINAL, *list_variants(ROBOT))
-    jobs = product(range(given.seeds), drags, [None])
-    rows = [attempt((0, drags[-1], 1.0))] if run.quick else attempts(jobs, given.jobs)
+    if run.quick:
+        rows = [attempt((0, drags[-1], 1.0))]
+    else:
+        rows = attempts(product(range(arguments.seeds), drags, [None]), arguments.jobs)
     run.write(
         Report(
             name="bluerov_reach",

@@ -69,27 +69,28 @@ def wrench_us(allocation: Allocation, share: float, counts: Counts) -> list[floa
     """Shortest time [us] of each of the random wrenches of a share of the largest."""
     largest = np.linalg.norm(allocation.matrix * allocation.upper, axis=1)
     drawn = np.random.default_rng(0).normal(size=(counts.wrenches, 6)) * share * largest
-    return [
-        min(batch_us(partial(allocation.allocate, wrench), 1) for _ in range(counts.repeats))
-        for wrench in drawn
-    ]
+    shortest = []
+    for wrench in drawn:
+        call = partial(allocation.allocate, wrench)
+        shortest.append(min(batch_us(call, 1) for _ in range(counts.repeats)))
+    return shortest
 
 
 def rows(counts: Counts) -> Iterator[Row]:
     """Dynamics of every robot, then allocation of those with thrusters."""
     robots = {name: load_robot(name) for name in list_robots()}
     for name, robot in robots.items():
-        for what, call in dynamics_calls(robot_dynamics(robot)).items():
-            yield _row(name, what, [batch_us(call, counts.calls) for _ in range(counts.batches)])
+        for label, call in dynamics_calls(robot_dynamics(robot)).items():
+            yield _row(name, label, [batch_us(call, counts.calls) for _ in range(counts.batches)])
     for name, robot in robots.items():
         allocation = allocation_of(robot)
         if allocation.matrix.size:
-            for what, share in SIZES.items():
-                yield _row(name, f"allocation, {what}", wrench_us(allocation, share, counts))
+            for size, share in SIZES.items():
+                yield _row(name, f"allocation, {size}", wrench_us(allocation, share, counts))
 
 
 def _row(robot: str, call: str, times_us: list[float]) -> Row:
-    p50, p99, largest = (float(x) for x in np.percentile(times_us, [50, 99, 100]))
+    p50, p99, largest = np.percentile(times_us, [50, 99, 100]).tolist()
     return {"robot": robot, "call": call, "p50_us": p50, "p99_us": p99, "max_us": largest}
 
 

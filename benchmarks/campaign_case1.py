@@ -15,6 +15,7 @@ from typing import Any
 
 from campaigns.case1_runs import BRIEF, VARIATIONS, brief_case1, noisy_case1
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import rows_where
 
 from uvms_ocp.campaign import Campaign, campaign_report, read_table
 from uvms_ocp.campaign.success_criteria import parse_bounds
@@ -45,8 +46,9 @@ def throughput(variations: Any, runs: int, folder: Path, workers: int) -> float:
     campaign.run(
         folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done))
     )
-    first, had = next((time, done) for time, done in times if done >= workers)
-    return (runs - had) / (times[-1][0] - first)
+    begin_time, done_before = next((time, done) for time, done in times if done >= workers)
+    end_time, _ = times[-1]
+    return (runs - done_before) / (end_time - begin_time)
 
 
 def causes(report: dict[str, Any]) -> list[Row]:
@@ -69,15 +71,17 @@ def sensitivities(report: dict[str, Any]) -> list[Row]:
     """Of success and of the main figures, the parameters that matter most."""
     rows: list[Row] = []
     for figure in ("success", "tool_position_error_m", "energy_j", "duration_s"):
-        own = [row for row in report["sensitivity"] if row["figure"] == figure]
-        for row in sorted(own, key=lambda row: -row["pawn"])[:_TOP]:
-            names = {
-                "figure": "figure",
-                "parameter": "parameter",
-                "pawn": "PAWN",
-                "pawn_floor": "floor",
-            }
-            rows.append({names[key]: row[key] for key in names} | {"rank": row["rank_correlation"]})
+        parameters = rows_where(report["sensitivity"], "figure", figure)
+        for row in sorted(parameters, key=lambda row: -row["pawn"])[:_TOP]:
+            rows.append(
+                {
+                    "figure": row["figure"],
+                    "parameter": row["parameter"],
+                    "PAWN": row["pawn"],
+                    "floor": row["pawn_floor"],
+                    "rank": row["rank_correlation"],
+                }
+            )
     return rows
 
 
@@ -92,23 +96,30 @@ def main() -> None:
         help="of the campaign, kept; default: a temporary one",
     )
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, metavar="N")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     with tempfile.TemporaryDirectory() as temporary:
-        folder = given.work or Path(temporary)
-        maker, variations = (brief_case1, BRIEF) if run.quick else (noisy_case1, VARIATIONS)
-        runs, workers = (4, 1) if run.quick else (given.runs, given.workers)
+        folder = arguments.work or Path(temporary)
+        if run.quick:
+            maker = brief_case1
+            variations = BRIEF
+            runs = 4
+            workers = 1
+        else:
+            maker = noisy_case1
+            variations = VARIATIONS
+            runs = arguments.runs
+            workers = arguments.workers
         campaign = Campaign(scenario=maker, variations=variations, runs=runs)
         campaign.run(folder / "campaign", workers=workers)
         times = read_table(folder / "campaign")["wall_s"]
         took = f"The runs took {times.sum():.0f} s of the workers' time, {workers} at a time."
         if not run.quick:
-            one, two = (
-                throughput(variations, min(100, runs), Path(temporary, f"workers{n}"), n)
-                for n in (1, 2)
-            )
+            n = min(100, runs)
+            alone = throughput(variations, n, Path(temporary, "workers1"), 1)
+            together = throughput(variations, n, Path(temporary, "workers2"), 2)
             took += (
-                f" Two workers make {two / one:.2f} times as many runs in a second as one"
-                f" ({two:.2f} and {one:.2f})."
+                f" Two workers make {together / alone:.2f} times as many runs in a second as one"
+                f" ({together:.2f} and {alone:.2f})."
             )
         report = campaign_report(folder / "campaign", parse_bounds([_USEFUL]))
         strict = campaign_report(folder / "campaign")
@@ -125,11 +136,8 @@ def main() -> None:
     )
     names = ("figure", "runs", "least", "5 %", "median", "95 %", "largest")
     spread = [{name: row[name] for name in names} for row in report["distributions"]]
-    tables = [
-        Table(rows=rows)
-        for rows in (causes(strict), causes(report), spread, sensitivities(report))
-        if rows
-    ]
+    all_rows = (causes(strict), causes(report), spread, sensitivities(report))
+    tables = [Table(rows=rows) for rows in all_rows if rows]
     data = {"campaign_case1": table.to_dict("records")}
     run.write(
         Report(

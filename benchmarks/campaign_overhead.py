@@ -43,13 +43,13 @@ def measured(runs: int, workers: int) -> Row:
         )
         table = read_table(out)
     first, done = next((time, done) for time, done in times if done)
-    spent = times[-1][0] - first
+    last, _ = times[-1]
     return {
         "runs": runs,
         "workers": workers,
         "rows": len(table),
         "start [s]": first,
-        "per run [ms]": 1e3 * spent / max(runs - done, 1),
+        "per run [ms]": 1e3 * (last - first) / max(runs - done, 1),
         "client [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
     }
 
@@ -58,9 +58,9 @@ def main() -> None:
     """Measure and write."""
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=10_000, metavar="N")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     workers = 1 if run.quick else os.cpu_count() or 1
-    row = measured(300 if run.quick else given.runs, workers)
+    row = measured(300 if run.quick else arguments.runs, workers)
     prose = PROSE.format(
         runs=row["runs"],
         cost=row["per run [ms]"],

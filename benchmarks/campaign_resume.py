@@ -39,7 +39,9 @@ def campaign_of(runs: int) -> Campaign:
 
 def finished(folder: Path) -> set[int]:
     """Runs that are on the disk."""
-    return set(read_table(folder)["run"].tolist()) if part_paths(folder) else set()
+    if not part_paths(folder):
+        return set()
+    return set(read_table(folder)["run"].tolist())
 
 
 def killed(folder: Path, runs: int, draw: random.Random, *, workers: int, a_worker: bool) -> Row:
@@ -68,12 +70,12 @@ def killed(folder: Path, runs: int, draw: random.Random, *, workers: int, a_work
 
 def _workers(pid: int) -> list[int]:
     """Children of a process that are workers."""
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [
-        int(child)
-        for child in children
-        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
-    ]
+    workers = []
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        command = Path(f"/proc/{child}/cmdline").read_bytes()
+        if b"spawn_main" in command:
+            workers.append(int(child))
+    return workers
 
 
 def main() -> None:
@@ -85,11 +87,17 @@ def main() -> None:
         "--workers", type=int, default=os.cpu_count() or 1, metavar="N", help="processes"
     )
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
-    given, run = begin(parser)
-    if given.child:
-        campaign_of(given.runs).run(given.child, workers=given.workers)
+    arguments, run = begin(parser)
+    runs = arguments.runs
+    kills = arguments.kills
+    workers = arguments.workers
+    if arguments.child:
+        campaign_of(runs).run(arguments.child, workers=workers)
         return
-    runs, kills, workers = (6, 1, 1) if run.quick else (given.runs, given.kills, given.workers)
+    if run.quick:
+        runs = 6
+        kills = 1
+        workers = 1
     draw = random.Random(0)
     rows = []
     with tempfile.TemporaryDirectory() as temporary:

@@ -14,6 +14,7 @@ import shutil
 from recording.kept_rows import add_study_options, kept_rows
 from recording.processes import compiled_once
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column
 from studies.drawn_exports import FUSING, PLAIN, drawn_exports, totals
 
 PROSE = """
@@ -44,7 +45,7 @@ def prose(rows: list[Row]) -> str:
         same=total["the same bits"],
         ticks=total["ticks"],
         apart=total["apart"],
-        largest=max(row["largest_difference"] for row in rows),
+        largest=max(column(rows, "largest_difference")),
         refused=total["refused"],
         faults=total["fault"],
         seeds=", ".join(wrong) or "none",
@@ -56,14 +57,17 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--exports", type=int, default=300, metavar="N")
     add_study_options(parser)
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     if shutil.which("cc") is None:
         parser.error(COMPILER_NEEDED)
+    if run.quick:
+        study = drawn_exports(n=1, seed=2)
+        jobs = 1
+    else:
+        study = drawn_exports(n=arguments.exports)
+        jobs = arguments.jobs
     with compiled_once() as folder:
-        study = drawn_exports(n=1 if run.quick else given.exports, seed=2 if run.quick else 0)
-        rows = kept_rows(
-            study, given.work or folder / "work", 1 if run.quick else given.jobs, given.hours
-        )
+        rows = kept_rows(study, arguments.work or folder / "work", jobs, arguments.hours)
     run.write(
         Report(
             name="drawn_exports",

@@ -15,6 +15,7 @@ from collections import Counter
 from recording.kept_rows import add_study_options, kept_rows
 from recording.processes import compiled_once, hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, count_where, rows_where
 from studies.drawn_files import REASONS, drawn_files, reason_of, totals
 
 PROSE = """
@@ -31,17 +32,18 @@ Reasons, and how many files were refused for each: {reasons}. For none of these:
 
 def prose(rows: list[Row]) -> str:
     """With the figures of the study."""
-    refused = Counter(reason_of(row["text"]) for row in rows if row["outcome"] == "refused")
+    refusals = rows_where(rows, "outcome", "refused")
+    refused = Counter(reason_of(text) for text in column(refusals, "text"))
+    reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]
     return PROSE.format(
         first=rows[0]["seed"],
         last=rows[-1]["seed"],
         files=len(rows),
-        faults=sum(row["outcome"] == "fault" for row in rows),
+        faults=count_where(rows, "outcome", "fault"),
         seconds=rows[0]["duration_s"],
         rate=1 / rows[0]["dt"],
-        exports=sum(row["exports"] for row in rows),
-        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason])
-        or "none",
+        exports=sum(column(rows, "exports")),
+        reasons=", ".join(reasons) or "none",
         others=refused[""],
     )
 
@@ -58,18 +60,24 @@ def main() -> None:
         help="of them, through export, with a compiler",
     )
     add_study_options(parser)
-    given, run = begin(parser)
-    exports, files = (0, 1) if run.quick else (given.exports, given.files)
+    arguments, run = begin(parser)
+    if run.quick:
+        exports = 0
+        files = 1
+        jobs = 1
+    else:
+        exports = arguments.exports
+        files = arguments.files
+        jobs = arguments.jobs
     rows: list[Row] = []
     with compiled_once() as folder:
-        work = given.work or folder
+        work = arguments.work or folder
         if exports:
-            rows += kept_rows(
-                drawn_files(n=exports, exports=True), work / "exports", given.jobs, given.hours
-            )
+            exported = drawn_files(n=exports, exports=True)
+            rows += kept_rows(exported, work / "exports", jobs, arguments.hours)
         hide_compiler()
-        rest = drawn_files(n=files - exports, seed=exports)
-        rows += kept_rows(rest, work / "files", 1 if run.quick else given.jobs, given.hours)
+        not_exported = drawn_files(n=files - exports, seed=exports)
+        rows += kept_rows(not_exported, work / "files", jobs, arguments.hours)
     run.write(
         Report(
             name="drawn_files",

@@ -14,6 +14,7 @@ from collections import Counter
 from recording.kept_rows import add_study_options, kept_rows
 from recording.processes import compiled_once
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 from studies.drawn_robots import (
     BALLAST,
     CURRENT,
@@ -50,9 +51,12 @@ wrong: {seeds}.
 
 def prose(rows: list[Row]) -> str:
     """With the figures of the study."""
-    number = Counter(row["outcome"] for row in rows)
-    refused = Counter(reason_of(row["text"]) for row in rows if row["outcome"] == "refused")
-    flees, touches, unseen, blames = (sum(name in row["wrong"] for row in rows) for name in WRONGS)
+    number = Counter(column(rows, "outcome"))
+    refusals = rows_where(rows, "outcome", "refused")
+    refused = Counter(reason_of(text) for text in column(refusals, "text"))
+    reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]
+    wrong = [row for row in rows if row["wrong"]]
+    flees, touches, unseen, blames = (sum(name in row["wrong"] for row in wrong) for name in WRONGS)
     return PROSE.format(
         robots=len(rows),
         first=rows[0]["seed"],
@@ -62,7 +66,7 @@ def prose(rows: list[Row]) -> str:
         over=number["time over"],
         refused=number["refused"],
         faults=number["fault"],
-        wrong=sum(bool(row["wrong"]) for row in rows),
+        wrong=len(wrong),
         flees=flees,
         touches=touches,
         unseen=unseen,
@@ -74,12 +78,11 @@ def prose(rows: list[Row]) -> str:
         current=CURRENT,
         farther=FARTHER,
         seen=SEEN,
-        noisy=sum(row["noise"] for row in rows),
-        loaded=sum(row["load_kg"] > 0.0 for row in rows),
-        noisy_wrong=sum(bool(row["wrong"]) and row["noise"] for row in rows),
-        seeds=", ".join(f"{row['seed']} {row['wrong']}" for row in rows if row["wrong"]) or "none",
-        reasons=", ".join(f"{reason} {refused[reason]}" for reason in REASONS if refused[reason])
-        or "none",
+        noisy=sum(column(rows, "noise")),
+        loaded=sum(load > 0.0 for load in column(rows, "load_kg")),
+        noisy_wrong=sum(column(wrong, "noise")),
+        seeds=", ".join(f"{row['seed']} {row['wrong']}" for row in wrong) or "none",
+        reasons=", ".join(reasons) or "none",
         others=refused[""],
     )
 
@@ -89,12 +92,15 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--robots", type=int, default=2000, metavar="N")
     add_study_options(parser)
-    given, run = begin(parser)
+    arguments, run = begin(parser)
+    if run.quick:
+        study = drawn_robots(n=1, flies=False)
+        jobs = 1
+    else:
+        study = drawn_robots(n=arguments.robots)
+        jobs = arguments.jobs
     with compiled_once() as folder:
-        study = drawn_robots(n=1 if run.quick else given.robots, flies=not run.quick)
-        rows = kept_rows(
-            study, given.work or folder / "work", 1 if run.quick else given.jobs, given.hours
-        )
+        rows = kept_rows(study, arguments.work or folder / "work", jobs, arguments.hours)
     run.write(
         Report(
             name="drawn_robots",

@@ -17,6 +17,7 @@ from resource import RUSAGE_CHILDREN, getrusage
 from typing import Any
 
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 from uvms_ocp.export import export_controller
 from uvms_ocp.scenario.cases import SCENARIOS, case1
@@ -24,10 +25,11 @@ from uvms_ocp.scenario.scenario import Scenario
 
 FAULTS = ("altimeter:frozen@8", "thruster3:dead@15", "joint2:jam@20")
 MISSIONS: dict[str, Callable[..., Scenario]] = {
-    **{
-        name: SCENARIOS[name]
-        for name in ("case1", "case2", "current_drift", "obstacle_field", "bluerov_inspection")
-    },
+    "case1": SCENARIOS["case1"],
+    "case2": SCENARIOS["case2"],
+    "current_drift": SCENARIOS["current_drift"],
+    "obstacle_field": SCENARIOS["obstacle_field"],
+    "bluerov_inspection": SCENARIOS["bluerov_inspection"],
     "case1, faulty": lambda **options: case1(noise=True, faults=FAULTS, **options),
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
@@ -73,21 +75,17 @@ def rows_of(name: str, scenario: Scenario, folder: Path, level: Sequence[str]) -
             built_s = built(folder, compiler, (*options, *level))
             yield {**row, "build_s": built_s, **replayed(folder, emulator), "status": "ok"}
         except subprocess.CalledProcessError as error:
-            yield {
-                **row,
-                "status": (
-                    f"{Path(str(error.cmd[0])).name} failed:"
-                    f" {' '.join(str(error.stderr).split())[:200]}"
-                ),
-            }
+            program = Path(str(error.cmd[0])).name
+            complaint = " ".join(str(error.stderr).split())[:200]
+            yield {**row, "status": f"{program} failed: {complaint}"}
 
 
 def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
     """Time of the processor [s] to build the program ``replay``."""
     before = _children()
-    for name in (*GENERATED, REPLAY):
-        own = ("-Wno-unused-parameter",) if name in GENERATED else ()
-        _call(folder, compiler, *STRICT, *own, *options, "-c", name)
+    for name in GENERATED:
+        _call(folder, compiler, *STRICT, "-Wno-unused-parameter", *options, "-c", name)
+    _call(folder, compiler, *STRICT, *options, "-c", REPLAY)
     objects = [Path(name).with_suffix(".o").name for name in (*GENERATED, REPLAY)]
     _call(folder, compiler, *options, *objects, "-lm", "-o", "replay")
     return _children() - before
@@ -100,12 +98,12 @@ def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
         [*emulator, "./replay", f"{NAME}_recorded.bin"], cwd=folder, capture_output=True, text=True
     )
     spent = _children() - before
-    said = process.stdout
+    printed = process.stdout
     if process.returncode not in (0, 1):
         raise subprocess.CalledProcessError(process.returncode, ["replay"], stderr=process.stderr)
-    ticks = int(said.split()[0])
-    apart = int(said.split()[2])
-    largest = float(said.split("difference ")[1].split(",")[0])
+    ticks = int(printed.split()[0])
+    apart = int(printed.split()[2])
+    largest = float(printed.split("difference ")[1].split(",")[0])
     return {
         "code_kB": 1e-3 * os.path.getsize(folder / "replay"),
         "ticks": ticks,
@@ -131,20 +129,23 @@ def main() -> None:
     parser.add_argument(
         "--scenarios", nargs="*", default=list(MISSIONS), metavar="NAME", choices=list(MISSIONS)
     )
-    given, run = begin(parser)
-    names, short = (
-        (["case1"], {"duration": 1.0, "plant": "kinematic"}) if run.quick else (given.scenarios, {})
-    )
-    level = ["-O0"] if run.quick else []
+    arguments, run = begin(parser)
+    names = arguments.scenarios
+    short: dict[str, Any] = {}
+    level = []
+    if run.quick:
+        names = ["case1"]
+        short = {"duration": 1.0, "plant": "kinematic"}
+        level = ["-O0"]
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as work:
         for k, name in enumerate(names):
             rows += rows_of(name, MISSIONS[name](**short), Path(work) / str(k), level)
-    done = [row for row in rows if row["status"] == "ok"]
-    largest = max((row["largest_difference"] for row in done), default=0.0)
+    done = rows_where(rows, "status", "ok")
+    largest = max(column(done, "largest_difference"), default=0.0)
     prose = PROSE.format(
         missions=len(names),
-        ticks=sum(row["ticks"] for row in done),
+        ticks=sum(column(done, "ticks")),
         strict=" ".join(STRICT),
         largest=f"The largest difference of all is {largest:.2g}.",
     )

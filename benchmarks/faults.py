@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from recording.kept_rows import kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, known_values, rows_where
 from studies.fault_study import by_kind, faults
 from studies.fault_table import (
     ASTRAY,
@@ -89,52 +90,64 @@ def sizes() -> list[Row]:
 
 def onsets(rows: Sequence[Row]) -> str:
     """Of each phase."""
-    found = {row["phase"]: row["onset_s"] for row in rows if row["kind"] != PAIR}
-    return ", ".join(f"{phase} at {found[phase]:g} s" for phase in sorted(found))
+    onset_of = {row["phase"]: row["onset_s"] for row in rows if row["kind"] != PAIR}
+    return ", ".join(f"{phase} at {onset_of[phase]:g} s" for phase in sorted(onset_of))
 
 
 def report(rows: Sequence[Row], study: Study) -> Report:
     """Of all rows that there are."""
-    struck = [row for row in rows if row["kind"] not in (STILL, GUSTY)]
-    pairs = [row for row in struck if row["kind"] == PAIR]
+    faulty = [row for row in rows if row["kind"] not in (STILL, GUSTY)]
+    pairs = rows_where(faulty, "kind", PAIR)
     free = [row for row in rows if row["kind"] in (STILL, GUSTY)]
-    ended = [row for row in free if row["kind"] == STILL and row["end"] == "completed"]
-    errors, bounds = (np.array([row[name] for row in ended]) for name in ("tool_m", "tool_bound_m"))
+    ended = rows_where(rows_where(free, "kind", STILL), "end", "completed")
+    errors = np.array(column(ended, "tool_m"))
+    bounds = np.array(column(ended, "tool_bound_m"))
+    mean_bound = math.nan
+    ratio = math.nan
+    if ended:
+        mean_bound = bounds.mean()
+        ratio = mean_bound / np.quantile(errors, CHANCE)
     return Report(
         name="faults",
         title="Faults",
         prose=PROSE.format(
             runs=len(rows),
             cases=len(study.cases),
-            kinds=len({row["kind"] for row in struck} - {PAIR}),
+            kinds=len(set(column(faulty, "kind")) - {PAIR}),
             pairs=len(pairs),
-            passed_pairs=sum(bool(row["passed"]) for row in pairs),
+            passed_pairs=_passed(pairs),
             floor=FLOOR,
             rates=RATES,
             new_rates=NEW_RATES,
             new=NEW,
-            onsets=onsets(struck),
+            onsets=onsets(faulty),
             free=len(free),
             gusts=GUSTS,
             within=int((errors <= bounds).sum()),
             still=len(ended),
-            bound=1e3 * bounds.mean() if ended else math.nan,
-            ratio=bounds.mean() / np.quantile(errors, CHANCE) if ended else math.nan,
+            bound=1e3 * mean_bound,
+            ratio=ratio,
             chance=CHANCE,
             joints=1e3 * JOINTS,
             astray=ASTRAY,
-            passed=sum(bool(row["passed"]) for row in struck),
-            struck=len(struck),
-            false=sum(row["alarms_before"] or 0 for row in free),
+            passed=_passed(faulty),
+            struck=len(faulty),
+            false=sum(known_values(free, "alarms_before")),
         ),
         tables=[Table(rows=by_kind(rows), columns=TABLE), Table(rows=sizes())],
         data={"faults": rows},
     )
 
 
+def _passed(rows: Sequence[Row]) -> int:
+    return sum(bool(passed) for passed in column(rows, "passed"))
+
+
 def chosen_kinds(words: Sequence[str]) -> list[str]:
     """Kinds whose names have any of the words in them; all without words."""
-    return [name for name in KINDS if not words or any(word in name for word in words)]
+    if not words:
+        return list(KINDS)
+    return [name for name in KINDS if any(word in name for word in words)]
 
 
 def main() -> None:
@@ -157,9 +170,12 @@ def main() -> None:
         "--hours", type=float, default=8.0, metavar="H", help="after which no run is begun"
     )
     parser.add_argument("--work", type=Path, metavar="FOLDER", help="where rows are kept")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     study = faults(
-        n=given.seeds, fault_free=given.free, pairs=given.pairs, kinds=chosen_kinds(given.kinds)
+        n=arguments.seeds,
+        fault_free=arguments.free,
+        pairs=arguments.pairs,
+        kinds=chosen_kinds(arguments.kinds),
     )
     if run.quick:
         kinds = ["altimeter_range frozen", "joint 2 jammed"]
@@ -173,8 +189,9 @@ def main() -> None:
             dt=0.05,
             duration=12.0,
         )
-    with tempfile.TemporaryDirectory() as own:
-        rows = kept_rows(study, (given.work or Path(own)) / "study", given.jobs, given.hours)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (arguments.work or Path(temporary)) / "study"
+        rows = kept_rows(study, folder, arguments.jobs, arguments.hours)
     run.write(report(rows, study))
 
 

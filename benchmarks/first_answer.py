@@ -81,12 +81,12 @@ def timed_command(words: tuple[str, ...], folder: Path, cache: Path) -> dict[str
         raise RuntimeError(f"{' '.join(words)}: {done.stderr[-500:]}")
     wall = perf_counter() - start
     behind = seconds_until_quiet(cache)
-    made = set(cache.glob("*.so")) - before
+    libraries = set(cache.glob("*.so")) - before
     return {
         "wall_s": wall,
         "behind_s": behind,
-        "libraries": len(made),
-        "size_MB": sum(path.stat().st_size for path in made) / 1e6,
+        "libraries": len(libraries),
+        "size_MB": sum(path.stat().st_size for path in libraries) / 1e6,
     }
 
 
@@ -103,14 +103,13 @@ def seconds_until_quiet(cache: Path) -> float:
 def plan_rows(plugin: str | None, steps: int) -> Iterator[Row]:
     """Reaches one after the other, from an empty cache, by the default solver or another."""
     solver = () if plugin is None else ("--nlp", plugin)
-    one, two = (
-        tuple(word for sphere in SPHERES[:n] for word in ("--sphere", sphere)) for n in (1, 2)
-    )
+    one_sphere = ("--sphere", SPHERES[0])
+    two_spheres = (*one_sphere, "--sphere", SPHERES[1])
     problems = {
-        "first problem of the robot": one,
-        "one more sphere": two,
-        "another term": (*two, "--tool-rpy", *map(str, TURN)),
-        "the same again": (*two, "--tool-rpy", *map(str, TURN)),
+        "first problem of the robot": one_sphere,
+        "one more sphere": two_spheres,
+        "another term": (*two_spheres, "--tool-rpy", *map(str, TURN)),
+        "the same again": (*two_spheres, "--tool-rpy", *map(str, TURN)),
     }
     reach = ("--tool", *map(str, GOAL), "--position", *map(str, START))
     with tempfile.TemporaryDirectory() as name:
@@ -119,13 +118,13 @@ def plan_rows(plugin: str | None, steps: int) -> Iterator[Row]:
         cache.mkdir(mode=0o700)
         for step, more in problems.items():
             words = ("plan", "ocp", *reach, *more, "--steps", str(steps), *solver, "--out", "plan")
-            found = timed_command(words, folder, cache)
+            figures = timed_command(words, folder, cache)
             report = json.loads((folder / "plan" / "report.json").read_text(encoding="utf-8"))
             yield {
                 "group": " ".join(("plan ocp", *solver)),
                 "step": step,
                 "status": report["status"],
-                **found,
+                **figures,
                 "solve_s": report["solve_time_s"],
             }
 
@@ -152,12 +151,12 @@ def run_rows() -> Iterator[Row]:
         for step in ("first run", "again", "mission changed"):
             if step == "mission changed":
                 mission.write_text(changed(mission.read_text(encoding="utf-8")), encoding="utf-8")
-            found = timed_command(("run", "my_mission.py", "--out", "run"), folder, cache)
+            figures = timed_command(("run", "my_mission.py", "--out", "run"), folder, cache)
             yield {
                 "group": "run my_mission.py",
                 "step": step,
                 "status": "",
-                **found,
+                **figures,
                 "solve_s": None,
             }
 

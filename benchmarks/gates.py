@@ -8,11 +8,11 @@ figure, of Case 1, only where a path is given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from recording.report import Report, Table, begin, parser_of
+from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import rows_where
 
 from uvms_ocp.control.velocity.kinematic import HierarchySolver
 from uvms_ocp.report.comparison import WINDOW, transition_series, transition_table
@@ -65,14 +65,18 @@ def main() -> None:
     """Run every mission once per solver."""
     parser = parser_of(__doc__)
     parser.add_argument("--figure", type=Path, metavar="PNG", help="draw it as well")
-    given, run = begin(parser)
-    dt = 1 / 50 if run.quick else 1 / 200
-    missions = {name: MISSIONS[name] for name in (["case1"] if run.quick else MISSIONS)}
-    records = {
-        f"{mission} {name}": build(solver=solver, plant="kinematic", dt=dt).run()
-        for mission, build in missions.items()
-        for name, solver in SOLVERS.items()
-    }
+    arguments, run = begin(parser)
+    if run.quick:
+        dt = 1 / 50
+        missions = ["case1"]
+    else:
+        dt = 1 / 200
+        missions = list(MISSIONS)
+    records = {}
+    for mission in missions:
+        for name, solver in SOLVERS.items():
+            scenario = MISSIONS[mission](solver=solver, plant="kinematic", dt=dt)
+            records[f"{mission} {name}"] = scenario.run()
     rows = transition_table(records)
     jerks = "\n".join(f"- {mission}: {_jerks(rows, mission)}" for mission in missions)
     prose = PROSE.format(rate=1 / dt, window=WINDOW, jerks=jerks)
@@ -84,22 +88,19 @@ def main() -> None:
             tables=[Table(rows=rows, columns=FORMATS)],
         )
     )
-    if given.figure:
+    if arguments.figure:
         series = {name: transition_series(records[f"case1 {name}"]) for name in SOLVERS}
-        figure_transitions(series).savefig(given.figure)
+        figure_transitions(series).savefig(arguments.figure)
 
 
-def _jerks(rows: Sequence[Mapping[str, Any]], mission: str) -> str:
+def _jerks(rows: Sequence[Row], mission: str) -> str:
     """The largest at any change, by solver."""
-    largest = {
-        name: max(
-            row["jerk"]
-            for row in rows
-            if row["run"] == f"{mission} {name}" and row["change"] != "all"
-        )
-        for name in SOLVERS
-    }
-    return ", ".join(f"{name} {jerk:.0f}" for name, jerk in largest.items())
+    texts = []
+    for name in SOLVERS:
+        rows_of_run = rows_where(rows, "run", f"{mission} {name}")
+        jerks = [row["jerk"] for row in rows_of_run if row["change"] != "all"]
+        texts.append(f"{name} {max(jerks):.0f}")
+    return ", ".join(texts)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ installed, without what Python compiles of them later. *own_MB*: of the package 
 with all that it brings, directly or not; *alone_MB*: of that, what nothing else brings, and what
 would go if it went.
 """
-ASKED = {
+DIRECT = {
     "package": "",
     "version": "",
     "own_MB": ".0f",
@@ -34,40 +34,41 @@ ALL = {"package": "", "version": "", "MB": ".1f", "brought_by": ""}
 
 def needs(of: Distribution) -> list[str]:
     """Names of the packages that one needs here, without its extras."""
-    asked = [Requirement(text) for text in of.requires or ()]
-    return [
-        canonicalize_name(one.name)
-        for one in asked
-        if one.marker is None or one.marker.evaluate({"extra": ""})
-    ]
+    names = list[str]()
+    for text in of.requires or ():
+        requirement = Requirement(text)
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            names.append(canonicalize_name(requirement.name))
+    return names
 
 
 def megabytes(of: Distribution) -> float:
     """Of its files but for byte code, each once: wheels have no links, and copies of libraries in
     their place.
     """
-    paths = {Path(str(of.locate_file(file))) for file in of.files or () if file.suffix != ".pyc"}
+    files = [file for file in of.files or () if file.suffix != ".pyc"]
+    paths = {Path(str(of.locate_file(file))) for file in files}
     return sum(path.stat().st_size for path in paths if path.is_file()) / 1e6
 
 
 def all_of(roots: Iterable[str], graph: Mapping[str, list[str]]) -> set[str]:
     """What these packages are, and bring."""
-    found = set[str]()
+    packages = set[str]()
     waiting = list(roots)
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
+        if name not in packages:
+            packages.add(name)
             waiting += graph[name]
-    return found
+    return packages
 
 
 def main() -> None:
     """Look, and write."""
     _, run = begin(parser_of(__doc__))
-    asked = needs(distribution(PACKAGE))
+    direct = needs(distribution(PACKAGE))
     parts = dict[str, Distribution]()
-    waiting = list(asked)
+    waiting = list(direct)
     while waiting:
         name = waiting.pop()
         if name not in parts:
@@ -75,37 +76,43 @@ def main() -> None:
             waiting += needs(parts[name])
     graph = {name: needs(part) for name, part in parts.items()}
     sizes = {name: megabytes(part) for name, part in parts.items()}
+    brought_by = {name: all_of([name], graph) for name in direct}
 
     def size(names: Iterable[str]) -> float:
         return sum(sizes[name] for name in names)
 
     rows: list[Row] = []
-    for name in sorted(asked, key=lambda one: -size(all_of([one], graph))):
-        brought = all_of([name], graph)
-        others = all_of([one for one in asked if one != name], graph)
-        row = {
-            "package": name,
-            "version": parts[name].version,
-            "own_MB": sizes[name],
-            "with_MB": size(brought),
-        }
-        rows.append(row | {"alone_MB": size(brought - others), "brings": len(brought) - 1})
-    each: list[Row] = [
-        {
-            "package": name,
-            "version": parts[name].version,
-            "MB": sizes[name],
-            "brought_by": ", ".join(one for one in asked if name in all_of([one], graph)),
-        }
-        for name in sorted(parts, key=lambda one: -sizes[one])
-    ]
+    for name in sorted(direct, key=lambda name: -size(brought_by[name])):
+        brought = brought_by[name]
+        by_others = all_of([other for other in direct if other != name], graph)
+        rows.append(
+            {
+                "package": name,
+                "version": parts[name].version,
+                "own_MB": sizes[name],
+                "with_MB": size(brought),
+                "alone_MB": size(brought - by_others),
+                "brings": len(brought) - 1,
+            }
+        )
+    packages: list[Row] = []
+    for name in sorted(parts, key=lambda name: -sizes[name]):
+        origins = [origin for origin in direct if name in brought_by[origin]]
+        packages.append(
+            {
+                "package": name,
+                "version": parts[name].version,
+                "MB": sizes[name],
+                "brought_by": ", ".join(origins),
+            }
+        )
     run.write(
         Report(
             name="install",
             title="What an install takes",
             prose=PROSE.format(package=PACKAGE, n=len(parts), total=size(parts)),
-            tables=[Table(rows=rows, columns=ASKED), Table(rows=each[:15], columns=ALL)],
-            data={"install": rows, "install_packages": each},
+            tables=[Table(rows=rows, columns=DIRECT), Table(rows=packages[:15], columns=ALL)],
+            data={"install": rows, "install_packages": packages},
         )
     )
 

@@ -6,10 +6,13 @@ navigation_time.csv and navigation.md.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from estimation.consistency import DELAYS, SPECS, TOGETHER, consistency, late
 from estimation.delays import LEVEL, WITH, WITHOUT, delay_table
 from estimation.mission import by_part, mission_table, time_table
 from recording.report import Report, Table, begin, parser_of
+from recording.rows import column
 
 from uvms_ocp.robot.loading import load_robot
 
@@ -37,27 +40,65 @@ in C alone.
 FIGURES = {"of": "", "mean": ".3f", "least": ".3f", "most": ".3f", "n": "", "inside": ""}
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Size:
+    """How much is drawn and flown."""
+
+    seeds: int
+    duration: float
+    """[s] of a truth."""
+    delay_seeds: int
+    delay_duration: float
+    """[s] of a truth whose readings are late."""
+    missions: int
+    plant: str
+    mission_duration: float
+    """[s]"""
+    ticks: int
+    """Whose time is taken."""
+
+
+_FULL = _Size(
+    seeds=50,
+    duration=20.0,
+    delay_seeds=20,
+    delay_duration=16.0,
+    missions=20,
+    plant="dynamic",
+    mission_duration=120.0,
+    ticks=20_000,
+)
+_QUICK = _Size(
+    seeds=2,
+    duration=6.0,
+    delay_seeds=2,
+    delay_duration=9.0,
+    missions=1,
+    plant="kinematic",
+    mission_duration=2.0,
+    ticks=400,
+)
+
+
 def main() -> None:
     """Draw truths, delay readings, fly a mission, and take the time."""
     _, run = begin(parser_of(__doc__))
-    seeds, duration = (2, 6.0) if run.quick else (50, 20.0)
+    size = _QUICK if run.quick else _FULL
+    seeds = size.seeds
+    duration = size.duration
     robot = load_robot("girona_maris7")
     in_time = consistency(robot, SPECS, seeds=seeds, duration=duration)
     all_late = consistency(robot, late(SPECS, DELAYS), seeds=seeds, duration=duration)
-    delays = [
-        row
-        for specs in (WITH, WITHOUT)
-        for row in delay_table(
-            robot, specs, seeds=range(2 if run.quick else 20), duration=9.0 if run.quick else 16.0
-        )
-    ]
-    missions = mission_table(
-        1 if run.quick else 20,
-        plant="kinematic" if run.quick else "dynamic",
-        duration=2.0 if run.quick else 120.0,
-    )
-    times = time_table(robot, ticks=400 if run.quick else 20_000)
-    alone = delays[1 : len(DELAYS) + 1]
+    delays = list[dict[str, object]]()
+    for specs in (WITH, WITHOUT):
+        seeds_of_delays = range(size.delay_seeds)
+        delays += delay_table(robot, specs, seeds=seeds_of_delays, duration=size.delay_duration)
+    missions = mission_table(size.missions, plant=size.plant, duration=size.mission_duration)
+    times = time_table(robot, ticks=size.ticks)
+    one_late = delays[1 : len(DELAYS) + 1]
+    ratios = list[float]()
+    for name in ("position", "attitude", "altitude"):
+        ratios += [float(str(ratio)) for ratio in column(one_late, name)]
     prose = PROSE.format(
         seeds=seeds,
         duration=duration,
@@ -65,9 +106,7 @@ def main() -> None:
         inside=_inside(in_time),
         late_inside=_inside(all_late),
         rows=len(in_time),
-        largest=max(
-            float(str(row[name])) for row in alone for name in ("position", "attitude", "altitude")
-        ),
+        largest=max(ratios),
         dvl=DELAYS["linear_velocity"],
         slope=LEVEL.floor_roughness,
         bound=1e3 * LEVEL.jerk * (DELAYS["linear_velocity"] ** 3 / 3) ** 0.5,
@@ -84,13 +123,10 @@ def main() -> None:
         ),
         Table(rows=times, columns=dict.fromkeys(times[0], ".1f") | {"sensors": ""}),
     ]
-    given = [
-        {"readings": name, **row}
-        for name, rows in (("in time", in_time), ("late", all_late))
-        for row in rows
-    ]
+    readings = [{"readings": "in time", **row} for row in in_time]
+    readings += [{"readings": "late", **row} for row in all_late]
     data = {
-        "navigation": given,
+        "navigation": readings,
         "navigation_delays": delays,
         "navigation_mission": missions,
         "navigation_time": times,

@@ -16,6 +16,7 @@ from horizon.following import CASES, CURRENT, DOUBLE, DT, GUSTS, PERIOD, Experim
 from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 LARGEST_ERROR = 20.0
 LATE = 1.0
@@ -47,10 +48,9 @@ def prose(
     experiment: Experiment, blocks: Blocks, shown: Sequence[Row], ticks: Sequence[Row]
 ) -> str:
     """With the figures of all runs."""
-    own, levels = (
-        [row for row in shown if row["controller"] == name]
-        for name in ("NMPC", "NMPC, strict levels")
-    )
+    one_level = rows_where(shown, "controller", "NMPC")
+    levels = rows_where(shown, "controller", "NMPC, strict levels")
+    (beside,) = rows_where(ticks, "ticks", BESIDE)
     return PROSE.format(
         seeds=len(experiment.seeds),
         seconds=experiment.seconds,
@@ -63,15 +63,15 @@ def prose(
         rate=1 / DT,
         largest_error=LARGEST_ERROR,
         late=LATE,
-        kept=_kept(own),
+        kept=_kept(one_level),
         kept_strictly=_kept(levels),
-        cases=len(own),
-        late_share=_late(own),
+        cases=len(one_level),
+        late_share=_late(one_level),
         late_strictly=_late(levels),
         rounds=blocks.rounds,
         block=blocks.seconds,
         seldom=SELDOM,
-        share=next(row for row in ticks if row["ticks"] == BESIDE)["p99 to that without plans [-]"],
+        share=beside["p99 to that without plans [-]"],
         most=TICKS,
     )
 
@@ -81,7 +81,7 @@ def _kept(shown: Sequence[Row]) -> int:
 
 
 def _late(shown: Sequence[Row]) -> float:
-    return 100.0 * sum(row["late"] for row in shown) / max(1, sum(row["solves"] for row in shown))
+    return 100.0 * sum(column(shown, "late")) / max(1, sum(column(shown, "solves")))
 
 
 def measured(experiment: Experiment) -> list[Row]:
@@ -97,7 +97,7 @@ def main() -> None:
     """Run all cases with all controllers."""
     parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="of each run")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     if run.quick:
         hide_compiler()
         experiment = Experiment(
@@ -105,7 +105,7 @@ def main() -> None:
         )
         blocks = Blocks(rounds=1, seconds=0.1, warm=0.1)
     else:
-        experiment = Experiment(cases=tuple(CASES), seconds=given.seconds)
+        experiment = Experiment(cases=tuple(CASES), seconds=arguments.seconds)
         blocks = Blocks()
     table = measured(experiment)
     shown = worst_of_seeds(table, "case", "controller")

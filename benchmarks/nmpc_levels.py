@@ -15,6 +15,7 @@ from horizon.receding_conflicts import LEEWAY, MARGIN, SETTLING, SPEED, WAY
 from horizon.worst_of_seeds import worst_of_seeds
 from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, rows_where
 
 TOOL = 25.0
 HELD = 5.0
@@ -39,23 +40,21 @@ Strict levels keep what is wanted in {kept} of {all} runs, with {unfit} of {solv
 """
 
 
-def kept(row: Row) -> bool:
+def keeps_wanted(row: Row) -> bool:
     """Whether a run keeps what is wanted."""
     if row["conflict"].startswith("tilt"):
         return bool(row["largest tool error [mm]"] <= TOOL)
-    held = (
-        not row["conflict"].startswith("vehicle") or row["largest way of the vehicle [mm]"] <= HELD
-    )
-    return bool(
-        held
-        and row["largest tool error afterwards [mm]"] <= BACK
-        and row["smallest gap [mm]"] >= 1e3 * MARGIN
-    )
+    is_about_vehicle = row["conflict"].startswith("vehicle")
+    if is_about_vehicle and row["largest way of the vehicle [mm]"] > HELD:
+        return False
+    is_back = row["largest tool error afterwards [mm]"] <= BACK
+    is_clear = row["smallest gap [mm]"] >= 1e3 * MARGIN
+    return bool(is_back and is_clear)
 
 
 def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
     """With the figures of all runs."""
-    own = [row for row in table if row["priorities"] == LEVELS]
+    by_levels = rows_where(table, "priorities", LEVELS)
     return PROSE.format(
         seeds=len(runs.seeds),
         way=WAY,
@@ -68,10 +67,10 @@ def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
         leeway=1e3 * LEEWAY,
         lead=GAINS.lead,
         damping=GAINS.vehicle_damping,
-        kept=sum(kept(row) for row in own),
-        all=len(own),
-        unfit=sum(row["unfit"] for row in own),
-        solves=sum(row["solves"] for row in own),
+        kept=sum(keeps_wanted(row) for row in by_levels),
+        all=len(by_levels),
+        unfit=sum(column(by_levels, "unfit")),
+        solves=sum(column(by_levels, "solves")),
     )
 
 
@@ -81,8 +80,8 @@ def main() -> None:
     parser.add_argument(
         "--seeds", type=int, default=10, metavar="N", help="of gusts, for each conflict"
     )
-    given, run = begin(parser)
-    runs = ConflictRuns(seeds=tuple(range(1, given.seeds + 1)))
+    arguments, run = begin(parser)
+    runs = ConflictRuns(seeds=tuple(range(1, arguments.seeds + 1)))
     if run.quick:
         hide_compiler()
         runs = ConflictRuns(seeds=(1,), weights=(10.0,), only=("tilt above tool",), seconds=0.1)

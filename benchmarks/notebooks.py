@@ -17,6 +17,7 @@ import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column, count_where
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
 QUICK = ("10_stepping_a_robot",)
@@ -33,9 +34,10 @@ def executed(path: Path, *, fast: bool) -> Row:
     notebook = nbformat.read(path, as_version=4)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
     changed = 0
-    for cell in cells if not fast else ():
-        cell.source, times = _FAST.subn("FAST = False", cell.source)
-        changed += times
+    if not fast:
+        for cell in cells:
+            cell.source, times = _FAST.subn("FAST = False", cell.source)
+            changed += times
     began = perf_counter()
     status = "complete"
     with tempfile.TemporaryDirectory() as folder:
@@ -60,20 +62,23 @@ def main() -> int:
     """All notebooks, or those that are named; exit code 1 where one fails."""
     parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help="without its ending; default: all")
-    given, run = begin(parser)
-    names = given.names or (
-        QUICK if run.quick else [path.stem for path in sorted(FOLDER.glob("*.ipynb"))]
-    )
+    arguments, run = begin(parser)
+    if arguments.names:
+        names = arguments.names
+    elif run.quick:
+        names = QUICK
+    else:
+        names = [path.stem for path in sorted(FOLDER.glob("*.ipynb"))]
     rows = []
     for name in names:
         rows.append(executed(FOLDER / f"{name}.ipynb", fast=run.quick))
         sys.stderr.write(f"{name}: {rows[-1]['status']}\n")
-    complete = sum(row["status"] == "complete" for row in rows)
+    complete = count_where(rows, "status", "complete")
     prose = PROSE.format(
         run=complete,
         number=len(rows),
         mode=" as in the tests" if run.quick else " in full",
-        total=sum(row["wall_s"] for row in rows),
+        total=sum(column(rows, "wall_s")),
     )
     columns = dict.fromkeys(rows[0], "") | {"wall_s": ".0f"}
     run.write(

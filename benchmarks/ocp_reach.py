@@ -60,9 +60,13 @@ def all_rows(steps: tuple[int, ...], repeats: int) -> list[Row]:
     """Every size with both solvers and both Hessians; the middle size without a compiler as
     well.
     """
-    exact = [row for n in steps for row in exact_rows(n, repeats, cold=True)]
-    gauss_newton = [row for n in steps for row in gauss_newton_rows(n, repeats)]
-    return [*exact, *gauss_newton, *interpreted_rows(steps[1], repeats)]
+    rows = list[Row]()
+    for n in steps:
+        rows += exact_rows(n, repeats, cold=True)
+    for n in steps:
+        rows += gauss_newton_rows(n, repeats)
+    rows += interpreted_rows(steps[1], repeats)
+    return rows
 
 
 def interpreted_rows(n_steps: int, repeats: int) -> list[Row]:
@@ -71,8 +75,8 @@ def interpreted_rows(n_steps: int, repeats: int) -> list[Row]:
         result = Path(folder) / "rows.json"
         script = Path(__file__).parent / "horizon" / "reach.py"
         run_script(sys.executable, script, n_steps, result, "--repeats", repeats, compiler=False)
-        found = json.loads(result.read_text())
-    return [row | {"setting": f"{row['setting']}, virtual machine"} for row in found]
+        rows = json.loads(result.read_text())
+    return [row | {"setting": f"{row['setting']}, virtual machine"} for row in rows]
 
 
 def carried_out(problem: OcpProblem, options: NlpOptions) -> TrackingError:

@@ -12,6 +12,7 @@ import numpy as np
 from curves.controlled import Outcome, Scenes, collides
 from curves.scenes import N_SCENES, problem
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column
 
 from uvms_ocp.robot.loading import load_robot
 
@@ -45,23 +46,18 @@ def row_of(outcome: Outcome) -> Row:
 def prose(rows: Sequence[Row], scenes: Scenes) -> str:
     """With the figures of all scenes."""
     times = [row["curve, processor [s]"] + row["plan, processor [s]"] for row in rows]
-    good = [row["status"] == "solved" and row["certified"] for row in rows]
-    rest = [
-        f"seed {row['seed']} ({row['status']})"
-        for row, fine in zip(rows, good, strict=True)
-        if not fine
-    ]
+    failed = [row for row in rows if row["status"] != "solved" or not row["certified"]]
     return PROSE.format(
         scenes=len(rows),
-        solved=sum(good),
-        false=sum(row["falsely"] for row in rows),
+        solved=len(rows) - len(failed),
+        false=sum(column(rows, "falsely")),
         samples=scenes.samples,
         slower=scenes.slower,
         clearance=scenes.clearance,
         median=float(np.median(times)),
         largest=max(times),
         building=scenes.build_time,
-        rest=", ".join(rest) or "none",
+        rest=", ".join(f"seed {row['seed']} ({row['status']})" for row in failed) or "none",
     )
 
 
@@ -69,9 +65,9 @@ def main() -> None:
     """Solve all scenes."""
     parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=int, default=N_SCENES, metavar="N")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     robot = load_robot(ROBOT)
-    n = 1 if run.quick else given.scenes
+    n = 1 if run.quick else arguments.scenes
     problems = [problem(seed, robot=robot) for seed in range(n)]
     scenes = Scenes(problems[0])
     rows = [row_of(scenes.solved(item)) for item in problems]

@@ -48,7 +48,7 @@ _LOST = 8.0  # [s]
 
 def patrol(seconds: float) -> Scenario:
     """Out and home until so many seconds are nearly over."""
-    near = Below(quantity="PC.position_error", limit=0.15)
+    arrived = Below(quantity="PC.position_error", limit=0.15)
     over = Transition(to=DONE, when=(Above(quantity="mission.time", limit=0.99 * seconds),))
     times = [share * seconds for share in SHARES]
     times[3] += _LOST
@@ -61,8 +61,8 @@ def patrol(seconds: float) -> Scenario:
         faults=tuple(text.format(*times) for text in FAULTS),
     )
     rested = Above(quantity="phase.time", limit=min(REST, 0.1 * seconds))
-    out = _way("out", WAY, over, Transition(to="home", when=(near,)))
-    home = _way("home", 0.0, over, Transition(to="out", when=(near, rested)))
+    out = _way("out", WAY, over, Transition(to="home", when=(arrived,)))
+    home = _way("home", 0.0, over, Transition(to="out", when=(arrived, rested)))
     return replace(scenario, mission=replace(scenario.mission, phases=(out, home)))
 
 
@@ -118,24 +118,27 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--hours", type=float, default=24.0, metavar="H", help="simulated")
     parser.add_argument("--kills", type=int, default=3, metavar="N")
-    given, run = begin(parser)
-    hours, kills = (0.01, 1) if run.quick else (given.hours, given.kills)
-    waits = np.random.default_rng(0).uniform(
-        *((0.0, 0.1) if run.quick else (1.0, 20.0)), size=kills
-    )
+    arguments, run = begin(parser)
+    if run.quick:
+        hours = 0.01
+        kills = 1
+        shortest = 0.0
+        longest = 0.1
+    else:
+        hours = arguments.hours
+        kills = arguments.kills
+        shortest = 1.0
+        longest = 20.0
+    seconds = 3600.0 * hours
+    waits = np.random.default_rng(0).uniform(shortest, longest, size=kills)
     with TemporaryDirectory() as place:
-        rows: list[Any] = [
-            killed(3600.0 * hours, Path(place, f"killed{k}"), float(wait))
-            for k, wait in enumerate(waits)
-        ]
-        words = subprocess.run(
-            _command(3600.0 * hours, Path(place, "whole")),
-            capture_output=True,
-            check=True,
-            text=True,
-        ).stdout
-    tables = [Table(rows=[json.loads(words)]), Table(rows=rows)]
-    scenario = patrol(3600.0 * hours)
+        rows: list[Any] = []
+        for k, wait in enumerate(waits):
+            rows.append(killed(seconds, Path(place, f"killed{k}"), float(wait)))
+        whole = _command(seconds, Path(place, "whole"))
+        process = subprocess.run(whole, capture_output=True, check=True, text=True)
+    tables = [Table(rows=[json.loads(process.stdout)]), Table(rows=rows)]
+    scenario = patrol(seconds)
     faults = ", ".join(f"`{fault}`" for fault in scenario.faults)
     prose = PROSE.format(hours=hours, way=WAY, rest=REST, rate=1.0 / scenario.dt, faults=faults)
     run.write(Report(name="patrol", title="A patrol that lasts", prose=prose, tables=tables))

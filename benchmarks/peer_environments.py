@@ -49,11 +49,11 @@ def main() -> None:
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(PACKAGES)}; default: all"
     )
-    given = parser.parse_args()
-    for name in given.names or PACKAGES:
+    arguments = parser.parse_args()
+    for name in arguments.names or PACKAGES:
         if name not in PACKAGES:
             parser.error(f"unknown environment {name!r}; give some of {', '.join(PACKAGES)}")
-        make(given.folder, name)
+        make(arguments.folder, name)
 
 
 if __name__ == "__main__":

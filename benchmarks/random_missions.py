@@ -7,10 +7,12 @@ random_missions.md.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
+from recording.rows import column, known_values
 from studies.random_missions import random_missions
 from studies.study import StudyResult
 
@@ -41,33 +43,33 @@ def sums(cases: Sequence[Row]) -> list[Row]:
 
 def _sum(rows: Sequence[Row]) -> dict[str, object]:
     accepted = [row for row in rows if row["accepted"]]
+    refused = [row for row in rows if not row["accepted"]]
+    clearances = known_values(accepted, "clearance_m")
+    boulder_clearances = known_values(accepted, "boulder_clearance_m")
     return {
         "number": len(rows),
         "accepted": len(accepted),
-        "completed": sum(row["completed"] for row in accepted),
-        "smallest clearance [m]": _smallest(accepted, "clearance_m"),
-        "of them from the boulder [m]": _smallest(accepted, "boulder_clearance_m"),
-        "refused, but completed": sum(row["completed"] for row in rows if not row["accepted"]),
+        "completed": sum(column(accepted, "completed")),
+        "smallest clearance [m]": min(clearances, default=None),
+        "of them from the boulder [m]": min(boulder_clearances, default=None),
+        "refused, but completed": sum(column(refused, "completed")),
     }
-
-
-def _smallest(rows: Sequence[Row], name: str) -> float | None:
-    return min((row[name] for row in rows if row[name] is not None), default=None)
 
 
 def prose(result: StudyResult) -> str:
     """With the figures of the study."""
-    cases, (total,) = result.cases, result.table
+    cases = result.cases
+    (total,) = result.table
     done = [row["duration_s"] for row in cases if row["accepted"] and row["completed"]]
     refused = [row for row in cases if not row["accepted"]]
     false = [str(row["seed"]) for row in refused if row["completed"]]
-    causes = [row["refusal"].split(":")[0] for row in refused]
+    causes = Counter(row["refusal"].split(":")[0] for row in refused)
     return PROSE.format(
         first=cases[0]["seed"],
         last=cases[-1]["seed"],
         plant=cases[0]["plant"],
         rate=1 / cases[0]["dt"],
-        boulders=sum(row["boulder"] for row in cases),
+        boulders=sum(column(cases, "boulder")),
         shortest=min(done, default=float("nan")),
         longest=max(done, default=float("nan")),
         collided=total["collided"],
@@ -75,7 +77,7 @@ def prose(result: StudyResult) -> str:
         refused=len(refused),
         false=len(false),
         false_seeds=f"seeds {', '.join(false)}" if false else "none",
-        causes=", ".join(f"{name} {causes.count(name)}" for name in sorted(set(causes))) or "none",
+        causes=", ".join(f"{name} {causes[name]}" for name in sorted(causes)) or "none",
     )
 
 
@@ -84,14 +86,15 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--missions", type=int, default=200, metavar="N")
     add_jobs_option(parser)
-    given, run = begin(parser)
-    # The mission of seed 1 is accepted; one that is refused runs until its time is over.
-    chosen = (
-        random_missions(n=1, seed=1, plant="kinematic")
-        if run.quick
-        else random_missions(n=given.missions, force=True)
-    )
-    result = chosen.run(workers=1 if run.quick else given.jobs, progress=show_runs)
+    arguments, run = begin(parser)
+    if run.quick:
+        # The mission of seed 1 is accepted; one that is refused runs until its time is over.
+        study = random_missions(n=1, seed=1, plant="kinematic")
+        jobs = 1
+    else:
+        study = random_missions(n=arguments.missions, force=True)
+        jobs = arguments.jobs
+    result = study.run(workers=jobs, progress=show_runs)
     run.write(
         Report(
             name="random_missions",

@@ -41,15 +41,15 @@ RENAMED: dict[str, str] = {}
 
 def renamed(text: str) -> str:
     """The text with each word that has another name now replaced; the whole of it first."""
-    return RENAMED.get(text) or re.sub(
-        r"[A-Za-z_]\w*", lambda word: RENAMED.get(word[0], word[0]), text
-    )
+    if text in RENAMED:
+        return RENAMED[text]
+    return re.sub(r"[A-Za-z_]\w*", lambda word: RENAMED.get(word[0], word[0]), text)
 
 
 @cache
-def find(name: str, near: str = "") -> Any:
-    """Import a class or function by its name, wherever in the package it is defined; near: a folder
-    or module to prefer.
+def find(name: str, prefer: str = "") -> Any:
+    """Import a class or function by its name, wherever in the package it is defined; prefer: a
+    folder or module.
 
     What the top of the package does not export is looked for in its source, so that modules may
     move.
@@ -58,17 +58,18 @@ def find(name: str, near: str = "") -> Any:
     if hasattr(uo, name):
         return getattr(uo, name)
     root = Path(str(uo.__file__)).parent
-    defined = re.compile(rf"^(?:class|def) {name}\b", re.MULTILINE)
-    modules = [
-        path.relative_to(root)
-        for path in sorted(root.rglob("*.py"))
-        if defined.search(path.read_text())
-    ]
-    places = [path for path in modules if near in path.with_suffix("").parts] or modules
-    if len(places) != 1:
-        there = ", ".join(map(str, places)) or "no module"
-        raise LookupError(f"{name} is defined in {there}; give --renamed {name}=NEW")
-    module = ".".join((uo.__name__, *places[0].with_suffix("").parts)).removesuffix(".__init__")
+    definition = re.compile(rf"^(?:class|def) {name}\b", re.MULTILINE)
+    modules = []
+    for path in sorted(root.rglob("*.py")):
+        if definition.search(path.read_text()):
+            modules.append(path.relative_to(root))
+    preferred = [path for path in modules if prefer in path.with_suffix("").parts]
+    modules = preferred or modules
+    if len(modules) != 1:
+        places = ", ".join(map(str, modules)) or "no module"
+        raise LookupError(f"{name} is defined in {places}; give --renamed {name}=NEW")
+    parts = (uo.__name__, *modules[0].with_suffix("").parts)
+    module = ".".join(parts).removesuffix(".__init__")
     return getattr(import_module(module), name)
 
 
@@ -122,17 +123,16 @@ class Setting:
 
 def run_of_case1(setting: Setting, plant: str, solver: str) -> Values:
     """Run Case 1 with ideal sensors."""
-    return of_run(
-        uo.scenario.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1)).run()
-    )
+    scenario = uo.scenario.case1(plant=plant, solver=find(solver)(), **setting.duration(0.1))
+    return of_run(scenario.run())
 
 
 def faulty(name: str, **options: Any) -> Any:
     """A scenario with noise, a current and, in Case 1, faults of sensor, thruster and joint."""
-    more = {"faults": FAULTS} if name == "case1" else {}
-    return getattr(uo.scenario, name)(
-        noise=True, current=(0.1, -0.1, 0.02), seed=3, **more, **options
-    )
+    if name == "case1":
+        options["faults"] = FAULTS
+    make = getattr(uo.scenario, name)
+    return make(noise=True, current=(0.1, -0.1, 0.02), seed=3, **options)
 
 
 def faulty_run(setting: Setting) -> Values:
@@ -142,9 +142,8 @@ def faulty_run(setting: Setting) -> Values:
 
 def load_run(setting: Setting) -> Values:
     """Run the smallest robot with noise and a payload that it learns and is not told of."""
-    return of_run(
-        uo.scenario.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3)).run()
-    )
+    scenario = uo.scenario.reach(noise=True, seed=1, learn_load=True, **setting.duration(0.3))
+    return of_run(scenario.run())
 
 
 def exported(setting: Setting, name: str) -> Path:
@@ -164,10 +163,8 @@ def exported_sources(setting: Setting, name: str) -> Values:
 
 def _code(text: str) -> str:
     """C without comments and blank lines, every space as one."""
-    lines = (
-        " ".join(line.split())
-        for line in re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.DOTALL).splitlines()
-    )
+    no_comments = re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.DOTALL)
+    lines = [" ".join(line.split()) for line in no_comments.splitlines()]
     return "\n".join(line for line in lines if line)
 
 
@@ -187,14 +184,11 @@ def exported_replay(setting: Setting, name: str) -> Values:
     process = subprocess.run(
         ["./replay", recording.name, "ticks.txt"], cwd=folder, capture_output=True, text=True
     )
-    counts = [
-        float(number) for number in re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)
-    ]
-    recorded = np.frombuffer(recording.read_bytes(), dtype="<f8")
+    numbers = re.findall(r"\d+(?:\.\d*)?(?:e[-+]?\d+)?", process.stdout)
     return {
-        "recorded": recorded,
+        "recorded": np.frombuffer(recording.read_bytes(), dtype="<f8"),
         "told": np.loadtxt(folder / "ticks.txt", ndmin=2),
-        "counts": np.array(counts),
+        "counts": np.array([float(number) for number in numbers]),
     }
 
 
@@ -203,12 +197,12 @@ def plan_by_command(setting: Setting, method: str) -> Values:
     out = setting.work / f"plan-{method}"
     words = [sys.executable, "-m", "uvms_ocp", "plan", method, *PLANS[method], "--out", str(out)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    return {
-        f"{path.stem}/{name}": array
-        for path in sorted(out.glob("*.npz"))
-        for name, array in stored(path).items()
-        if array.dtype.kind != "U"
-    }
+    values = {}
+    for path in sorted(out.glob("*.npz")):
+        for name, array in stored(path).items():
+            if array.dtype.kind != "U":
+                values[f"{path.stem}/{name}"] = array
+    return values
 
 
 def campaign(setting: Setting) -> Values:
@@ -225,17 +219,16 @@ def campaign(setting: Setting) -> Values:
     uniform = find("Uniform", "campaign")
     variations = [variation(renamed(name), uniform(low, high)) for name, low, high in drawn]
     options = {"noise": True, "dt": 0.02, **setting.duration(0.2)}
-    asked = find("Campaign")(
+    study = find("Campaign")(
         scenario="case1",
         variations=variations,
         runs=2 if setting.quick else 4,
         seed=1,
         options=options,
     )
-    asked.run(setting.work / "campaign", workers=1)
-    parts = [
-        pd.read_parquet(path) for path in sorted((setting.work / "campaign").rglob("*.parquet"))
-    ]
+    folder = setting.work / "campaign"
+    study.run(folder, workers=1)
+    parts = [pd.read_parquet(path) for path in sorted(folder.rglob("*.parquet"))]
     table = pd.concat(parts).sort_values("run")
     numbers = table.select_dtypes(["number", "bool"])
     return {str(name): numbers[name].to_numpy() for name in numbers if not is_clock(str(name))}
@@ -244,19 +237,18 @@ def campaign(setting: Setting) -> Values:
 def identification(setting: Setting) -> Values:
     """Identify a vehicle from the record of its own run: all numbers of the report."""
     record = driven(duration=4.0 if setting.quick else 20.0)
-    paths = setting.work / "identified.yaml", setting.work / "driven.npz"
-    paths[0].write_text(IDENTIFIED)
-    record.save(paths[1])
-    settings = find("read_settings", "identification")(paths[0])
-    recordings = [find("read_recording", "identification")(paths[1])]
+    settings_path = setting.work / "identified.yaml"
+    settings_path.write_text(IDENTIFIED)
+    record_path = setting.work / "driven.npz"
+    record.save(record_path)
+    settings = find("read_settings", "identification")(settings_path)
+    recordings = [find("read_recording", "identification")(record_path)]
     subject = find("calibrated_robot", "identification")(settings, setting.work)
     result = find("calibrate", "identification")(subject, settings, recordings)
     values = of_run(record, "run/")
     for number in attribute(result, "numbers"):
-        entries = ("value", "sigma", "interval", "determined")
-        values |= {
-            f"{number.name}/{entry}": np.array(attribute(number, entry)) for entry in entries
-        }
+        for entry in ("value", "sigma", "interval", "determined"):
+            values[f"{number.name}/{entry}"] = np.array(attribute(number, entry))
     for name in ("shared", "information"):
         values[name] = np.array(attribute(attribute(result, "estimate"), name))
     return {**values, "inflation": np.array(attribute(result, "inflation"))}
@@ -267,14 +259,14 @@ def driven(duration: float) -> Any:
     [s].
     """
     robot = uo.without_arm(uo.load_robot("bluerov2_alpha5"))
-    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="PC.position_error", limit=0.1),))
+    arrived = uo.Below(quantity="PC.position_error", limit=0.1)
+    end = uo.Transition(to=uo.DONE, when=(arrived,))
     task = find("VehiclePose", "tasks")(name="PC", goal=uo.pose_at((50.0, 0.0, -20.0)))
-    phase = uo.Phase(name="go", activations={"PC": 1.0}, transitions=(there,))
-    thrust = 6.0 * np.random.default_rng(0).normal(
-        size=(round(2 * duration) + 2, len(robot.thruster_names))
-    )
+    phase = uo.Phase(name="go", activations={"PC": 1.0}, transitions=(end,))
+    shape = (round(2 * duration) + 2, len(robot.thruster_names))
+    thrust = 6.0 * np.random.default_rng(0).normal(size=shape)
     command = find("Command", "signals")
-    still = np.zeros(robot.n_v)
+    at_rest = np.zeros(robot.n_v)
     return uo.Scenario(
         name="driven",
         robot=robot,
@@ -282,7 +274,7 @@ def driven(duration: float) -> Any:
         environment=uo.Environment(seafloor=uo.FlatSeafloor(z=-40.0)),
         start=robot.configuration(position=(0.0, 0.0, -20.0)),
         controller=lambda scenario: (
-            lambda state, t: command(v=still, thrust=thrust[int(2 * t)], torque=np.zeros(0))
+            lambda state, t: command(v=at_rest, thrust=thrust[int(2 * t)], torque=np.zeros(0))
         ),
         dt=0.02,
         duration=duration,
@@ -295,19 +287,26 @@ def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -
     """
     tool = uo.Kinematics(robot, q).pose("tool")
     tool.translation = tool.translation + np.array([0.6, -0.3, -0.3])
-    more = {"at": find("At").PATH, "weight": 100.0} if path else {}
-    follow = find("TaskTerm", "ocp")(task=find("ToolPose", "tasks")(goal=tool), **more)
+    task = find("ToolPose", "tasks")(goal=tool)
+    term = find("TaskTerm", "ocp")
     cheap = (find("Effort", "ocp")(), find("Smoothness", "ocp")(weight=0.09))
     level = find("OcpLevel", "ocp")
-    ordered = (level(name="tool", terms=(follow,)), level(name="effort", terms=cheap))
-    levels = [level(name="one", terms=(follow, *cheap))] if path else list(ordered)
+    constraints: tuple[Any, ...] = ()
+    if path:
+        duration = 3.0
+        follow = term(task=task, at=find("At").PATH, weight=100.0)
+        levels = [level(name="one", terms=(follow, *cheap))]
+    else:
+        duration = 8.0
+        levels = [level(name="tool", terms=(term(task=task),)), level(name="effort", terms=cheap)]
+        constraints = (find("AtRest", "ocp")(),)
     return find("single_phase", "ocp")(
         robot=robot,
         start=find("State", "signals")(q=q, v=np.zeros(robot.n_v)),
-        duration=3.0 if path else 8.0,
+        duration=duration,
         n_steps=n_steps,
         levels=levels,
-        constraints=() if path else (find("AtRest", "ocp")(),),
+        constraints=constraints,
         current=np.array([0.2, 0.0, 0.0]),
     )
 
@@ -315,20 +314,14 @@ def reach_problem(robot: Any, q: np.ndarray, n_steps: int, path: bool = False) -
 def ocp(setting: Setting, plugin: str) -> Values:
     """Plan a motion of the tool by one of the solvers of nonlinear programs."""
     robot = uo.load_robot("girona_maris7_full")
-    problem = reach_problem(
-        robot,
-        robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5)),
-        5 if setting.quick else 20,
-    )
-    plan = find("Planner", "ocp")(
-        problem, find("NlpOptions", "nlp")(plugin=plugin, time_limit=PATIENCE)
-    ).plan()
+    start = robot.configuration(position=(0, 0, -5), rpy=(0, -0.06, 0.5))
+    problem = reach_problem(robot, start, 5 if setting.quick else 20)
+    options = find("NlpOptions", "nlp")(plugin=plugin, time_limit=PATIENCE)
+    plan = find("Planner", "ocp")(problem, options).plan()
     values = arrays_of(attribute(plan, "trajectory"))
     for level in plan.levels:
-        values |= {
-            f"{level.name}/{name}": np.array(attribute(level, name))
-            for name in ("residual", "prices")
-        }
+        for name in ("residual", "prices"):
+            values[f"{level.name}/{name}"] = np.array(attribute(level, name))
     return {**values, "iterations": np.array(plan.iterations)}
 
 
@@ -338,11 +331,10 @@ def receding(setting: Setting, plugin: str) -> Values:
     problem = reach_problem(scenario.robot, scenario.start, 5 if setting.quick else 15, path=True)
     options = find("SqpOptions", "nlp")(plugin=plugin)
     nmpc = find("Nmpc", "control")
-    return of_run(
-        replace(
-            scenario, controller=lambda _: nmpc(problem, options=options, clock=lambda: 0.0)
-        ).run()
+    scenario = replace(
+        scenario, controller=lambda _: nmpc(problem, options=options, clock=lambda: 0.0)
     )
+    return of_run(scenario.run())
 
 
 def minimum_snap(setting: Setting) -> Values:
@@ -358,26 +350,30 @@ def minimum_snap(setting: Setting) -> Values:
     }
 
 
-ITEMS: dict[str, Callable[[Setting], Values]] = {
-    **{
-        f"{plant}-{name}": partial(run_of_case1, plant=plant, solver=solver)
-        for plant in PLANTS
-        for name, solver in SOLVERS.items()
-    },
-    "faulty-run": faulty_run,
-    "load-run": load_run,
-    "minimum-snap": minimum_snap,
-    "campaign": campaign,
-    "identification": identification,
-    **{f"ocp-{name}": partial(ocp, plugin=name) for name in OCP_BACK_ENDS},
-    **{f"nmpc-{name}": partial(receding, plugin=name) for name in SQP_BACK_ENDS},
-    **{
-        f"export-{name}-{what}": partial(of, name=name)
-        for name in ("case1", "obstacle_field")
-        for what, of in (("sources", exported_sources), ("replay", exported_replay))
-    },
-    **{f"plan-{method}": partial(plan_by_command, method=method) for method in PLANS},
-}
+def _items() -> dict[str, Callable[[Setting], Values]]:
+    items: dict[str, Callable[[Setting], Values]] = {}
+    for plant in PLANTS:
+        for name, solver in SOLVERS.items():
+            items[f"{plant}-{name}"] = partial(run_of_case1, plant=plant, solver=solver)
+    items["faulty-run"] = faulty_run
+    items["load-run"] = load_run
+    items["minimum-snap"] = minimum_snap
+    items["campaign"] = campaign
+    items["identification"] = identification
+    for plugin in OCP_BACK_ENDS:
+        items[f"ocp-{plugin}"] = partial(ocp, plugin=plugin)
+    for plugin in SQP_BACK_ENDS:
+        items[f"nmpc-{plugin}"] = partial(receding, plugin=plugin)
+    for name in ("case1", "obstacle_field"):
+        items[f"export-{name}-sources"] = partial(exported_sources, name=name)
+        items[f"export-{name}-replay"] = partial(exported_replay, name=name)
+    for method in PLANS:
+        items[f"plan-{method}"] = partial(plan_by_command, method=method)
+    return items
+
+
+ITEMS = _items()
+"""Functions of what is computed, by the names of their files."""
 SLOW = (
     "plan-curve",
     "plan-ocp",
@@ -393,21 +389,18 @@ SLOW = (
 
 def is_clock(name: str) -> bool:
     """Whether that is a time of computation, or which process computed."""
-    return (
-        re.search(
-            r"(tick|solve|viable|controller|build|processor|real)_time|wall|worker|_us(/|$)", name
-        )
-        is not None
-    )
+    times = r"(tick|solve|viable|controller|build|processor|real)_time|wall|worker|_us(/|$)"
+    return re.search(times, name) is not None
 
 
 def of_run(record: Any, prefix: str = "") -> Values:
     """The series of a record, and the numbers of its report."""
-    series = {
-        f"{prefix}{name}": array for name, array in record.series.items() if array.dtype.kind != "U"
-    }
-    numbers = dict(numbers_in(uo.summarize(record), f"{prefix}report"))
-    return {name: array for name, array in (series | numbers).items() if not is_clock(name)}
+    values = {}
+    for name, array in record.series.items():
+        if array.dtype.kind != "U":
+            values[f"{prefix}{name}"] = array
+    values |= dict(numbers_in(uo.summarize(record), f"{prefix}report"))
+    return {name: array for name, array in values.items() if not is_clock(name)}
 
 
 def numbers_in(value: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:
@@ -426,8 +419,12 @@ def arrays_of(value: Any, prefix: str = "") -> Values:
     """The fields of a value that are arrays."""
     if not is_dataclass(value):
         raise TypeError(f"{type(value).__name__} is no dataclass; say what of it is to be compared")
-    found = {f"{prefix}{one.name}": getattr(value, one.name) for one in fields(value)}
-    return {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
+    arrays = {}
+    for field in fields(value):
+        array = getattr(value, field.name)
+        if isinstance(array, np.ndarray):
+            arrays[f"{prefix}{field.name}"] = array
+    return arrays
 
 
 def stored(path: Path) -> Values:
@@ -451,38 +448,45 @@ class Verdict:
     text: str
 
 
-def judged(golden: Values, now: Values) -> Verdict:
+def judged(golden: Values, computed: Values) -> Verdict:
     """Compare all golden arrays with those of the same names, or else of the same bits."""
-    wanted = {renamed(name): _renamed_text(array) for name, array in golden.items()}
-    spare = {name: array for name, array in now.items() if name not in wanted}
+    expected = {renamed(name): _renamed_text(array) for name, array in golden.items()}
+    spare = {name: array for name, array in computed.items() if name not in expected}
     differences = {}
     notes = []
-    for name, array in wanted.items():
-        other = now.get(name)
-        if other is None:
-            same = next((key for key, each in spare.items() if same_bits(array, each)), None)
-            other = None if same is None else spare.pop(same)
-            notes.append(f"{name} is missing" if same is None else f"{name} is now {same}")
-        if other is None or not same_bits(array, other):
-            differences[name] = np.inf if other is None else difference(array, other)
+    for name, array in expected.items():
+        candidate = computed.get(name)
+        if candidate is None:
+            new_name = next((key for key, each in spare.items() if same_bits(array, each)), None)
+            if new_name is None:
+                notes.append(f"{name} is missing")
+                differences[name] = np.inf
+                continue
+            candidate = spare.pop(new_name)
+            notes.append(f"{name} is now {new_name}")
+        if not same_bits(array, candidate):
+            differences[name] = difference(array, candidate)
     if spare:
-        notes.append(f"new: {', '.join(sorted(spare)[:5])}{', ...' if len(spare) > 5 else ''}")
+        more = ", ..." if len(spare) > 5 else ""
+        notes.append(f"new: {', '.join(sorted(spare)[:5])}{more}")
     largest = max(differences.values(), default=0.0)
     if not differences:
-        text = f"same bits ({len(wanted)} arrays)"
+        text = f"same bits ({len(expected)} arrays)"
     else:
         worst = sorted(differences, key=lambda name: -differences[name])
-        told = ", ".join(f"{name} {differences[name]:.3g}" for name in worst[:5])
+        listed = ", ".join(f"{name} {differences[name]:.3g}" for name in worst[:5])
         text = (
-            f"largest relative difference {largest:.3g} ({len(worst)} of {len(wanted)} arrays:"
-            f" {told})"
+            f"largest relative difference {largest:.3g} ({len(worst)} of {len(expected)} arrays:"
+            f" {listed})"
         )
     return Verdict(difference=largest, text="; ".join([text, *notes]))
 
 
 def _renamed_text(array: np.ndarray) -> np.ndarray:
     """Identifiers in sources by their names of today."""
-    return np.array(renamed(str(array))) if array.dtype.kind == "U" and array.shape == () else array
+    if array.dtype.kind != "U" or array.shape != ():
+        return array
+    return np.array(renamed(str(array)))
 
 
 def same_bits(first: np.ndarray, second: np.ndarray) -> bool:
@@ -507,7 +511,9 @@ def difference(first: np.ndarray, second: np.ndarray) -> float:
         return 0.0
     gap = np.abs(first[differs] - second[differs]).max()
     scale = np.abs(first[np.isfinite(first)]).max(initial=0.0)
-    return float(gap / scale) if np.isfinite(gap) and scale > 0.0 else np.inf
+    if not np.isfinite(gap) or scale <= 0.0:
+        return np.inf
+    return float(gap / scale)
 
 
 def processor_time() -> float:
@@ -515,42 +521,42 @@ def processor_time() -> float:
     return sum(os.times()[:4])
 
 
-def carried_out(given: argparse.Namespace, names: Sequence[str]) -> bool:
+def carried_out(arguments: argparse.Namespace, names: Sequence[str]) -> bool:
     """Compute, record and compare item after item; true if none differs by more than is allowed."""
     fine = True
     with tempfile.TemporaryDirectory() as work:
-        setting = Setting(work=Path(work), quick=given.quick)
+        setting = Setting(work=Path(work), quick=arguments.quick)
         for name in names:
             begin = processor_time()
             try:
                 with contextlib.redirect_stdout(io.StringIO()):
                     values = ITEMS[name](setting)
             except Exception as error:  # the others are still worth knowing
-                if given.trace:
+                if arguments.trace:
                     traceback.print_exc()
                 verdict = Verdict(
                     difference=np.inf, text=f"failed: {type(error).__name__}: {str(error)[:300]}"
                 )
             else:
-                verdict = recorded_and_judged(given, name, values)
-            fine &= verdict.difference <= given.tolerance
+                verdict = recorded_and_judged(arguments, name, values)
+            fine &= verdict.difference <= arguments.tolerance
             print(f"{name}: {verdict.text} [{processor_time() - begin:.1f} s]", flush=True)
     return fine
 
 
-def recorded_and_judged(given: argparse.Namespace, name: str, values: Values) -> Verdict:
+def recorded_and_judged(arguments: argparse.Namespace, name: str, values: Values) -> Verdict:
     """Write the values of an item if asked to, and compare them if asked to."""
     verdict = Verdict(difference=0.0, text=f"recorded ({len(values)} arrays)")
-    if given.against:
-        file = given.against / f"{name}.npz"
+    if arguments.against:
+        file = arguments.against / f"{name}.npz"
         if not file.is_file():
             verdict = Verdict(difference=np.inf, text=f"there is no {file}")
         else:
             with np.load(file) as golden:
                 verdict = judged({key: golden[key] for key in golden.files}, values)
-    if given.record:
-        given.record.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(given.record / f"{name}.npz", allow_pickle=False, **values)
+    if arguments.record:
+        arguments.record.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(arguments.record / f"{name}.npz", allow_pickle=False, **values)
     return verdict
 
 
@@ -581,10 +587,10 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="a moment of most items")
     parser.add_argument("--trace", action="store_true", help="print where an item failed")
-    given = parser.parse_args()
-    if not (given.record or given.against):
+    arguments = parser.parse_args()
+    if not (arguments.record or arguments.against):
         parser.error("nothing to do; give --record FOLDER, --against FOLDER or both")
-    for pair in given.renamed:
+    for pair in arguments.renamed:
         old, equals, new = pair.partition("=")
         if not (old and equals and new):
             parser.error(f"--renamed {pair}; give OLD=NEW")
@@ -592,11 +598,14 @@ def main() -> None:
     if shutil.which("cc") is None:
         parser.error("a C compiler `cc` is needed")
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # of the commands that are called
-    os.environ["UVMS_OCP_COMPILE_TIMEOUT"] = (
-        "7200"  # what is not compiled in time may differ in the last bits
-    )
-    names = given.only or [name for name in ITEMS if not (given.quick and name in SLOW)]
-    if not carried_out(given, names):
+    # [s]: what is not compiled in time may differ in the last bits
+    os.environ["UVMS_OCP_COMPILE_TIMEOUT"] = "7200"
+    names = list(ITEMS)
+    if arguments.only:
+        names = arguments.only
+    elif arguments.quick:
+        names = [name for name in ITEMS if name not in SLOW]
+    if not carried_out(arguments, names):
         raise SystemExit(1)
 
 

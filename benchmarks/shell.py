@@ -57,8 +57,8 @@ def main() -> None:
     parser.add_argument(
         "--runs", type=int, default=5, metavar="N", help="warm ones of each command"
     )
-    given, run = begin(parser)
-    runs = 1 if run.quick else given.runs
+    arguments, run = begin(parser)
+    runs = 1 if run.quick else arguments.runs
     rows = [row_of(command, runs) for command in (QUICK if run.quick else COMMANDS)]
     table = Table(rows=rows, columns=COLUMNS)
     run.write(
@@ -78,11 +78,11 @@ def row_of(command: str, runs: int) -> Row:
     with tempfile.TemporaryDirectory() as cache:
         cold = spent_by(command, cache)
         warm = [spent_by(command, cache) for _ in range(runs)]
-    wall = median(one.wall for one in warm)
+    wall = median(spent.wall for spent in warm)
     return {
         "command": f"uvms-ocp {command}",
         "warm_s": wall,
-        "warm_processor_s": median(one.processor for one in warm),
+        "warm_processor_s": median(spent.processor for spent in warm),
         "cold_s": cold.wall,
         "compiling_s": cold.wall - wall,
     }

@@ -8,12 +8,14 @@ simulation.md, also with the kernels.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from statistics import median
 from time import process_time
 from typing import Any
 from unittest.mock import patch
 
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column
 
 from uvms_ocp.codegen.kernel_expressions import PREFIX
 from uvms_ocp.codegen.sequence import Elapsed
@@ -58,7 +60,8 @@ COLUMNS = {
 def measured(name: str, build: Callable[[], Scenario], runs: int) -> Row:
     """One row: medians of so many runs."""
     rows = [_run(build) for _ in range(runs)]
-    return {"mission": name, **{key: median(row[key] for row in rows) for key in rows[0]}}
+    medians = {figure: median(column(rows, figure)) for figure in rows[0]}
+    return {"mission": name, **medians}
 
 
 def _run(build: Callable[[], Scenario]) -> dict[str, float]:
@@ -68,18 +71,18 @@ def _run(build: Callable[[], Scenario]) -> dict[str, float]:
     report = summarize(record)
     loop = record.run_meta.wall_s
     slow = build().run(observer=lambda t, state, command: None).run_meta.wall_s
-    times = {"tick": report["tick_us"], "controller": report["controller_us"]}
+    tick_us = report["tick_us"]
+    controller_us = report["controller_us"]
     return {
         "simulated_s": report["simulated_s"],
         "loop_s": loop,
         "real_time": report["simulated_s"] / loop,
         "in_python": report["simulated_s"] / slow,
         "prepare_s": spent - loop,
-        **{
-            f"{what}_{share}_us": values[share]
-            for what, values in times.items()
-            for share in ("p50", "p99")
-        },
+        "tick_p50_us": tick_us["p50"],
+        "tick_p99_us": tick_us["p99"],
+        "controller_p50_us": controller_us["p50"],
+        "controller_p99_us": controller_us["p99"],
     }
 
 
@@ -87,19 +90,22 @@ def profile(build: Callable[[], Scenario]) -> list[Row]:
     """Mean time of each kernel of a tick [us], and of the whole loop for a tick."""
     names: list[str] = []
 
-    def timed(quick: CompiledLoop, *given: Any) -> dict[str, Any]:
-        names[:] = [kernel.__name__.removeprefix(PREFIX) for kernel, *_ in quick.steps or ()]
-        return {**sources(quick, *given), **{f"step_{k}": Elapsed(k, k) for k in range(len(names))}}
+    def timed(loop: CompiledLoop, *arguments: Any) -> dict[str, Any]:
+        names[:] = [kernel.__name__.removeprefix(PREFIX) for kernel, *_ in loop.steps or ()]
+        clocks = {f"step_{k}": Elapsed(k, k) for k in range(len(names))}
+        return {**sources(loop, *arguments), **clocks}
 
     sources = CompiledLoop._sources
     with patch.object(CompiledLoop, "_sources", timed):
         record = build().run()
-    times = [1e6 * float(record[f"step_{k}"].mean()) for k in range(len(names))]
-    rows = [{"kernel": name, "us": us} for name, us in zip(names, times, strict=True)]
+    rows: list[Row] = []
+    for k, name in enumerate(names):
+        rows.append({"kernel": name, "us": 1e6 * float(record[f"step_{k}"].mean())})
+    total = sum(column(rows, "us"))
     whole = 1e6 * record.run_meta.wall_s / len(record)
     return [
         *rows,
-        {"kernel": "sum of the kernels", "us": sum(times)},
+        {"kernel": "sum of the kernels", "us": total},
         {"kernel": "whole tick", "us": whole},
     ]
 
@@ -108,22 +114,19 @@ def main() -> None:
     """Measure all, and write."""
     parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each mission")
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     short = {"duration": 0.5} if run.quick else {}
-    builders = {
-        name: (lambda scenario=scenario, options=options: SCENARIOS[scenario](**options, **short))
-        for name, (scenario, options) in MISSIONS.items()
-    }
+    builders = {}
+    for name, (scenario, options) in MISSIONS.items():
+        builders[name] = partial(SCENARIOS[scenario], **options, **short)
     for build in builders.values():
         warm: Record = build().run()
-    runs = 1 if run.quick else given.runs
+    runs = 1 if run.quick else arguments.runs
     rows = [measured(name, build, runs) for name, build in builders.items()]
     prose = PROSE.format(rate=1.0 / warm.run_meta.dt, runs=runs, profiled=" and ".join(PROFILED))
-    profiles = [
-        Table(rows=profile(builders[name]), columns={"kernel": "", "us": ".1f"})
-        for name in PROFILED
-    ]
-    tables = [Table(rows=rows, columns=COLUMNS), *profiles]
+    tables = [Table(rows=rows, columns=COLUMNS)]
+    for name in PROFILED:
+        tables.append(Table(rows=profile(builders[name]), columns={"kernel": "", "us": ".1f"}))
     run.write(Report(name="simulation", title="Speed of simulation", prose=prose, tables=tables))
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
+from recording.rows import column
 from studies.table2 import FLOORS, MARGIN, table2
 
 from uvms_ocp.sim.rough_seafloor import RELIEFS
@@ -36,27 +37,24 @@ FORMATS = {
 
 def prose(cases: Sequence[Row], cells: Sequence[Row], seeds: int) -> str:
     """With the figures of the study."""
-    durations = [row["duration_s"] for row in cases]
-    heights = [
-        f"{low:g} to {high:g} m ({FLOORS[name]})" for name, (low, high) in _heights().items()
-    ]
+    durations = column(cases, "duration_s")
+    reliefs = []
+    for name, relief in RELIEFS.items():
+        low, high = relief.height
+        reliefs.append(f"{low:g} to {high:g} m ({FLOORS[name]})")
     return PROSE.format(
         runs=len(cases),
         length=cases[0]["length_m"],
         seeds=seeds,
         shortest=min(durations),
         longest=max(durations),
-        completed=sum(row["completed"] for row in cases),
+        completed=sum(column(cases, "completed")),
         contact=0,
         margin=MARGIN,
-        agree=sum(row["agrees"] for row in cells),
+        agree=sum(column(cells, "agrees")),
         cells=len(cells),
-        reliefs=", ".join(heights),
+        reliefs=", ".join(reliefs),
     )
-
-
-def _heights() -> dict[str, tuple[float, float]]:
-    return {name: relief.height for name, relief in RELIEFS.items()}
 
 
 def main() -> None:
@@ -64,8 +62,15 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=10, metavar="N", help="floors for each cell")
     add_jobs_option(parser)
-    given, run = begin(parser)
-    seeds, length, jobs = (1, 2.0, 1) if run.quick else (given.seeds, 30.0, given.jobs)
+    arguments, run = begin(parser)
+    if run.quick:
+        seeds = 1
+        length = 2.0
+        jobs = 1
+    else:
+        seeds = arguments.seeds
+        length = 30.0
+        jobs = arguments.jobs
     result = table2(seeds=seeds, length=length).run(workers=jobs, progress=show_runs)
     run.write(
         Report(

@@ -29,16 +29,24 @@ def main() -> None:
     """Measure everything."""
     parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, metavar="FOLDER")
-    given, run = begin(parser)
-    repeats, longest, scenes = (1, LONG, 1) if run.quick else (REPEATS, SIZES[-1], N_SCENES)
+    arguments, run = begin(parser)
+    if run.quick:
+        repeats = 1
+        longest = LONG
+        scenes = 1
+    else:
+        repeats = REPEATS
+        longest = SIZES[-1]
+        scenes = N_SCENES
     rows: list[Row] = list(min_snap_rows(repeats, longest))
     peers: dict[str, str] = {}
-    if given.peers:
-        found, peers["minsnap_trajectories"] = peer_rows(
-            interpreter(given.peers, "minsnap"), repeats
-        )
-        rows += found
-    rows += [*gradient_rows(), *plan_rows(scenes, COAL), *plan_rows(scenes, CLOSED_FORMS)]
+    if arguments.peers:
+        python = interpreter(arguments.peers, "minsnap")
+        rows_of_peer, peers["minsnap_trajectories"] = peer_rows(python, repeats)
+        rows += rows_of_peer
+    rows += gradient_rows()
+    rows += plan_rows(scenes, COAL)
+    rows += plan_rows(scenes, CLOSED_FORMS)
     table = Table(rows=rows, columns=FORMATS)
     prose = PROSE.format(repeats=repeats)
     run.write(

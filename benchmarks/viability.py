@@ -52,33 +52,30 @@ def main() -> None:
         "--rates", type=float, nargs="+", default=[50.0, 200.0], metavar="HZ", help="of control"
     )
     add_jobs_option(parser)
-    given, run = begin(parser)
-    runs, jobs, rates = (
-        (1, 1, given.rates[:1]) if run.quick else (given.runs, given.jobs, given.rates)
-    )
-    found = {
-        rate: random_limits(n=runs, dt=1.0 / rate).run(workers=jobs, progress=show_runs)
-        for rate in rates
-    }
-    columns = {f"{rate:g} Hz": figures(dict(*result.table)) for rate, result in found.items()}
-    names = next(iter(columns.values()))
-    rows: list[Row] = [
-        {"figure": name} | {rate: column[name] for rate, column in columns.items()}
-        for name in names
-    ]
+    arguments, run = begin(parser)
+    runs = arguments.runs
+    jobs = arguments.jobs
+    rates = arguments.rates
+    if run.quick:
+        runs = 1
+        jobs = 1
+        rates = rates[:1]
+    rows_of_figures: dict[str, dict[str, str]] = {}
+    cases: list[Row] = []
+    for rate in rates:
+        result = random_limits(n=runs, dt=1.0 / rate).run(workers=jobs, progress=show_runs)
+        (total,) = result.table
+        for name, text in figures(dict(total)).items():
+            row = rows_of_figures.setdefault(name, {"figure": name})
+            row[f"{rate:g} Hz"] = text
+        cases += [{"rate_hz": rate, **case} for case in result.cases]
     run.write(
         Report(
             name="viability",
             title="Limits on positions from random starts and goals",
             prose=PROSE.format(runs=runs, phases=N_PHASES, obstacles=N_OBSTACLES),
-            tables=[Table(rows=rows)],
-            data={
-                "viability": [
-                    {"rate_hz": rate} | dict(row)
-                    for rate, result in found.items()
-                    for row in result.cases
-                ]
-            },
+            tables=[Table(rows=list(rows_of_figures.values()))],
+            data={"viability": cases},
         )
     )
 

@@ -23,7 +23,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.shapes.obstacles import Obstacle
-from uvms_ocp.scenario import scenario as scenario_of
+from uvms_ocp.scenario import scenario_run
 from uvms_ocp.scenario.cases import case1, obstacle_field
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
@@ -136,13 +136,13 @@ def _run(seed: int) -> None:
 def setup(runs: int) -> Spent:
     """Until the first tick of each: robot, mission, controller, estimator, sensors and plant."""
     begun = list[float]()
-    simulate = scenario_of.simulate
+    simulate = scenario_run.simulate
 
     def timed(**parts: Any) -> Any:
         begun.append(time.process_time())
         return simulate(**parts)
 
-    scenario_of.simulate = timed
+    scenario_run.simulate = timed
     spent = 0.0
     for seed in range(-1, runs):
         begin = time.process_time()
