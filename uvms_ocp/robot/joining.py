@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,8 @@ def assemble(
     description = _of_what_is_there(descriptions.forward_left_up(description), models)
     model, description = with_roles(models.model, description, path)
     _check_names(model, description, path)
-    robot = robot_of(
-        replace(models, model=with_bodies(model, description.trim)),
-        description,
-        name or models.name,
-    )
+    trimmed_models = replace(models, model=with_bodies(model, description.trim))
+    robot = robot_of(trimmed_models, description, name or models.name)
     try:
         robot.configuration()
     except InvalidInput as error:
@@ -43,26 +41,30 @@ def assemble(
 
 
 def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> RobotDescription:
-    """Without what is said of links and joints of the file that are left out."""
-    gone = models.no_links
-    tools = tools_of(description)
+    """Return the description without what it says of links and joints of the file that are left
+    out.
+    """
+    no_links = models.no_links
+    no_joints = models.no_joints
     entries: dict[str, Any] = {
-        key: tuple(p for p in getattr(description, key) if p.link not in gone)
-        for key in ("trim", "thrusters")
+        "trim": tuple(body for body in description.trim if body.link not in no_links),
+        "thrusters": tuple(t for t in description.thrusters if t.link not in no_links),
+        "links": {name: link for name, link in description.links.items() if name not in no_links},
+        "joints": {
+            name: joint for name, joint in description.joints.items() if name not in no_joints
+        },
     }
-    entries |= {key: None for key in (BASE, ALTIMETER, DVL) if getattr(description, key) in gone}
-    entries |= (
-        {TOOL: tuple(tool for tool in tools if tool not in gone) or None}
-        if gone & set(tools)
-        else {}
-    )
-    for key, out in (("links", gone), ("joints", models.no_joints)):
-        entries[key] = {
-            name: entry for name, entry in getattr(description, key).items() if name not in out
-        }
-    return description.model_copy(
-        update={key: value for key, value in entries.items() if value != getattr(description, key)}
-    )
+    for key in (BASE, ALTIMETER, DVL):
+        if getattr(description, key) in no_links:
+            entries[key] = None
+    tools = tools_of(description)
+    if no_links & set(tools):
+        entries[TOOL] = tuple(tool for tool in tools if tool not in no_links) or None
+    changes = dict[str, Any]()
+    for key, value in entries.items():
+        if value != getattr(description, key):
+            changes[key] = value
+    return description.model_copy(update=changes)
 
 
 def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Robot:
@@ -72,9 +74,10 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
     model = models.model.copy()
     rotors = np.zeros(models.model.nv)
     for joint in joints:
-        rotors[joint.v] = description.joints.get(
-            joint.name, descriptions.JointDescription()
-        ).rotor_inertia
+        if joint.name in description.joints:
+            rotors[joint.v] = description.joints[joint.name].rotor_inertia
+        else:
+            rotors[joint.v] = descriptions.JointDescription().rotor_inertia
     model.armature = rotors
     return Robot(
         name=name,
@@ -90,38 +93,53 @@ def robot_of(models: UrdfModels, description: RobotDescription, name: str) -> Ro
 
 
 def _check_names(model: pin.Model, description: RobotDescription, path: Path) -> None:
-    known_frames = tuple(frame.name for frame in model.frames[1:])
-    named = [
-        *(("links", link) for link in description.links),
-        *((f"trim {body.name!r} link", body.link) for body in description.trim),
-        *(
-            (f"thruster {thruster.name!r} link", thruster.link)
-            for thruster in description.thrusters
-        ),
-        *((key, name) for key in (ALTIMETER, DVL) if (name := getattr(description, key))),
-    ]
-    moving = [joint.name for joint in joints_of(model, free_flyer=description.base == "free_flyer")]
-    rule = f"is not in the URDF; allowed: {', '.join(known_frames)}"
-    faults = [f"{key}: {name!r} {rule}" for key, name in named if name not in known_frames]
-    allowed = f"is no joint of the URDF that moves; allowed: {', '.join(moving) or 'none'}"
-    faults += [f"joints: {name!r} {allowed}" for name in description.joints if name not in moving]
-    faults += _moving_thrusters(model, description)
+    """Raise ``RobotDataError`` for links and joints that are not in the URDF, and for thrusters and
+    a DVL that are not fixed to the vehicle.
+    """
+    faults = [*_unknown_frames(model, description)]
+    joints = joints_of(model, free_flyer=description.base == "free_flyer")
+    moving = [joint.name for joint in joints]
+    for name in description.joints:
+        if name not in moving:
+            faults.append(
+                f"joints: {name!r} is no joint of the URDF that moves; allowed:"
+                f" {', '.join(moving) or 'none'}"
+            )
+    faults += _moving_parts(model, description)
     if faults:
         raise RobotDataError(path, *faults)
 
 
-def _moving_thrusters(model: pin.Model, description: RobotDescription) -> list[str]:
+def _unknown_frames(model: pin.Model, description: RobotDescription) -> Iterator[str]:
+    frames = [("links", link) for link in description.links]
+    frames += [(f"trim {body.name!r} link", body.link) for body in description.trim]
+    frames += [(f"thruster {t.name!r} link", t.link) for t in description.thrusters]
+    if description.altimeter:
+        frames.append((ALTIMETER, description.altimeter))
+    if description.dvl:
+        frames.append((DVL, description.dvl))
+    known_frames = [frame.name for frame in model.frames[1:]]
+    for key, name in frames:
+        if name not in known_frames:
+            yield f"{key}: {name!r} is not in the URDF; allowed: {', '.join(known_frames)}"
+
+
+def _moving_parts(model: pin.Model, description: RobotDescription) -> Iterator[str]:
+    """Yield what is wrong with a DVL and with thrusters on links that move."""
     carrier = 1 if description.base == "free_flyer" else 0
-    allowed = "allowed: links fixed to the vehicle, as gimballed thrusters are not modelled"
     dvl = description.dvl
-    moves = (
-        dvl is not None
-        and model.existFrame(dvl)
-        and model.frames[model.getFrameId(dvl)].parentJoint != carrier
-    )
-    return [f"{DVL}: given {dvl!r}; allowed: links fixed to the vehicle"] * moves + [
-        f"thruster {thruster.name!r} link: given {thruster.link!r}; {allowed}"
-        for thruster in description.thrusters
-        if model.existFrame(thruster.link)
-        and model.frames[model.getFrameId(thruster.link)].parentJoint != carrier
-    ]
+    if dvl is not None and _is_carried_by_another(model, dvl, carrier):
+        yield f"{DVL}: given {dvl!r}; allowed: links fixed to the vehicle"
+    for thruster in description.thrusters:
+        if _is_carried_by_another(model, thruster.link, carrier):
+            yield (
+                f"thruster {thruster.name!r} link: given {thruster.link!r}; allowed: links fixed to"
+                " the vehicle, as gimballed thrusters are not modelled"
+            )
+
+
+def _is_carried_by_another(model: pin.Model, link: str, joint: int) -> bool:
+    """Check whether a link is there and is moved by another joint than that of this index."""
+    if not model.existFrame(link):
+        return False
+    return bool(model.frames[model.getFrameId(link)].parentJoint != joint)

@@ -31,59 +31,58 @@ def cylinders_around_links(robot: Robot) -> dict[str, LinkDescription]:
     measured data where there are any.
     """
     shapes = robot.collision_model if robot.collision_model.ngeoms else robot.visual_model
-    names = [
-        robot.model.frames[i].name
-        for i in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects)
-    ]
-    cylinders = {name: cylinder_in(box_around(robot.model, shapes, name)) for name in names}
-    return {
-        name: LinkDescription(cylinder=cylinder) for name, cylinder in cylinders.items() if cylinder
-    }
+    descriptions = dict[str, LinkDescription]()
+    for index in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects):
+        name = robot.model.frames[index].name
+        cylinder = cylinder_in(box_around(robot.model, shapes, name))
+        if cylinder is not None:
+            descriptions[name] = LinkDescription(cylinder=cylinder)
+    return descriptions
 
 
 def box_around(
     model: pin.Model, shapes: pin.GeometryModel, frame: str, *, joint: int | None = None
 ) -> np.ndarray:
-    """Corners (2, 3) [m] of the box around the shapes of a link, in its frame; nan without shapes.
+    """Return corners (2, 3) [m] of the box around the shapes of a link, in its frame; nan without
+    shapes.
 
     joint: take the shapes of all links that this joint carries.
     """
     index = model.getFrameId(frame)
     X_JF = model.frames[index].placement
-    frame_shapes = [
-        s
-        for s in shapes.geometryObjects
-        if (s.parentFrame == index if joint is None else s.parentJoint == joint)
-    ]
-    corners = [
-        X_JF.actInv(s.placement.act(corner))
-        for s in frame_shapes
-        for corner in box_corners(s.geometry)
-    ]
-    if corners:
-        return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
-    return np.full((2, 3), np.nan)
+    corners = list[np.ndarray]()
+    for shape in shapes.geometryObjects:
+        if joint is None:
+            is_included = shape.parentFrame == index
+        else:
+            is_included = shape.parentJoint == joint
+        if is_included:
+            for corner in box_corners(shape.geometry):
+                corners.append(X_JF.actInv(shape.placement.act(corner)))
+    if not corners:
+        return np.full((2, 3), np.nan)
+    return np.array([np.min(corners, axis=0), np.max(corners, axis=0)])
 
 
 def box_corners(geometry: coal.CollisionGeometry) -> np.ndarray:
-    """Corners (8, 3) [m] of the box around a shape, in its own frame."""
+    """Return corners (8, 3) [m] of the box around a shape, in its own frame."""
     geometry.computeLocalAABB()
     box = geometry.aabb_local
     return np.array(list(product(*zip(box.min_, box.max_, strict=True))))
 
 
 def cylinder_in(corners: np.ndarray) -> Cylinder | None:
-    """The cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a flat
-    one.
+    """Return the cylinder along the longest side of a box with corners (n, 3) [m]; `None` for a
+    flat one.
     """
-    low = corners.min(axis=0)
-    high = corners.max(axis=0)
-    sides = high - low
+    lower = corners.min(axis=0)
+    upper = corners.max(axis=0)
+    sides = upper - lower
     axis = int(np.argmax(sides))
     radius = float(np.delete(sides, axis).mean()) / 2.0
     if not radius >= _MIN_RADIUS:
         return None
-    x, y, z = (0.5 * (low + high)).tolist()
+    x, y, z = (0.5 * (lower + upper)).tolist()
     return Cylinder(
         radius=radius, length=float(sides[axis]), pose=Pose(position=(x, y, z), rpy=_ALONG[axis])
     )

@@ -10,11 +10,13 @@ import logging
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 from weakref import WeakKeyDictionary, WeakSet, WeakValueDictionary
+
+import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_known
@@ -24,21 +26,27 @@ from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.unknowns import unknowns
-from uvms_ocp.robot.urdf import UrdfReading, models_and_notes
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
 _log = logging.getLogger(__name__)
 
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _AsRead:
+    """A robot as its files were read."""
+
+    content: list[Any]
+    """Stamps of its mesh files, model, visual and collision shapes, copied."""
+    warnings: tuple[str, ...]
+    """What its files leave open."""
+
+
 _loaded = WeakSet[Robot]()
 _read = WeakValueDictionary[str, Robot]()
-_open = WeakKeyDictionary[
-    Robot, tuple[list[Any], list[str]]
-]()  # its meshes and models as read, and what files leave open
-
-_models = attrgetter(
-    "model", "visual_model", "collision_model"
-)  # which whoever has the robot can change
+"""Robots by their files and options."""
+_as_read = WeakKeyDictionary[Robot, _AsRead]()
 
 
 @checked
@@ -81,148 +89,240 @@ def load_robot(
     What the files leave open, such as links without water and thrusters without power data, is a
     warning of this module's logger.
     """
-    given_description, file = (
-        (hydrodynamics, None)
-        if isinstance(hydrodynamics, RobotDescription)
-        else (None, hydrodynamics)
-    )
-    if name is not None and _is_file(name):
-        if urdf is not None:
-            raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
-        name, urdf, file = None, *files_of(Path(name), file).values()
-    if name is None:
-        name = None
-    else:
-        name = str(name)
-    urdf_path, yaml_path = _paths(name, urdf, file)
-    place = urdf_path.parent.resolve() / urdf_path.name  # which packages are seen from, a link too
-    others: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
-    files = [
-        urdf_path,
-        *filter(None, [yaml_path]),
-        *([variant_file(name, variant)] if name and variant else []),
-    ]
-    folders = [*map(os.path.abspath, package_dirs)]
-    read_key = repr(
-        (
-            name,
-            given_description,
-            variant,
-            others,
-            folders,
-            meshes,
-            mimic,
-            lock,
-            drop,
-            _stamps(files),
-        )
-    )
+    files = _requested_files(name, urdf, hydrodynamics, variant)
+    roles: dict[str, Any] = {"base": base, "tool": tool, "altimeter": altimeter, "dvl": dvl}
+    folders = [os.path.abspath(folder) for folder in package_dirs]
+    options = (roles, folders, meshes, mimic, lock, drop)
+    read_key = repr((files.name, files.description, variant, *options, _stamps(files.paths())))
     read = _read.get(read_key)
-    if read is not None and _open[read][0] == [_stamps(_mesh_files(read)), *_models(read)]:
-        return _given_again(read, files)
+    if read is not None and _as_read[read].content == _content_of(read):
+        _note_files_read(read, files.paths())
+        return _warned(read)
+
     faults: list[RobotDataError] = []
     try:
-        description = given_description or _description(name, yaml_path, variant)
+        described = _read_description(files)
     except RobotDataError as error:
         faults.append(error)  # what is wrong with the URDF is told with it
-        description = RobotDescription()
-    loading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
+        described = RobotDescription()
+    requested_reading: dict[str, Any] = {"mimic": mimic, "lock": lock, "drop": tuple(drop) or None}
     if meshes is not None:
-        loading["meshes"] = "yes" if meshes else "no"
-    if package_dirs or (yaml_path is not None and yaml_path.parent != urdf_path.parent):
-        described_folders = (
-            (yaml_path or urdf_path).parent / folder for folder in description.loading.packages
-        )
-        resolved = (folder.resolve() for folder in (*map(Path, folders), *described_folders))
-        loading["packages"] = (
-            tuple(os.path.relpath(folder, place.parent) for folder in resolved) or None
-        )
-    if tool is None or isinstance(tool, str):
-        others["tool"] = tool
-    else:
-        others["tool"] = tuple(tool)
-    changes = {key: value for key, value in others.items() if value is not None}
-    settings = description.loading.model_copy(
-        update={key: value for key, value in loading.items() if value is not None}
-    )
-    if settings != description.loading:
+        requested_reading["meshes"] = "yes" if meshes else "no"
+    requested_reading["packages"] = _package_folders(files, described, folders)
+    settings = described.loading.model_copy(update=_without_none(requested_reading))
+    if tool is not None and not isinstance(tool, str):
+        roles["tool"] = tuple(tool)
+    changes = _without_none(roles)
+    if settings != described.loading:
         changes["loading"] = settings
-    if changes:
-        description = descriptions.checked_copy(description, **changes)
+    description = descriptions.checked_copy(described, **changes) if changes else described
     try:
-        models, notes = models_and_notes(
-            urdf_path,
-            free_flyer=description.base == "free_flyer",
-            package_dirs=[urdf_path.parent / folder for folder in settings.packages],
-            reading=UrdfReading(
-                mimic=settings.mimic,
-                lock=settings.lock,
-                drop=settings.drop,
-                meshes=settings.meshes == "yes",
-                home={
-                    name: joint.home
-                    for name, joint in description.joints.items()
-                    if joint.home is not None
-                },
-            ),
-        )
+        models, notes = _read_urdf(files.urdf, description)
     except RobotDataError as error:
         faults.append(error)
     if faults:
-        folder = faults[0].path.parent  # whose files need no more than their names
-        named = (
-            (error.path.name if error.path.parent == folder else error.path, error)
-            for error in faults[1:]
-        )
-        also = (f"{name}: {text}" for name, error in named for text in error.problems)
-        raise RobotDataError(faults[0].path, *faults[0].problems, *also)
-    robot = assemble(models, description, yaml_path or urdf_path, name)
-    for moved in settings.frames:
-        try:
-            robot = with_moved_frame(robot, moved.frame, coefficients.placement_of(moved))
-        except UvmsError as error:
-            raise RobotDataError(yaml_path or urdf_path, f"loading.frames: {error}") from None
-    by_default = name and not changes and hydrodynamics is None and variant is None
-    robot = _known(robot if by_default else replace(robot, urdf=place))
-    unknown_notes = [
-        f"{yaml_path or urdf_path}: {text}" for _, text in unknowns(models.model, description)
-    ]
-    as_read = [
-        _stamps(_mesh_files(robot)),
-        robot.model.copy(),
-        *(shapes.clone() for shapes in _models(robot)[1:]),
-    ]
-    _open[robot] = as_read, [*(f"{urdf_path}: {note}" for note in notes), *unknown_notes]
+        raise _joined_errors(faults)
+
+    robot = _joined_robot(models, description, files)
+    is_as_published = files.name and not changes and hydrodynamics is None and variant is None
+    if not is_as_published:
+        robot = replace(robot, urdf=files.place)
+    robot = _known(robot)
+    warnings = [f"{files.urdf}: {note}" for note in notes]
+    for _, text in unknowns(models.model, description):
+        warnings.append(f"{files.describing}: {text}")
+    _as_read[robot] = _AsRead(content=_copied_content_of(robot), warnings=tuple(warnings))
     if not notes:  # such as of a mesh that is missing, and may be there the next time
         _read[read_key] = robot
     return _warned(robot)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _RobotFiles:
+    """The files that a robot is loaded from."""
+
+    name: str | None
+    """Name of a robot of the library; `None` for one of the user's."""
+    urdf: Path
+    yaml: Path | None
+    """File of the description; `None` for none, or where `description` was given in its place."""
+    variant: str | None
+    description: RobotDescription | None
+    """Description that was given in place of a file."""
+
+    @property
+    def place(self) -> Path:
+        """Where packages are seen from: the URDF in its folder, a link too."""
+        return self.urdf.parent.resolve() / self.urdf.name
+
+    @property
+    def describing(self) -> Path:
+        """File that is named where the description is wrong."""
+        return self.yaml or self.urdf
+
+    def paths(self) -> list[Path]:
+        """Return all files, that of the variant too."""
+        paths = [self.urdf]
+        if self.yaml is not None:
+            paths.append(self.yaml)
+        if self.name and self.variant:
+            paths.append(variant_file(self.name, self.variant))
+        return paths
+
+
+def _requested_files(
+    name: str | Path | None,
+    urdf: Path | str | None,
+    hydrodynamics: Path | str | RobotDescription | None,
+    variant: str | None,
+) -> _RobotFiles:
+    """Find the files of a robot. Raises `InvalidInput` for neither or both of name and URDF, and
+    `NameNotFound`.
+    """
+    yaml: Path | str | None = None
+    description: RobotDescription | None = None
+    if isinstance(hydrodynamics, RobotDescription):
+        description = hydrodynamics
+    else:
+        yaml = hydrodynamics
+    if name is not None and _is_file(name):
+        if urdf is not None:
+            raise InvalidInput(f"load_robot: {name} and urdf={urdf}; give one of them")
+        arguments = files_of(Path(name), yaml)
+        name = None
+        urdf = arguments["urdf"]
+        yaml = arguments["hydrodynamics"]
+    library_name = None if name is None else str(name)
+    urdf_path, yaml_path = _paths(library_name, urdf, yaml)
+    return _RobotFiles(
+        name=library_name,
+        urdf=urdf_path,
+        yaml=yaml_path,
+        variant=variant,
+        description=description,
+    )
+
+
+def _package_folders(
+    files: _RobotFiles, description: RobotDescription, folders: Sequence[str]
+) -> tuple[str, ...] | None:
+    """Return these folders and those of the description, relative to the URDF; `None` where the
+    description alone says it, as it stands.
+    """
+    is_beside = files.yaml is None or files.yaml.parent == files.urdf.parent
+    if not folders and is_beside:
+        return None
+    all_folders = [Path(folder) for folder in folders]
+    all_folders += [files.describing.parent / folder for folder in description.loading.packages]
+    relative = [os.path.relpath(folder.resolve(), files.place.parent) for folder in all_folders]
+    return tuple(relative) or None
+
+
+def _without_none(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _read_urdf(urdf: Path, description: RobotDescription) -> tuple[UrdfModels, list[str]]:
+    """Read a URDF as its description says. Raises `RobotDataError`."""
+    settings = description.loading
+    home = {name: joint.home for name, joint in description.joints.items()}
+    reading = UrdfReading(
+        mimic=settings.mimic,
+        lock=settings.lock,
+        drop=settings.drop,
+        meshes=settings.meshes == "yes",
+        home=_without_none(home),
+    )
+    return models_and_notes(
+        urdf,
+        free_flyer=description.base == "free_flyer",
+        package_dirs=[urdf.parent / folder for folder in settings.packages],
+        reading=reading,
+    )
+
+
+def _joined_robot(models: UrdfModels, description: RobotDescription, files: _RobotFiles) -> Robot:
+    """Join mechanism and description, with the frames that the description moves."""
+    robot = assemble(models, description, files.describing, files.name)
+    for moved in description.loading.frames:
+        try:
+            robot = with_moved_frame(robot, moved.frame, coefficients.placement_of(moved))
+        except UvmsError as error:
+            raise RobotDataError(files.describing, f"loading.frames: {error}") from None
+    return robot
+
+
+def _joined_errors(errors: Sequence[RobotDataError]) -> RobotDataError:
+    """Return an error of the first file with all problems, those of other files by their name."""
+    first = errors[0]
+    problems = [*first.problems]
+    for error in errors[1:]:
+        # A file in the same folder needs no more than its name.
+        is_beside = error.path.parent == first.path.parent
+        file = error.path.name if is_beside else error.path
+        problems += [f"{file}: {problem}" for problem in error.problems]
+    return RobotDataError(first.path, *problems)
+
+
 def _stamps(files: Iterable[Path | str]) -> list[Any]:
     """Return what changes where one of the files does."""
-    stats = {os.path.abspath(file): os.stat(file) for file in sorted(files) if os.path.isfile(file)}
-    return [
-        (file, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
-        for file, stat in stats.items()
-    ]
+    stamps = dict[str, Any]()
+    for file in sorted(files):
+        if os.path.isfile(file):
+            status = os.stat(file)
+            path = os.path.abspath(file)
+            stamps[path] = (
+                path,
+                status.st_ino,
+                status.st_size,
+                status.st_mtime_ns,
+                status.st_ctime_ns,
+            )
+    return [*stamps.values()]
+
+
+def _shapes_of(robot: Robot) -> list[pin.GeometryObject]:
+    return [*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects]
 
 
 def _mesh_files(robot: Robot) -> set[str]:
-    return {
-        shape.meshPath
-        for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects)
-    }
+    return {shape.meshPath for shape in _shapes_of(robot)}
 
 
-def _given_again(robot: Robot, files: Iterable[Path]) -> Robot:
-    meshes = filter(Path.is_file, map(Path, _mesh_files(robot)))  # a box has none
-    for each in [*files, *meshes]:  # results depend on them as if they had been read
-        note_file_read(each)
-    return _warned(robot)
+def _content_of(robot: Robot) -> list[Any]:
+    """Return what whoever has the robot, or its mesh files, can change."""
+    return [
+        _stamps(_mesh_files(robot)),
+        robot.model,
+        robot.visual_model,
+        robot.collision_model,
+    ]
+
+
+def _copied_content_of(robot: Robot) -> list[Any]:
+    return [
+        _stamps(_mesh_files(robot)),
+        robot.model.copy(),
+        robot.visual_model.clone(),
+        robot.collision_model.clone(),
+    ]
+
+
+def _note_files_read(robot: Robot, files: Iterable[Path]) -> None:
+    """Note the files of a robot that was read before: results depend on them as if they had been
+    read.
+    """
+    for file in files:
+        note_file_read(file)
+    for mesh_path in _mesh_files(robot):
+        mesh_file = Path(mesh_path)
+        if mesh_file.is_file():  # a box has none
+            note_file_read(mesh_file)
 
 
 def _warned(robot: Robot) -> Robot:
-    for text in _open[robot][1]:
+    """Log what the files of a robot leave open."""
+    for text in _as_read[robot].warnings:
         _log.warning("%s", text)
     return robot
 
@@ -231,49 +331,49 @@ def _known(robot: Robot) -> Robot:
     """Return the robot that was loaded before from files that say the same: what was derived and
     compiled of it is found again.
     """
-    for shape in (*robot.visual_model.geometryObjects, *robot.collision_model.geometryObjects):
+    for shape in _shapes_of(robot):
         shape.geometry.computeLocalAABB()  # else the first use does, and they differ
     content = attrgetter(
         "name", "urdf", "model", "visual_model", "collision_model", "description"
     )  # all else follows
-    robot_in_use = next(
-        (loaded for loaded in tuple(_loaded) if content(loaded) == content(robot)), robot
-    )
-    _loaded.add(robot_in_use)
-    return robot_in_use
+    for loaded in tuple(_loaded):
+        if content(loaded) == content(robot):
+            return loaded
+    _loaded.add(robot)
+    return robot
 
 
 def robot_called(
     words: str, hydrodynamics: Path | str | None = None, loading: Mapping[str, Any] | None = None
 ) -> Robot:
-    """The robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with other
-    hydrodynamics if given.
+    """Load the robot of a URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name; with
+    other hydrodynamics if given.
 
     loading: other arguments of `load_robot`.
     """
     path = Path(words)
-    return load_robot(
-        path if path.exists() else words, hydrodynamics=hydrodynamics, **(loading or {})
-    )
+    name = path if path.exists() else words
+    return load_robot(name, hydrodynamics=hydrodynamics, **(loading or {}))
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
-    """Arguments of `load_robot` for a URDF or a folder with robot.urdf, and hydrodynamics.yaml
-    beside it if it is there.
+    """Return arguments of `load_robot` for a URDF or a folder with robot.urdf, and
+    hydrodynamics.yaml beside it if it is there.
     """
     urdf = path / "robot.urdf" if path.is_dir() else path
-    default_file = urdf.with_name("hydrodynamics.yaml")
-    return {
-        "urdf": urdf,
-        "hydrodynamics": hydrodynamics or (default_file if default_file.is_file() else None),
-    }
+    beside = urdf.with_name("hydrodynamics.yaml")
+    if not hydrodynamics:
+        hydrodynamics = beside if beside.is_file() else None
+    return {"urdf": urdf, "hydrodynamics": hydrodynamics}
 
 
 def _is_file(name: str | Path) -> bool:
+    if isinstance(name, Path):
+        return True
+    if name in list_robots():
+        return False
     path = Path(name)
-    return isinstance(name, Path) or (
-        name not in list_robots() and (path.exists() or name != path.name or path.suffix != "")
-    )
+    return path.exists() or name != path.name or path.suffix != ""
 
 
 def _paths(
@@ -283,26 +383,25 @@ def _paths(
         raise InvalidInput(
             "load_robot needs either a name or urdf=PATH; list_robots() gives the names"
         )
-    if hydrodynamics is None:
-        description_path = None
-    else:
-        description_path = Path(hydrodynamics)
+    yaml_path = None if hydrodynamics is None else Path(hydrodynamics)
     if name is None:
-        return Path(str(urdf)), description_path
+        return Path(str(urdf)), yaml_path
     folder = robot_folder(name)
-    return folder / "robot.urdf", description_path or folder / "hydrodynamics.yaml"
+    return folder / "robot.urdf", yaml_path or folder / "hydrodynamics.yaml"
 
 
-def _description(name: str | None, path: Path | None, variant: str | None) -> RobotDescription:
-    if path is None:
+def _read_description(files: _RobotFiles) -> RobotDescription:
+    if files.description:
+        return files.description
+    if files.yaml is None:
         return RobotDescription()
-    if variant is None:
-        return descriptions.read_description(path)
-    if name is None:
+    if files.variant is None:
+        return descriptions.read_description(files.yaml)
+    if files.name is None:
         raise InvalidInput(
-            f"variant {variant!r} without a robot's name; variants belong to named robots"
+            f"variant {files.variant!r} without a robot's name; variants belong to named robots"
         )
-    return descriptions.read_description(path, variant_file(name, variant))
+    return descriptions.read_description(files.yaml, variant_file(files.name, files.variant))
 
 
 def robots_folder() -> Path:

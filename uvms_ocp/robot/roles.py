@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import RobotDataError
-from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.description import LinkDescription, RobotDescription
 
 BASE = "base_link"
 TOOL = "tool"
@@ -24,10 +24,10 @@ ALTIMETER = "altimeter"
 DVL = "dvl"
 CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
 
-# of the distance of a body's mass from its axis to what turns about it: propellers are balanced
-_OFF_AXIS = 0.1
+_BALANCED = 0.1
+"""Distance of a propeller's centre of mass from its axis, at most, over that from its joint."""
 
-_STEERS = "rudder fin flap wheel"
+_FINS = "rudder fin flap wheel"
 _SENSORS = (
     "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
     " mbes fls beacon antenna optical light lamp led hydrophone magnetometer acoustic modem ping"
@@ -39,20 +39,18 @@ _KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
 
 
 def _words(text: str) -> re.Pattern[str]:
-    """Words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in any part of it where
-    they are long.
+    """Return a pattern of words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in
+    any part of it where they are long.
     """
-    alone, anywhere = (
-        [word for word in text.split() if (len(word) > 5) == long] for long in (False, True)
-    )
-    return re.compile(rf"(?<![a-z])({'|'.join(alone)})s?(?![a-z])|{'|'.join(anywhere)}")
+    words = text.split()
+    short_words = "|".join(word for word in words if len(word) <= 5)
+    long_words = "|".join(word for word in words if len(word) > 5)
+    return re.compile(rf"(?<![a-z])({short_words})s?(?![a-z])|{long_words}")
 
 
 _NAMES: Mapping[str, re.Pattern[str]] = {
-    "propeller": _words(
-        f"prop propeller thruster rotor blade screw fan {_STEERS}"
-    ),  # what pushes or steers
-    "fin": _words(_STEERS),
+    "propeller": _words(f"prop propeller thruster rotor blade screw fan {_FINS}"),
+    "fin": _words(_FINS),
     "sensor": _words(_SENSORS),
     "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
     "tip": _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector"),
@@ -105,21 +103,29 @@ class Roles:
 
 
 def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
-    """The roles of the links of a model."""
+    """Return the roles of the links of a model."""
     tree = _LinkTree(model, free_flyer)
     kinds = dict(_kinds(tree))
-    named = {
-        kind: tuple(model.names[j] for j in tree.moving if kinds.get(j) == kind) for kind in _KINDS
-    }
-    arm = [j for j in tree.moving if j not in kinds]
+    joints_by_kind: dict[str, list[str]] = {kind: [] for kind in _KINDS}
+    arm = list[int]()
+    for joint in tree.moving:
+        if joint in kinds:
+            joints_by_kind[kinds[joint]].append(model.names[joint])
+        else:
+            arm.append(joint)
+    tools = list[tuple[str, ...]]()
+    for joint in arm:
+        ends_chain = not any(child in arm for child in tree.children(joint))
+        tips = _tips(tree, joint) if ends_chain else ()
+        if tips:
+            tools.append(tips)
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
-    ends = [j for j in arm if not any(child in arm for child in tree.children(j))]
     if BASE in links:
         base = BASE
     else:
         base = next(iter(links), "")
-    tools = [_tips(tree, j) for j in ends]
-    return Roles(base=base, tools=tuple(tips for tips in tools if tips), **named)
+    joints = {kind: tuple(names) for kind, names in joints_by_kind.items()}
+    return Roles(base=base, tools=tuple(tools), **joints)
 
 
 class _LinkTree:
@@ -128,31 +134,43 @@ class _LinkTree:
     def __init__(self, model: pin.Model, free_flyer: bool) -> None:
         self.model = model
         self.carrier = 1 if free_flyer else 0
+        """Joint that carries the vehicle, or 0, the world."""
         self.moving = range(self.carrier + 1, model.njoints)
-        bodies = [
-            (i, frame) for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
-        ]
-        self.bodies = {
-            j: [i for i, frame in bodies if frame.parentJoint == j] for j in range(model.njoints)
-        }
-        self.inner = {model.frames[frame.parentFrame].parentFrame for _, frame in bodies}
+        """Joints that move against the vehicle."""
+        self.bodies: dict[int, list[int]] = {joint: [] for joint in range(model.njoints)}
+        """Frames of the links that each joint carries."""
+        self.inner = set[int]()
+        """Frames of links on which another link hangs."""
+        for i, frame in enumerate(model.frames):
+            if frame.type == pin.FrameType.BODY:
+                self.bodies[frame.parentJoint].append(i)
+                self.inner.add(self._frame_above(i))
+
+    def _frame_above(self, frame: int) -> int:
+        """Return the frame of the link on which a link hangs."""
+        joint_frame = self.model.frames[frame].parentFrame
+        return int(self.model.frames[joint_frame].parentFrame)
 
     def name(self, frame: int) -> str:
         return str(self.model.frames[frame].name)
 
     def names(self, joint: int) -> list[str]:
         """Return the names of a joint and of the link that it moves."""
-        return [str(self.model.names[joint]), *(self.name(i) for i in self.bodies[joint][:1])]
+        link_names = [self.name(i) for i in self.bodies[joint][:1]]
+        return [str(self.model.names[joint]), *link_names]
 
     def children(self, joint: int) -> list[int]:
-        return [j for j in self.moving if self.model.parents[j] == joint]
+        return [child for child in self.moving if self.model.parents[child] == joint]
 
     def below(self, joint: int) -> list[int]:
-        """The joint and all that hang on it."""
-        return [joint, *(j for child in self.children(joint) for j in self.below(child))]
+        """Return the joint and all that hang on it."""
+        joints = [joint]
+        for child in self.children(joint):
+            joints += self.below(child)
+        return joints
 
     def above(self, joint: int) -> list[int]:
-        """The joints between the vehicle and this one."""
+        """Return the joints between the vehicle and this one."""
         parent = self.model.parents[joint]
         if parent <= self.carrier:
             return []
@@ -161,89 +179,97 @@ class _LinkTree:
     def has_range(self, joint: int) -> bool:
         """Check whether a joint can move at all."""
         moving = self.model.joints[joint]
-        model = self.model
-        q = slice(
-            moving.idx_q, moving.idx_q + max(moving.nq, 1)
-        )  # of one that mimics, those of its leader
-        return bool(
-            moving.nq != moving.nv
-            or (model.lowerPositionLimit[q] < model.upperPositionLimit[q]).any()
-        )
+        if moving.nq != moving.nv:
+            return True
+        n_q = max(moving.nq, 1)  # of one that mimics, those of its leader
+        q = slice(moving.idx_q, moving.idx_q + n_q)
+        return bool((self.model.lowerPositionLimit[q] < self.model.upperPositionLimit[q]).any())
 
     def is_no_tool(self, frame: int) -> bool:
         """Check whether a link is a sensor or a finger; the palm that carries fingers is
         neither.
         """
         name = self.name(frame)
-        return is_called("sensor", name) or (
-            is_called("finger", name) and frame not in self.inner and not is_called("tip", name)
-        )
+        if is_called("sensor", name):
+            return True
+        return is_called("finger", name) and frame not in self.inner and not is_called("tip", name)
 
     def is_end(self, frame: int) -> bool:
         """Check that no other link is fixed to the link further out, but sensors and fingers."""
-        others = [
-            i for i in self.bodies[self.model.frames[frame].parentJoint] if not self.is_no_tool(i)
-        ]
-        return all(
-            self.model.frames[self.model.frames[i].parentFrame].parentFrame != frame for i in others
-        )
+        for i in self.bodies[self.model.frames[frame].parentJoint]:
+            if not self.is_no_tool(i) and self._frame_above(i) == frame:
+                return False
+        return True
 
 
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
-    """Joints that are no part of an arm, with what hangs on them."""
-    for j in tree.moving:
-        names = tree.names(j)
-        below = [tree.name(i) for k in tree.below(j) for i in tree.bodies[k]]
-        if is_called("propeller", *names) and not tree.children(j):
-            yield j, "propellers"
-        elif all(
-            is_called("propeller", *tree.names(k)) for k in tree.below(j) if not tree.children(k)
-        ):
-            yield j, "gimbals"
-        elif not any(tree.model.inertias[k].mass for k in tree.below(j)):
-            yield j, "empty"
-        elif _whirls(tree, j):
-            yield j, "propellers"
-        elif below and all(is_called("sensor", name) for name in below):
-            yield j, "sensors"
+    """Yield joints that are no part of an arm, with what they do."""
+    for joint in tree.moving:
+        names = tree.names(joint)
+        below = tree.below(joint)
+        if is_called("propeller", *names) and not tree.children(joint):
+            yield joint, "propellers"
+        elif _carries_propellers_alone(tree, joint):
+            yield joint, "gimbals"
+        elif not any(tree.model.inertias[k].mass for k in below):
+            yield joint, "empty"
+        elif _whirls(tree, joint):
+            yield joint, "propellers"
+        elif _carries_sensors_alone(tree, joint):
+            yield joint, "sensors"
         elif is_called("finger", *names):
-            yield from ((k, "fingers") for k in tree.below(j))
-        elif not any(map(tree.has_range, (*tree.above(j), *tree.below(j)))):
-            yield j, "held"
+            for finger_joint in below:
+                yield finger_joint, "fingers"
+        elif not any(tree.has_range(k) for k in (*tree.above(joint), *below)):
+            yield joint, "held"
 
 
-def _whirls(tree: _LinkTree, j: int) -> bool:
+def _carries_propellers_alone(tree: _LinkTree, joint: int) -> bool:
+    last_joints = [k for k in tree.below(joint) if not tree.children(k)]
+    return all(is_called("propeller", *tree.names(k)) for k in last_joints)
+
+
+def _carries_sensors_alone(tree: _LinkTree, joint: int) -> bool:
+    links = list[int]()
+    for k in tree.below(joint):
+        links += tree.bodies[k]
+    return bool(links) and all(is_called("sensor", tree.name(i)) for i in links)
+
+
+def _whirls(tree: _LinkTree, index: int) -> bool:
     """Check whether a joint of the vehicle turns one balanced link without end, as a propeller
     does.
     """
-    joint = tree.model.joints[j]
-    inertia = tree.model.inertias[j]
-    if (
-        tree.model.parents[j] != tree.carrier
-        or tree.carrier == 0
-        or len(tree.below(j)) > 1
-        or len(tree.bodies[j]) > 1
-    ):
+    if tree.carrier == 0 or tree.model.parents[index] != tree.carrier:
         return False
+    if len(tree.below(index)) > 1 or len(tree.bodies[index]) > 1:
+        return False
+    joint = tree.model.joints[index]
     if joint.nv != 1 or joint.nq != 2:
         return False
     axis = np.array(joint.createData().S).ravel()[3:]
-    lever = np.asarray(inertia.lever)
-    off = float(np.linalg.norm(lever - axis * (axis @ lever)))
-    return off <= _OFF_AXIS * max(float(np.linalg.norm(lever)), 0.1)
+    lever = np.asarray(tree.model.inertias[index].lever)  # [m]
+    off_axis = float(np.linalg.norm(lever - axis * (axis @ lever)))  # [m]
+    return off_axis <= _BALANCED * max(float(np.linalg.norm(lever)), 0.1)
 
 
 def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
-    """Candidates for the tool at the last joint of a chain."""
-    ends = [tree.name(i) for i in tree.bodies[joint] if not tree.is_no_tool(i) and tree.is_end(i)]
-    named = [name for name in ends if is_called("tip", name)]
-    return tuple(named if len(named) == 1 else ends)
+    """Return candidates for the tool at the last joint of a chain."""
+    ends = list[str]()
+    for i in tree.bodies[joint]:
+        if not tree.is_no_tool(i) and tree.is_end(i):
+            ends.append(tree.name(i))
+    called_tips = [name for name in ends if is_called("tip", name)]
+    if len(called_tips) == 1:
+        return tuple(called_tips)
+    return tuple(ends)
 
 
 def with_roles(
     model: pin.Model, description: RobotDescription, path: object
 ) -> tuple[pin.Model, RobotDescription]:
-    """The model with a frame for each role, and the description with the names of its frames.
+    """Return the model with a frame for each role, and the description with the names of its
+    frames.
 
     Raises ``RobotDataError``, which blames the file `path`, for roles of links that are not there.
     """
@@ -278,7 +304,7 @@ def with_roles(
 
 
 def tools_of(description: RobotDescription) -> tuple[str, ...]:
-    """The tools that a description names."""
+    """Return the tools that a description names."""
     tool = description.tool
     if tool is None:
         return ()
@@ -296,10 +322,9 @@ def _placed(
     if model.existFrame(role):
         displaced = f"{role}_of_urdf"
         model.frames[model.getFrameId(role)].name = displaced
-        links = {
-            displaced if link == role else link: hydrodynamics
-            for link, hydrodynamics in description.links.items()
-        }
+        links = dict[str, LinkDescription]()
+        for link, link_description in description.links.items():
+            links[displaced if link == role else link] = link_description
         description = description.model_copy(update={"links": links})
     add_frame(model, role, name, pin.FrameType.OP_FRAME)
     return description
@@ -313,7 +338,7 @@ def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None
 
 
 def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tuple[bool, str]]:
-    """Give for each role whether all is well, and one sentence. model: with its frames for
+    """Yield for each role whether all is well, and one sentence. model: with its frames for
     roles.
     """
     free_flyer = description.base == "free_flyer"
@@ -323,10 +348,10 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
         yield True, f"base_link: {description.base_link or roles.base}"
     if TOOL in frames:
         is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
-        yield (
-            True,
-            f"tool: {', '.join(tools_of(description)) or (is_added and roles.only_tool) or TOOL}",
-        )
+        tool = ", ".join(tools_of(description))
+        if not tool and is_added:
+            tool = roles.only_tool or ""
+        yield True, f"tool: {tool or TOOL}"
     elif roles.candidates:
         yield False, f"tool: any of {', '.join(roles.candidates)}; {CHOOSE}"
     else:
@@ -334,17 +359,12 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer and description.altimeter:
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
-        looks = [name for name in frames if is_called("altimeter", name)]
-        if looks:
-            hint = f"`altimeter: {looks[0]}` takes that link"
+        candidates = [name for name in frames if is_called("altimeter", name)]
+        if candidates:
+            hint = f"`altimeter: {candidates[0]}` takes that link"
         else:
             hint = "`altimeter: LINK` names the link of one"
-        yield (
-            False,
-            (
-                f"altimeter: none, so that tasks of the altitude are left out; {hint}, if it looks"
-                " along its -z"
-            ),
-        )
+        consequence = "so that tasks of the altitude are left out"
+        yield False, f"altimeter: none, {consequence}; {hint}, if it looks along its -z"
     if free_flyer and description.dvl:
         yield True, f"dvl: {description.dvl}"

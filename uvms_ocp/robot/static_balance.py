@@ -46,24 +46,18 @@ def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     density = robot.description.water_density
-    inertias = robot.model.inertias
-    loads = [
-        *(
-            (
-                data.oMf[robot.frame_id(link.frame)].act(link.centre_of_buoyancy),
-                density * link.volume,
-            )
-            for link in robot.hydrodynamics
-        ),
-        *(
-            (data.oMi[i].act(inertias[i].lever), -inertias[i].mass)
-            for i in range(1, robot.model.njoints)
-        ),
-    ]
-    arms = np.array([point for point, _ in loads]) - q[:3]
-    return arms, float(np.linalg.norm(robot.model.gravity.linear)) * np.array(
-        [mass for _, mass in loads]
-    )
+    points = list[np.ndarray]()  # (3,) [m] in W
+    lifted_masses = list[float]()  # [kg]
+    for link in robot.hydrodynamics:
+        X_WF = data.oMf[robot.frame_id(link.frame)]
+        points.append(X_WF.act(link.centre_of_buoyancy))
+        lifted_masses.append(density * link.volume)
+    for i in range(1, robot.model.njoints):
+        inertia = robot.model.inertias[i]
+        points.append(data.oMi[i].act(inertia.lever))
+        lifted_masses.append(-inertia.mass)
+    gravity = float(np.linalg.norm(robot.model.gravity.linear))
+    return np.array(points) - q[:3], gravity * np.array(lifted_masses)
 
 
 def without_trim(robot: Robot) -> Robot:
@@ -82,7 +76,8 @@ def with_trim(robot: Robot, bodies: Iterable[TrimBody]) -> Robot:
     added = tuple(bodies)
     for body in added:
         robot.frame_id(body.link)
-    return _retrimmed(robot, with_bodies(robot.model, added), (*robot.description.trim, *added))
+    model = with_bodies(robot.model, added)
+    return _retrimmed(robot, model, (*robot.description.trim, *added))
 
 
 @checked
@@ -106,14 +101,17 @@ def trimmed(robot: Robot, *, bow: _Station, stern: _Station) -> Robot:
 
 def _trim_bodies(robot: Robot, bow: float, stern: float) -> list[TrimBody]:
     force, moment = static_residual(robot, np.array(robot.configuration()))
-    lifts = np.linalg.solve([[1.0, 1.0], [-bow, -stern]], [-force, -moment[1]])
+    lift_at = np.linalg.solve([[1.0, 1.0], [-bow, -stern]], [-force, -moment[1]])  # [N]
     # The body with the larger lift takes the roll moment by a sideways shift.
-    strongest = int(np.argmax(np.abs(lifts)))
+    strongest = int(np.argmax(np.abs(lift_at)))
     y = np.zeros(2)
-    if abs(lifts[strongest]) > 0.0:
-        y[strongest] = -moment[0] / lifts[strongest]
-    stations = zip(("trim_bow", "trim_stern"), (bow, stern), y, lifts, strict=True)
-    return [trim_body(*station, robot) for station in stations if abs(station[-1]) > 0.0]
+    if abs(lift_at[strongest]) > 0.0:
+        y[strongest] = -moment[0] / lift_at[strongest]
+    bodies = list[TrimBody]()
+    for k, (name, x) in enumerate((("trim_bow", bow), ("trim_stern", stern))):
+        if abs(lift_at[k]) > 0.0:
+            bodies.append(trim_body(name, x, y[k], lift_at[k], robot))
+    return bodies
 
 
 def trim_body(name: str, x: float, y: float, lift: float, robot: Robot) -> TrimBody:
@@ -155,9 +153,8 @@ def trim_inertia(model: pin.Model, body: TrimBody) -> tuple[int, pin.Inertia]:
     joint.
     """
     frame = model.frames[model.getFrameId(body.link)]
-    return frame.parentJoint, frame.placement.act(
-        pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
-    )
+    point_mass = pin.Inertia(body.mass, np.array(body.position), np.zeros((3, 3)))
+    return frame.parentJoint, frame.placement.act(point_mass)
 
 
 def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -171,7 +168,8 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     righting = arms.T @ lift  # [N m] with the vehicle level, when W and B have the same axes
     up = np.array([0.0, 0.0, 1.0])
     axes = [axis - 3 for axis in thrusters.unactuated_axes(robot) if axis >= 3]
-    for _ in range(_SWEEPS if len(axes) > 1 else 1):
+    n_sweeps = _SWEEPS if len(axes) > 1 else 1
+    for _ in range(n_sweeps):
         for axis in axes:
             up = _turned(up, axis, righting)
     return up
@@ -180,15 +178,15 @@ def up_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
 def rotation_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     """Return R_WB (3, 3) without yaw of the attitude of `up_at_rest`, for q (n_q,) [m, rad]."""
     up = up_at_rest(robot, q)
-    R: np.ndarray = pin.rpy.rpyToMatrix(
-        float(np.arctan2(up[1], up[2])), float(-np.arcsin(up[0])), 0.0
-    )
+    roll = float(np.arctan2(up[1], up[2]))
+    pitch = float(-np.arcsin(up[0]))
+    R: np.ndarray = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
     return R
 
 
 def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:
-    """After a turn about one axis of B, until buoyancy is straight above weight as seen along that
-    axis.
+    """Return the direction (3,) that is up in B after a turn about one axis of B, until buoyancy is
+    straight above weight as seen along that axis.
     """
     across = np.arange(3) != axis
     pull = float(np.linalg.norm(righting[across]))
