@@ -191,11 +191,11 @@ def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
     """Of the power law through values (n,) [any] that are known; `None` for fewer than two."""
-    known = np.isfinite(values)
-    if np.count_nonzero(known) < 2:
+    is_known = np.isfinite(values)
+    if np.count_nonzero(is_known) < 2:
         return None
-    x = np.array(sizes, dtype=float)[known]
-    y = np.array(values, dtype=float)[known]
+    x = np.array(sizes, dtype=float)[is_known]
+    y = np.array(values, dtype=float)[is_known]
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 

@@ -101,9 +101,9 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
     carrying = replace(hover, payload=(mass, volume), **WATERS[water])
     runs = [run(replace(carrying, seed=seed)).learnt for seed in range(seeds)]
     weight = (1.0 - share) * mass * G
-    near = None
+    time_near = None
     if mass:
-        near = _from_when_on([_is_near(estimates, weight) for estimates in runs])
+        time_near = _from_when_on([_is_near(estimates, weight) for estimates in runs])
     last_masses = [estimates[-1].mass for estimates in runs]
     mass_errors = [abs(last - mass) for last in last_masses if not np.isnan(last)]
     return {
@@ -113,7 +113,7 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
         "volume [l]": 1000.0 * volume,
         "weight [N]": weight,
         **{f"error {t:g} s": _error_at(runs, weight, t) for t in SOON if t < hover.duration},
-        "near": near,
+        "near": time_near,
         "mass known": _from_when_on([_knows_mass(estimates) for estimates in runs]),
         "mass error": max(mass_errors, default=None),
         **_inside(runs, weight, mass),

@@ -188,7 +188,7 @@ def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
 
 
 def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
-    found = _share(sum(column(rows, "found")), len(rows))
+    found_share = _share(sum(column(rows, "found")), len(rows))
     n_about = sum(len(doubts) for doubts in column(rows, "about"))
     n_elsewhere = sum(len(doubts) for doubts in column(rows, "elsewhere"))
     stated = [doubt.looks_for for doubt in DOUBTS if doubt.stated]
@@ -197,8 +197,8 @@ def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
         duration=DURATION,
         n=len(rows),
         kinds=len(KINDS),
-        found=found,
-        missed=100.0 - found,
+        found=found_share,
+        missed=100.0 - found_share,
         false=_share(sum(bool(raised) for raised in before), len(before)),
         others=_share(n_elsewhere, n_about + n_elsewhere),
         stated=len(stated),

@@ -103,11 +103,11 @@ class Outcome:
 def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: float) -> Command:
     """What the thrusters make of a command at time t [s]."""
     assert command.thrust is not None
-    asked = np.clip(command.thrust, *thrust_limits(robot))
+    thrust = np.clip(command.thrust, *thrust_limits(robot))
     for fault in faults:
         if t >= fault.onset:
-            asked[fault.thruster] = fault.share * asked[fault.thruster] + fault.constant
-    return replace_unchecked(command, thrust=asked)
+            thrust[fault.thruster] = fault.share * thrust[fault.thruster] + fault.constant
+    return replace_unchecked(command, thrust=thrust)
 
 
 class WayPoints(KinematicController):
@@ -128,8 +128,8 @@ class WayPoints(KinematicController):
         self._yaw = 0.0
         self._next = hover.stays + float(self._rng.uniform(2.0, 6.0))
 
-    def observe(self, measurement: StateEstimate, t: float) -> Any:
-        self.measurement = measurement
+    def observe(self, estimate: StateEstimate, t: float) -> Any:
+        self.measurement = estimate
         self.t = t
         return self
 
@@ -146,11 +146,10 @@ class WayPoints(KinematicController):
         linear *= min(1.0, _FASTEST / max(float(np.linalg.norm(linear)), 1e-9))
         angular = _GAIN * pin.log3(R.T @ pin.rpy.rpyToMatrix(0.0, 0.0, self._yaw))
         joints = np.clip(_GAIN * (self._joints - q[7:]), -_FASTEST_JOINT, _FASTEST_JOINT)
-        wanted = np.clip(
-            np.concatenate([linear, angular, joints]), -0.8 * limits.velocity, 0.8 * limits.velocity
-        )
+        largest = 0.8 * limits.velocity
+        desired = np.clip(np.concatenate([linear, angular, joints]), -largest, largest)
         step = 0.5 * np.minimum(limits.acceleration, 5.0) * DT
-        self._v = self._v + np.clip(wanted - self._v, -step, step)
+        self._v = self._v + np.clip(desired - self._v, -step, step)
         return Command(v=self._v.copy())
 
     def _choose(self) -> None:
@@ -210,25 +209,23 @@ def _plant(robot: Robot, hover: Hover, heading: float) -> tuple[DynamicPlant, Fl
     floor = FlatSeafloor(z=-60.0)
     mass, volume = hover.payload
     if mass:
-        real = with_trim(
-            real,
-            [
-                TrimBody(
-                    name="load", link="tool", position=(0.0, 0.0, 0.0), mass=mass, volume=volume
-                )
-            ],
+        load = TrimBody(
+            name="load", link="tool", position=(0.0, 0.0, 0.0), mass=mass, volume=volume
         )
+        real = with_trim(real, [load])
     start = np.array(robot.configuration(position=STATION))
     environment = Environment(seafloor=floor, current=current)
-    return DynamicPlant(
+    plant = DynamicPlant(
         real, start, dynamics=robot_dynamics(real), environment=environment, max_step=DT
-    ), floor
+    )
+    return plant, floor
 
 
 def _jammed(state: State, before: State, joint: int) -> State:
     q = state.q.copy()
     v = state.v.copy()
-    q[7 + joint], v[6 + joint] = before.q[7 + joint], 0.0
+    q[7 + joint] = before.q[7 + joint]
+    v[6 + joint] = 0.0
     return State(q=q, v=v)
 
 
@@ -239,14 +236,18 @@ def with_wrong_water(robot: Robot, mass: float, drag: float) -> Robot:
     factors = {"added_mass": mass, "linear_drag": drag, "quadratic_drag": drag}
     links = {}
     for name, link in robot.description.links.items():
-        given = link.coefficients
-        if given is not None:
-            scaled = {key: _scaled(getattr(given, key), factor) for key, factor in factors.items()}
-            link = link.model_copy(update={"coefficients": given.model_copy(update=scaled)})
+        nominal = link.coefficients
+        if nominal is not None:
+            scaled = {
+                key: _scaled(getattr(nominal, key), factor) for key, factor in factors.items()
+            }
+            link = link.model_copy(update={"coefficients": nominal.model_copy(update=scaled)})
         links[name] = link
     description = robot.description.model_copy(update={"links": links})
     return replace(robot, description=description, hydrodynamics=links_in_water(description))
 
 
 def _scaled(values: Any, factor: float) -> Any:
-    return values if values is None else tuple(np.multiply(values, factor).tolist())
+    if values is None:
+        return None
+    return tuple(np.multiply(values, factor).tolist())

@@ -79,13 +79,11 @@ class ClosedFormDistances:
 
     def _screws(self, x: Array, sample: Indices) -> Array:
         model = self.scene.coordinates.robot.model
-        wanted = np.unique(sample)
-        q = self.scene.coordinates.configurations(x[wanted])
-        jacobians = np.array(
-            [pin.computeJointJacobians(model, self._data, row).copy() for row in q]
-        )
-        screws: Array = jacobians @ self.scene.coordinates.column_map(x[wanted])
-        return screws[np.searchsorted(wanted, sample)]
+        samples = np.unique(sample)
+        q = self.scene.coordinates.configurations(x[samples])
+        jacobians = [pin.computeJointJacobians(model, self._data, row).copy() for row in q]
+        screws: Array = np.array(jacobians) @ self.scene.coordinates.column_map(x[samples])
+        return screws[np.searchsorted(samples, sample)]
 
 
 def symbolic_configuration(planned: Coordinates, x: ca.SX) -> ca.SX:
@@ -98,19 +96,20 @@ def symbolic_configuration(planned: Coordinates, x: ca.SX) -> ca.SX:
     vehicle = full[: robot.n_vehicle]
     joints = ca.vertsplit(full[robot.n_vehicle :])
     if robot.n_vehicle:
-        (cr, cp, cy), (sr, sp, sy) = (
-            ca.vertsplit(part(full[3:6] / 2.0)) for part in (ca.cos, ca.sin)
-        )
+        cr, cp, cy = ca.vertsplit(ca.cos(full[3:6] / 2.0))
+        sr, sp, sy = ca.vertsplit(ca.sin(full[3:6] / 2.0))
         xyz = (
             sr * cp * cy - cr * sp * sy,
             cr * sp * cy + sr * cp * sy,
             cr * cp * sy - sr * sp * cy,
         )
         vehicle = ca.vertcat(full[:3], *xyz, cr * cp * cy + sr * sp * sy)
-    parts = (
-        ca.vertcat(ca.cos(q), ca.sin(q)) if joint.endless else q
-        for joint, q in zip(robot.joints, joints, strict=True)
-    )
+    parts = []
+    for joint, q in zip(robot.joints, joints, strict=True):
+        if joint.endless:
+            parts.append(ca.vertcat(ca.cos(q), ca.sin(q)))
+        else:
+            parts.append(q)
     return ca.vertcat(vehicle, *parts)
 
 
@@ -133,7 +132,8 @@ def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Functio
     Twice differentiable by CasADi; its Hessian is exact, and not positive semi-definite in general.
     """
     n = scene.coordinates.n_axes
-    x, v = ca.SX.sym("x", n), ca.SX.sym("v", n)
+    x = ca.SX.sym("x", n)
+    v = ca.SX.sym("v", n)
     symbolic = SymbolicModel(scene.coordinates.robot.model)
     poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
     ends = _ends_at(scene, poses)
@@ -182,7 +182,8 @@ def _ends_at(scene: CollisionScene, poses: Sequence[SymbolicPose]) -> list[ca.SX
         pose = poses[item.parentJoint]
         X = item.placement
         half = capsule.half_length * X.rotation[:, 2]
-        low, high = ca.DM(X.translation - half), ca.DM(X.translation + half)
+        low = ca.DM(X.translation - half)
+        high = ca.DM(X.translation + half)
         result.append(ca.vertcat(pose.p + pose.R @ low, pose.p + pose.R @ high))
     return result
 
@@ -190,7 +191,8 @@ def _ends_at(scene: CollisionScene, poses: Sequence[SymbolicPose]) -> list[ca.SX
 def _mapped(function: ca.Function, x: Array) -> Array:
     """(n, size) of the function at every row of x, without CasADi's conversions."""
     buffer, run = function.buffer()
-    argument, result = np.empty(x.shape[1]), np.empty(function.numel_out(0))
+    argument = np.empty(x.shape[1])
+    result = np.empty(function.numel_out(0))
     buffer.set_arg(0, argument.data)
     buffer.set_res(0, result.data)
     rows = np.empty((len(x), result.size))

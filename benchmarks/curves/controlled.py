@@ -62,14 +62,15 @@ class Scenes:
 
     def __init__(self, first: Problem) -> None:
         built = once(lambda: Planner(self._problem(first, 1.0), OPTIONS))
-        self._planner, self.build_time = built.value, built.cpu
+        self._planner = built.value
+        self.build_time = built.cpu
 
     def solved(self, item: Problem) -> Outcome:
         """By the curve around the obstacles."""
         curve = once(lambda: _curve(item))
-        given = self._problem(item, self.slower * curve.value.trajectory.duration)
-        plan = once(lambda: self._planned(item, given, curve.value))
-        term = given.constraints[1]
+        problem = self._problem(item, self.slower * curve.value.trajectory.duration)
+        plan = once(lambda: self._planned(item, problem, curve.value))
+        term = problem.constraints[1]
         path = plan.value.trajectory
         assert isinstance(term, ShapeClearance)
         t = np.linspace(0.0, path.t[-1], self.samples)
@@ -82,27 +83,24 @@ class Scenes:
             plan_time=plan.cpu,
         )
 
-    def _planned(self, item: Problem, given: OcpProblem, curve: CollisionPlan) -> Plan:
-        guess = along_curve(given, item.scene.coordinates, curve.trajectory)
-        return self._planner.plan(given, guess=guess, diagnose=False)
+    def _planned(self, item: Problem, problem: OcpProblem, curve: CollisionPlan) -> Plan:
+        guess = along_curve(problem, item.scene.coordinates, curve.trajectory)
+        return self._planner.plan(problem, guess=guess, diagnose=False)
 
     def _problem(self, item: Problem, duration: float) -> OcpProblem:
-        robot, q = item.scene.coordinates.robot, item.scene.coordinates.configurations(item.ends)
-        there = Kinematics(robot, q[1]).pose("base_link")
+        robot = item.scene.coordinates.robot
+        q = item.scene.coordinates.configurations(item.ends)
+        vehicle = VehiclePose(goal=Kinematics(robot, q[1]).pose("base_link"))
         posture = JointTracking(joints=robot.joint_names, goal=q[1, robot.n_q - robot.n_joints :])
-        margins = np.minimum(
-            self.clearance, CoalDistances(item.scene).distances(item.ends).min(axis=0)
-        )
+        distances_at_ends = CoalDistances(item.scene).distances(item.ends).min(axis=0)
+        margins = np.minimum(self.clearance, distances_at_ends)
         return single_phase(
             robot=robot,
             start=State(q=q[0], v=np.zeros(robot.n_v)),
             duration=duration,
             n_steps=N_STEPS,
             levels=[
-                OcpLevel(
-                    name="goal",
-                    terms=(TaskTerm(task=VehiclePose(goal=there)), TaskTerm(task=posture)),
-                ),
+                OcpLevel(name="goal", terms=(TaskTerm(task=vehicle), TaskTerm(task=posture))),
                 OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09))),
             ],
             constraints=(AtRest(), ShapeClearance(scene=item.scene, margins=margins)),

@@ -117,5 +117,5 @@ def _directional(
     return difference
 
 
-def _relative_error(found: Array, expected: Array) -> float:
-    return float(np.abs(found - expected).max() / np.abs(expected).max())
+def _relative_error(computed: Array, expected: Array) -> float:
+    return float(np.abs(computed - expected).max() / np.abs(expected).max())

@@ -22,15 +22,15 @@ def main() -> None:
     parser.add_argument("waypoints", type=Path)
     parser.add_argument("result", type=Path)
     parser.add_argument("--repeats", type=int, required=True)
-    given = parser.parse_args()
-    found = np.load(given.waypoints)
-    times = found["times"]
-    positions = found["positions"]
-    rest = np.zeros(found["positions"].shape[1])
+    arguments = parser.parse_args()
+    problem = np.load(arguments.waypoints)
+    times = problem["times"]
+    positions = problem["positions"]
+    zero = np.zeros(positions.shape[1])
     points = [ms.Waypoint(time=t, position=p) for t, p in zip(times, positions, strict=True)]
     for i in (0, -1):
         points[i] = ms.Waypoint(
-            time=times[i], position=positions[i], velocity=rest, acceleration=rest, jerk=rest
+            time=times[i], position=positions[i], velocity=zero, acceleration=zero, jerk=zero
         )
 
     def generate() -> object:
@@ -38,8 +38,9 @@ def main() -> None:
             points, degree=7, idx_minimized_orders=4, num_continuous_orders=4
         )
 
-    wall = timed(generate, given.repeats).wall
-    given.result.write_text(json.dumps({"wall": wall, "version": version("minsnap_trajectories")}))
+    wall = timed(generate, arguments.repeats).wall
+    outcome = {"wall": wall, "version": version("minsnap_trajectories")}
+    arguments.result.write_text(json.dumps(outcome))
 
 
 if __name__ == "__main__":

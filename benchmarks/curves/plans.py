@@ -50,11 +50,9 @@ def _planned(item: Problem, solver: str) -> Timed[CollisionPlan]:
 
 
 def _times(name: str, solver: str, plans: Sequence[Timed[CollisionPlan]]) -> Iterator[Row]:
-    walls, cpus, (median, largest) = (
-        [plan.wall for plan in plans],
-        [plan.cpu for plan in plans],
-        TARGETS[solver],
-    )
+    walls = [plan.wall for plan in plans]
+    cpus = [plan.cpu for plan in plans]
+    median, largest = TARGETS[solver]
     yield figure(name, solver, "median time [s]", float(np.median(walls)), median)
     yield figure(name, solver, "largest time [s]", max(walls), largest)
     yield figure(name, solver, "median processor time [s]", float(np.median(cpus)))
@@ -64,21 +62,17 @@ def _times(name: str, solver: str, plans: Sequence[Timed[CollisionPlan]]) -> Ite
 def _outcomes(
     name: str, solver: str, problems: Sequence[Problem], plans: Sequence[CollisionPlan]
 ) -> Iterator[Row]:
-    false = [
-        _collides(item, plan)
-        for item, plan in zip(problems, plans, strict=True)
-        if plan.collision_free
-    ]
-    yield figure(
-        name, solver, "success", float(np.mean([plan.collision_free for plan in plans])), "0.95"
-    )
-    yield figure(name, solver, "falsely free", sum(false), "0")
-    yield figure(
-        name,
-        solver,
-        "success at first attempt",
-        float(np.mean([plan.attempts == 1 for plan in plans])),
-    )
+    n_free = 0
+    n_false = 0
+    n_at_first = 0
+    for item, plan in zip(problems, plans, strict=True):
+        n_at_first += plan.attempts == 1
+        if plan.collision_free:
+            n_free += 1
+            n_false += _collides(item, plan)
+    yield figure(name, solver, "success", n_free / len(plans), "0.95")
+    yield figure(name, solver, "falsely free", n_false, "0")
+    yield figure(name, solver, "success at first attempt", n_at_first / len(plans))
 
 
 def _collides(item: Problem, plan: CollisionPlan) -> bool:

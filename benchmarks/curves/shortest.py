@@ -28,7 +28,9 @@ WITH_PEER = 100
 def random_problem(n: int) -> tuple[Array, Array]:
     """Way points (n + 1, 3) [m] and their times (n + 1,) [s]."""
     rng = np.random.default_rng(0)
-    return rng.normal(size=(n + 1, 3)), np.concatenate([[0.0], np.cumsum(rng.uniform(1.0, 3.0, n))])
+    waypoints = rng.normal(size=(n + 1, 3))
+    durations = rng.uniform(1.0, 3.0, n)
+    return waypoints, np.concatenate([[0.0], np.cumsum(durations)])
 
 
 def solved(n: int, repeats: int) -> Timed[MinSnap]:
@@ -39,13 +41,17 @@ def solved(n: int, repeats: int) -> Timed[MinSnap]:
 
 def min_snap_rows(repeats: int, longest: int) -> Iterator[Row]:
     """Over the number of pieces up to the longest problem."""
-    long = []
-    for n in (n for n in SIZES if n <= longest):
-        found = solved(n, repeats)
-        yield from _rows_of(n, found)
-        long += [found.wall / n] if n >= LONG else []
+    per_piece = []
+    for n in SIZES:
+        if n > longest:
+            break
+        solution = solved(n, repeats)
+        yield from _rows_of(n, solution)
+        if n >= LONG:
+            per_piece.append(solution.wall / n)
     name = f"min snap {LONG:,} to {longest:,} x 3"
-    yield figure(name, OURS, "largest by least time per piece", max(long) / min(long), "2")
+    ratio = max(per_piece) / min(per_piece)
+    yield figure(name, OURS, "largest by least time per piece", ratio, "2")
     for unit in (1e-3, 1.0, 1e3):
         jump = largest_jump(min_snap(random_problem(100)[0], unit * np.arange(101)))
         yield figure(f"uniform {unit:g} s", OURS, "largest jump", jump, "1e-8")
@@ -53,20 +59,21 @@ def min_snap_rows(repeats: int, longest: int) -> Iterator[Row]:
     yield _qp_row()
 
 
-def _rows_of(n: int, found: Timed[MinSnap]) -> Iterator[Row]:
-    name, (waypoints, times) = f"min snap {n} x 3", random_problem(n)
-    yield figure(name, OURS, "time [ms]", 1e3 * found.wall, "300" if n == SIZES[-1] else "")
-    yield figure(name, OURS, "processor time [ms]", 1e3 * found.cpu)
-    yield figure(name, OURS, "time per piece [us]", 1e6 * found.wall / n)
-    met = np.abs(found.value.trajectory.evaluate(times) - waypoints).max()
+def _rows_of(n: int, solution: Timed[MinSnap]) -> Iterator[Row]:
+    name = f"min snap {n} x 3"
+    waypoints, times = random_problem(n)
+    yield figure(name, OURS, "time [ms]", 1e3 * solution.wall, "300" if n == SIZES[-1] else "")
+    yield figure(name, OURS, "processor time [ms]", 1e3 * solution.cpu)
+    yield figure(name, OURS, "time per piece [us]", 1e6 * solution.wall / n)
+    met = np.abs(solution.value.trajectory.evaluate(times) - waypoints).max()
     yield figure(name, OURS, "way point error", met, "1e-10")
     if n > 1:
-        yield figure(name, OURS, "largest jump", largest_jump(found.value), "1e-8")
+        yield figure(name, OURS, "largest jump", largest_jump(solution.value), "1e-8")
 
 
 def _closed_form_row() -> Row:
-    found = min_snap([0.0, 1.0], [0.0, 1.0]).trajectory.coefficients[:, 0, 0]
-    error = np.abs(found - [0, 0, 0, 0, 35, -84, 70, -20]).max()
+    curve = min_snap([0.0, 1.0], [0.0, 1.0]).trajectory
+    error = np.abs(curve.coefficients[:, 0, 0] - [0, 0, 0, 0, 35, -84, 70, -20]).max()
     return figure("rest to rest", OURS, "coefficient error", error, "1e-12")
 
 
@@ -74,18 +81,13 @@ def _qp_row() -> Row:
     waypoints, times = random_problem(30)
     a = min_snap(waypoints, times).node_derivatives
     b = min_snap_qp(waypoints, times).node_derivatives
-    return figure(
-        "min snap 30 x 3",
-        "qrqp",
-        "difference from banded",
-        np.abs(a - b).max() / np.abs(a).max(),
-        "1e-8",
-    )
+    difference = np.abs(a - b).max() / np.abs(a).max()
+    return figure("min snap 30 x 3", "qrqp", "difference from banded", difference, "1e-8")
 
 
-def largest_jump(found: MinSnap) -> float:
+def largest_jump(solution: MinSnap) -> float:
     """Of any derivative below the last at any node, relative to the peak of that derivative."""
-    curve = found.trajectory
+    curve = solution.trajectory
     return max(float(np.abs(curve.jumps(d)).max() / curve.peak(d).max()) for d in range(7))
 
 
@@ -93,17 +95,16 @@ def peer_rows(python: Path, repeats: int) -> tuple[list[Row], str]:
     """The peer, called as often as we are, and its version."""
     waypoints, times = random_problem(WITH_PEER)
     with tempfile.TemporaryDirectory() as folder:
-        given = Path(folder) / "waypoints.npz"
+        problem = Path(folder) / "waypoints.npz"
         result = Path(folder) / "result.json"
-        np.savez(given, positions=waypoints, times=times)
-        run_script(
-            python, Path(__file__).parent / "peer_minsnap.py", given, result, "--repeats", repeats
-        )
-        found = json.loads(result.read_text())
-    mine = solved(WITH_PEER, repeats).wall
+        np.savez(problem, positions=waypoints, times=times)
+        script = Path(__file__).parent / "peer_minsnap.py"
+        run_script(python, script, problem, result, "--repeats", repeats)
+        peer = json.loads(result.read_text())
+    our_wall = solved(WITH_PEER, repeats).wall
     name = f"min snap {WITH_PEER} x 3"
     rows = [
-        figure(name, "minsnap_trajectories", "time [ms]", 1e3 * found["wall"]),
-        figure(name, OURS, "times faster than peer", found["wall"] / mine, "300"),
+        figure(name, "minsnap_trajectories", "time [ms]", 1e3 * peer["wall"]),
+        figure(name, OURS, "times faster than peer", peer["wall"] / our_wall, "300"),
     ]
-    return rows, found["version"]
+    return rows, peer["version"]

@@ -97,13 +97,16 @@ def dynamics() -> SymbolicDynamics:
 def declaration(**learnt: Prior) -> Declaration:
     """What is learnt."""
     pairs = AxisCouplings(added_mass=_PAIRS, linear_drag=_PAIRS)
-    known = vehicle_declaration(NominalParameters.of(dynamics()), _HULL, ACTUATORS, pairs)
-    return known.with_start(velocity_delay=np.array([0.2])).with_status(**(LEARNT | learnt))
+    nominal = vehicle_declaration(NominalParameters.of(dynamics()), _HULL, ACTUATORS, pairs)
+    return nominal.with_start(velocity_delay=np.array([0.2])).with_status(**(LEARNT | learnt))
 
 
 def vehicle(**learnt: Prior) -> Vehicle:
     """With its unknowns."""
-    known = declaration(**learnt)
-    shared = Unknowns(known)
-    own = Unknowns(known, own=True)
-    return Vehicle(dynamics=dynamics(), shared=shared, own=own, actuators=ACTUATORS)
+    parameters = declaration(**learnt)
+    return Vehicle(
+        dynamics=dynamics(),
+        shared=Unknowns(parameters),
+        own=Unknowns(parameters, own=True),
+        actuators=ACTUATORS,
+    )

@@ -90,10 +90,10 @@ class Ledger:
 
 def late(specs: SensorSpecs, delays: Mapping[str, float]) -> SensorSpecs:
     """The channels with those delays [s]."""
-    return replace(
-        specs,
-        **{name: replace(getattr(specs, name), delay=delay) for name, delay in delays.items()},
-    )
+    delayed = {}
+    for name, delay in delays.items():
+        delayed[name] = replace(getattr(specs, name), delay=delay)
+    return replace(specs, **delayed)
 
 
 def consistency(
@@ -114,9 +114,8 @@ def consistency(
 def _judged(ledger: Ledger) -> Iterator[dict[str, object]]:
     share = (1.0 - TOGETHER) / len(ledger.sums)
     for name, total in sorted(ledger.sums.items()):
-        low, high = (
-            chi2.ppf(p, total.degrees) / total.degrees for p in (share / 2, 1.0 - share / 2)
-        )
+        low = chi2.ppf(share / 2, total.degrees) / total.degrees
+        high = chi2.ppf(1.0 - share / 2, total.degrees) / total.degrees
         inside = bool(low <= total.mean <= high)
         yield {
             "of": name,
@@ -143,8 +142,8 @@ def _watch(
         run.tick()
         if run.t < SETTLED - 1e-9:
             continue
-        found = [*_innovations(run, last), *_errors(run, due, final=k == ticks)]
-        for name, squared, degrees in found:
+        squares = [*_innovations(run, last), *_errors(run, due, final=k == ticks)]
+        for name, squared, degrees in squares:
             if name not in skipped and (not only or name in only):
                 ledger.add(name, squared, degrees)
 
@@ -160,26 +159,22 @@ def _innovations(run: Watched, last: dict[str, float]) -> Iterator[tuple[str, fl
 def _errors(
     run: Watched, due: dict[str, float], *, final: bool
 ) -> Iterator[tuple[str, float, int]]:
-    wanted = [
-        name
-        for name in (*_PARTS, "altitude", "joints", "joint_rates")
-        if (final if name not in APART else run.t >= due.get(name, 0.0) - 1e-9)
-    ]
-    if not wanted:
+    names = []
+    for name in (*_PARTS, "altitude", "joints", "joint_rates"):
+        is_due = run.t >= due.get(name, 0.0) - 1e-9 if name in APART else final
+        if is_due:
+            names.append(name)
+            due[name] = run.t + APART.get(name, np.inf)
+    if not names:
         return
-    for name in wanted:
-        due[name] = run.t + APART.get(name, np.inf)
     error = error_of(run)
     P = run.estimator.covariance
     joints = run.estimator.memory.joint_P
-    for name in wanted:
+    for name in names:
         if name in _PARTS:
             part = slice(_PARTS[name], _PARTS[name] + 3)
-            yield (
-                f"NEES {name}",
-                float(error[part] @ np.linalg.solve(P[part, part], error[part])),
-                3,
-            )
+            squared = error[part] @ np.linalg.solve(P[part, part], error[part])
+            yield f"NEES {name}", float(squared), 3
         elif name == "altitude":
             yield f"NEES {name}", *_altitude_error(run)
         else:
@@ -193,12 +188,12 @@ def error_of(run: Watched) -> Array:
     truth = run.truth
     memory = run.estimator.memory
     R = pin.Quaternion(memory.turn).toRotationMatrix()
-    biases = [
-        truth.biases[name] for name in ("angular_velocity", "linear_velocity", "specific_force")
-    ]
+    channels = ("angular_velocity", "linear_velocity", "specific_force")
+    biases = [truth.biases[name] for name in channels]
     x = np.concatenate([truth.place.ravel(), truth.spin.ravel(), *biases, [truth.floor.z]])
     error = np.zeros(MAIN)
-    error[:3], error[3:] = pin.log3(R.T @ truth.R), x - memory.x[3:]
+    error[:3] = pin.log3(R.T @ truth.R)
+    error[3:] = x - memory.x[3:]
     return error
 
 
@@ -209,4 +204,6 @@ def _altitude_error(run: Watched) -> tuple[float, int]:
     memory = run.estimator.memory
     cosine = float(down @ memory.beam_up)
     true = (run.truth.place[0, 2] + float(down @ memory.beam_at) - run.truth.floor.z) / cosine
-    return (float((estimated - true) ** 2 / spread**2), 1) if np.isfinite(estimated) else (0.0, 0)
+    if not np.isfinite(estimated):
+        return 0.0, 0
+    return float((estimated - true) ** 2 / spread**2), 1

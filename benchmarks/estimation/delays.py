@@ -55,13 +55,14 @@ def _squares(run: Watched) -> dict[str, float]:
         "velocity": Part.SPEED,
         "rates": Part.SPIN,
     }
-    found = {name: float(np.mean(error[first : first + 3] ** 2)) for name, first in parts.items()}
-    found["joint_rates"] = float(np.mean((memory.joint_x[:, 1] - truth.joints[1]) ** 2))
-    range_ = (truth.place[0, 2] + truth.R[2] @ memory.beam_at - truth.floor.z) / (
-        truth.R[2] @ memory.beam_up
-    )
-    found["altitude"] = float((memory.range[0] - range_) ** 2)
-    return found
+    squares = {}
+    for name, first in parts.items():
+        squares[name] = float(np.mean(error[first : first + 3] ** 2))
+    squares["joint_rates"] = float(np.mean((memory.joint_x[:, 1] - truth.joints[1]) ** 2))
+    altitude = truth.place[0, 2] + truth.R[2] @ memory.beam_at - truth.floor.z
+    true_range = altitude / (truth.R[2] @ memory.beam_up)
+    squares["altitude"] = float((memory.range[0] - true_range) ** 2)
+    return squares
 
 
 def delay_table(
@@ -74,7 +75,10 @@ def delay_table(
     exact: dict[str, float] = {}
     for case, delays in CASES.items():
         errors = rms_errors(robot, late(specs, delays), seeds=seeds, duration=duration)
-        exact = exact or errors
-        shown = errors if case == "none" else {name: errors[name] / exact[name] for name in OF}
-        rows.append({"late": case, "accelerometer": specs.specific_force is not None, **shown})
+        row = {"late": case, "accelerometer": specs.specific_force is not None}
+        if case == "none":
+            exact = errors
+            rows.append({**row, **errors})
+        else:
+            rows.append({**row, **{name: errors[name] / exact[name] for name in OF}})
     return rows

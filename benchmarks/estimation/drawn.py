@@ -40,7 +40,9 @@ class DrawnFloor(Seafloor):
 
     def range_along(self, origin: np.ndarray, direction: np.ndarray) -> float:
         """[m]; nan without a hit."""
-        return float((self.z - origin[2]) / direction[2]) if direction[2] < 0.0 else np.nan
+        if direction[2] >= 0.0:
+            return np.nan
+        return float((self.z - origin[2]) / direction[2])
 
 
 @dataclass(kw_only=True, slots=True)
@@ -62,10 +64,10 @@ class Drawn:
     biases: dict[str, Array] = field(init=False)
 
     def __post_init__(self) -> None:
-        given = (self.tuning.gyro_bias, self.tuning.dvl_bias, self.tuning.force_bias)
-        self.biases = {
-            name: size * self._normal(3) for name, size in zip(_BIASED, given, strict=True)
-        }
+        sizes = (self.tuning.gyro_bias, self.tuning.dvl_bias, self.tuning.force_bias)
+        self.biases = {}
+        for name, size in zip(_BIASED, sizes, strict=True):
+            self.biases[name] = size * self._normal(3)
         self.joints = np.zeros((2, self.robot.n_joints))
 
     def state(self) -> State:
@@ -80,7 +82,8 @@ class Drawn:
 
     def step(self) -> None:
         """Go on by dt."""
-        dt, tuning = self.dt, self.tuning
+        dt = self.dt
+        tuning = self.tuning
         self._raise_floor()
         shock = tuning.jerk * self._shock()
         self.place = _carried(self.place, dt) + shock
@@ -96,9 +99,8 @@ class Drawn:
 
     def _raise_floor(self) -> None:
         speed = np.hypot(*self.place[1, :2])
-        self.floor.z += np.sqrt(
-            self.dt * (ALTITUDE_DRIFT**2 + (self.tuning.floor_roughness * speed) ** 2)
-        ) * float(self._normal())
+        variance = self.dt * (ALTITUDE_DRIFT**2 + (self.tuning.floor_roughness * speed) ** 2)
+        self.floor.z += np.sqrt(variance) * float(self._normal())
 
     def _shock(self) -> Array:
         """(3, 3) what white noise of the third derivative does in dt, one derivative per row."""
@@ -168,8 +170,8 @@ class Watched:
         return Readings(**values)
 
     def _with_bias(self, name: str, reading: Reading) -> Reading:
-        known = self._shown.get(name)
-        if known is None or known[0] is not reading:
+        shown = self._shown.get(name)
+        if shown is None or shown[0] is not reading:
             bias = self._biases[round(reading.t / self._dt)][name]
             self._shown[name] = reading, Reading(value=reading.value + bias, t=reading.t)
         return self._shown[name][1]

@@ -4,10 +4,12 @@ a tick of it takes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from time import thread_time
 
 import numpy as np
 import pinocchio as pin
+from recording.rows import column, rows_where
 
 from estimation.consistency import DELAYS, SPECS, late
 from uvms_ocp.estimation.estimator import Estimator
@@ -31,10 +33,8 @@ def mission_table(seeds: int, *, plant: str, duration: float) -> list[dict[str, 
     for seed in range(seeds):
         record = case1(noise=True, plant=plant, seed=seed, duration=duration).run()
         tool = record.run_meta.true_quantity("T.position_error")
-        rows += [
-            {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool, **row}
-            for row in estimate_table(record)
-        ]
+        run = {"seed": seed, "completed": record.run_meta.completed, "tool_error_m": tool}
+        rows += [{**run, **row} for row in estimate_table(record)]
     return rows
 
 
@@ -43,14 +43,16 @@ def by_part(rows: list[dict[str, object]]) -> list[dict[str, object]]:
     squares.
     """
     table: list[dict[str, object]] = []
-    for part in dict.fromkeys(str(row["of"]) for row in rows):
-        found = [row for row in rows if row["of"] == part]
-        rms, spread = (
-            float(np.sqrt(np.mean([float(str(row[key])) ** 2 for row in found])))
-            for key in ("rms", "spread")
-        )
+    for part in dict.fromkeys(column(rows, "of")):
+        rows_of_part = rows_where(rows, "of", part)
+        rms = _root_mean_square(column(rows_of_part, "rms"))
+        spread = _root_mean_square(column(rows_of_part, "spread"))
         table.append({"of": part, "rms": rms, "spread": spread, "ratio": (rms / spread) ** 2})
     return table
+
+
+def _root_mean_square(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean([float(value) ** 2 for value in values])))
 
 
 def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
@@ -60,13 +62,15 @@ def time_table(robot: Robot, *, ticks: int) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name, specs in TIMED.items():
         whole, core = _tick_times(robot, specs, ticks)
-        figures = {"p50": 50, "p99": 99}
-        times = {
-            f"{of}_{p}_us": float(np.percentile(t, q))
-            for of, t in (("tick", whole), ("core", core))
-            for p, q in figures.items()
-        }
-        rows.append({"sensors": name, **times})
+        rows.append(
+            {
+                "sensors": name,
+                "tick_p50_us": float(np.percentile(whole, 50)),
+                "tick_p99_us": float(np.percentile(whole, 99)),
+                "core_p50_us": float(np.percentile(core, 50)),
+                "core_p99_us": float(np.percentile(core, 99)),
+            }
+        )
     return rows
 
 
@@ -84,7 +88,8 @@ def _tick_times(robot: Robot, specs: SensorSpecs, ticks: int) -> tuple[Array, Ar
 
     estimator.advance = timed_core
     q = robot.configuration(position=(1.0, 2.0, -36.0))
-    size, rate = np.where(np.arange(robot.n_v) < 6, 0.2, 0.4), np.linspace(0.5, 1.2, robot.n_v)
+    size = np.where(np.arange(robot.n_v) < 6, 0.2, 0.4)
+    rate = np.linspace(0.5, 1.2, robot.n_v)
     for k in range(ticks):
         t = k * _DT
         v = size * np.sin(rate * t)

@@ -113,22 +113,25 @@ class Daqp:
         J = rows.jacobian
         low, up = widen_bounds(J, rows.lower, rows.upper, rows.gate)
         n = J.shape[1]
-        asked = (np.linalg.norm(J, axis=1) > _SMALLEST) & ((low > -np.inf) | (up < np.inf))
-        filled = [count for count in (int(asked[r].sum()) for r in row_slices(rows.sizes)) if count]
+        is_row = (np.linalg.norm(J, axis=1) > _SMALLEST) & ((low > -np.inf) | (up < np.inf))
+        counts = [int(is_row[rows_of_level].sum()) for rows_of_level in row_slices(rows.sizes)]
+        filled = [count for count in counts if count]
         if not filled:
             return np.zeros(n)
         v, _, flag, _ = self._solve(
             np.eye(n),
             np.zeros(n),
-            np.ascontiguousarray(J[asked]),
-            np.minimum(up[asked], _ENDLESS),
-            np.maximum(low[asked], -_ENDLESS),
-            np.where(low[asked] >= up[asked], _EQUALITY, 0).astype(np.intc),
+            np.ascontiguousarray(J[is_row]),
+            np.minimum(up[is_row], _ENDLESS),
+            np.maximum(low[is_row], -_ENDLESS),
+            np.where(low[is_row] >= up[is_row], _EQUALITY, 0).astype(np.intc),
             break_points=np.cumsum(filled).astype(np.intc),
             primal_tol=self.tolerance,
         )
         v = np.array(v)
-        return v if flag > 0 and np.isfinite(v).all() else None
+        if flag <= 0 or not np.isfinite(v).all():
+            return None
+        return v
 
 
 class _DaqpTick:
@@ -173,5 +176,5 @@ def _native() -> _Solve:
         from daqp import solve
     except ImportError:
         raise NotInstalled("solver Daqp", "daqp") from None
-    found: _Solve = solve
-    return found
+    native: _Solve = solve
+    return native

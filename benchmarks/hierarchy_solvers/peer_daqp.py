@@ -22,7 +22,8 @@ def solve(
 ) -> tuple[np.ndarray, int, float]:
     """v, exit flag and time [s]; the matrices are ready, only the call is timed."""
     n = J.shape[1]
-    low, up = np.maximum(lower, -1e30), np.minimum(upper, 1e30)
+    low = np.maximum(lower, -1e30)
+    up = np.minimum(upper, 1e30)
     sense = np.where(lower >= upper, EQUALITY, 0).astype(np.intc)
     start = time.perf_counter()
     v, _, flag, _ = daqp.solve(np.eye(n), np.zeros(n), J, up, low, sense, break_points=ends)
@@ -34,19 +35,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("problems", type=Path)
     parser.add_argument("result", type=Path)
-    given = parser.parse_args()
-    found = np.load(given.problems)
+    arguments = parser.parse_args()
+    problems = np.load(arguments.problems)
     results: dict[str, Any] = {"version": version("daqp")}
-    for name in sorted({key.rsplit("/", 1)[0] for key in found}):
-        J, lower, upper, ends = (
-            found[f"{name}/{part}"] for part in ("J", "lower", "upper", "ends")
-        )
-        breaks = ends.astype(np.intc)
+    for name in sorted({key.rsplit("/", 1)[0] for key in problems}):
+        J = problems[f"{name}/J"]
+        lower = problems[f"{name}/lower"]
+        upper = problems[f"{name}/upper"]
+        breaks = problems[f"{name}/ends"].astype(np.intc)
         solve(J[0], lower[0], upper[0], breaks)  # to warm up, as ours
         solved = [solve(*matrices, breaks) for matrices in zip(J, lower, upper, strict=True)]
         for part, values in zip(("v", "flag", "time"), zip(*solved, strict=True), strict=True):
             results[f"{name}/{part}"] = np.array(values)
-    np.savez(given.result, **results)
+    np.savez(arguments.result, **results)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,8 @@ SOLVERS = ("daqp", "quadprog", "osqp", "proxqp", "piqp")
 def robot(urdf: str) -> pin.Model:
     """On a free flyer, with room to move and velocity limits of the hull."""
     model = pin.buildModelFromUrdf(urdf, pin.JointModelFreeFlyer())
-    model.lowerPositionLimit[:7], model.upperPositionLimit[:7] = -100.0, 100.0
+    model.lowerPositionLimit[:7] = -100.0
+    model.upperPositionLimit[:7] = 100.0
     return model
 
 
@@ -139,16 +140,16 @@ def main() -> None:
     parser.add_argument("result", type=Path)
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument("--ticks", type=int, default=500, help="of each phase")
-    given = parser.parse_args()
-    model = robot(given.urdf)
-    found = dict[str, Any](version=version("pin-pink"))
+    arguments = parser.parse_args()
+    model = robot(arguments.urdf)
+    results = dict[str, Any](version=version("pin-pink"))
     for solver in SOLVERS:
         if solver in qpsolvers.available_solvers:
             run(model, solver, 1)  # to warm up, as ours
-            passes = [run(model, solver, given.ticks) for _ in range(given.passes)]
-            found[f"{solver}/time"] = np.min([seconds for seconds, _ in passes], axis=0)
-            found[f"{solver}/failed"] = np.array(passes[-1][1])
-    np.savez(given.result, **found)
+            passes = [run(model, solver, arguments.ticks) for _ in range(arguments.passes)]
+            results[f"{solver}/time"] = np.min([seconds for seconds, _ in passes], axis=0)
+            results[f"{solver}/failed"] = np.array(passes[-1][1])
+    np.savez(arguments.result, **results)
 
 
 if __name__ == "__main__":

@@ -201,13 +201,13 @@ def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
     states = []
     for _ in range(count):
         tick = inputs[int(rng.integers(len(inputs)))]
-        q, v, passive, _, change, altitude, *others = (x.copy() for x in tick)
+        q, v, passive, _, change, altitude, *unchanged = (x.copy() for x in tick)
         q[:3] += rng.uniform(-2.0, 2.0, 3)
         q[3:7] = rng.standard_normal(4)
         q[3:7] /= np.linalg.norm(q[3:7])
         q[7:] += rng.uniform(-0.5, 0.5, len(q) - 7)
         v = rng.uniform(-0.3, 0.3, len(v))
-        states.append((q, v, passive, v, change, altitude * rng.uniform(0.2, 2.0), *others))
+        states.append((q, v, passive, v, change, altitude * rng.uniform(0.2, 2.0), *unchanged))
     return states
 
 

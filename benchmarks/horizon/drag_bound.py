@@ -55,9 +55,9 @@ def least_power(robot: Robot, wrench: np.ndarray) -> float:
     limits.
     """
     B = thruster_matrix(robot)
-    given = [thruster.power for thruster in robot.description.thrusters if thruster.power]
-    exponent = np.array([power.exponent for power in given])
-    factor = np.array([power.watts / power.thrust**power.exponent for power in given])
+    powers = [thruster.power for thruster in robot.description.thrusters if thruster.power]
+    exponent = np.array([power.exponent for power in powers])
+    factor = np.array([power.watts / power.thrust**power.exponent for power in powers])
     thrust = np.linalg.pinv(B) @ wrench
     for _ in range(_SWEEPS):
         # A parabola that touches the power of each thruster at the last thrust and lies above it.

@@ -47,8 +47,8 @@ def problems(robot: Robot, steps: int) -> Iterator[tuple[str, OcpProblem]]:
     yield "first problem of the robot", _reach(robot, steps, 1, None)
     yield "one more sphere", _reach(robot, steps, 2, None)
     yield "another term", last
-    own = residual_term(_LEVEL, lambda stage: stage.tick.q[3:5], lower=-_LEAN, upper=_LEAN)
-    yield "and a term of one's own", replace(last, constraints=(*last.constraints, own))
+    lean = residual_term(_LEVEL, lambda stage: stage.tick.q[3:5], lower=-_LEAN, upper=_LEAN)
+    yield "and a term of one's own", replace(last, constraints=(*last.constraints, lean))
     yield "the same again", _reach(robot, steps, 2, TURN)
 
 
@@ -56,14 +56,16 @@ def _reach(
     robot: Robot, steps: int, n_spheres: int, turn: tuple[float, float, float] | None
 ) -> OcpProblem:
     q = robot.configuration(position=START)
-    spheres = [
-        parse_obstacle("sphere", words, f"sphere{i}")
-        for i, words in enumerate(SPHERES[:n_spheres], 1)
-    ]
+    spheres = []
+    for i, words in enumerate(SPHERES[:n_spheres], 1):
+        spheres.append(parse_obstacle("sphere", words, f"sphere{i}"))
     scene = collision_scene(coordinates(robot, reference=q), spheres)
     margins = np.minimum(_CLEARANCE, _KEPT * CoalDistances(scene).distances_at(q[None])[0])
-    X_WG = pin.SE3(np.eye(3) if turn is None else pin.rpy.rpyToMatrix(*turn), np.array(GOAL))
-    task = ToolPosition(goal=X_WG) if turn is None else ToolPose(goal=X_WG)
+    task: ToolPosition | ToolPose
+    if turn is None:
+        task = ToolPosition(goal=pin.SE3(np.eye(3), np.array(GOAL)))
+    else:
+        task = ToolPose(goal=pin.SE3(pin.rpy.rpyToMatrix(*turn), np.array(GOAL)))
     return single_phase(
         robot=robot,
         start=State(q=q, v=np.zeros(robot.n_v)),
@@ -84,10 +86,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", type=int)
     parser.add_argument("result", type=Path)
-    given = parser.parse_args()
+    arguments = parser.parse_args()
     cache = Path(os.environ["UVMS_OCP_CACHE"])
     rows = []
-    for step, problem in problems(load_robot("girona_maris7_full"), given.steps):
+    for step, problem in problems(load_robot("girona_maris7_full"), arguments.steps):
         before = set(cache.glob("*.so"))
         begin = perf_counter()
         processor = process_time()
@@ -107,7 +109,7 @@ def main() -> None:
                 "libraries": len(set(cache.glob("*.so")) - before),
             }
         )
-    given.result.write_text(json.dumps(rows), encoding="utf-8")
+    arguments.result.write_text(json.dumps(rows), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -73,12 +73,12 @@ def measured(planner: Planner, repeats: int) -> dict[str, Any]:
     """Times and outcome of cold and warm solves, and of a whole plan: refined between nodes, and
     judged.
     """
-    rest = hold_guess(planner.problem)
+    at_rest = hold_guess(planner.problem)
     parameters = planner.transcription.parameters()
-    cold = timed(lambda: planner.solve(parameters, rest), repeats, LONG)
+    cold = timed(lambda: planner.solve(parameters, at_rest), repeats, LONG)
     result = cold.value
     warm = timed(lambda: planner.solve(parameters, result), repeats, LONG)
-    whole = timed(lambda: planner.plan(guess=rest, diagnose=False), repeats, LONG)
+    whole = timed(lambda: planner.plan(guess=at_rest, diagnose=False), repeats, LONG)
     return {
         "wall": cold.wall,
         "cpu": cold.cpu,

@@ -18,29 +18,26 @@ from recording.timing import once, timed
 MAX_ITERATIONS = 200
 
 
-def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
+def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
     """The shooting problem and its first state."""
-    model = weightless(given)
+    model = weightless(numbers)
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)  # every velocity has a force of its own
-    x0 = np.concatenate([given["q"], np.zeros(model.nv)])
-    running, terminal = costs(given, state, x0)
-    h = given["duration"] / given["n_steps"]
-    steps = [
-        crocoddyl.IntegratedActionModelEuler(
-            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost), step
-        )
-        for cost, step in ((running, h), (terminal, 0.0))
-    ]
-    problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])
+    x0 = np.concatenate([numbers["q"], np.zeros(model.nv)])
+    running, terminal = costs(numbers, state, x0)
+    h = numbers["duration"] / numbers["n_steps"]
+    dynamics = crocoddyl.DifferentialActionModelFreeFwdDynamics
+    step = crocoddyl.IntegratedActionModelEuler(dynamics(state, actuation, running), h)
+    end = crocoddyl.IntegratedActionModelEuler(dynamics(state, actuation, terminal), 0.0)
+    problem = crocoddyl.ShootingProblem(x0, [step] * numbers["n_steps"], end)
     problem.nthreads = 1
     return problem, x0
 
 
-def weightless(given: dict[str, Any]) -> Any:
+def weightless(numbers: dict[str, Any]) -> Any:
     """The robot with its trim bodies, without gravity."""
-    model = pin.buildModelFromUrdf(given["urdf"], pin.JointModelFreeFlyer())
-    for i, body in enumerate(given["inertias"]):
+    model = pin.buildModelFromUrdf(numbers["urdf"], pin.JointModelFreeFlyer())
+    for i, body in enumerate(numbers["inertias"]):
         model.inertias[i] = pin.Inertia(
             body["mass"], np.array(body["lever"]), np.array(body["inertia"])
         )
@@ -48,43 +45,46 @@ def weightless(given: dict[str, Any]) -> Any:
     return model
 
 
-def costs(given: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
+def costs(numbers: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
     """Running and terminal costs; residuals and the weights of their squares are those of the other
     side.
     """
-    w = given["weights"]
-    T = given["duration"]
+    w = numbers["weights"]
+    T = numbers["duration"]
     n_u = state.nv
-    running, terminal = crocoddyl.CostModelSum(state, n_u), crocoddyl.CostModelSum(state, n_u)
-    units = crocoddyl.ActivationModelWeightedQuad(1.0 / np.array(given["control_unit"]) ** 2)
+    running = crocoddyl.CostModelSum(state, n_u)
+    terminal = crocoddyl.CostModelSum(state, n_u)
+    units = crocoddyl.ActivationModelWeightedQuad(1.0 / np.array(numbers["control_unit"]) ** 2)
     control = crocoddyl.CostModelResidual(state, units, crocoddyl.ResidualModelControl(state, n_u))
     stay = crocoddyl.CostModelResidual(state, crocoddyl.ResidualModelState(state, x0, n_u))
     running.addCost("control", control, w["control"] / T)
     running.addCost("state", stay, w["state"] / T)
     tool = state.pinocchio.getFrameId("tool")
     position = crocoddyl.ResidualModelFrameTranslation(
-        state, tool, np.array(given["goal_position"]), n_u
+        state, tool, np.array(numbers["goal_position"]), n_u
     )
-    turn = crocoddyl.ResidualModelFrameRotation(state, tool, np.array(given["goal_rotation"]), n_u)
+    turn = crocoddyl.ResidualModelFrameRotation(
+        state, tool, np.array(numbers["goal_rotation"]), n_u
+    )
     terminal.addCost("position", crocoddyl.CostModelResidual(state, position), w["tool"])
     terminal.addCost("turn", crocoddyl.CostModelResidual(state, turn), w["tool"])
     terminal.addCost("state", stay, w["end_state"])
     return running, terminal
 
 
-def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
+def solve(numbers: dict[str, Any], repeats: int) -> dict[str, Any]:
     """Cold from rest with zero forces, and warm from the solution."""
-    made = once(lambda: build(given))
-    problem, x0 = made.value
+    building = once(lambda: build(numbers))
+    problem, x0 = building.value
     xs = [x0] * (problem.T + 1)
     us = [np.zeros(problem.runningModels[0].nu)] * problem.T
     cold, solver = calls(problem, xs, us, repeats)
     warm, _ = calls(problem, list(solver.xs), list(solver.us), repeats)
-    n_q = len(given["q"])
+    n_q = len(numbers["q"])
     x = np.array(solver.xs)
     return {
         "versions": {"crocoddyl": f"{version('crocoddyl')} with pin {version('pin')}"},
-        "build_s": made.wall,
+        "build_s": building.wall,
         "cold": cold,
         "warm": warm,
         "cost": solver.cost,
@@ -103,11 +103,11 @@ def calls(
         solver = crocoddyl.SolverFDDP(problem)
         return bool(solver.solve(xs, us, MAX_ITERATIONS, False)), solver
 
-    found = timed(call, repeats)
-    converged, solver = found.value
+    solving = timed(call, repeats)
+    converged, solver = solving.value
     return {
-        "wall": found.wall,
-        "cpu": found.cpu,
+        "wall": solving.wall,
+        "cpu": solving.cpu,
         "iterations": solver.iter,
         "converged": converged,
     }, solver

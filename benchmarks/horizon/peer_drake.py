@@ -17,43 +17,48 @@ from recording.timing import once, timed
 CONTROL_POINTS = (12, 24)
 
 
-def build(given: dict[str, Any], n_points: int) -> KinematicTrajectoryOptimization:
+def build(numbers: dict[str, Any], n_points: int) -> KinematicTrajectoryOptimization:
     """Bounds on the control points of velocity and acceleration imply bounds on the curves."""
-    start, goal = np.array(given["start"]), np.array(given["goal"])
-    rest = np.zeros(len(start))
+    start = np.array(numbers["start"])
+    goal = np.array(numbers["goal"])
+    zero = np.zeros(len(start))
     problem = KinematicTrajectoryOptimization(len(start), n_points, spline_order=4, duration=4.0)
     problem.AddDurationCost(1.0)
     problem.AddDurationConstraint(0.5, 10.0)
-    problem.AddPositionBounds(np.array(given["position_lower"]), np.array(given["position_upper"]))
-    problem.AddVelocityBounds(-np.array(given["velocity"]), np.array(given["velocity"]))
-    problem.AddAccelerationBounds(-np.array(given["acceleration"]), np.array(given["acceleration"]))
+    problem.AddPositionBounds(
+        np.array(numbers["position_lower"]), np.array(numbers["position_upper"])
+    )
+    problem.AddVelocityBounds(-np.array(numbers["velocity"]), np.array(numbers["velocity"]))
+    problem.AddAccelerationBounds(
+        -np.array(numbers["acceleration"]), np.array(numbers["acceleration"])
+    )
     for where, q in ((0.0, start), (1.0, goal)):
         problem.AddPathPositionConstraint(q, q, where)
-        problem.AddPathVelocityConstraint(rest, rest, where)
+        problem.AddPathVelocityConstraint(zero, zero, where)
     points = np.linspace(start, goal, n_points).T
     problem.get_mutable_prog().SetInitialGuess(problem.control_points(), points)
     return problem
 
 
-def solve(given: dict[str, Any], repeats: int) -> list[dict[str, Any]]:
+def solve(numbers: dict[str, Any], repeats: int) -> list[dict[str, Any]]:
     """One row per solver and number of control points."""
-    return [
-        _row(solver, given, n_points, repeats)
-        for solver in (SnoptSolver(), IpoptSolver())
-        for n_points in CONTROL_POINTS
-    ]
+    rows = []
+    for solver in (SnoptSolver(), IpoptSolver()):
+        for n_points in CONTROL_POINTS:
+            rows.append(_row(solver, numbers, n_points, repeats))
+    return rows
 
 
-def _row(solver: Any, given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
-    made = once(lambda: build(given, n_points))
-    found = timed(lambda: solver.Solve(made.value.prog()), repeats)
-    curve = made.value.ReconstructTrajectory(found.value)
+def _row(solver: Any, numbers: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
+    building = once(lambda: build(numbers, n_points))
+    solving = timed(lambda: solver.Solve(building.value.prog()), repeats)
+    curve = building.value.ReconstructTrajectory(solving.value)
     return {
         "setting": f"{solver.solver_id().name()}, {n_points} control points",
-        "build_s": made.wall,
-        "wall": found.wall,
-        "cpu": found.cpu,
-        "converged": bool(found.value.is_success()),
+        "build_s": building.wall,
+        "wall": solving.wall,
+        "cpu": solving.cpu,
+        "converged": bool(solving.value.is_success()),
         "duration": float(curve.end_time() - curve.start_time()),
     }
 

@@ -20,72 +20,75 @@ from horizon.peer_crocoddyl import costs, weightless
 MAX_ITERATIONS = 200
 
 
-def build(given: dict[str, Any]) -> tuple[Any, np.ndarray]:
+def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
     """The shooting problem and its first state."""
-    model = weightless(given)
+    model = weightless(numbers)
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)
-    x0 = np.concatenate([given["q"], np.zeros(model.nv)])
-    h = given["duration"] / given["n_steps"]
-    limits = [constraints(given, state, x0, torques=torques) for torques in (True, False)]
-    steps = [
-        crocoddyl.IntegratedActionModelEuler(
-            crocoddyl.DifferentialActionModelFreeFwdDynamics(state, actuation, cost, limit), step
-        )
-        for cost, limit, step in zip(costs(given, state, x0), limits, (h, 0.0), strict=True)
-    ]
-    problem = crocoddyl.ShootingProblem(x0, [steps[0]] * given["n_steps"], steps[1])
+    x0 = np.concatenate([numbers["q"], np.zeros(model.nv)])
+    h = numbers["duration"] / numbers["n_steps"]
+    dynamics = crocoddyl.DifferentialActionModelFreeFwdDynamics
+    running, terminal = costs(numbers, state, x0)
+    limits = constraints(numbers, state, x0, torques=True)
+    end_limits = constraints(numbers, state, x0, torques=False)
+    step = crocoddyl.IntegratedActionModelEuler(dynamics(state, actuation, running, limits), h)
+    end = crocoddyl.IntegratedActionModelEuler(
+        dynamics(state, actuation, terminal, end_limits), 0.0
+    )
+    problem = crocoddyl.ShootingProblem(x0, [step] * numbers["n_steps"], end)
     problem.nthreads = 1
     return problem, x0
 
 
-def constraints(given: dict[str, Any], state: Any, x0: np.ndarray, *, torques: bool) -> Any:
+def constraints(numbers: dict[str, Any], state: Any, x0: np.ndarray, *, torques: bool) -> Any:
     """Limits on joint positions, all velocities and joint torques; the wrench on the vehicle has
     none.
     """
-    found = crocoddyl.ConstraintModelManager(state, state.nv)
+    manager = crocoddyl.ConstraintModelManager(state, state.nv)
     n = state.nv
     inner = x0[7 : 7 + n - 6]
     lower = np.concatenate(
-        [np.full(6, -np.inf), given["position_lower"] - inner, -np.array(given["velocity"])]
+        [np.full(6, -np.inf), numbers["position_lower"] - inner, -np.array(numbers["velocity"])]
     )
-    upper = np.concatenate([np.full(6, np.inf), given["position_upper"] - inner, given["velocity"]])
+    upper = np.concatenate(
+        [np.full(6, np.inf), numbers["position_upper"] - inner, numbers["velocity"]]
+    )
     away = crocoddyl.ResidualModelState(state, x0, n)
-    found.addConstraint("state", crocoddyl.ConstraintModelResidual(state, away, lower, upper))
+    manager.addConstraint("state", crocoddyl.ConstraintModelResidual(state, away, lower, upper))
     if torques:
-        most = np.concatenate([np.full(6, np.inf), given["effort"]])
+        effort = np.concatenate([np.full(6, np.inf), numbers["effort"]])
         control = crocoddyl.ResidualModelControl(state, n)
-        found.addConstraint(
-            "torque", crocoddyl.ConstraintModelResidual(state, control, -most, most)
+        manager.addConstraint(
+            "torque", crocoddyl.ConstraintModelResidual(state, control, -effort, effort)
         )
-    return found
+    return manager
 
 
-def solve(given: dict[str, Any], repeats: int) -> dict[str, Any]:
+def solve(numbers: dict[str, Any], repeats: int) -> dict[str, Any]:
     """Cold from rest with zero forces."""
-    made = once(lambda: build(given))
-    problem, x0 = made.value
+    building = once(lambda: build(numbers))
+    problem, x0 = building.value
     xs = [x0] * (problem.T + 1)
     us = [np.zeros(problem.runningModels[0].nu)] * problem.T
 
     def call() -> tuple[bool, Any]:
         solver = mim_solvers.SolverCSQP(problem)
-        solver.termination_tolerance = given["tolerance"]
+        solver.termination_tolerance = numbers["tolerance"]
         solver.eps_abs = 1e-8
         solver.eps_rel = 0.0
         solver.max_qp_iters = 1000
         return bool(solver.solve(xs, us, MAX_ITERATIONS, False)), solver
 
-    found = timed(call, repeats, LONG)
-    converged, solver = found.value
+    solving = timed(call, repeats, LONG)
+    converged, solver = solving.value
     versions = (
         f"{version('mim-solvers')} with crocoddyl {version('crocoddyl')} and pin {version('pin')}"
     )
     return {
         "versions": {"mim-solvers": versions},
-        "build_s": made.wall,
-        "wall": found.wall,
-        "cpu": found.cpu,
+        "build_s": building.wall,
+        "wall": solving.wall,
+        "cpu": solving.cpu,
         "iterations": solver.iter,
         "converged": converged,
         "cost": solver.cost,

@@ -25,26 +25,28 @@ WAYPOINTS = (3, 6)
 """SNOPT takes half a minute for six."""
 
 
-def solve(given: dict[str, Any], repeats: int, quick: bool) -> list[dict[str, Any]]:
+def solve(numbers: dict[str, Any], repeats: int, quick: bool) -> list[dict[str, Any]]:
     """One row per number of way points."""
-    return [_row(given, n_points, repeats) for n_points in (WAYPOINTS[:1] if quick else WAYPOINTS)]
+    sizes = WAYPOINTS[:1] if quick else WAYPOINTS
+    return [_row(numbers, n_points, repeats) for n_points in sizes]
 
 
-def _row(given: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
-    v, a = np.array(given["velocity"]), np.array(given["acceleration"])
+def _row(numbers: dict[str, Any], n_points: int, repeats: int) -> dict[str, Any]:
+    v = np.array(numbers["velocity"])
+    a = np.array(numbers["acceleration"])
     options = CubicTrajectoryOptimizationOptions(
         num_waypoints=n_points, min_vel=-v, max_vel=v, min_accel=-a, max_accel=a
     )
-    model = pin.buildModelFromUrdf(given["urdf"])
+    model = pin.buildModelFromUrdf(numbers["urdf"])
     planner = CubicTrajectoryOptimization(model, pin.GeometryModel(), options)
-    ends = [np.array(given["start"]), np.array(given["goal"])]
-    found = timed(lambda: planner.plan(ends), repeats, LONG)
-    curve = found.value
+    ends = [np.array(numbers["start"]), np.array(numbers["goal"])]
+    solving = timed(lambda: planner.plan(ends), repeats, LONG)
+    curve = solving.value
     return {
         "setting": f"SNOPT, {n_points} way points",
         "build_s": None,
-        "wall": found.wall,
-        "cpu": found.cpu,
+        "wall": solving.wall,
+        "cpu": solving.cpu,
         "converged": curve is not None,
         "duration": None if curve is None else float(np.max(curve.segment_times)),
     }
@@ -57,10 +59,10 @@ def main() -> None:
     parser.add_argument("result", type=Path)
     parser.add_argument("--repeats", type=int, required=True)
     parser.add_argument("--quick", action="store_true", help="the least number of way points only")
-    given = parser.parse_args()
-    runs = solve(json.loads(given.problem.read_text()), given.repeats, given.quick)
+    arguments = parser.parse_args()
+    runs = solve(json.loads(arguments.problem.read_text()), arguments.repeats, arguments.quick)
     versions = {name: version(name) for name in ("pyroboplan", "drake")}
-    given.result.write_text(json.dumps({"versions": versions, "runs": runs}))
+    arguments.result.write_text(json.dumps({"versions": versions, "runs": runs}))
 
 
 if __name__ == "__main__":

@@ -37,19 +37,21 @@ TURN = 0.02
 def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]]:
     """With both solvers; cold: built from an empty cache of compiled code."""
     problem = tool_reach(n_steps)
-    return [
-        row
-        for plugin in PLUGINS
-        for row in rows("exact", problem, NlpOptions(plugin=plugin), repeats, cold)
-    ]
+    table = []
+    for plugin in PLUGINS:
+        table += rows("exact", problem, NlpOptions(plugin=plugin), repeats, cold)
+    return table
 
 
 def gauss_newton_rows(n_steps: int, repeats: int) -> list[dict[str, Any]]:
     """With both solvers."""
     problem = tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON)
     setting = f"Gauss-Newton, {LOOSE:g}"
-    options = [NlpOptions(plugin=plugin, convergence=LOOSE) for plugin in PLUGINS]
-    return [row for one in options for row in rows(setting, problem, one, repeats, True)]
+    table = []
+    for plugin in PLUGINS:
+        options = NlpOptions(plugin=plugin, convergence=LOOSE)
+        table += rows(setting, problem, options, repeats, True)
+    return table
 
 
 def rows(
@@ -58,18 +60,17 @@ def rows(
     """A solve from rest, and two from its solution: the same problem again, and one whose start has
     moved.
     """
-    made = built(partial(Planner, problem, options), cold=cold)
-    planner = made.value
-    rest = timed(lambda: planner.plan(guess=hold_guess(problem), diagnose=False), repeats)
-    found = {"cold": rest}
+    build = built(partial(Planner, problem, options), cold=cold)
+    planner = build.value
+    from_rest = timed(lambda: planner.plan(guess=hold_guess(problem), diagnose=False), repeats)
+    solves = {"cold": from_rest}
     for start, again in (("warm", problem), ("moved", moved(problem))):
-        found[start] = timed(
-            partial(planner.plan, again, guess=rest.value, diagnose=False), repeats
-        )
+        call = partial(planner.plan, again, guess=from_rest.value, diagnose=False)
+        solves[start] = timed(call, repeats)
     head = {"steps": problem.n_steps, "solver": options.plugin, "setting": setting}
     return [
-        head | {"build_s": made.wall, "start": start} | _row(planner, one)
-        for start, one in found.items()
+        head | {"build_s": build.wall, "start": start} | _row(planner, solve)
+        for start, solve in solves.items()
     ]
 
 
@@ -80,16 +81,16 @@ def moved(problem: OcpProblem) -> OcpProblem:
     return replace(problem, start=replace(problem.start, q=q))
 
 
-def _row(planner: Planner, found: Timed[Plan]) -> dict[str, Any]:
-    plan = found.value
+def _row(planner: Planner, solve: Timed[Plan]) -> dict[str, Any]:
+    plan = solve.value
     assert plan.result is not None
     *_, last = sparse_program(planner).program.nlps
     cost = last.functions["nlp_f"](plan.result.x, planner.transcription.parameters())
     return {
         "status": plan.result.status.value,
         "iterations": plan.iterations,
-        "cpu_ms": 1e3 * found.cpu,
-        "wall_ms": 1e3 * found.wall,
+        "cpu_ms": 1e3 * solve.cpu,
+        "wall_ms": 1e3 * solve.wall,
         "goal": plan.levels[0].residual,
         "cost": float(cost),
     }
@@ -101,8 +102,10 @@ def main() -> None:
     parser.add_argument("steps", type=int)
     parser.add_argument("result", type=Path)
     parser.add_argument("--repeats", type=int, required=True)
-    given = parser.parse_args()
-    given.result.write_text(json.dumps(exact_rows(given.steps, given.repeats, cold=True)))
+    arguments = parser.parse_args()
+    arguments.result.write_text(
+        json.dumps(exact_rows(arguments.steps, arguments.repeats, cold=True))
+    )
 
 
 if __name__ == "__main__":

@@ -56,13 +56,13 @@ def toys(x: ca.SX) -> Iterator[tuple[str, list[ca.SX], tuple[float, float], np.n
 
 def on_parabola() -> np.ndarray:
     """Least Rosenbrock where ``x0^2 + x1 = 11``, found along the curve."""
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda s: (10 * (11 - 2 * s**2)) ** 2 + (1 - s) ** 2,
         bounds=(1, 4),
         method="bounded",
         options={"xatol": 1e-12},
     )
-    return np.array([found.x, 11 - found.x**2])
+    return np.array([minimum.x, 11 - minimum.x**2])
 
 
 def on_circle() -> np.ndarray:
@@ -73,20 +73,20 @@ def on_circle() -> np.ndarray:
         y = 2 * np.sin(s)
         return float((x**2 + y - 11) ** 2 + (x + y**2 - 7) ** 2)
 
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         along, bounds=(0, np.pi / 2), method="bounded", options={"xatol": 1e-12}
     )
-    return 2 * np.array([np.cos(found.x), np.sin(found.x)])
+    return 2 * np.array([np.cos(minimum.x), np.sin(minimum.x)])
 
 
 def toy_rows() -> list[dict[str, Any]]:
     """One row per toy: how far the solution is from the answer."""
     x = ca.SX.sym("x", 2)
-    found = []
+    rows = []
     for name, levels, start, answer in toys(x):
         nlp = LexicographicNlp(lexicographic_program(x, [NlpLevel(y=y) for y in levels]), TIGHT)
         result = nlp.solve(np.array(start))
-        found.append(
+        rows.append(
             {
                 "toy": name,
                 "status": result.status.value,
@@ -95,4 +95,4 @@ def toy_rows() -> list[dict[str, Any]]:
                 "off": float(np.abs(result.x - answer).max()),
             }
         )
-    return found
+    return rows

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from recording.report import Row
+from recording.rows import column
 
 _COUNTS = ("solves", "late", "unfit")
 
@@ -15,15 +16,19 @@ def worst_of_seeds(table: Sequence[Row], *by: str) -> list[Row]:
     """One row for each group that is alike in the columns `by`: extremes of all seeds, sums of
     counts, means of the rest.
     """
-    kept: dict[tuple[Any, ...], list[Row]] = {}
+    groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in table:
-        kept.setdefault(tuple(row[name] for name in by), []).append(row)
-    return [dict(zip(by, key, strict=True)) | _combined(group, by) for key, group in kept.items()]
+        key = tuple(row[name] for name in by)
+        groups.setdefault(key, []).append(row)
+    return [_combined(group, by) for group in groups.values()]
 
 
 def _combined(group: Sequence[Row], by: Sequence[str]) -> dict[str, Any]:
-    names = [name for name in group[0] if name not in (*by, "seed")]
-    return {name: _of(name, [row[name] for row in group]) for name in names}
+    combined = {name: group[0][name] for name in by}
+    for name in group[0]:
+        if name not in (*by, "seed"):
+            combined[name] = _of(name, column(group, name))
+    return combined
 
 
 def _of(name: str, values: Sequence[Any]) -> Any:
@@ -31,8 +36,6 @@ def _of(name: str, values: Sequence[Any]) -> Any:
         return sum(values)
     if name.startswith("smallest"):
         return min(values)
-    return (
-        max(values)
-        if name.startswith(("largest", "peak")) or "p99" in name
-        else float(np.mean(values))
-    )
+    if name.startswith(("largest", "peak")) or "p99" in name:
+        return max(values)
+    return float(np.mean(values))

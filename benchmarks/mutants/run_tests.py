@@ -41,8 +41,8 @@ def main() -> None:
     result, *options = sys.argv[1:]
     tests = [line for line in sys.stdin.read().splitlines() if line]
     code = pytest.main([*options, *tests], plugins=[outcomes])
-    found = {"code": int(code), "failed": list(outcomes.failed), "seconds": outcomes.seconds}
-    Path(result).write_text(json.dumps(found))
+    outcome = {"code": int(code), "failed": list(outcomes.failed), "seconds": outcomes.seconds}
+    Path(result).write_text(json.dumps(outcome))
 
 
 if __name__ == "__main__":

@@ -102,18 +102,18 @@ class Tree:
             text = _run(command, self.root, self._environment(compiles), "\n".join(tests), timeout)
             if not result.exists():
                 return Outcome(code=None, failed=(), seconds={}, text=text)
-            found = json.loads(result.read_text())
+            outcome = json.loads(result.read_text())
             return Outcome(
-                code=found["code"],
-                failed=tuple(found["failed"]),
-                seconds=found["seconds"],
+                code=outcome["code"],
+                failed=tuple(outcome["failed"]),
+                seconds=outcome["seconds"],
                 text=_last(text),
             )
 
     def _environment(self, compiles: bool) -> dict[str, str]:
         cache = self._work / "cache"
         cache.mkdir(mode=0o700, exist_ok=True)
-        own = {
+        environment = os.environ | {
             "PYTHONPATH": f"{self.root}{os.pathsep}{self.root / 'benchmarks'}",
             "PYTHONHASHSEED": "0",
             "OMP_NUM_THREADS": "1",
@@ -122,7 +122,9 @@ class Tree:
             "UVMS_OCP_CACHE": str(cache),
             "COVERAGE_FILE": str(self._work / "coverage"),
         }
-        return os.environ | own | ({} if compiles else {"MUTANTS_DO_NOT_COMPILE": "1"})
+        if not compiles:
+            environment |= {"MUTANTS_DO_NOT_COMPILE": "1"}
+        return environment
 
 
 def fingerprint(*folders: str) -> str:

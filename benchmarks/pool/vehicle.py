@@ -96,8 +96,11 @@ def _base_inertia() -> pin.Inertia:
 
 
 def _base_water() -> LinkHydrodynamics:
-    volumes = [_DISPLACED / _DENSITY, *(volume for _, _, volume in _trim())]
-    centres = [CENTRE_OF_BUOYANCY, *(position for position, _, _ in _trim())]
+    volumes = [_DISPLACED / _DENSITY]
+    centres = [CENTRE_OF_BUOYANCY]
+    for position, _, volume in _trim():
+        volumes.append(volume)
+        centres.append(position)
     return LinkHydrodynamics(
         frame="base_link",
         added_mass=_ADDED_MASS,
@@ -110,14 +113,12 @@ def _base_water() -> LinkHydrodynamics:
 
 def _trim() -> list[tuple[np.ndarray, float, float]]:
     """Position, mass and volume of ballast and foam."""
-    bodies = [(*body, BALLAST_DENSITY) for body in _BALLAST] + [
-        (*body, FOAM_DENSITY) for body in _FOAM
-    ]
-    volumes = [weight / _GRAVITY / (density - _DENSITY) for _, weight, density in bodies]
-    return [
-        (np.array(body[0]), volume * body[2], volume)
-        for body, volume in zip(bodies, volumes, strict=True)
-    ]
+    bodies = []
+    for bodies_of_material, density in ((_BALLAST, BALLAST_DENSITY), (_FOAM, FOAM_DENSITY)):
+        for position, weight in bodies_of_material:
+            volume = weight / _GRAVITY / (density - _DENSITY)
+            bodies.append((np.array(position), volume * density, volume))
+    return bodies
 
 
 def _acceleration(dynamics: SymbolicDynamics) -> ca.Function:
@@ -127,14 +128,14 @@ def _acceleration(dynamics: SymbolicDynamics) -> ca.Function:
     x = ca.SX.sym("x", 10)
     joints = ca.SX.sym("joints", 12)
     shift = ca.SX.sym("shift", 3)
-    quaternion, nu = x[:4], x[4:]
+    quaternion = x[:4]
+    nu = x[4:]
     q = ca.vertcat(ca.SX(3, 1), quaternion, joints[:4])
     v = ca.vertcat(nu, joints[4:8])
     still = ca.SX(3, len(dynamics.links))
-    held = ca.vertcat(ca.SX(6, 1), joints[8:])
-    wrench = (
-        _shift_wrench(quaternion, shift) - dynamics.inverse_dynamics(q, v, held, still, still)[:6]
-    )
+    joint_acceleration = ca.vertcat(ca.SX(6, 1), joints[8:])
+    force = dynamics.inverse_dynamics(q, v, joint_acceleration, still, still)
+    wrench = _shift_wrench(quaternion, shift) - force[:6]
     nu_dot = ca.solve(dynamics.mass_matrix(q)[:6, :6], wrench)
     return ca.Function(
         "motion", [x, joints, shift], [ca.vertcat(_quaternion_rate(quaternion, nu[3:]), nu_dot)]
@@ -152,7 +153,8 @@ def _up(quaternion: ca.SX) -> ca.SX:
 
 
 def _quaternion_rate(quaternion: ca.SX, omega: ca.SX) -> ca.SX:
-    vector, scalar = quaternion[:3], quaternion[3]
+    vector = quaternion[:3]
+    scalar = quaternion[3]
     return ca.vertcat(scalar * omega + ca.cross(vector, omega), -ca.dot(vector, omega)) / 2
 
 
@@ -174,7 +176,8 @@ def _step(motion: ca.Function) -> ca.Function:
 
 def _righting(dynamics: SymbolicDynamics) -> ca.Function:
     """The potential is ``-S . up``: its value in three attitudes gives S."""
-    joints, shift = ca.SX.sym("joints", 4), ca.SX.sym("shift", 3)
+    joints = ca.SX.sym("joints", 4)
+    shift = ca.SX.sym("shift", 3)
     up_x = [0, -np.sqrt(0.5), 0, np.sqrt(0.5)]
     up_y = [np.sqrt(0.5), 0, 0, np.sqrt(0.5)]
     up_z = [0, 0, 0, 1]

@@ -118,10 +118,8 @@ DOUBTS = (
 
 def doubt_of(text: str) -> Doubt:
     """The one kind that a text is of. Raises LookupError for a text of none or of several."""
-    found = [one for one in DOUBTS if re.search(one.says, text)]
-    if len(found) != 1:
-        raise LookupError(
-            f"{text!r} is listed as {[one.says for one in found]}; list it once in"
-            " spoiled/doubts.py"
-        )
-    return found[0]
+    doubts = [doubt for doubt in DOUBTS if re.search(doubt.says, text)]
+    if len(doubts) != 1:
+        patterns = [doubt.says for doubt in doubts]
+        raise LookupError(f"{text!r} is listed as {patterns}; list it once in spoiled/doubts.py")
+    return doubts[0]

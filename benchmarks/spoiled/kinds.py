@@ -36,9 +36,16 @@ class Kind:
 
 
 def _change(name: str, change: Callable[[Channel, Rng], Channel]) -> Spoil:
-    return lambda one, rng: replace(
-        one, channels={**one.channels, name: change(one.channels[name], rng)}
-    )
+    """A recording with a channel changed."""
+
+    def spoil(recording: Recording, rng: Rng) -> Recording:
+        return _with_channel(recording, name, change(recording.channels[name], rng))
+
+    return spoil
+
+
+def _with_channel(recording: Recording, name: str, channel: Channel) -> Recording:
+    return replace(recording, channels={**recording.channels, name: channel})
 
 
 def _values(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
@@ -51,9 +58,15 @@ def _times(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
 
 def _without(spoil: Spoil, *names: str) -> Spoil:
     """The same of a recording that does not have some channels."""
-    return lambda one, rng: spoil(
-        replace(one, channels={n: c for n, c in one.channels.items() if n not in names}), rng
-    )
+
+    def spoil_others(recording: Recording, rng: Rng) -> Recording:
+        channels = {}
+        for name, channel in recording.channels.items():
+            if name not in names:
+                channels[name] = channel
+        return spoil(replace(recording, channels=channels), rng)
+
+    return spoil_others
 
 
 def _scaled(factor: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
@@ -82,8 +95,8 @@ def _with_one_dead(values: np.ndarray, rng: Rng) -> np.ndarray:
 
 def _saturated(values: np.ndarray, rng: Rng) -> np.ndarray:
     middle = np.median(values, axis=0)
-    most = np.abs(middle) + rng.uniform(0.3, 0.7) * np.abs(values - middle).max(axis=0)
-    return np.clip(values, -most, most)
+    largest = np.abs(middle) + rng.uniform(0.3, 0.7) * np.abs(values - middle).max(axis=0)
+    return np.clip(values, -largest, largest)
 
 
 def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
@@ -93,12 +106,12 @@ def _stuck(values: np.ndarray, rng: Rng) -> np.ndarray:
 
 
 def _sometimes(
-    value: float, least: float, most: float, spread: float = 0.0
+    value: float, least_share: float, largest_share: float, spread: float = 0.0
 ) -> Callable[[np.ndarray, Rng], np.ndarray]:
     """A value, or one drawn beside it, in a share of all samples."""
 
     def change(values: np.ndarray, rng: Rng) -> np.ndarray:
-        lost = rng.uniform(size=(len(values), 1)) < rng.uniform(least, most)
+        lost = rng.uniform(size=(len(values), 1)) < rng.uniform(least_share, largest_share)
         return np.where(lost, round(value + spread * rng.uniform(), 2), values)
 
     return change
@@ -111,53 +124,47 @@ def _turned(
     from scipy.spatial.transform import Rotation
 
     def change(values: np.ndarray, _: Rng) -> np.ndarray:
-        return np.asarray(
-            (
-                Rotation.from_quat(world) * Rotation.from_quat(values) * Rotation.from_quat(body)
-            ).as_quat()
-        )
+        turned = Rotation.from_quat(world) * Rotation.from_quat(values) * Rotation.from_quat(body)
+        return np.asarray(turned.as_quat())
 
     return change
 
 
 def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
     angle = np.deg2rad(rng.uniform(30.0, 60.0)) * rng.choice([-1.0, 1.0])
-    return _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))(
-        values, rng
-    )
+    about_z = (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2))
+    turn = _turned(about_z, (0.0, 0.0, 0.0, 1.0))
+    return turn(values, rng)
 
 
-def _in_world(one: Recording, _: Rng) -> Recording:
-    velocity = one.channels["linear_velocity"]
-    values = np.einsum(
-        "nij,nj->ni", rotations(one.channels["attitude"], velocity.t), velocity.values
-    )
-    return replace(
-        one, channels={**one.channels, "linear_velocity": replace(velocity, values=values)}
-    )
+def _in_world(recording: Recording, _: Rng) -> Recording:
+    velocity = recording.channels["linear_velocity"]
+    R = rotations(recording.channels["attitude"], velocity.t)
+    values = np.einsum("nij,nj->ni", R, velocity.values)
+    return _with_channel(recording, "linear_velocity", replace(velocity, values=values))
 
 
-def _ungravitated(one: Recording, _: Rng) -> Recording:
-    force = one.channels["specific_force"]
-    values = force.values - 9.81 * rotations(one.channels["attitude"], force.t)[:, 2]
-    return replace(one, channels={**one.channels, "specific_force": replace(force, values=values)})
+def _ungravitated(recording: Recording, _: Rng) -> Recording:
+    force = recording.channels["specific_force"]
+    values = force.values - 9.81 * rotations(recording.channels["attitude"], force.t)[:, 2]
+    return _with_channel(recording, "specific_force", replace(force, values=values))
 
 
 def _lost(channel: Channel, rng: Rng) -> Channel:
     """For a while."""
     first = rng.uniform(15.0, 40.0)
-    there = (channel.t < first) | (channel.t > first + rng.uniform(1.5, 6.0))
-    return replace(channel, t=channel.t[there], values=channel.values[there])
+    is_kept = (channel.t < first) | (channel.t > first + rng.uniform(1.5, 6.0))
+    return replace(channel, t=channel.t[is_kept], values=channel.values[is_kept])
 
 
-def _silent(one: Recording, rng: Rng) -> Recording:
-    first, n = rng.uniform(15.0, 30.0), rng.uniform(3.0, 10.0)
-    there = {name: (c.t < first) | (c.t > first + n) for name, c in one.channels.items()}
-    channels = {
-        name: replace(c, t=c.t[there[name]], values=c.values[there[name]])
-        for name, c in one.channels.items()
-    }
-    return split_at_gaps([replace(one, channels=channels)])[0]
+def _silent(recording: Recording, rng: Rng) -> Recording:
+    first = rng.uniform(15.0, 30.0)
+    last = first + rng.uniform(3.0, 10.0)
+    channels = {}
+    for name, channel in recording.channels.items():
+        is_kept = (channel.t < first) | (channel.t > last)
+        channels[name] = replace(channel, t=channel.t[is_kept], values=channel.values[is_kept])
+    return split_at_gaps([replace(recording, channels=channels)])[0]
 
 
 def _bursts(t: np.ndarray, rng: Rng) -> np.ndarray:
@@ -166,51 +173,47 @@ def _bursts(t: np.ndarray, rng: Rng) -> np.ndarray:
     return np.asarray(arrived + 1e-4 * np.arange(len(t)))
 
 
-def _jump(least: float, most: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
-    return lambda t, rng: np.asarray(t + rng.uniform(least, most) * (t > DURATION / 2))
+def _jump(shortest: float, longest: float) -> Callable[[np.ndarray, Rng], np.ndarray]:
+    return lambda t, rng: np.asarray(t + rng.uniform(shortest, longest) * (t > DURATION / 2))
 
 
 def _of_two(channel: Channel, rng: Rng) -> Channel:
     """With the samples of another sensor, which is a little off, right after its own."""
-    other = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * rng.choice(
-        [-1.0, 1.0], size=channel.values.shape[1]
-    )
+    signs = rng.choice([-1.0, 1.0], size=channel.values.shape[1])
+    by_second = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * signs
     t = np.column_stack([channel.t, channel.t + 0.001]).ravel()
-    return replace(
-        channel, t=t, values=np.stack([channel.values, other], axis=1).reshape(len(t), -1)
-    )
+    values = np.stack([channel.values, by_second], axis=1).reshape(len(t), -1)
+    return replace(channel, t=t, values=values)
 
 
 def _clock(t: np.ndarray, rng: Rng) -> np.ndarray:
     """Of commands that come too late to be the cause of anything, or much too early."""
-    return np.asarray(
-        t + (rng.uniform(0.7, 1.6) if rng.uniform() < 0.5 else -rng.uniform(1.6, 2.4))
-    )
+    if rng.uniform() < 0.5:
+        shift = rng.uniform(0.7, 1.6)
+    else:
+        shift = -rng.uniform(1.6, 2.4)
+    return np.asarray(t + shift)
 
 
-def _of_off_propellers(one: Recording, rng: Rng) -> Recording:
+def _of_off_propellers(recording: Recording, rng: Rng) -> Recording:
     """Pulses of 0 before the first command, read as shares of the largest one."""
-    thrust = one.channels["thrust"]
-    shares = np.where(
-        thrust.t[:, None] < rng.uniform(1.0, 6.0),
-        -3.75,
-        thrust.values / np.abs(thrust.values).max(),
-    )
-    return replace(
-        one, channels={**one.channels, "propeller_commands": replace(thrust, values=shares)}
-    )
+    thrust = recording.channels["thrust"]
+    is_off = thrust.t[:, None] < rng.uniform(1.0, 6.0)
+    shares = np.where(is_off, -3.75, thrust.values / np.abs(thrust.values).max())
+    return _with_channel(recording, "propeller_commands", replace(thrust, values=shares))
 
 
-def _of_other_pulses(one: Recording, _: Rng) -> Recording:
-    thrust = one.channels["thrust"]
-    shares = replace(thrust, values=1.25 * thrust.values / np.abs(thrust.values).max())
-    return replace(one, channels={**one.channels, "propeller_commands": shares})
+def _of_other_pulses(recording: Recording, _: Rng) -> Recording:
+    thrust = recording.channels["thrust"]
+    shares = 1.25 * thrust.values / np.abs(thrust.values).max()
+    return _with_channel(recording, "propeller_commands", replace(thrust, values=shares))
 
 
-def _in_current(one: Recording, rng: Rng) -> Recording:
-    t = one.channels["position"].t
-    current = Channel(t=t, values=np.tile([*rng.uniform(0.05, 0.4, size=2), 0.0], (len(t), 1)))
-    return replace(one, channels={**one.channels, "current": current})
+def _in_current(recording: Recording, rng: Rng) -> Recording:
+    t = recording.channels["position"].t
+    velocity = [*rng.uniform(0.05, 0.4, size=2), 0.0]
+    current = Channel(t=t, values=np.tile(velocity, (len(t), 1)))
+    return _with_channel(recording, "current", current)
 
 
 # Read from a file, in which one channel stands.
@@ -227,23 +230,24 @@ def _as_file(
 ) -> Spoil:
     """A channel as it comes back from a table, and a mapping, in which something is wrong."""
 
-    def change(one: Recording, rng: Rng) -> Recording:
-        channel = one.channels[name]
-        columns = {"t": channel.t, **{f"c{k}": column for k, column in enumerate(channel.values.T)}}
+    def change(recording: Recording, rng: Rng) -> Recording:
+        channel = recording.channels[name]
+        columns = {"t": channel.t}
+        for k, values in enumerate(channel.values.T):
+            columns[f"c{k}"] = values
         mapping: dict[str, Any] = {"time": "t", "columns": list(columns)[1:], **(more or {})}
         spoil(columns, mapping, rng)
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / f"{one.name}.csv"
+            path = Path(folder) / f"{recording.name}.csv"
             write_columns(path, columns)
             if rows:
                 path.write_text(rows(path.read_text(), rng))
-            read = mapped_recording(
-                path, RecordingMapping.model_validate({"channels": {name: mapping}})
-            )
-        start = replace(read.channels[name], t=read.channels[name].t + channel.t[0])
-        return replace(
-            one, channels={**one.channels, name: start}, issues_in_file=read.issues_in_file
-        )
+            channels = RecordingMapping.model_validate({"channels": {name: mapping}})
+            read = mapped_recording(path, channels)
+        read_channel = read.channels[name]
+        at_its_time = replace(read_channel, t=read_channel.t + channel.t[0])
+        spoiled = _with_channel(recording, name, at_its_time)
+        return replace(spoiled, issues_in_file=read.issues_in_file)
 
     return change
 
@@ -252,11 +256,8 @@ def _angles(columns: _Columns, mapping: dict[str, Any], _: Rng) -> None:
     from scipy.spatial.transform import Rotation
 
     values = np.column_stack([columns.pop(f"c{k}") for k in range(4)])
-    angles = Rotation.from_quat(values).as_euler("xyz", degrees=True) * [
-        0.02,
-        0.02,
-        1.0,
-    ]  # of a vehicle that is level
+    angles = Rotation.from_quat(values).as_euler("xyz", degrees=True)
+    angles = angles * [0.02, 0.02, 1.0]  # of a vehicle that is level
     columns |= dict(zip(("roll", "pitch", "yaw"), angles.T, strict=True))
     mapping |= {"columns": ["roll", "pitch", "yaw"], "format": "rpy"}
 
@@ -503,12 +504,12 @@ KINDS = (
     *(
         Kind(
             "time",
-            f"clock of {name} jumps by {least:g} to {most:g} s",
+            f"clock of {name} jumps by {shortest:g} to {longest:g} s",
             name,
-            (said,),
-            _times(name, _jump(least, most)),
+            (pattern,),
+            _times(name, _jump(shortest, longest)),
         )
-        for least, most, said in (
+        for shortest, longest, pattern in (
             (0.45, 0.7, "differ at the end by another time than at the beginning"),
             (1.0, 5.0, _GAPS),
         )

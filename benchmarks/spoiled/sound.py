@@ -34,28 +34,28 @@ _LEVEL = (0.75, 0.95)
 
 def sound(rng: np.random.Generator, robots: int) -> list[Recording]:
     """Draw them."""
-    one = vehicle(LEARNT | {"centre_of_buoyancy": Prior(sigma=_UPRIGHT)})
-    stage = stage_of(one)
-    B = one.actuators.wrench
-    found = []
-    for k, truth in enumerate(drawn(one, rng, robots)):
-        told = THRUST * rng.normal(size=(round(DURATION / HELD), len(one.actuators.names)))
-        told -= rng.uniform(*_LEVEL) * told @ B[3:5].T @ np.linalg.pinv(B[3:5]).T
+    auv = vehicle(LEARNT | {"centre_of_buoyancy": Prior(sigma=_UPRIGHT)})
+    stage = stage_of(auv)
+    B = auv.actuators.wrench
+    recordings = []
+    for k, truth in enumerate(drawn(auv, rng, robots)):
+        thrust = THRUST * rng.normal(size=(round(DURATION / HELD), len(auv.actuators.names)))
+        thrust -= rng.uniform(*_LEVEL) * thrust @ B[3:5].T @ np.linalg.pinv(B[3:5]).T
         commands = Channel(
-            t=np.arange(0.0, DURATION, SENT), values=np.repeat(told, round(HELD / SENT), axis=0)
+            t=np.arange(0.0, DURATION, SENT), values=np.repeat(thrust, round(HELD / SENT), axis=0)
         )
-        each = recorded(one, stage, truth, rng, commands, f"dive{k}")
-        more = {**_sensors(each, rng), **_arm(each.channels["attitude"].t, rng)}
-        more["wrench"] = replace(commands, values=commands.values @ B.T)
-        found.append(replace(each, channels={**each.channels, **more}))
-    return found
+        recording = recorded(auv, stage, truth, rng, commands, f"dive{k}")
+        channels = {**_sensors(recording, rng), **_arm(recording.channels["attitude"].t, rng)}
+        channels["wrench"] = replace(commands, values=commands.values @ B.T)
+        recordings.append(replace(recording, channels={**recording.channels, **channels}))
+    return recordings
 
 
-def _sensors(each: Recording, rng: np.random.Generator) -> dict[str, Channel]:
+def _sensors(recording: Recording, rng: np.random.Generator) -> dict[str, Channel]:
     """Where it is, and what an accelerometer feels."""
-    velocity, turning, attitude = (
-        each.channels[name] for name in ("linear_velocity", "angular_velocity", "attitude")
-    )
+    velocity = recording.channels["linear_velocity"]
+    turning = recording.channels["angular_velocity"]
+    attitude = recording.channels["attitude"]
     R = rotations(attitude, velocity.t)
     in_world = np.einsum("nij,nj->ni", R, velocity.values)
     steps = np.diff(velocity.t)[:, None] * (in_world[1:] + in_world[:-1]) / 2
@@ -70,9 +70,10 @@ def _sensors(each: Recording, rng: np.random.Generator) -> dict[str, Channel]:
 
 
 def _arm(t: np.ndarray, rng: np.random.Generator) -> dict[str, Channel]:
-    f, phase = rng.uniform(0.3, 1.2, size=_JOINTS), rng.uniform(0.0, 6.0, size=_JOINTS)
-    angles = 0.8 * np.sin(f * t[:, None] + phase)
-    rates = 0.8 * f * np.cos(f * t[:, None] + phase)
+    frequency = rng.uniform(0.3, 1.2, size=_JOINTS)
+    phase = rng.uniform(0.0, 6.0, size=_JOINTS)
+    angles = 0.8 * np.sin(frequency * t[:, None] + phase)
+    rates = 0.8 * frequency * np.cos(frequency * t[:, None] + phase)
     return {
         "joint_positions": Channel(t=t, values=angles + _ANGLE * rng.normal(size=angles.shape)),
         "joint_velocities": Channel(t=t, values=rates + _RATE * rng.normal(size=rates.shape)),
