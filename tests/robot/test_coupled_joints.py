@@ -28,8 +28,9 @@ from uvms_ocp.robot import Kinematics, Robot, load_robot
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.kinematics import point_reach
 from uvms_ocp.robot.limits import joints_of
-from uvms_ocp.robot.shapes.collision_model import CoalPairs, CompiledPairs, shapes_among
 from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.robot.shapes.pair_distances import CoalPairs, CompiledPairs
+from uvms_ocp.robot.shapes.shape_pairs import shapes_among
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.viz.scene.show import joint_motion
 

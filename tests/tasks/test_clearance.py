@@ -16,8 +16,9 @@ from uvms_ocp.robot.kinematics import Kinematics
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel, self_pairs
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
+from uvms_ocp.robot.shapes.shape_pairs import self_pairs
 from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, floor_obstacle
 from uvms_ocp.tasks.altitude import MinimumAltitude

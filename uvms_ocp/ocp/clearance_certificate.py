@@ -22,7 +22,7 @@ from uvms_ocp.ocp.trajectory import Trajectory, intervals_of
 from uvms_ocp.planning.conservative_advancement import ClearanceReport, check_motion
 from uvms_ocp.planning.scene import NearestPair
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.types import Array, Indices
 

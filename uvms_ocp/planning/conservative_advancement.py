@@ -19,7 +19,7 @@ import numpy as np
 from uvms_ocp.checks import checked
 from uvms_ocp.planning.scene import CollisionScene, NearestPair
 from uvms_ocp.robot.kinematics import largest_change
-from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive

@@ -16,7 +16,7 @@ from uvms_ocp.checks import checked_constructor, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.scene import CollisionScene
 from uvms_ocp.robot import kinematics, robot
-from uvms_ocp.robot.shapes.collision_model import FAILED, distance_data
+from uvms_ocp.robot.shapes.pair_distances import FAILED, distance_data
 from uvms_ocp.robot.shapes.signed_distance import SignedDistances
 from uvms_ocp.types import Array, Indices, Mask, Shape
 

@@ -16,13 +16,13 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.planning.planned_axes import Coordinates
 from uvms_ocp.robot.kinematics import shape_reach
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import (
+from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
+from uvms_ocp.robot.shapes.shape_pairs import (
     self_pairs,
     shapes_among,
     stowed_distances,
     with_pairs,
 )
-from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.types import Array, Finite, Shape
 
 _LINKS = "its own links"

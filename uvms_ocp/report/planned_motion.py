@@ -32,7 +32,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import PlanMeta, packages, versions
 from uvms_ocp.record.series_checks import PLANNED
 from uvms_ocp.robot import kinematics, recorded_robots, thrusters
-from uvms_ocp.robot.shapes import collision_model, obstacles
+from uvms_ocp.robot.shapes import obstacles, shape_pairs
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array
@@ -116,14 +116,14 @@ class PlannedMotion:
 
 def _request_entries(request: PlanRequest | OcpRequest) -> dict[str, Any]:
     """Return the entries of a report that tell robot, surroundings and versions."""
-    shapes = collision_model.shapes_among(request.robot, request.obstacles)
+    shapes = shape_pairs.shapes_among(request.robot, request.obstacles)
     obstacle_metas = obstacles.describe_obstacles(request.obstacles)
     link_clearance = request.link_clearance
     if link_clearance is None:
         link_clearance = request.clearance
     return {
         "robot": request.robot.name,
-        "links_without_shape": list(collision_model.links_without_shape(request.robot)),
+        "links_without_shape": list(shape_pairs.links_without_shape(request.robot)),
         "open_surfaces": list(open_surfaces(shapes)),
         "obstacles": [obstacle.model_dump(mode="json") for obstacle in obstacle_metas],
         "clearance_wanted_m": request.clearance,

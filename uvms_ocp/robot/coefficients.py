@@ -21,7 +21,7 @@ from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 def links_in_water(
     description: data.RobotDescription, density: float | None = None
 ) -> tuple[LinkHydrodynamics, ...]:
-    """Coefficients of every wet link of a description, in forward-left-up axes.
+    """Compute the coefficients of every wet link of a description, in forward-left-up axes.
 
     density [kg/m3] is what the shape rules use, default the description's. Floats and ballast add
     their volume to their link.
@@ -36,16 +36,14 @@ def links_in_water(
 
 
 def _link(name: str, link: data.LinkDescription, rho: float) -> LinkHydrodynamics:
-    source = next(
-        way for way in (link.coefficients, link.cylinder, link.box, link.sphere) if way is not None
-    )
-    if isinstance(source, data.LinkCoefficients):
-        return _from_coefficients(name, source)
-    if isinstance(source, data.Cylinder):
-        return _cylinder(name, source, rho)
-    if isinstance(source, data.Box):
-        return _box(name, source, rho)
-    return _sphere(name, source, rho)
+    if link.coefficients is not None:
+        return _from_coefficients(name, link.coefficients)
+    if link.cylinder is not None:
+        return _cylinder(name, link.cylinder, rho)
+    if link.box is not None:
+        return _box(name, link.box, rho)
+    assert link.sphere is not None  # as descriptions have one of the four
+    return _sphere(name, link.sphere, rho)
 
 
 def _from_coefficients(name: str, coefficients: data.LinkCoefficients) -> LinkHydrodynamics:
@@ -63,25 +61,26 @@ def _from_coefficients(name: str, coefficients: data.LinkCoefficients) -> LinkHy
 
 def coefficients_of(link: LinkHydrodynamics) -> data.LinkCoefficients:
     """State the coefficients of a link as a robot file would, its matrices in full."""
-    names = ("added_mass", "linear_drag", "quadratic_drag")
-    position = link.X_FL.translation
-    R = link.X_FL.rotation
-    matrices: dict[str, Any] = {
-        name: tuple(map(tuple, getattr(link, name).tolist())) for name in names
-    }
+    rpy = pin.rpy.matrixToRpy(link.X_FL.rotation)
+    pose = data.Pose(position=tuple(link.X_FL.translation.tolist()), rpy=tuple(rpy.tolist()))
     return data.LinkCoefficients(
-        pose=data.Pose(
-            position=tuple(position.tolist()), rpy=tuple(pin.rpy.matrixToRpy(R).tolist())
-        ),
-        **matrices,
+        pose=pose,
+        added_mass=_rows(link.added_mass),
+        linear_drag=_rows(link.linear_drag),
+        quadratic_drag=_rows(link.quadratic_drag),
         drag_by="flow" if link.by_flow else "axes",
         volume=link.volume,
         centre_of_buoyancy=tuple(link.centre_of_buoyancy.tolist()) if link.volume else None,
     )
 
 
+def _rows(matrix: np.ndarray) -> Any:
+    return tuple(map(tuple, matrix.tolist()))
+
+
 def _cylinder(name: str, shape: data.Cylinder, rho: float) -> LinkHydrodynamics:
-    radius, length = shape.radius, shape.length
+    radius = shape.radius
+    length = shape.length
     volume = np.pi * radius**2 * length
     mass = rho * volume
     tumbling = rho * volume * length**2 / 12
@@ -101,15 +100,26 @@ def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
     x, y, z = shape.size
     volume = x * y * z
     mass = rho * volume
-    added = [mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12 for a, b in ((y, z), (z, x), (x, y))]
-    turning = [_strips(s, a) + _strips(s, b) for s, a, b in ((x, y, z), (y, z, x), (z, x, y))]
+    added_inertias = [_added_inertia(mass, a, b) for a, b in ((y, z), (z, x), (x, y))]
+    turning = [
+        _strips(x, y) + _strips(x, z),
+        _strips(y, z) + _strips(y, x),
+        _strips(z, x) + _strips(z, y),
+    ]
     return _shaped(
         name,
         shape,
         volume,
-        added_mass=(mass, mass, mass, *added),
+        added_mass=(mass, mass, mass, *added_inertias),
         areas=rho / 2 * np.array([y * z, z * x, x * y, *turning]),
     )
+
+
+def _added_inertia(mass: float, a: float, b: float) -> float:
+    """Return the added moment of inertia [kg m2] of a box about an axis, with sides a, b [m] across
+    it and so much displaced mass [kg].
+    """
+    return mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12
 
 
 def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:
@@ -150,7 +160,7 @@ def _shaped(
 
 
 def _with_volume(link: LinkHydrodynamics, volume: float, centre: np.ndarray) -> LinkHydrodynamics:
-    """The link with another displaced volume fixed to it."""
+    """Return the link with another displaced volume fixed to it."""
     total = link.volume + volume
     if total == 0.0:
         return link
@@ -159,5 +169,5 @@ def _with_volume(link: LinkHydrodynamics, volume: float, centre: np.ndarray) -> 
 
 
 def placement_of(pose: data.Pose) -> pin.SE3:
-    """The pose as a transform."""
+    """Return the pose as a transform."""
     return pin.SE3(pin.rpy.rpyToMatrix(np.array(pose.rpy)), np.array(pose.position))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,7 +24,7 @@ _SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic
 ASSUMED_VELOCITY = 0.8
 ASSUMED_ACCELERATION = 2.0
 """[rad/s] and [rad/s2] of the arm in [Gao2022]."""
-_SLIDE = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
+_RADIUS = 0.1  # [m] from the axis: what is there moves as far as a joint that slides is taken to
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -59,33 +60,41 @@ class Joint:
         return self.n_v == 1 and self.n_q == 2
 
     def position(self, q: Array) -> Array:
-        """Its one number [rad or m] at q (n_q,), an array or an expression; of an endless one from
-        -pi to pi.
+        """Return its one number [rad or m] at q (n_q,), an array or an expression; of an endless
+        one from -pi to pi.
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        coordinates = self._own(q)
+        coordinates = self._coordinates(q)
         if len(coordinates) == 1:
             return coordinates[0]
-        return (ca.atan2 if is_symbolic(*coordinates) else np.arctan2)(
-            coordinates[1], coordinates[0]
-        )
+        cosine, sine = coordinates
+        if is_symbolic(*coordinates):
+            return ca.atan2(sine, cosine)
+        return np.arctan2(sine, cosine)
 
     def way(self, q: Array, to: Array) -> Array:
-        """Distance [rad or m] from q (n_q,) to the number `to`: of an endless one the shorter
-        way round.
+        """Return the distance [rad or m] from q (n_q,) to the number `to`: of an endless one the
+        shorter way round.
 
         Raises `InvalidInput` for a joint of several degrees of freedom.
         """
-        coordinates = self._own(q)
+        coordinates = self._coordinates(q)
         if len(coordinates) == 1:
             return to - coordinates[0]
-        (c, s) = coordinates
-        maths = ca if is_symbolic(*coordinates, to) else np
-        turn = maths.arctan2 if maths is np else maths.atan2
-        return turn(maths.sin(to) * c - maths.cos(to) * s, maths.cos(to) * c + maths.sin(to) * s)
+        c, s = coordinates
+        if is_symbolic(*coordinates, to):
+            maths: Any = ca
+            arctan2 = ca.atan2
+        else:
+            maths = np
+            arctan2 = np.arctan2
+        sine = maths.sin(to) * c - maths.cos(to) * s
+        cosine = maths.cos(to) * c + maths.sin(to) * s
+        return arctan2(sine, cosine)
 
-    def _own(self, q: Array) -> list[Array]:
+    def _coordinates(self, q: Array) -> list[Array]:
+        """Return the entries of q that are this joint's: one, or (cos, sin)."""
         if self.n_v != 1:
             raise InvalidInput(
                 f"joint {self.name!r} has {self.n_v} degrees of freedom; name joints of one"
@@ -98,15 +107,15 @@ class Limits(FieldTable):
     """Actuator and position limits, infinite where there is none; read-only arrays."""
 
     position_lower: np.ndarray
-    """(n_joints,) [rad or m]"""
+    """Lower limits of position (n_joints,) [rad or m]."""
     position_upper: np.ndarray
-    """(n_joints,) [rad or m]"""
+    """Upper limits of position (n_joints,) [rad or m]."""
     velocity: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
+    """Limits of speed (n_v,) [m/s, rad/s]."""
     acceleration: np.ndarray
-    """(n_v,) [m/s2, rad/s2]"""
+    """Limits of acceleration (n_v,) [m/s2, rad/s2]."""
     effort: np.ndarray
-    """(n_joints,) [N m or N]"""
+    """Limits of torque or force (n_joints,) [N m or N]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -127,7 +136,7 @@ class PositionLimit:
     any others.
     """
     n: int = 1
-    """M"""
+    """Number m of the positions."""
     relative: bool = False
     """The measured quantity is the truth at the present q; `values` tell how it changes from
     there.
@@ -140,19 +149,22 @@ class PositionLimit:
 
 def joints_of(model: pin.Model, *, free_flyer: bool) -> tuple[Joint, ...]:
     """Return the arm joints of a free-flyer, all joints otherwise."""
-    indices = range(2 if free_flyer else 1, model.njoints)
-    pairs = ((model.names[i], model.joints[i]) for i in indices if model.joints[i].nv)  # of its own
-    return tuple(
-        Joint(
-            name=name,
-            idx_q=joint.idx_q,
-            idx_v=joint.idx_v,
-            n_q=joint.nq,
-            n_v=joint.nv,
-            slides=joint.shortname() in _SLIDING,
+    first_index = 2 if free_flyer else 1
+    joints = list[Joint]()
+    for index in range(first_index, model.njoints):
+        model_joint = model.joints[index]
+        if model_joint.nv == 0:  # it mimics another one
+            continue
+        joint = Joint(
+            name=model.names[index],
+            idx_q=model_joint.idx_q,
+            idx_v=model_joint.idx_v,
+            n_q=model_joint.nq,
+            n_v=model_joint.nv,
+            slides=model_joint.shortname() in _SLIDING,
         )
-        for name, joint in pairs
-    )
+        joints.append(joint)
+    return tuple(joints)
 
 
 def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...]) -> Limits:
@@ -173,46 +185,45 @@ def limits_of(model: pin.Model, description: RobotDescription, joints: tuple[Joi
     return limits
 
 
-# Joints of a vehicle's arm whose files leave open how fast or how strong they are: without any
-# limit they whirl, and the vehicle with them, as every motion of the arm is then free.
-
-
-def held_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
-    """Names of the joints whose lower limit is the upper one, so that they never move."""
-    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    return tuple(
-        joint.name
-        for joint in joints
-        if not joint.endless and (lower[joint.q] == upper[joint.q]).all()
-    )
+def _with_assumed(model: pin.Model, joints: Sequence[Joint], limits: Limits) -> Limits:
+    """Assume limits of the joints of a vehicle's arm whose files leave them open: without any they
+    whirl, and the vehicle with them, as every motion of the arm is then free.
+    """
+    velocity = limits.velocity.copy()
+    acceleration = limits.acceleration.copy()
+    unlimited = open_joints(model, joints)
+    for joint in joints:
+        if joint.name in unlimited:
+            unit = _RADIUS if joint.slides else 1.0
+            v = joint.v
+            is_open = np.isinf(velocity[v])
+            velocity[v] = np.where(is_open, unit * ASSUMED_VELOCITY, velocity[v])
+            is_open = np.isinf(acceleration[v])
+            acceleration[v] = np.where(is_open, unit * ASSUMED_ACCELERATION, acceleration[v])
+    return replace(limits, velocity=read_only(velocity), acceleration=read_only(acceleration))
 
 
 def open_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
-    """Names of the joints that move without a limit of velocity or of effort."""
+    """Return names of the joints that move without a limit of velocity or of effort."""
     held = held_joints(model, joints)
-    bounds = (model.upperVelocityLimit, model.upperEffortLimit)
-    speed, effort = map(_or_unlimited, bounds)
-    moving = (joint for joint in joints if joint.name not in held)
-    return tuple(
-        joint.name for joint in moving if np.isinf([speed[joint.v], effort[joint.v]]).any()
-    )
-
-
-def _with_assumed(model: pin.Model, joints: Sequence[Joint], limits: Limits) -> Limits:
-    velocity = limits.velocity.copy()
-    acceleration = limits.acceleration.copy()
-    open_ones = open_joints(model, joints)
+    speed = _or_unlimited(model.upperVelocityLimit)
+    effort = _or_unlimited(model.upperEffortLimit)
+    names = list[str]()
     for joint in joints:
-        if joint.name in open_ones:
-            unit = _SLIDE if joint.slides else 1.0
-            for values, assumed in (
-                (velocity, ASSUMED_VELOCITY),
-                (acceleration, ASSUMED_ACCELERATION),
-            ):
-                values[joint.v] = np.where(
-                    np.isinf(values[joint.v]), unit * assumed, values[joint.v]
-                )
-    return replace(limits, velocity=read_only(velocity), acceleration=read_only(acceleration))
+        if joint.name not in held and np.isinf([speed[joint.v], effort[joint.v]]).any():
+            names.append(joint.name)
+    return tuple(names)
+
+
+def held_joints(model: pin.Model, joints: Sequence[Joint]) -> tuple[str, ...]:
+    """Return names of the joints whose lower limit is the upper one, so that they never move."""
+    lower = model.lowerPositionLimit
+    upper = model.upperPositionLimit
+    names = list[str]()
+    for joint in joints:
+        if not joint.endless and (lower[joint.q] == upper[joint.q]).all():
+            names.append(joint.name)
+    return tuple(names)
 
 
 def _vehicle_limits(description: RobotDescription) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -229,18 +240,23 @@ def _or_unlimited(limit: np.ndarray) -> np.ndarray:
 
 
 def _joint_accelerations(description: RobotDescription, joints: tuple[Joint, ...]) -> list[float]:
-    stated = {
-        name: entry.acceleration
-        for name, entry in description.joints.items()
-        if entry.acceleration is not None
-    }
-    return [stated.get(joint.name, np.inf) for joint in joints for _ in range(joint.n_v)]
+    accelerations = list[float]()
+    for joint in joints:
+        entry = description.joints.get(joint.name)
+        limit = np.inf
+        if entry is not None and entry.acceleration is not None:
+            limit = entry.acceleration
+        accelerations += [limit] * joint.n_v
+    return accelerations
 
 
 def _position_limit(limit: np.ndarray, joints: tuple[Joint, ...], unlimited: float) -> np.ndarray:
-    # A joint with more positions than velocities (cos, sin) turns without end.
-    parts = [limit[j.q] if j.n_q == j.n_v else np.full(j.n_v, unlimited) for j in joints]
-    values = np.concatenate([np.zeros(0), *parts])
+    parts = [np.zeros(0)]
+    for joint in joints:
+        # A joint with more positions than velocities (cos, sin) turns without end.
+        turns_without_end = joint.n_q != joint.n_v
+        parts.append(np.full(joint.n_v, unlimited) if turns_without_end else limit[joint.q])
+    values = np.concatenate(parts)
     return read_only(np.where(np.abs(values) > _UNLIMITED, unlimited, values))
 
 
@@ -248,22 +264,18 @@ def home_of(
     model: pin.Model, description: RobotDescription, joints: tuple[Joint, ...], limits: Limits
 ) -> np.ndarray:
     """Return the stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
-    first = model.nv - len(limits.position_lower)
-    lower, upper = limits.position_lower, limits.position_upper
-    inside = (lower <= 0.0) & (upper >= 0.0)
-    values = np.where(
-        inside, 0.0, 0.5 * (np.where(inside, 0.0, lower) + np.where(inside, 0.0, upper))
-    )
+    n_vehicle = model.nv - len(limits.position_lower)
+    lower = limits.position_lower
+    upper = limits.position_upper
+    allows_zero = (lower <= 0.0) & (upper >= 0.0)
+    middle = 0.5 * (np.where(allows_zero, 0.0, lower) + np.where(allows_zero, 0.0, upper))
+    home = np.where(allows_zero, 0.0, middle)
     for joint in joints:
         entry = description.joints.get(joint.name)
         if entry is not None and entry.home is not None:
-            values[joint.idx_v - first : joint.idx_v - first + joint.n_v] = entry.home
-    return read_only(values)
-
-
-# The one place where numbers for people, one per degree of freedom of a joint, become entries of q
-# and back: an endless joint is (cos, sin) in q, so that neither sizes nor differences of q are
-# those of the joints.
+            first = joint.idx_v - n_vehicle
+            home[first : first + joint.n_v] = entry.home
+    return read_only(home)
 
 
 def from_joint_values(
@@ -271,6 +283,10 @@ def from_joint_values(
 ) -> np.ndarray:
     """Return q (n_q,) [m, rad] with its joints at `values` (n_joints,) [rad or m]; the rest as in
     `q`, default neutral.
+
+    The one place where numbers for people, one per degree of freedom of a joint, become entries of
+    q: an endless joint is (cos, sin) in q, so that neither sizes nor differences of q are those of
+    the joints.
     """
     first = model.nv - len(values)
     neutral = pin.neutral(model)
@@ -281,17 +297,16 @@ def from_joint_values(
 
 
 def bounded_joints(joints: Sequence[Joint], limits: Limits) -> list[tuple[Joint, float, float]]:
-    """Joints of one degree of freedom with a limit, with their lower and upper position [rad or m],
-    one may be inf.
+    """Return joints of one degree of freedom with a limit, with their lower and upper position
+    [rad or m], one may be inf.
     """
-    first = joints[0].idx_v if joints else 0
-    ranges = (
-        (
-            joint,
-            float(limits.position_lower[joint.idx_v - first]),
-            float(limits.position_upper[joint.idx_v - first]),
-        )
-        for joint in joints
-        if joint.n_q == joint.n_v == 1
-    )
-    return [(joint, low, up) for joint, low, up in ranges if np.isfinite([low, up]).any()]
+    bounded = list[tuple[Joint, float, float]]()
+    for joint in joints:
+        if joint.n_q != 1 or joint.n_v != 1:
+            continue
+        k = joint.idx_v - joints[0].idx_v
+        lower = float(limits.position_lower[k])
+        upper = float(limits.position_upper[k])
+        if np.isfinite([lower, upper]).any():
+            bounded.append((joint, lower, upper))
+    return bounded

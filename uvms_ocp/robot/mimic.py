@@ -25,16 +25,19 @@ is one of them.
 def leader_of(
     findings: Findings, root: Element, joint: Element, held: Collection[str]
 ) -> tuple[Element | None, float, float]:
-    """The joint that one which mimics follows in the end, `None` for none, with ``multiplier`` and
-    ``offset``.
+    """Return the joint that one which mimics follows in the end, `None` for none, with
+    ``multiplier`` and ``offset``.
 
-    given: joints that follow none, as it is known where they are.
+    held: joints that follow none, as it is known where they are.
     """
     leader: Element | None = joint
     scale = 1.0
     offset = 0.0
     visited = [joint.get("name")]
-    while leader is not None and (mimic := leader.find("mimic")) is not None:
+    while leader is not None:
+        mimic = leader.find("mimic")
+        if mimic is None:
+            break
         if leader is not joint and leader.get("name") in held:
             break
         where = f"joint {leader.get('name')!r} mimic"
@@ -69,48 +72,42 @@ def position_of(findings: Findings, joint: Element, held: Mapping[str, float]) -
     limit = joint.find("limit")
     if name in held:
         return held[name]
-    low, up = (
-        _number(findings, limit, key, f"joint {name!r} {key}", 0.0) for key in ("lower", "upper")
-    )
-    bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
-    if low <= 0.0 <= up or not bounded:
+    lower = _number(findings, limit, "lower", f"joint {name!r} lower", 0.0)
+    upper = _number(findings, limit, "upper", f"joint {name!r} upper", 0.0)
+    is_bounded = joint.get("type") in ("revolute", "prismatic") and limit is not None
+    if lower <= 0.0 <= upper or not is_bounded:
         return 0.0
-    return (low + up) / 2
+    return (lower + upper) / 2
 
 
 def coupled(model: pin.Model, groups: Groups) -> pin.Model:
-    """Joints as one with those that they mimic: the first of them, in Pinocchio's order, has the
+    """Couple joints with those that they mimic: the first of them, in Pinocchio's order, has the
     coordinate of all.
     """
-    for leader, group in groups.items():
-        first, *others = sorted(group, key=model.getJointId)
+    for leader_name, group in groups.items():
+        first_name, *follower_names = sorted(group, key=model.getJointId)
         index = {name: model.getJointId(name) for name in group}
-        follower, lead = model.joints[index[first]], model.joints[index[leader]]
-        scale, offset = group[first]
+        first = model.joints[index[first_name]]
+        leader = model.joints[index[leader_name]]
+        scale, offset = group[first_name]
         with np.errstate(over="ignore"):  # of what has no limit
-            bounds = [
-                scale * limit[lead.idx_q] + offset
-                for limit in (model.lowerPositionLimit, model.upperPositionLimit)
-            ]
-            speed = abs(scale) * model.upperVelocityLimit[lead.idx_v]
-            effort = model.upperEffortLimit[lead.idx_v] / abs(scale)
+            bound_at_lower = scale * model.lowerPositionLimit[leader.idx_q] + offset
+            bound_at_upper = scale * model.upperPositionLimit[leader.idx_q] + offset
+            speed = abs(scale) * model.upperVelocityLimit[leader.idx_v]
+            effort = model.upperEffortLimit[leader.idx_v] / abs(scale)
         damping = sum(
             (multiplier / scale) ** 2 * model.damping[model.joints[index[name]].idx_v]
             for name, (multiplier, _) in group.items()
         )
-        model.lowerPositionLimit[follower.idx_q], model.upperPositionLimit[follower.idx_q] = sorted(
-            bounds
-        )
-        for values, value in (
-            (model.upperVelocityLimit, speed),
-            (model.upperEffortLimit, effort),
-            (model.damping, damping),
-        ):
-            values[follower.idx_v] = value
-        for name in others:
-            multiplier, shift = group[name]
+        lower, upper = sorted((bound_at_lower, bound_at_upper))
+        model.lowerPositionLimit[first.idx_q] = lower
+        model.upperPositionLimit[first.idx_q] = upper
+        model.upperVelocityLimit[first.idx_v] = speed
+        model.upperEffortLimit[first.idx_v] = effort
+        model.damping[first.idx_v] = damping
+        for name in follower_names:
+            multiplier, follower_offset = group[name]
             ratio = multiplier / scale
-            model = pin.transformJointIntoMimic(
-                model, index[first], index[name], ratio, shift - ratio * offset
-            )
+            shift = follower_offset - ratio * offset
+            model = pin.transformJointIntoMimic(model, index[first_name], index[name], ratio, shift)
     return model

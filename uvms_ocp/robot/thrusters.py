@@ -19,9 +19,8 @@ from uvms_ocp.robot.robot import Robot
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's, in the order of v."""
 _ROUNDING = 1e-6  # relative
-_WEAK = (
-    0.1  # of the best driven direction: what rights itself and is driven by less is left to itself
-)
+_WEAK = 0.1
+"""Of the best driven direction: what rights itself and is driven by less is left to itself."""
 
 
 @checked
@@ -35,41 +34,51 @@ def thruster_matrix(robot: Robot) -> np.ndarray:
 @lru_cache(maxsize=8)
 def _columns(robot: Robot) -> np.ndarray:
     columns = [_column(robot.model, thruster) for thruster in robot.description.thrusters]
-    if columns:
-        return np.column_stack(columns)
-    return np.zeros((6, 0))
+    if not columns:
+        return np.zeros((6, 0))
+    return np.column_stack(columns)
 
 
 def _column(model: pin.Model, thruster: Thruster) -> np.ndarray:
     direction = np.array(thruster.direction) / np.linalg.norm(thruster.direction)
     X_BF = model.frames[model.getFrameId(thruster.link)].placement
     force = X_BF.rotation @ direction
-    return np.concatenate([force, np.cross(X_BF.act(np.array(thruster.position)), force)])
+    position = X_BF.act(np.array(thruster.position))  # [m] in B
+    return np.concatenate([force, np.cross(position, force)])
 
 
 def thrust_limits(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper (n_thrusters,) [N], the thrust limits inside the range of the
     curve.
     """
-    lower, upper = (
-        np.array([_range(thruster) for thruster in robot.description.thrusters]).reshape(-1, 2).T
-    )
+    ranges = [_range(thruster) for thruster in robot.description.thrusters]
+    lower, upper = np.array(ranges).reshape(-1, 2).T
     return lower, upper
 
 
 def _range(thruster: Thruster) -> tuple[float, float]:
     if not thruster.curve:
         return thruster.minimum, thruster.maximum
-    return max(thruster.minimum, thruster.curve[0][1]), min(thruster.maximum, thruster.curve[-1][1])
+    _, first_thrust = thruster.curve[0]
+    _, last_thrust = thruster.curve[-1]
+    return max(thruster.minimum, first_thrust), min(thruster.maximum, last_thrust)
 
 
 def power_law(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
     """Return factor (n_thrusters,) [W/N^exponent], NaN where the file gives none, and exponent
     (n_thrusters,).
     """
-    powers = [thruster.power for thruster in robot.description.thrusters]
-    factor = [power.watts / power.thrust**power.exponent if power else np.nan for power in powers]
-    return np.array(factor), np.array([power.exponent if power else 1.0 for power in powers])
+    factors = list[float]()
+    exponents = list[float]()
+    for thruster in robot.description.thrusters:
+        power = thruster.power
+        if power:
+            factors.append(power.watts / power.thrust**power.exponent)
+            exponents.append(power.exponent)
+        else:
+            factors.append(np.nan)
+            exponents.append(1.0)
+    return np.array(factors), np.array(exponents)
 
 
 def electrical_power(thrust: Array, factor: np.ndarray, exponent: np.ndarray) -> ca.SX:
@@ -77,10 +86,13 @@ def electrical_power(thrust: Array, factor: np.ndarray, exponent: np.ndarray) ->
     `power_law`.
     """
     size = ca.fabs(thrust)
-    # A call of pow takes five times as long as the square root of the usual exponent.
-    powers = [
-        size[k] * ca.sqrt(size[k]) if e == 1.5 else size[k] ** e for k, e in enumerate(exponent)
-    ]
+    powers = list[ca.SX]()
+    for k, e in enumerate(exponent):
+        if e == 1.5:
+            # A call of pow takes five times as long as the square root of the usual exponent.
+            powers.append(size[k] * ca.sqrt(size[k]))
+        else:
+            powers.append(size[k] ** e)
     return ca.DM(factor) * ca.vertcat(ca.SX(0, 1), *powers)
 
 
@@ -136,10 +148,12 @@ def thrust_of_signals(robot: Robot, signals: np.ndarray) -> np.ndarray:
 
     Without a curve: linear, -1 and 1 are the limits. Signals beyond the curve give its ends.
     """
-    pairs = zip(robot.description.thrusters, np.moveaxis(signals, -1, 0), strict=True)
-    return np.stack(
-        [np.interp(signal, *np.transpose(_curve(thruster))) for thruster, signal in pairs], axis=-1
-    )
+    thrust = list[np.ndarray]()
+    signals_first = np.moveaxis(signals, -1, 0)
+    for thruster, signal in zip(robot.description.thrusters, signals_first, strict=True):
+        curve_signals, curve_thrust = np.transpose(_curve(thruster))
+        thrust.append(np.interp(signal, curve_signals, curve_thrust))
+    return np.stack(thrust, axis=-1)
 
 
 def curve_of_table(
@@ -154,27 +168,14 @@ def curve_of_table(
     """
     from scipy.optimize import isotonic_regression
 
-    if voltage is not None:
-        voltages = np.unique(voltage)
-        if not voltages[0] <= at <= voltages[-1]:
-            raise InvalidInput(
-                f"{at:g} V given; allowed: {voltages[0]:g} to {voltages[-1]:g} V, which the table has"
-            )
-        below = voltages[voltages <= at][-1]
-        above = voltages[voltages >= at][0]
-        share = 0.0 if above == below else (at - below) / (above - below)
-        tables = [
-            _mean_thrust(signals[voltage == table_voltage], thrust[voltage == table_voltage])
-            for table_voltage in (below, above)
-        ]
-        each = np.unique(np.concatenate([table[0] for table in tables]))
-        low, high = (np.interp(each, *table) for table in tables)
-        mean = low + share * (high - low)
+    if voltage is None:
+        curve_signals, mean = _mean_thrust(signals, thrust)
     else:
-        each, mean = _mean_thrust(signals, thrust)
-    if len(each) < 2 or np.ptp(mean) == 0.0:
+        curve_signals, mean = _mean_thrust_at(signals, thrust, voltage, at)
+    if len(curve_signals) < 2 or np.ptp(mean) == 0.0:
         raise InvalidInput(
-            f"{len(each)} different signals given; allowed: two or more, of different thrust"
+            f"{len(curve_signals)} different signals given; allowed: two or more, of different"
+            " thrust"
         )
     fitted = isotonic_regression(mean.copy(), increasing=bool(mean[-1] > mean[0])).x
     if fitted[-1] < fitted[0]:
@@ -182,14 +183,38 @@ def curve_of_table(
             "thrust falls from the lowest to the highest signal; give the opposite of its column,"
             " or of its sign"
         )
-    return tuple(zip(each.tolist(), fitted.tolist(), strict=True)), float(
-        np.abs(fitted - mean).max()
-    )
+    curve = tuple(zip(curve_signals.tolist(), fitted.tolist(), strict=True))
+    return curve, float(np.abs(fitted - mean).max())
 
 
 def _mean_thrust(signals: np.ndarray, thrust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    each, which = np.unique(signals, return_inverse=True)
-    return each, np.bincount(which, weights=thrust) / np.bincount(which)
+    """Return the different signals, ascending, and the mean thrust [N] at each."""
+    different_signals, index = np.unique(signals, return_inverse=True)
+    return different_signals, np.bincount(index, weights=thrust) / np.bincount(index)
+
+
+def _mean_thrust_at(
+    signals: np.ndarray, thrust: np.ndarray, voltage: np.ndarray, at: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the different signals, ascending, and the mean thrust [N] at each, interpolated to a
+    voltage `at` [V] between the nearest two of the table.
+    """
+    voltages = np.unique(voltage)
+    if not voltages[0] <= at <= voltages[-1]:
+        raise InvalidInput(
+            f"{at:g} V given; allowed: {voltages[0]:g} to {voltages[-1]:g} V, which the table has"
+        )
+    below = voltages[voltages <= at][-1]
+    above = voltages[voltages >= at][0]
+    share = 0.0 if above == below else (at - below) / (above - below)
+    is_below = voltage == below
+    is_above = voltage == above
+    signals_below, mean_below = _mean_thrust(signals[is_below], thrust[is_below])
+    signals_above, mean_above = _mean_thrust(signals[is_above], thrust[is_above])
+    all_signals = np.unique(np.concatenate([signals_below, signals_above]))
+    thrust_below = np.interp(all_signals, signals_below, mean_below)
+    thrust_above = np.interp(all_signals, signals_above, mean_above)
+    return all_signals, thrust_below + share * (thrust_above - thrust_below)
 
 
 def _curve(thruster: Thruster) -> tuple[tuple[float, float], ...]:
@@ -212,8 +237,8 @@ def unactuated_axes(robot: Robot) -> tuple[int, ...]:
 
 
 def undriven_axes(robot: Robot) -> tuple[int, ...]:
-    """`unactuated_axes` as tasks hear of them: none of a vehicle without thrusters, of which only
-    velocities are asked.
+    """Return `unactuated_axes` for tasks: none of a vehicle without thrusters, which follows
+    velocities.
     """
     if robot.description.thrusters:
         return unactuated_axes(robot)
@@ -221,7 +246,7 @@ def undriven_axes(robot: Robot) -> tuple[int, ...]:
 
 
 def unreachable_axes(B: np.ndarray) -> tuple[int, ...]:
-    """`unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
+    """Return `unactuated_axes` of a thruster matrix B (6, n_thrusters) [-, m]."""
     return _heaviest_axes(left_null_space(B))
 
 
@@ -229,13 +254,15 @@ def _heaviest_axes(null_space: np.ndarray) -> tuple[int, ...]:
     """Choose as many axes as there are columns, those with the largest entries; of axes equal but
     for rounding the last.
     """
-    rest = null_space
+    remaining = null_space
     axes = []
     for _ in range(null_space.shape[1]):
-        weights = np.linalg.norm(rest, axis=1)
-        axes.append(int(np.flatnonzero(weights > (1.0 - _ROUNDING) * weights.max())[-1]))
-        direction = rest[axes[-1]] / weights[axes[-1]]
-        rest = rest - np.outer(rest @ direction, direction)
+        weights = np.linalg.norm(remaining, axis=1)
+        heaviest = np.flatnonzero(weights > (1.0 - _ROUNDING) * weights.max())
+        axis = int(heaviest[-1])
+        axes.append(axis)
+        direction = remaining[axis] / weights[axis]
+        remaining = remaining - np.outer(remaining @ direction, direction)
     return tuple(sorted(axes))
 
 
@@ -249,14 +276,20 @@ def left_null_space(B: np.ndarray) -> np.ndarray:
     """
     U, s, _ = np.linalg.svd(B / _units(B)[:, None])
     share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
-    null_space, weak = (U[:, share <= tolerance] for tolerance in (_ROUNDING, _WEAK))
-    if {*_heaviest_axes(weak)} <= {*_heaviest_axes(null_space), 3, 4}:
-        return weak
+    null_space = U[:, share <= _ROUNDING]
+    weakly_driven = U[:, share <= _WEAK]
+    roll, pitch = 3, 4
+    undriven_or_righting = {*_heaviest_axes(null_space), roll, pitch}
+    if undriven_or_righting.issuperset(_heaviest_axes(weakly_driven)):
+        return weakly_driven
     return null_space
 
 
 def _units(B: np.ndarray) -> np.ndarray:
-    lever = float(np.linalg.norm(B[3:])) / max(float(np.linalg.norm(B[:3])), np.finfo(float).tiny)
+    """Return (6,) [-, m] by which wrenches are divided: the typical lever arm of B for moments."""
+    forces = float(np.linalg.norm(B[:3]))
+    moments = float(np.linalg.norm(B[3:]))
+    lever = moments / max(forces, np.finfo(float).tiny)
     return np.repeat([1.0, lever or 1.0], 3)
 
 
@@ -285,8 +318,8 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
 
 
 def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:
-    """Axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle; `None` where
-    nothing is missing.
+    """Return axes of B (0-2) about which thrusters turn a frame that is fixed to the vehicle;
+    `None` where nothing is missing.
 
     That is where they drive every axis, and for a frame on an arm, whose joints turn it. Raises
     `FrameNotFound`.

@@ -15,15 +15,12 @@ from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes import collision_model as compiled_pairs
-from uvms_ocp.robot.shapes.collision_model import (
-    CoalPairs,
-    CollisionModel,
-    self_pairs,
-    shapes_among,
-)
+from uvms_ocp.robot.shapes import pair_distances as compiled_pairs
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.distance_kernels import DistanceMemory, distance_sizes
 from uvms_ocp.robot.shapes.obstacles import mesh_shape, obstacle
+from uvms_ocp.robot.shapes.pair_distances import CoalPairs
+from uvms_ocp.robot.shapes.shape_pairs import self_pairs, shapes_among
 
 ROCKS = (
     obstacle("ball", coal.Sphere(0.4), (1.6, 0.4, -0.3)),

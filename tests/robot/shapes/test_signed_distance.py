@@ -7,8 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.robot.shapes.closed_mesh import closed_solid
 from uvms_ocp.robot.shapes.obstacles import mesh_shape
-from uvms_ocp.robot.shapes.signed_distance import Body, PairContact, closed_solid, signed_contact
+from uvms_ocp.robot.shapes.signed_distance import Body, PairContact, signed_contact
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
 FACES = np.array(

@@ -24,51 +24,55 @@ def skid_points(robot: Robot) -> np.ndarray:
     if not hull:
         return np.zeros((0, 3))
     corners = np.concatenate([_box_corners(shape) for shape in hull])
-    (x0, y0, z0) = corners.min(axis=0)
-    (x1, y1, _) = corners.max(axis=0)
+    x0, y0, z0 = corners.min(axis=0)
+    x1, y1, _ = corners.max(axis=0)
     return np.array([[x0, y0, z0], [x0, y1, z0], [x1, y0, z0], [x1, y1, z0]])
 
 
 def lowest_link(robot: Robot) -> str:
-    """Name of the link of the vehicle whose collision shape reaches lowest in its frame; it has
-    one.
+    """Return the name of the link of the vehicle whose collision shape reaches lowest in its frame;
+    it has one.
     """
     shape = min(_hull(robot), key=lambda shape: float(_box_corners(shape)[:, 2].min()))
     return str(robot.model.frames[shape.parentFrame].name)
 
 
 def _hull(robot: Robot) -> list[pin.GeometryObject]:
-    """Collision shapes fixed to the vehicle."""
-    shapes = robot.collision_model.geometryObjects if robot.n_vehicle else ()
+    """Return the collision shapes fixed to the vehicle."""
+    if not robot.n_vehicle:
+        return []
+    shapes = robot.collision_model.geometryObjects
     return [shape for shape in shapes if shape.parentJoint == 1]
 
 
 def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
-    """Corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    return np.asarray(
-        link_boxes.box_corners(shape.geometry) @ shape.placement.rotation.T
-        + shape.placement.translation
-    )
+    """Return corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
+    X = shape.placement
+    return np.asarray(link_boxes.box_corners(shape.geometry) @ X.rotation.T + X.translation)
 
 
 @lru_cache(maxsize=8)
 def lowest_point(robot: Robot, slope: float = 0.0, altimeter: str | None = None) -> ca.Function:
-    """Q to the z [m] in W of the lowest of the hull's corners, the joints of the arm and the tools.
+    """Compile the function of q (n_q,) [m, rad] that gives z [m] in W of the lowest of the hull's
+    corners, the joints of the arm and the tools.
 
     slope: of a floor that falls from below the altimeter, a frame, on, by which those beside it
     count as higher.
     """
     q = ca.SX.sym("q", robot.n_q)
     kinematics = symbolic_model.SymbolicModel(robot.model).forward_kinematics(q)
-    points = [pose.p for pose in kinematics.joint_poses[2 if robot.n_vehicle else 1 :]]
-    points += [kinematics.pose(frame)[1] for frame in robot.tools]
+    first_joint = 2 if robot.n_vehicle else 1
+    points = [pose.p for pose in kinematics.joint_poses[first_joint:]]
+    for frame in robot.tools:
+        _, position = kinematics.pose(frame)
+        points.append(position)
     if robot.n_vehicle:
         vehicle = kinematics.joint_poses[1]
-        points += [vehicle.p + vehicle.R @ ca.DM(point) for point in skid_points(robot)]
+        for point in skid_points(robot):
+            points.append(vehicle.p + vehicle.R @ ca.DM(point))
     heights = [point[2] for point in points]
     if altimeter is not None and robot.has_frame(altimeter):
-        centre = kinematics.pose(altimeter)[1]
+        _, centre = kinematics.pose(altimeter)
         heights = [point[2] + slope * ca.norm_2(point[:2] - centre[:2]) for point in points]
-    return ca.Function(
-        "lowest_point", [q], [ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))], {"cse": True}
-    )
+    lowest = ca.densify(ca.mmin(ca.vertcat(ca.inf, *heights)))
+    return ca.Function("lowest_point", [q], [lowest], {"cse": True})

@@ -40,9 +40,6 @@ _SHAPES: Mapping[str, Callable[..., coal.ShapeBase]] = {
 }
 
 
-# Obstacles: solid shapes that stand in the water.
-
-
 @checked_dataclass(eq=False)
 class Obstacle:
     """A coal shape at a fixed pose in W. Raises `InvalidInput` for an empty name or a pose that is
@@ -52,7 +49,7 @@ class Obstacle:
     name: str
     shape: coal.CollisionGeometry
     X_WO: pin.SE3
-    """[m] pose of the shape's own frame."""
+    """Pose of the shape's own frame [m]."""
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -63,15 +60,12 @@ class Obstacle:
 def obstacle(
     name: str, shape: coal.CollisionGeometry, position: Numbers, rotation: Numbers | None = None
 ) -> Obstacle:
-    """An obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) R_WO, identity by default.
+    """Make an obstacle at `position` (3,) [m] p_WO with `rotation` (3, 3) R_WO, by default identity.
 
     Raises `InvalidInput` for other shapes and what `Obstacle` refuses.
     """
     p = np.asarray(position, dtype=float)
-    if rotation is None:
-        R = np.eye(3)
-    else:
-        R = np.asarray(rotation, dtype=float)
+    R = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3):
         raise InvalidInput(
             f"obstacle {name!r} has position {p} and rotation {R.tolist()}; give (3,) and (3, 3)"
@@ -81,15 +75,16 @@ def obstacle(
 
 @checked
 def seafloor(height: Finite) -> Obstacle:
-    """The obstacle ``seafloor``: all below a level floor at z = height [m] in W."""
-    return obstacle("seafloor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), [0.0, 0.0, height])
+    """Make the obstacle ``seafloor``: all below a level floor at z = height [m] in W."""
+    up = np.array([0.0, 0.0, 1.0])
+    return obstacle("seafloor", coal.Halfspace(up, 0.0), [0.0, 0.0, height])
 
 
 @checked
 def mesh_shape(
     vertices: Annotated[np.ndarray, Shape("n", 3)], triangles: Annotated[np.ndarray, Shape("m", 3)]
 ) -> coal.BVHModelOBBRSS:
-    """Coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and
+    """Make the coal shape of a surface, such as `uvms_ocp.sim.floor_mesh` gives, for clearances and
     drawings.
 
     vertices (n, 3) [m]; triangles (m, 3) indices of vertices. Raises `InvalidInput` for indices of
@@ -111,11 +106,8 @@ def mesh_shape(
     return shape
 
 
-# Obstacles from a YAML file or from words of a command line, and as the metadata of a record.
-
-
 class ObstacleFile(FileModel):
-    """The whole file."""
+    """Content of a YAML file of obstacles."""
 
     obstacles: tuple[ObstacleMeta, ...]
 
@@ -131,11 +123,12 @@ def read_obstacles(path: Path | str) -> tuple[Obstacle, ...]:
             raise InvalidInput(
                 f"{printable(path)}: holds no obstacles; give a mapping such as {_EXAMPLE}"
             )
-        return tuple(map(build_obstacle, ObstacleFile.model_validate(content).obstacles))
+        entries = ObstacleFile.model_validate(content).obstacles
+        return tuple(build_obstacle(entry) for entry in entries)
     except InvalidInput:
         raise
     except ValidationError as error:
-        raise InvalidInput(f"{printable(path)}: {_first(error)}") from error
+        raise InvalidInput(f"{printable(path)}: {_first_problem(error)}") from error
     except (OSError, ValueError) as error:
         raise InvalidInput(
             f"{printable(path)}: cannot be read as YAML ({' '.join(str(error).split())})"
@@ -144,8 +137,8 @@ def read_obstacles(path: Path | str) -> tuple[Obstacle, ...]:
 
 @checked
 def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
-    """An obstacle from its position and sizes, numbers with commas or blanks between: ``"X,Y,Z,R"``
-    for a sphere.
+    """Make an obstacle from its position and sizes, numbers with commas or blanks between:
+    ``"X,Y,Z,R"`` for a sphere.
 
     Raises ``NameNotFound`` for an unknown shape, and ``InvalidInput``
     for words that are not numbers, too many or too few, or a size that is not positive.
@@ -165,12 +158,12 @@ def parse_obstacle(shape: str, words: str, name: str) -> Obstacle:
         data = {"name": name, "shape": shape, "size": numbers[3:], "position": numbers[:3]}
         return build_obstacle(ObstacleMeta.model_validate(data))
     except ValidationError as error:
-        raise InvalidInput(f"{shape} {words!r}: {_first(error)}") from error
+        raise InvalidInput(f"{shape} {words!r}: {_first_problem(error)}") from error
 
 
 @checked
 def build_obstacle(data: ObstacleMeta) -> Obstacle:
-    """The obstacle that the data describe."""
+    """Make the obstacle that the data describe."""
     if data.shape == _MESH:
         shape = mesh_shape(np.array(data.vertices), np.array(data.triangles))
     else:
@@ -180,37 +173,40 @@ def build_obstacle(data: ObstacleMeta) -> Obstacle:
 
 @checked
 def describe_obstacle(item: Obstacle) -> ObstacleMeta | None:
-    """The data from which `build_obstacle` makes the obstacle again, a convex shape as the mesh of
-    its surface.
+    """Return the data from which `build_obstacle` makes the obstacle again, a convex shape as the
+    mesh of its surface.
 
     `None` for a shape without an end, such as a plane.
     """
-    form = _form(item.shape)
-    if form is None:
+    fields = _shape_fields(item.shape)
+    if fields is None:
         return None
     rpy = pin.rpy.matrixToRpy(item.X_WO.rotation)
     return ObstacleMeta(
-        name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **form
+        name=item.name, position=item.X_WO.translation.tolist(), rpy=rpy.tolist(), **fields
     )
 
 
 def describe_obstacles(obstacles: Iterable[Obstacle]) -> tuple[ObstacleMeta, ...]:
-    """The obstacles that have an end, as a record keeps them."""
-    return tuple(
-        described for item in obstacles if (described := describe_obstacle(item)) is not None
-    )
+    """Return the obstacles that have an end, as a record keeps them."""
+    descriptions = list[ObstacleMeta]()
+    for item in obstacles:
+        description = describe_obstacle(item)
+        if description is not None:
+            descriptions.append(description)
+    return tuple(descriptions)
 
 
 def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
     """Raise `InvalidInput` where two obstacles share a name."""
     names = [item.name for item in obstacles]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InvalidInput(f"two obstacles are called {twice[0]!r}; give each a name of its own")
+    for name in names:
+        if names.count(name) > 1:
+            raise InvalidInput(f"two obstacles are called {name!r}; give each a name of its own")
 
 
-def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
-    """Shape and size of `ObstacleMeta`, or shape, vertices and triangles."""
+def _shape_fields(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
+    """Return shape and size of `ObstacleMeta`, or shape, vertices and triangles."""
     if isinstance(shape, coal.BVHModelBase):
         triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
         return {"shape": _MESH, "vertices": shape.vertices().tolist(), "triangles": triangles}
@@ -223,11 +219,14 @@ def _form(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
             "vertices": points.tolist(),
             "triangles": ConvexHull(points).simplices.tolist(),
         }
-    kinds = (name for name, kind in _SHAPES.items() if isinstance(shape, kind))  # type: ignore[arg-type]
-    return next(({"shape": name, "size": _size(shape)} for name in kinds), None)
+    for name, kind in _SHAPES.items():
+        if isinstance(shape, kind):  # type: ignore[arg-type]
+            return {"shape": name, "size": _size(shape)}
+    return None
 
 
 def _size(shape: Any) -> list[float]:
+    """Return the size [m] of a primitive shape in the order of `ObstacleMeta`."""
     if isinstance(shape, coal.Box):
         return [2 * float(half) for half in shape.halfSide]
     if isinstance(shape, coal.Ellipsoid):
@@ -237,10 +236,11 @@ def _size(shape: Any) -> list[float]:
     return [shape.radius, 2 * shape.halfLength]
 
 
-def _first(error: ValidationError) -> str:
-    first = error.errors()[0]
-    place = ".".join(str(part) for part in first["loc"])
-    text = first["msg"].removeprefix("Value error, ")
+def _first_problem(error: ValidationError) -> str:
+    """Return the first problem on one line."""
+    problem = error.errors()[0]
+    place = ".".join(str(part) for part in problem["loc"])
+    text = problem["msg"].removeprefix("Value error, ")
     if place:
         return f"{place}: {text}"
     return text

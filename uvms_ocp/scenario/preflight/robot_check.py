@@ -27,7 +27,7 @@ from uvms_ocp.robot import (
     thrusters,
 )
 from uvms_ocp.robot.loading import load_robot
-from uvms_ocp.robot.shapes.collision_model import links_without_shape
+from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, thruster_matrix
-from uvms_ocp.robot.shapes import collision_model, hull
+from uvms_ocp.robot.shapes import hull, pair_distances, shape_pairs
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.viz.scene.animation import Frames, rounded
 from uvms_ocp.viz.scene.page import Visualizer, geometry as mg
@@ -281,8 +281,8 @@ def witness_lines(
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
     frame_indices = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
     pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
-    scene = collision_model.CoalPairs(
-        robot.model, collision_model.shapes_among(robot, obstacles), pairs
+    scene = pair_distances.CoalPairs(
+        robot.model, shape_pairs.shapes_among(robot, obstacles), pairs
     )
     witnesses = np.array(
         [
@@ -308,7 +308,7 @@ def witness_lines(
     }
 
 
-def _nearest(scene: collision_model.CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _nearest(scene: pair_distances.CoalPairs, q: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Return (n_obstacles, 7) [m], distance and both points in W, the robot's first, at q (n_q,)
     [m, rad].
 
