@@ -176,14 +176,12 @@ class _ActiveSet:
         self.slack = np.zeros(len(self.A))
         self.blocks = list[_Block]()
         for level in self.levels:
-            rows = level.start + np.flatnonzero(
-                (self.state[level] != FREE) & (self.norm[level] > 0.0)
-            )
+            is_active = (self.state[level] != FREE) & (self.norm[level] > 0.0)
+            rows = level.start + np.flatnonzero(is_active)
             rank = 0
             if rows.size and column < n:
-                turn, R, order = qr(
-                    (self.A[rows] @ Q[:, column:] / self.norm[rows, None]).T, pivoting=True
-                )
+                scaled_rows = self.A[rows] @ Q[:, column:] / self.norm[rows, None]
+                turn, R, order = qr(scaled_rows.T, pivoting=True)
                 for part in np.abs(np.diag(R)):
                     if part <= max(self.rules.rank_tolerance, self.rules.rank_noise / smallest):
                         break
@@ -194,10 +192,8 @@ class _ActiveSet:
             T = self.A[rows] @ Q
             end = column + rank
             T[:rank, end:] = 0.0
-            missed = (
-                np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows])
-                - T[:, :column] @ y[:column]
-            )
+            bound = np.where(self.state[rows] == LOWER, self.lower[rows], self.upper[rows])
+            missed = bound - T[:, :column] @ y[:column]
             if rank:
                 orthogonal, R = np.linalg.qr(T[:, column:end])
                 y[column:end] = np.linalg.solve(R, orthogonal.T @ missed)
@@ -208,8 +204,8 @@ class _ActiveSet:
         self.target = Q @ y
 
     def _step(self) -> tuple[bool, int]:
-        """Go to `target` until a free row blocks, which becomes active; whether v moved, and that
-        row or -1.
+        """Go to `target` until a free row blocks, which becomes active; return whether v moved, and
+        that row or -1.
         """
         above, below = self._violated(self.target)
         blocking = np.flatnonzero(above | below)
@@ -226,13 +222,13 @@ class _ActiveSet:
             row = int(blocking[np.argmin(length)])
             self.v = self.v + min(1.0, max(0.0, float(length.min()))) * (self.target - self.v)
             self.state[row] = UPPER if above[row] else LOWER
-        return bool(
-            np.abs(self.v - before).max() > tolerances.MOVED * max(1.0, np.abs(self.v).max())
-        ), row
+        smallest_move = tolerances.MOVED * max(1.0, np.abs(self.v).max())
+        moved = bool(np.abs(self.v - before).max() > smallest_move)
+        return moved, row
 
     def _wrong_row(self, rule: _Rule) -> int:
-        """The row to drop by its multiplier at the first level where the sign of one is wrong; -1
-        where all signs hold.
+        """Return the row to drop by its multiplier at the first level where the sign of one is
+        wrong; -1 where all signs hold.
         """
         decided = np.zeros(len(self.A), dtype=bool)
         for k, level in enumerate(self.blocks):
@@ -240,34 +236,29 @@ class _ActiveSet:
             multiplier = np.zeros(len(self.A))
             # A slack that an exact solution could not tell from zero decides nothing for the levels
             # below.
-            significant = (
-                np.abs(slack)
-                > tolerances.SIGNIFICANT / tolerances.FEASIBLE * self.tolerance[level.rows]
-            )
+            relative_noise = tolerances.SIGNIFICANT / tolerances.FEASIBLE
+            significant = np.abs(slack) > relative_noise * self.tolerance[level.rows]
             if not significant.any():
                 continue
             multiplier[level.rows[significant]] = slack[significant]
             g = slack @ level.T[:, : level.column]
             for rows, T, column, rank in reversed(self.blocks[:k]):
                 if rank:
-                    own_part = np.linalg.solve(T[:rank, column : column + rank].T, -g[column:])
-                    multiplier[rows[:rank]] = own_part
-                    g = g[:column] + own_part @ T[:rank, :column]
-            value = np.where(
-                (self.state == EQUAL) | decided, 0.0, multiplier * self.state * self.norm
-            )
-            threshold = max(
-                self.rules.multiplier * float(np.abs(slack) @ self.norm[level.rows]),
-                tolerances.WRONG,
-            )
+                    R = T[:rank, column : column + rank]
+                    level_multiplier = np.linalg.solve(R.T, -g[column:])
+                    multiplier[rows[:rank]] = level_multiplier
+                    g = g[:column] + level_multiplier @ T[:rank, :column]
+            is_decided = (self.state == EQUAL) | decided
+            value = np.where(is_decided, 0.0, multiplier * self.state * self.norm)
+            size = float(np.abs(slack) @ self.norm[level.rows])
+            threshold = max(self.rules.multiplier * size, tolerances.WRONG)
             decided |= value > threshold
             wrong = (value < -threshold) & ~self.tabu
-            if wrong.any():
-                return int(
-                    np.argmin(np.where(wrong, value, 0.0))
-                    if rule is _Rule.GREEDY
-                    else np.argmax(wrong)
-                )
+            if not wrong.any():
+                continue
+            if rule is _Rule.GREEDY:
+                return int(np.argmin(np.where(wrong, value, 0.0)))
+            return int(np.argmax(wrong))
         return -1
 
 
@@ -326,10 +317,12 @@ def solve_levels(
     if not _is_finite(v):
         v = np.zeros_like(v)
         status = Status.INEXACT
+    if rows.lost.are_missed(v, rows.velocity):
+        status = Status.INEXACT
     return SolvedRows(
         v=v,
         active_set=attempts.active_set,
-        status=Status.INEXACT if rows.lost.are_missed(v, rows.velocity) else status,
+        status=status,
         residual=residual(J, v, lower, upper, gate),
         iterations=tolerances.iteration_budget(len(J)).most_of_all - attempts.left,
     )

@@ -36,6 +36,7 @@ from uvms_ocp.types import Array, AtLeastOne, Positive
 
 _STATUS = (solution.Status.SOLVED, solution.Status.INEXACT, solution.Status.INVALID_INPUT)
 _INEXACT = 1
+_INVALID = 2
 _STAGE_PLUGINS = ("fatrop", "hpipm")  # take programs of stages alone
 _PLUGIN_OPTIONS: dict[str, dict[str, object]] = {
     "qpoases": {"printLevel": "none", "enableFlippingBounds": False},
@@ -44,26 +45,20 @@ _PLUGIN_OPTIONS: dict[str, dict[str, object]] = {
     "ipqp": {"print_iter": False, "print_header": False, "print_info": False},
     "highs": {"highs": {"output_flag": False}},
 }
-
-
-_INVALID = 2
-# Relative to its row: a row of which less than this is free counts as fixed already.
-_RANK_TOLERANCE = 1e-10
-# A level whose rows are violated by less needs no program.
-_SATISFIED = 1e-12
-# Rows violated by less may be so for want of accuracy; held as inequalities they lose nothing at an
-# optimum.
+_RANK_TOLERANCE = 1e-10  # share of a row that is free, below which it counts as fixed already
+_SATISFIED = 1e-12  # [rate] a level whose rows are violated by less needs no program
 _VIOLATED = 1e-6
-# Rows nearer to a bound, relative to the size of theirs, may be held by it.
-_HELD = 1e-6
-# Residual of the optimality conditions, relative to the size of the gradient.
-_STATIONARY = 3e-9
+"""[rate] Rows violated by less may be so for want of accuracy; kept as inequalities they lose
+nothing at an optimum.
+"""
+_AT_BOUND = 1e-6  # distance to a bound, relative to the size of the row, up to which it may act
+_STATIONARY = 3e-9  # residual of the optimality conditions, relative to the size of the gradient
 _NOTHING = 0
 _SATISFIED_CASE = 1
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class _Held:
+class _RowsAbove:
     """Rows of all levels above, with bounds widened to what was reached."""
 
     J: ca.MX
@@ -80,10 +75,10 @@ class _Held:
 class _LevelSymbols:
     """Symbolic inputs of one level."""
 
-    held: _Held
-    """Solution of the levels above."""
+    above: _RowsAbove
+    """Rows of the levels above."""
     J: ca.MX
-    """(m, n) its own rows."""
+    """(m, n) rows of the level."""
     lower: ca.MX
     """(m,)"""
     upper: ca.MX
@@ -94,24 +89,20 @@ class _LevelSymbols:
     """(n, n) projector on what they leave free."""
 
     def inputs(self, v: ca.MX | None = None) -> list[ca.MX]:
-        held = self.held
-        return [
-            held.J,
-            held.lower,
-            held.upper,
-            held.fixed,
-            self.J,
-            self.lower,
-            self.upper,
-            self.v if v is None else v,
-            self.P,
-        ]
+        """Return the inputs of a `LevelStep`, with another v (n,) where it is not None."""
+        if v is None:
+            v = self.v
+        above = self.above
+        rows_above = [above.J, above.lower, above.upper, above.fixed]
+        return [*rows_above, self.J, self.lower, self.upper, v, self.P]
 
 
 def sanitised(
     J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
 ) -> tuple[ca.MX, ca.MX, ca.MX, ca.MX]:
-    """Valid (1,), then J and the gated bounds, which are harmless where the input is not valid."""
+    """Return valid (1,), then J and the gated bounds, which are harmless where the input is not
+    valid.
+    """
     valid = is_valid(J, lower, upper, gate)
     J = ca.if_else(valid, J, ca.MX.zeros(J.shape))
     low, up = widen_bounds(J, lower, upper, ca.if_else(valid, gate, ca.MX.zeros(gate.shape)))
@@ -121,14 +112,14 @@ def sanitised(
 def outcome(
     valid: ca.MX, v: ca.MX, inexact: ca.MX, J: ca.MX, lower: ca.MX, upper: ca.MX, gate: ca.MX
 ) -> tuple[ca.MX, ca.MX]:
-    """Status (0 solved, 1 inexact, 2 invalid input) and residual (M,)."""
+    """Return the status (0 solved, 1 inexact, 2 invalid input) and the residual (M,)."""
     missed = ca.if_else(valid, residual(J, v, lower, upper, gate), ca.MX.zeros(gate.shape))
     return ca.if_else(valid, inexact, _INVALID), missed
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LevelStep:
-    """Functions of one level: (held J, lower, upper, fixed, J, lower, upper, v, P) -> (v, P,
+    """Functions of one level: (J above, lower, upper, fixed, J, lower, upper, v, P) -> (v, P,
     failed).
     """
 
@@ -148,44 +139,41 @@ def cascade(
     v = ca.MX.zeros(n)
     P = ca.MX.eye(n)
     inexact = ca.MX.zeros(1)
-    held = _Held(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
+    above = _RowsAbove(J=ca.MX(0, n), lower=ca.MX(0, 1), upper=ca.MX(0, 1), fixed=ca.MX(0, 1))
     for step in steps:
-        rows = slice(held.J.shape[0], held.J.shape[0] + step.solve.size1_in(4))
+        rows = slice(above.J.shape[0], above.J.shape[0] + step.solve.size1_in(4))
         level = _LevelSymbols(
-            held=held, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P)
+            above=above, J=J[rows, :], lower=lower[rows], upper=upper[rows], v=v, P=ca.densify(P)
         )
         v, P, failed = step.solve.call(level.inputs())
-        held = _extended(level, v)
+        above = _extended(level, v)
         inexact = ca.fmax(inexact, failed)
     return v, inexact
 
 
-def level_step(settings: LexicographicQp, n: int, held: int, size: int) -> LevelStep:
-    """Build the functions of a level of ``size`` rows below ``held`` rows, whose program is solved
-    only where it is needed.
+def level_step(settings: LexicographicQp, n: int, n_above: int, size: int) -> LevelStep:
+    """Build the functions of a level of ``size`` rows below ``n_above`` rows, whose program is
+    solved only where it is needed.
 
     Raises `InvalidInput` for a plugin that takes no such program.
     """
-    name = f"level_{held}"
-    symbols = _level_symbols(n, held, size)
+    name = f"level_{n_above}"
+    symbols = _level_symbols(n, n_above, size)
     inputs = symbols.inputs()
     zero = ca.MX.zeros(1)
     nothing = ca.Function(f"{name}_nothing", inputs, [symbols.v, symbols.P, zero])
     projector = _projector(symbols, symbols.v)
     satisfied = ca.Function(f"{name}_satisfied", inputs, [symbols.v, projector, zero])
     conic = _conic(settings, name, symbols)
-    choice = ca.Function.conditional(
-        f"{name}_case", [nothing, satisfied], _programs(settings, name, conic, symbols)
-    )
-    return LevelStep(
-        solve=ca.Function(name, inputs, choice.call([_case(symbols), *inputs])),
-        give_up=ca.Function(f"{name}_kept", inputs, [symbols.v, projector, ca.MX.ones(1)]),
-        conic=conic,
-    )
+    programs = _programs(settings, name, conic, symbols)
+    choice = ca.Function.conditional(f"{name}_case", [nothing, satisfied], programs)
+    solve = ca.Function(name, inputs, choice.call([_case(symbols), *inputs]))
+    give_up = ca.Function(f"{name}_kept", inputs, [symbols.v, projector, ca.MX.ones(1)])
+    return LevelStep(solve=solve, give_up=give_up, conic=conic)
 
 
 def fixed_rows(y: Any, lower: Any, upper: Any) -> Any:
-    """True for rows that cannot move any more at y (m,) [rate]: equalities, and rows that had to be
+    """Check which rows cannot move any more at y (m,) [rate]: equalities, and rows that had to be
     violated.
 
     lower and upper (m,) [rate].
@@ -193,14 +181,20 @@ def fixed_rows(y: Any, lower: Any, upper: Any) -> Any:
     return logical_or(lower >= upper, interval_excess(y, lower, upper) > _VIOLATED)
 
 
-def _level_symbols(n: int, held: int, size: int) -> _LevelSymbols:
-    shapes = {"J": (size, n), "lower": (size, 1), "upper": (size, 1), "v": (n, 1), "P": (n, n)}
-    above = {
-        name: ca.MX.sym(f"held_{name}", held, n if name == "J" else 1)
-        for name in ("J", "lower", "upper", "fixed")
-    }
+def _level_symbols(n: int, n_above: int, size: int) -> _LevelSymbols:
+    rows_above = _RowsAbove(
+        J=ca.MX.sym("held_J", n_above, n),
+        lower=ca.MX.sym("held_lower", n_above),
+        upper=ca.MX.sym("held_upper", n_above),
+        fixed=ca.MX.sym("held_fixed", n_above),
+    )
     return _LevelSymbols(
-        held=_Held(**above), **{name: ca.MX.sym(name, *shape) for name, shape in shapes.items()}
+        above=rows_above,
+        J=ca.MX.sym("J", size, n),
+        lower=ca.MX.sym("lower", size),
+        upper=ca.MX.sym("upper", size),
+        v=ca.MX.sym("v", n),
+        P=ca.MX.sym("P", n, n),
     )
 
 
@@ -209,27 +203,26 @@ def _case(symbols: _LevelSymbols) -> ca.MX:
     shrink, else 2.
     """
     free = ca.norm_inf(symbols.J @ symbols.P) > _RANK_TOLERANCE * ca.norm_inf(symbols.J)
-    satisfied = (
-        ca.norm_inf(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
-        <= _SATISFIED
-    )
-    unchanged = ca.if_else(ca.sum1(symbols.lower >= symbols.upper) > 0, _SATISFIED_CASE, _NOTHING)
+    distance = interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper)
+    satisfied = ca.norm_inf(distance) <= _SATISFIED
+    has_equalities = ca.sum1(symbols.lower >= symbols.upper) > 0
+    unchanged = ca.if_else(has_equalities, _SATISFIED_CASE, _NOTHING)
     return ca.if_else(free, ca.if_else(satisfied, unchanged, 2), _NOTHING)
 
 
-def _extended(level: _LevelSymbols, v: ca.MX) -> _Held:
+def _extended(level: _LevelSymbols, v: ca.MX) -> _RowsAbove:
     y = level.J @ v
-    held = level.held
-    return _Held(
-        J=ca.vertcat(held.J, level.J),
-        lower=ca.vertcat(held.lower, ca.fmin(level.lower, y)),
-        upper=ca.vertcat(held.upper, ca.fmax(level.upper, y)),
-        fixed=ca.vertcat(held.fixed, fixed_rows(y, level.lower, level.upper)),
+    above = level.above
+    return _RowsAbove(
+        J=ca.vertcat(above.J, level.J),
+        lower=ca.vertcat(above.lower, ca.fmin(level.lower, y)),
+        upper=ca.vertcat(above.upper, ca.fmax(level.upper, y)),
+        fixed=ca.vertcat(above.fixed, fixed_rows(y, level.lower, level.upper)),
     )
 
 
 def _projector(level: _LevelSymbols, v: ca.MX) -> ca.MX:
-    """P without the directions of the rows that are fixed at v."""
+    """Return P without the directions of the rows that are fixed at v."""
     P = level.P
     fixed = fixed_rows(level.J @ v, level.lower, level.upper)
     for i in range(level.J.shape[0]):
@@ -256,7 +249,7 @@ def _programs(
 def _conic(settings: LexicographicQp, name: str, symbols: _LevelSymbols) -> ca.Function:
     size, n = symbols.J.shape
     H = ca.diagcat(ca.Sparsity.dense(n, n), ca.Sparsity.diag(size))
-    A = ca.Sparsity.dense(symbols.held.J.shape[0] + size, n + size)
+    A = ca.Sparsity.dense(symbols.above.J.shape[0] + size, n + size)
     options = {
         "error_on_fail": False,
         **_PLUGIN_OPTIONS.get(settings.plugin, {}),
@@ -304,66 +297,66 @@ def _program(
     E = ca.repmat(equal, 1, n) * JP
     target = ca.if_else(equal, symbols.lower - y, 0)
     curvature = E.T @ E + settings.proximal * ca.sumsqr(JP) / size * ca.MX.eye(n)
-    held_JP, held_lower, held_upper = _held_rows(symbols)
-    held = held_JP.shape[0]
+    JP_above, lower_above, upper_above = _projected_rows_above(symbols)
+    n_above = JP_above.shape[0]
+    rows_above = ca.horzcat(JP_above, ca.MX.zeros(n_above, size))
+    rows = ca.horzcat(JP, ca.MX(-ca.DM.eye(size)))
     solution = solver(
         h=ca.diagcat(curvature, ca.MX.eye(size)),
         g=ca.vertcat(-(E.T @ target), ca.MX.zeros(size)),
-        a=ca.densify(
-            ca.vertcat(
-                ca.horzcat(held_JP, ca.MX.zeros(held, size)),
-                ca.horzcat(JP, ca.MX(-ca.DM.eye(size))),
-            )
-        ),
-        lba=ca.vertcat(held_lower, where(equal, -ca.inf, symbols.lower - y)),
-        uba=ca.vertcat(held_upper, where(equal, ca.inf, symbols.upper - y)),
+        a=ca.densify(ca.vertcat(rows_above, rows)),
+        lba=ca.vertcat(lower_above, where(equal, -ca.inf, symbols.lower - y)),
+        uba=ca.vertcat(upper_above, where(equal, ca.inf, symbols.upper - y)),
     )
-    return symbols.v + symbols.P @ solution["x"][:n], solution["lam_a"][:held] if held else ca.MX(
-        0, 1
-    )
+    v = symbols.v + symbols.P @ solution["x"][:n]
+    if n_above == 0:
+        return v, ca.MX(0, 1)
+    return v, solution["lam_a"][:n_above]
 
 
-def _held_rows(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
-    held = symbols.held
-    JP = held.J @ symbols.P
-    y = held.J @ symbols.v
-    if held.J.shape[0] == 0:
+def _projected_rows_above(symbols: _LevelSymbols) -> tuple[ca.MX, ca.MX, ca.MX]:
+    """Return the rows of the levels above in what is free, and bounds of their change; no bounds
+    for rows that are fixed, or that nothing free moves.
+    """
+    above = symbols.above
+    JP = above.J @ symbols.P
+    y = above.J @ symbols.v
+    if above.J.shape[0] == 0:
         return JP, y, y
-    moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(held.J**2)
-    dropped = ca.logic_or(held.fixed, ca.logic_not(moves))
-    return (
-        JP,
-        where(dropped, -ca.inf, ca.fmin(held.lower - y, 0)),
-        where(dropped, ca.inf, ca.fmax(held.upper - y, 0)),
-    )
+    moves = ca.sum2(JP**2) > _RANK_TOLERANCE**2 * ca.sum2(above.J**2)
+    dropped = ca.logic_or(above.fixed, ca.logic_not(moves))
+    lower = where(dropped, -ca.inf, ca.fmin(above.lower - y, 0))
+    upper = where(dropped, ca.inf, ca.fmax(above.upper - y, 0))
+    return JP, lower, upper
 
 
 def _is_acceptable(settings: LexicographicQp, symbols: _LevelSymbols, v: ca.MX) -> ca.MX:
-    """True if v is finite, keeps all levels above, and is no worse than before at this one."""
+    """Check that v is finite, keeps all levels above, and is no worse than before at this one."""
     before = ca.sumsqr(interval_distance(symbols.J @ symbols.v, symbols.lower, symbols.upper))
     after = ca.sumsqr(interval_distance(symbols.J @ v, symbols.lower, symbols.upper))
     # Comparisons with NaN are false, but norm_inf ignores NaN.
     better = ca.logic_and(ca.sumsqr(v) < 1e30, after <= before * (1 + 1e-12))
-    held = symbols.held
-    if held.J.shape[0] == 0:
+    above = symbols.above
+    if above.J.shape[0] == 0:
         return better
-    worse = interval_excess(held.J @ v, held.lower, held.upper) / (1 + row_sums(ca.fabs(held.J)))
+    excess = interval_excess(above.J @ v, above.lower, above.upper)
+    worse = excess / (1 + row_sums(ca.fabs(above.J)))
     return ca.logic_and(better, ca.norm_inf(worse) <= settings.tolerance)
 
 
 def _is_optimal(symbols: _LevelSymbols, v: ca.MX, multipliers: ca.MX) -> ca.MX:
-    """Karush-Kuhn-Tucker conditions of the level without the proximal term."""
+    """Check the Karush-Kuhn-Tucker conditions of the level without the proximal term."""
     slack = interval_distance(symbols.J @ v, symbols.lower, symbols.upper)
     scale = _STATIONARY * (1 + ca.norm_fro(symbols.J) * ca.norm_2(slack))
-    held = symbols.held
-    stationary = ca.norm_2(symbols.P.T @ (symbols.J.T @ slack + held.J.T @ multipliers)) <= scale
-    if held.J.shape[0] == 0:
+    above = symbols.above
+    stationary = ca.norm_2(symbols.P.T @ (symbols.J.T @ slack + above.J.T @ multipliers)) <= scale
+    if above.J.shape[0] == 0:
         return stationary
-    y = held.J @ v
+    y = above.J @ v
     far = 1e6
-    above = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(held.upper - y, 0), far)
-    below = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - held.lower, 0), far)
-    return ca.logic_and(stationary, ca.norm_inf(above + below) <= scale)
+    at_upper = ca.fmax(multipliers, 0) * ca.fmin(ca.fmax(above.upper - y, 0), far)
+    at_lower = ca.fmax(-multipliers, 0) * ca.fmin(ca.fmax(y - above.lower, 0), far)
+    return ca.logic_and(stationary, ca.norm_inf(at_upper + at_lower) <= scale)
 
 
 class QpTick:
@@ -448,11 +441,11 @@ class QpTick:
         rows = normal_rows(J, low, up, self._sizes)
         if normal_certificate(rows, v / rows.velocity) <= tolerances.CERTIFIED:
             return v, solution.Status.SOLVED, missed
-        margin = _HELD * (1.0 + np.abs(J).sum(axis=1))
-        held = (J @ v >= up - margin) * float(RowState.UPPER) + (J @ v <= low + margin) * float(
-            RowState.LOWER
-        )
-        polished = solve_levels(J_given, lower, upper, gate, held, self._sizes)
+        margin = _AT_BOUND * (1.0 + np.abs(J).sum(axis=1))
+        at_upper = (J @ v >= up - margin) * float(RowState.UPPER)
+        at_lower = (J @ v <= low + margin) * float(RowState.LOWER)
+        active_set = at_upper + at_lower
+        polished = solve_levels(J_given, lower, upper, gate, active_set, self._sizes)
         if polished.status.exact:
             return (polished.v, polished.status, polished.residual)
         return (v, solution.Status.INEXACT, missed)
@@ -469,19 +462,20 @@ class QpTick:
         v = np.zeros(n)
         P = np.eye(n)
         inexact = 0.0
-        held = 0
-        bounds = (low.copy(), up.copy())
+        first = 0
+        reached_lower = low.copy()
+        reached_upper = up.copy()
         fixed = np.zeros(len(low))
         for step in self._steps:
-            rows = slice(held, held + step.solve.size1_in(4))
-            above = (J[:held], bounds[0][:held], bounds[1][:held], fixed[:held])
-            v, P, failed = _level(step, [*above, J[rows], low[rows], up[rows], v, P])
+            rows = slice(first, first + step.solve.size1_in(4))
+            rows_above = (J[:first], reached_lower[:first], reached_upper[:first], fixed[:first])
+            v, P, failed = _level(step, [*rows_above, J[rows], low[rows], up[rows], v, P])
             y = J[rows] @ v
             fixed[rows] = fixed_rows(y, low[rows], up[rows])
-            bounds[0][rows] = np.minimum(low[rows], y)
-            bounds[1][rows] = np.maximum(up[rows], y)
+            reached_lower[rows] = np.minimum(low[rows], y)
+            reached_upper[rows] = np.maximum(up[rows], y)
             inexact = max(inexact, float(failed[0]))
-            held = rows.stop
+            first = rows.stop
         return (v, np.array([inexact]), residual(J_given, v, lower, upper, gate), *extras)
 
 
@@ -533,8 +527,8 @@ class LexicographicQp:
         return solution.timed_solution(levels, partial(solution.solve_stacked, self.bind))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> solution.Tick:
-        """One Function of ``levels_function`` and the cascade; outputs beyond the six of ``Level``
-        are extras.
+        """Build one Function of ``levels_function`` and the cascade; outputs beyond the six of
+        ``Level`` are extras.
         """
         solution.check_levels_function(levels_function, sizes)
         inputs = solution.dense_inputs(levels_function)
@@ -542,38 +536,39 @@ class LexicographicQp:
         J, lower, upper, _, _, gate, *extras = solution.dense_outputs(levels_function, inputs)
         # Some plugins print a banner through Python's stdout when they are created.
         with contextlib.redirect_stdout(io.StringIO()):
-            above = np.cumsum([0, *sizes])
-            steps = [
-                level_step(self, J.shape[1], int(above[k]), size)
-                for k, size in enumerate(sizes)
-                if size
-            ]
+            steps = list[LevelStep]()
+            n_above = 0
+            for size in sizes:
+                if size > 0:
+                    steps.append(level_step(self, J.shape[1], n_above, size))
+                n_above += size
         valid, J_safe, low, up = sanitised(J, lower, upper, gate)
         v, inexact = cascade(steps, J_safe, low, up)
         status, residual = outcome(valid, v, inexact, J, lower, upper, gate)
         outputs = [v, status, residual, *extras]
         raw = [J_safe, low, up, J, lower, upper, gate, *extras]
-        tick = ca.Function(
-            "tick", inputs, outputs, names, [f"out_{i}" for i in range(len(outputs))]
-        )
-        levels = ca.Function("levels", inputs, raw, names, [f"out_{i}" for i in range(len(raw))])
+        tick = ca.Function("tick", inputs, outputs, names, _output_names(outputs))
+        levels = ca.Function("levels", inputs, raw, names, _output_names(raw))
         return QpTick(tick, levels, steps, sizes, certified=self.certified)
+
+
+def _output_names(outputs: Sequence[ca.MX]) -> list[str]:
+    return [f"out_{i}" for i in range(len(outputs))]
 
 
 @cache
 def conic_plugins() -> tuple[str, ...]:
-    """Names of the conic plugins of this CasADi that can be loaded, and take a dense quadratic
-    program as they are.
+    """Return the names of the conic plugins of this CasADi that can be loaded, and take a dense
+    quadratic program as they are.
     """
-    entries = str(ca.CasadiMeta.plugins()).split(";")
-    names = sorted(
-        entry.removeprefix("Conic::") for entry in entries if entry.startswith("Conic::")
-    )
-    return tuple(
-        name
-        for name in names
-        if name not in _STAGE_PLUGINS and _exists(name) and _takes_dense_programs(name)
-    )
+    plugins = list[str]()
+    for entry in sorted(str(ca.CasadiMeta.plugins()).split(";")):
+        kind, _, name = entry.partition("::")
+        if kind != "Conic" or name in _STAGE_PLUGINS:
+            continue
+        if _exists(name) and _takes_dense_programs(name):
+            plugins.append(name)
+    return tuple(plugins)
 
 
 def _takes_dense_programs(plugin: str) -> bool:
@@ -582,12 +577,8 @@ def _takes_dense_programs(plugin: str) -> bool:
         contextlib.redirect_stdout(io.StringIO()),
         contextlib.redirect_stderr(io.StringIO()),
     ):
-        ca.conic(
-            "probe",
-            plugin,
-            dict.fromkeys("ha", ca.Sparsity.dense(2, 2)),
-            _PLUGIN_OPTIONS.get(plugin, {}),
-        )
+        dense = ca.Sparsity.dense(2, 2)
+        ca.conic("probe", plugin, {"h": dense, "a": dense}, _PLUGIN_OPTIONS.get(plugin, {}))
         return True
     return False
 

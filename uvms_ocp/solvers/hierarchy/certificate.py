@@ -123,10 +123,11 @@ class NormalRows:
 
     def levels(self) -> list[Level]:
         """Return the rows as levels, as solvers take them."""
-        return [
-            Level(jacobian=self.J[r], lower=self.lower[r], upper=self.upper[r])
-            for r in row_slices(self.sizes)
-        ]
+        levels = list[Level]()
+        for rows in row_slices(self.sizes):
+            level = Level(jacobian=self.J[rows], lower=self.lower[rows], upper=self.upper[rows])
+            levels.append(level)
+        return levels
 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows is never called exact
@@ -140,24 +141,27 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
     norm = _norms(J)
     largest = norm.max(initial=0.0)
     real = norm > tolerances.VANISHED * largest
-    level = np.array(
-        [_power(norm[rows][real[rows]].max(initial=0.0)) for rows in row_slices(sizes)]
-    )
+    real_norm = np.where(real, norm, 0.0)
+    level = np.array([_power(real_norm[rows].max(initial=0.0)) for rows in row_slices(sizes)])
     divisor = np.repeat(level, sizes)
     lost = ~real & (norm > 0.0)
     lost_rows = NegligibleRows(J=J[lost], lower=lower[lost], upper=upper[lost])
+    requested_size = 0.0
     if largest > 0.0:
-        requested_size = _asked(lower, upper, real) / largest
-    else:
-        requested_size = 0.0
+        requested_size = _requested_rate(lower, upper, real) / largest
     J = np.where(real[:, None], J / divisor[:, None], 0.0)
     lower = lower / divisor
     upper = upper / divisor
     first = next((size for size in sizes if size), 0)
     box = _box(J[:first], lower[:first], upper[:first])
-    size = _asked(lower, upper, real)
+    size = _requested_rate(lower, upper, real)
     allowed = float(np.maximum(-box.lower, box.upper).max())
-    velocity = _power(min(size, allowed) if allowed > 0.0 else size)
+    if allowed > 0.0:
+        size = min(size, allowed)
+    velocity = _power(size)
+    unit = 1.0
+    if requested_size > 0.0:
+        unit = min(requested_size / velocity, 1.0)
     box = VelocityBox(lower=box.lower / velocity, upper=box.upper / velocity)
     return NormalRows(
         J=J,
@@ -167,12 +171,12 @@ def normal_rows(J: Array, lower: Array, upper: Array, sizes: Sequence[int]) -> N
         box=box,
         level=level,
         velocity=velocity,
-        unit=min(requested_size / velocity, 1.0) if requested_size > 0.0 else 1.0,
+        unit=unit,
         lost=lost_rows,
     )
 
 
-def _asked(lower: Array, upper: Array, real: Array) -> float:
+def _requested_rate(lower: Array, upper: Array, real: Array) -> float:
     """Return the largest distance of 0 from the bounds of any row that counts."""
     return float(interval_excess(np.zeros(len(lower)), lower, upper)[real].max(initial=0.0))
 
@@ -184,7 +188,7 @@ def _norms(J: Array) -> Array:
 
 
 def _power(size: float) -> float:
-    """The power of two above a size; 1 for 0."""
+    """Return the power of two above a size; 1 for 0."""
     if 0.0 < size < np.inf:
         return float(np.ldexp(1.0, min(int(np.frexp(size)[1]), 1023)))
     return 1.0
@@ -194,12 +198,14 @@ def _box(J: Array, lower: Array, upper: Array) -> VelocityBox:
     n = J.shape[1]
     low = np.full(n, -np.inf)
     up = np.full(n, np.inf)
-    alone = ((J != 0.0).sum(axis=1) == 1) & (lower > -np.inf) & (upper < np.inf)
-    for row in np.flatnonzero(alone):
-        c = int(np.flatnonzero(J[row])[0])
-        ends = sorted((lower[row] / J[row, c], upper[row] / J[row, c]))
-        low[c] = max(low[c], ends[0])
-        up[c] = min(up[c], ends[1])
+    has_one_entry = (J != 0.0).sum(axis=1) == 1
+    has_two_bounds = (lower > -np.inf) & (upper < np.inf)
+    for row in np.flatnonzero(has_one_entry & has_two_bounds):
+        column = int(np.flatnonzero(J[row])[0])
+        entry = J[row, column]
+        smaller, larger = sorted((lower[row] / entry, upper[row] / entry))
+        low[column] = max(low[column], smaller)
+        up[column] = min(up[column], larger)
     return VelocityBox(lower=low, upper=up)
 
 
@@ -216,8 +222,8 @@ class _Region:
 
 
 def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> float:
-    """Largest entry [rate] of `level_excesses`: no level can be improved by more without worsening
-    one above it.
+    """Return the largest entry [rate] of `level_excesses`: no level can be improved by more without
+    worsening one above it.
 
     v (n,) [velocity]; radius () or (n,) [velocity]. Raises `InvalidInput` as that.
     """
@@ -226,7 +232,7 @@ def certificate(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None 
 
 @np.errstate(over="ignore", invalid="ignore")  # what overflows has no certificate
 def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | None = None) -> Array:
-    """(levels,) [rate] by how much at most each level's residual norm at v (n,) [velocity] is above
+    """Bound by how much (levels,) [rate] each level's residual norm at v (n,) [velocity] is above
     its least.
 
     That least is over all y with ``|y - v| <= radius``, () or (n,) [velocity], entry by entry, that
@@ -248,10 +254,8 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
     normal = replace(normal, J=rows.jacobian / np.repeat(normal.level, rows.sizes)[:, None])
     w = v / normal.velocity
     if radius is None:
-        region = replace(
-            _default_region(normal, w),
-            endless=np.isinf(normal.box.lower) | np.isinf(normal.box.upper),
-        )
+        endless = np.isinf(normal.box.lower) | np.isinf(normal.box.upper)
+        region = replace(_default_region(normal, w), endless=endless)
         excesses = _excesses(normal, w, region, first=_beyond_box(region))
     else:
         radii = np.asarray(radius, dtype=np.float64)
@@ -268,10 +272,10 @@ def level_excesses(levels: Sequence[Level], v: ArrayLike, radius: ArrayLike | No
 
 @np.errstate(over="ignore", invalid="ignore")
 def normal_certificate(rows: NormalRows, w: Array) -> float:
-    """Largest excess of any level at w (n,) over its residual or ``rows.unit``: what a status goes
-    by.
+    """Return the largest excess of any level at w (n,) over the larger of its residual and
+    ``rows.unit``: what a status goes by.
 
-    The larger of both counts. The region is the default one, but no farther from w than
+    The region is the default one, but no farther from w than
     ``tolerances.REACH``. inf where rows that count as nothing are missed.
     """
     if rows.lost.are_missed(w * rows.velocity, rows.velocity):
@@ -325,12 +329,10 @@ def _excesses(rows: NormalRows, w: Array, region: _Region, *, first: _Region) ->
     if not np.isfinite(w).all():
         return np.full(len(rows.sizes), np.inf)
     terms = _bound_terms(rows, w, region)
-    excesses = np.array(
-        [
-            _level_excess(terms, level_rows, region if level_rows.start else first)
-            for level_rows in row_slices(rows.sizes)
-        ]
-    )
+    excesses = np.full(len(rows.sizes), np.inf)
+    for k, level_rows in enumerate(row_slices(rows.sizes)):
+        level_region = first if level_rows.start == 0 else region
+        excesses[k] = _level_excess(terms, level_rows, level_region)
     return np.where(np.isfinite(excesses), excesses, np.inf)
 
 
@@ -343,9 +345,9 @@ class _BoundTerms:
     slack: Array
     """(M,) distance of the rows from their bounds."""
     up: Array
-    """(M,) gap to the upper bound, as held."""
+    """(M,) gap to the upper bound; 0 where rounding is as large."""
     down: Array
-    """(M,) gap to the lower one."""
+    """(M,) gap to the lower bound; 0 where rounding is as large."""
     noise: Array
     """(M,) what rounding leaves open of a row."""
     unit: float
@@ -374,33 +376,34 @@ def _level_excess(terms: _BoundTerms, level_rows: slice, region: _Region) -> flo
     if size == 0.0 or not np.isfinite(size):
         return size
     p = terms.slack[level_rows] / size
-    gradient, held, gap, noise = p @ terms.J[level_rows], *_held(terms, level_rows.start)
-    x = _multipliers(held, gap, gradient, np.maximum(region.down, region.up))
-    r = gradient + x @ held
+    gradient = p @ terms.J[level_rows]
+    c, gap, noise = _rows_above(terms, level_rows.start)
+    x = _multipliers(c, gap, gradient, np.maximum(region.down, region.up))
+    r = gradient + x @ c
     rounding = float(x @ noise)
     if (np.abs(r[region.endless]) > tolerances.CERTIFIED).any():
         return size
     bound = float(x @ gap + np.abs(r) @ np.where(r > 0.0, region.down, region.up))
-    return min(
-        size, bound + rounding if rounding > tolerances.RESOLVED * max(size, terms.unit) else bound
-    )
+    if rounding > tolerances.RESOLVED * max(size, terms.unit):
+        bound += rounding
+    return min(size, bound)
 
 
-def _held(terms: _BoundTerms, above: int) -> tuple[Array, Array, Array]:
+def _rows_above(terms: _BoundTerms, n_above: int) -> tuple[Array, Array, Array]:
     """Return rows c (k, n) of the levels above, their gaps (k,) and noise (k,):
     ``c (y - v) <= gap``.
     """
-    rows = terms.J[:above]
-    noise = terms.noise[:above]
+    rows = terms.J[:n_above]
+    noise = terms.noise[:n_above]
     c = np.concatenate([rows, -rows])
-    gap = np.concatenate([terms.up[:above], terms.down[:above]])
+    gap = np.concatenate([terms.up[:n_above], terms.down[:n_above]])
     useful = np.isfinite(gap) & c.any(axis=1)
     return c[useful], gap[useful], np.concatenate([noise, noise])[useful]
 
 
 def _multipliers(c: Array, gap: Array, gradient: Array, reach: Array) -> Array:
-    """X >= 0 (k,) for which both the gradient left and the gaps are small, in the sense of least
-    squares.
+    """Return x >= 0 (k,) for which both the gradient that remains and the gaps are small, in the
+    sense of least squares.
     """
     from scipy.optimize import nnls  # half a second, which few need
 

@@ -68,10 +68,7 @@ class CoreTick:
         r"""tick: of `CompiledSolver.function`. levels: inputs -> J, lower, upper, rate, activation,
         gate, \*extras.
         """
-        if tick is None:
-            self._tick = None
-        else:
-            self._tick = BufferedFunction(tick)
+        self._tick = None if tick is None else BufferedFunction(tick)
         self._levels = BufferedFunction(levels)
         self._in_python = in_python
         self._width = levels.size2_out(0)
@@ -97,10 +94,11 @@ class CoreTick:
         start = perf_counter()
         if self._tick is not None:
             return self._finish(self._tick(*inputs, self._state), start)
-        J, *rows = self._levels(*inputs)
-        return self._finish(
-            [*self._in_python(J.reshape(-1, self._width), *rows[:5], self._state), *rows[5:]], start
-        )
+        J, *outputs = self._levels(*inputs)
+        rows = outputs[:5]
+        extras = outputs[5:]
+        results = self._in_python(J.reshape(-1, self._width), *rows, self._state)
+        return self._finish([*results, *extras], start)
 
     def _evaluated(self, tick: BufferedFunction) -> solution.TickResult:
         """Evaluate with the adopted inputs."""
@@ -146,16 +144,15 @@ class CompiledSolver:
         return solution.timed_solution(levels, partial(solution.solve_stacked, self._bind_cold))
 
     def bind(self, levels_function: ca.Function, sizes: Sequence[int]) -> CoreTick:
-        """One Function of ``levels_function`` and the solver; outputs beyond the six of ``Level``
-        are extras.
+        """Build one Function of ``levels_function`` and the solver; outputs beyond the six of
+        ``Level`` are extras.
         """
         solution.check_levels_function(levels_function, sizes)
         if self.compiled:
             levels_function = compile_function(levels_function)
         in_python = self.in_python(levels_function.size2_out(0), sizes)
-        return CoreTick(
-            self.function(levels_function, sizes), solution.dense(levels_function), in_python
-        )
+        tick = self.function(levels_function, sizes)
+        return CoreTick(tick, solution.dense(levels_function), in_python)
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
         """(J, lower, upper, rate, activation, gate, state) -> v, state, report, residual, in
@@ -189,23 +186,16 @@ class CompiledSolver:
         names = levels_function.name_in()
         outputs = solution.dense_outputs(levels_function, inputs)
         state = ca.MX.sym("state", outputs[0].shape[0])
-        labels = [
-            "v",
-            "state_out",
-            "report",
-            "residual",
-            *(f"extra_{i}" for i in range(len(outputs) - 6)),
-        ]
-        return ca.Function(
-            "tick",
-            [*inputs, state],
-            [*core(*outputs[:6], state), *outputs[6:]],
-            [*names, "state"],
-            labels,
-        )
+        rows = outputs[:6]
+        extras = outputs[6:]
+        results = [*core(*rows, state), *extras]
+        extra_names = [f"extra_{i}" for i in range(len(extras))]
+        names_in = [*names, "state"]
+        names_out = ["v", "state_out", "report", "residual", *extra_names]
+        return ca.Function("tick", [*inputs, state], results, names_in, names_out)
 
 
 @lru_cache(maxsize=64)
 def external_core(source: str) -> ca.Function | None:
-    """A core of its `CompiledSolver.core_source`; None where it cannot be compiled."""
+    """Compile the core of a `CompiledSolver.core_source`; None where it cannot be compiled."""
     return external_function("solve_hierarchy", source)

@@ -82,16 +82,22 @@ class Level(FieldTable):
         low = _rows(name, "lower", lower, m)
         up = _rows(name, "upper", upper, m)
         _check_order(name, low, up)
-        neutral = np.clip(np.zeros(m), low, up)
-        needed = np.where((neutral != 0.0) | (low == up), 1.0, 0.0)
+        neutral_rate = np.clip(np.zeros(m), low, up)
+        needs_action = (neutral_rate != 0.0) | (low == up)
+        if rate is None:
+            rates = neutral_rate
+        else:
+            rates = _finite(name, "rate", rate, m)
+        if activation is None:
+            activations = np.where(needs_action, 1.0, 0.0)
+        else:
+            activations = _fraction(name, "activation", activation, m)
         fields = {
             "jacobian": J,
             "lower": low,
             "upper": up,
-            "rate": neutral if rate is None else _finite(name, "rate", rate, m),
-            "activation": needed
-            if activation is None
-            else _fraction(name, "activation", activation, m),
+            "rate": rates,
+            "activation": activations,
             "gate": _fraction(name, "gate", gate, m),
         }
         for field, value in fields.items():
@@ -101,12 +107,12 @@ class Level(FieldTable):
 
     @property
     def n_rows(self) -> int:
-        """M."""
+        """Number m of rows."""
         return int(self.jacobian.shape[0])
 
     @property
     def n_velocities(self) -> int:
-        """N."""
+        """Number n of velocities."""
         return int(self.jacobian.shape[1])
 
 
@@ -131,8 +137,8 @@ class Stack:
 
 
 def stack(levels: Sequence[Level]) -> Stack:
-    """The levels in their order. Raises `InvalidInput` where there are none or their numbers of
-    columns differ.
+    """Stack the levels in their order. Raises `InvalidInput` where there are none or their numbers
+    of columns differ.
     """
     if not levels:
         raise InvalidInput(
@@ -147,12 +153,14 @@ def stack(levels: Sequence[Level]) -> Stack:
             )
             raise InvalidInput(f"{mismatch}; the first level has {n}, give all levels the same")
     rows = ("jacobian", "lower", "upper", "rate", "activation", "gate")
-    stacked = {name: np.concatenate([getattr(level, name) for level in levels]) for name in rows}
+    stacked = dict[str, Array]()
+    for name in rows:
+        stacked[name] = np.concatenate([getattr(level, name) for level in levels])
     return Stack(**stacked, sizes=tuple(level.n_rows for level in levels))
 
 
 def row_slices(sizes: Sequence[int]) -> Iterator[slice]:
-    """Rows of each level in the stack."""
+    """Yield the rows of each level in the stack."""
     start = 0
     for size in sizes:
         yield slice(start, start + size)
@@ -219,8 +227,8 @@ def is_valid(
     upper: ArrayOrExpression,
     gate: ArrayOrExpression,
 ) -> ArrayOrExpression:
-    """True if a solver can take the rows: J of sensible size, an interval for every row, gates in
-    [0, 1]; no NaN.
+    """Check that a solver can take the rows: J of sensible size, an interval for every row, gates
+    in [0, 1]; no NaN.
 
     J (M, n) [rate/velocity]; lower and upper (M,) [rate]; gate (M,).
     """
@@ -261,8 +269,10 @@ def widen_bounds(
     """
     removed = gate <= 0.0
     gate = where(removed, 1.0, gate)
+    if reach is None:
+        reach = row_sums(abs(J))
     # Two roots: the quotient of the smallest gates is infinite, and 0 times that is not a number.
-    width = (row_sums(abs(J)) if reach is None else reach) * ((1.0 - gate) ** 0.5 / gate**0.5)
+    width = reach * ((1.0 - gate) ** 0.5 / gate**0.5)
     return where(removed, -np.inf, lower - width), where(removed, np.inf, upper + width)
 
 
@@ -273,7 +283,7 @@ def residual(
     upper: ArrayOrExpression,
     gate: ArrayOrExpression,
 ) -> ArrayOrExpression:
-    """Signed distance (M,) [rate] of ``J v`` to [lower, upper] as given, 0 where the gate is 0.
+    """Return the signed distance (M,) [rate] of ``J v`` to [lower, upper], 0 where the gate is 0.
 
     J (M, n) [rate/velocity]; v (n,) [velocity]; lower and upper (M,) [rate]; gate (M,).
     """

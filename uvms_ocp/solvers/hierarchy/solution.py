@@ -113,13 +113,14 @@ class Solution(FieldTable):
 
 
 def row_residuals(levels: Sequence[Level], v: Array) -> tuple[Array, ...]:
-    """Signed distance of ``J v`` to [lower, upper] at v (n,) [velocity], (m,) [rate] per level; 0
-    where the gate is 0.
+    """Return the signed distance of ``J v`` to [lower, upper] at v (n,) [velocity], (m,) [rate] per
+    level; 0 where the gate is 0.
     """
-    return tuple(
-        read_only(residual(level.jacobian, v, level.lower, level.upper, level.gate))
-        for level in levels
-    )
+    residuals = list[Array]()
+    for level in levels:
+        distance = residual(level.jacobian, v, level.lower, level.upper, level.gate)
+        residuals.append(read_only(distance))
+    return tuple(residuals)
 
 
 def read_only(array: Array) -> Array:
@@ -147,7 +148,7 @@ class TickResult:
 
 
 tick_result = unchecked_constructor(TickResult)
-"""Without a look at its arguments, of arrays that belong to it."""
+"""Constructor without argument checks, of arrays that belong to the result."""
 
 
 class Tick(Protocol):
@@ -164,8 +165,8 @@ class InPlaceTick(Tick, Protocol):
     """A `Tick` that can read its inputs in place, without copies."""
 
     def adopt(self, *inputs: Array) -> Callable[[], TickResult]:
-        """The call with these arrays, (m,) or (m, n) [any], as they are then, without copies. No
-        other call comes after it.
+        """Return the call with these arrays, (m,) or (m, n) [any], as they are then, without
+        copies. No other call comes after it.
         """
 
 
@@ -185,26 +186,23 @@ def check_levels_function(levels: ca.Function, sizes: Sequence[int]) -> None:
 
 
 def dense_inputs(function: ca.Function) -> list[ca.MX]:
-    """A dense symbol for every input of ``function``, with its name."""
+    """Make a dense symbol for every input of ``function``, with its name."""
     return [ca.MX.sym(name, *function.size_in(i)) for i, name in enumerate(function.name_in())]
 
 
 def dense_outputs(function: ca.Function, symbols: Sequence[ca.MX]) -> list[ca.MX]:
-    """Outputs of ``function`` at ``symbols``, without structural zeros."""
+    """Return the outputs of ``function`` at ``symbols``, without structural zeros."""
     return [ca.densify(output) for output in function.call(list(symbols))]
 
 
 @lru_cache(maxsize=8)
 def dense(function: ca.Function) -> ca.Function:
-    """``function`` with the same names and dense inputs and outputs."""
+    """Return ``function`` with the same names and dense inputs and outputs."""
     inputs = dense_inputs(function)
-    return ca.Function(
-        function.name(),
-        inputs,
-        dense_outputs(function, inputs),
-        function.name_in(),
-        function.name_out(),
-    )
+    outputs = dense_outputs(function, inputs)
+    names_in = function.name_in()
+    names_out = function.name_out()
+    return ca.Function(function.name(), inputs, outputs, names_in, names_out)
 
 
 _solution = unchecked_constructor(Solution)
@@ -241,8 +239,10 @@ def solve_stacked(bind: Bind, levels: Sequence[Level]) -> tuple[Array, Status]:
 
 @lru_cache(maxsize=128)
 def _stack_tick(bind: Bind, n: int, sizes: tuple[int, ...]) -> Tick:
-    symbols = [ca.MX.sym(name, sum(sizes), n if name == "J" else 1) for name in LEVEL_OUTPUTS]
-    names = list(LEVEL_OUTPUTS)
-    return bind(
-        ca.Function("levels", symbols, symbols, [f"{name}_in" for name in names], names), sizes
-    )
+    symbols = list[ca.MX]()
+    for name in LEVEL_OUTPUTS:
+        n_columns = n if name == "J" else 1
+        symbols.append(ca.MX.sym(name, sum(sizes), n_columns))
+    names_in = [f"{name}_in" for name in LEVEL_OUTPUTS]
+    levels = ca.Function("levels", symbols, symbols, names_in, list(LEVEL_OUTPUTS))
+    return bind(levels, sizes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from importlib.resources import files
 from typing import Any
@@ -34,8 +34,10 @@ _DATA = {
     "residual": "r",
     "hessian": "H",
     "gradient": "g",
+    "damping": "damping",
+    "constraints": "C",
 }
-_DATA |= {"damping": "damping", "constraints": "C"}
+"""Data of a QP: names in C, and in `StageQp.flat`."""
 _STAGE_WORK = (
     "fixed",
     "Q",
@@ -122,7 +124,7 @@ class _Problem(ctypes.Structure):
 
 
 class CompiledCore:
-    """The solver of one shape."""
+    """Solver of QPs of one shape."""
 
     def __init__(self, library: ctypes.CDLL, shape: problem.StageShape) -> None:
         n = sum(shape.n_z)
@@ -141,15 +143,16 @@ class CompiledCore:
         # Variables, costates, multipliers of equalities, then slacks and multipliers of both sides
         # of each row.
         self._parts = problem.parts(self._work["point"], (n, n_x, M, 2 * M, 2 * M))
-        self._near = self._work["point"][: n + n_x + M]
+        self._warm_start = self._work["point"][: n + n_x + M]
         self._work["loose"][:] = problem.undetermined_variables(shape)
         self._loaded: problem.StageQp | None = None
-        self._found = (ctypes.c_double * 3)()
-        self._now, self._other = (_residuals(n, m, n_x) for _ in range(2))
+        self._products = (ctypes.c_double * 3)()
+        self._residuals = _residuals(n, m, n_x)
+        self._trial_residuals = _residuals(n, m, n_x)
         _point(self._problem.stages, {**self._indices, **self._stage_work})
         _point(self._problem, self._work | self._table)
-        _point(self._problem.now, self._now)
-        _point(self._problem.other, self._other)
+        _point(self._problem.now, self._residuals)
+        _point(self._problem.other, self._trial_residuals)
 
     def run(
         self,
@@ -169,49 +172,56 @@ class CompiledCore:
         self._stage_work["fixed"][:] = table.fixed
         self._work["point"][:] = 0.0
         self._parts[0][:] = z
-        self._problem.start = int(
-            problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD
-        )
+        start = problem.StartMode.EQUALITIES if phase_one else problem.StartMode.COLD
+        self._problem.start = int(start)
         self._library.solve_qp(ctypes.byref(self._problem), int(phase_one), int(not phase_one))
         return self._end(qp)
 
     def solve(
-        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
+        self,
+        qp: problem.StageQp,
+        options: problem.StageQpOptions,
+        warm_start: problem.WarmStart | None,
     ) -> problem.FlatSolution:
-        """Solve as `SparseCore.solve`."""
+        """Solve from nothing but the QP, or from a QP nearby; NOT_A_NUMBER where entries are
+        none.
+        """
         self._load(qp, options)
-        if near is not None:
-            np.concatenate([near.z, near.costate, near.y], out=self._near)
-        self._library.solve_whole(ctypes.byref(self._problem), int(near is not None))
+        if warm_start is not None:
+            point = [warm_start.z, warm_start.costate, warm_start.y]
+            np.concatenate(point, out=self._warm_start)
+        self._library.solve_whole(ctypes.byref(self._problem), int(warm_start is not None))
         return self._end(qp)
 
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
-        """Compute products as `SparseCore.products`; z (n,) [unit of z]."""
+        """Return the products of the residuals' rows along z (n,) [unit of z]."""
         self._load(qp, None)
-        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._found)
-        return problem.ResidualProducts(*self._found)
+        self._library.products(ctypes.byref(self._problem.stages), _address(z), self._products)
+        return problem.ResidualProducts(*self._products)
 
     def steepest(self, qp: problem.StageQp) -> float:
-        """Return the steepest slope as `SparseCore.steepest`."""
+        """Return the largest entry [1/unit of z] of the gradient of the residuals' half square, at
+        0.
+        """
         self._load(qp, None)
         return float(self._library.steepest(ctypes.byref(self._problem.stages)))
 
-    def stationarity(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
-        """Return the stationarity error as `SparseCore.stationarity`."""
+    def stationarity(self, qp: problem.StageQp, warm_start: problem.WarmStart) -> float:
+        """Return the largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the
+        multipliers of another, but for what is fixed.
+        """
         self._load(qp, None)
         stages = ctypes.byref(self._problem.stages)
-        m = ctypes.c_int(self._problem.m)
-        return float(
-            self._library.stationarity(stages, _address(near.costate), _address(near.y), m)
-        )
+        costate = _address(warm_start.costate)
+        y = _address(warm_start.y)
+        return float(self._library.stationarity(stages, costate, y, ctypes.c_int(self._problem.m)))
 
     def _load(self, qp: problem.StageQp, options: problem.StageQpOptions | None) -> None:
+        """Point the memory at the data of a QP, and set the options."""
         memory = self._problem
         if qp is not self._loaded:
-            _point(
-                memory.stages, {name: qp.flat[memory_slice] for name, memory_slice in _DATA.items()}
-            )
-            _point(memory, {name: qp.flat[memory_slice] for name, memory_slice in _BOUNDS.items()})
+            _point(memory.stages, {name: qp.flat[flat_name] for name, flat_name in _DATA.items()})
+            _point(memory, {name: qp.flat[flat_name] for name, flat_name in _BOUNDS.items()})
             self._loaded = qp
         if options is not None:
             memory.tolerance = options.tolerance
@@ -220,18 +230,23 @@ class CompiledCore:
             memory.cold_mu = options.cold_mu
 
     def _end(self, qp: problem.StageQp) -> problem.FlatSolution:
+        """Return the solution that a run has left in memory."""
         memory = self._problem
         iterate = self._problem.now
-        (z, costate, equal, _, sides) = self._parts
-        y = equal + sides[1::2]
-        y -= sides[::2]
-        y[memory.m :] -= self._now["held"]
+        z, costate, y_equal, _, y_sides = self._parts
+        y = y_equal + y_sides[1::2]
+        y -= y_sides[::2]
+        y[memory.m :] -= self._residuals["held"]
+        if memory.stages.squares:
+            products = problem.ResidualProducts(*iterate.along)
+        else:
+            products = self.products(qp, z)
         return problem.FlatSolution(
             status=_STATUSES[memory.status],
             z=z.copy(),
             costate=costate.copy(),
             y=y,
-            value=self._now["value"].copy(),
+            value=self._residuals["value"].copy(),
             kkt=problem.kkt_residual(
                 stationarity=iterate.stationarity,
                 primal=iterate.primal,
@@ -240,9 +255,7 @@ class CompiledCore:
             worst=iterate.worst,
             iterations=memory.iterations,
             shape=self._shape,
-            products=problem.ResidualProducts(*iterate.along)
-            if memory.stages.squares
-            else self.products(qp, z),
+            products=products,
         )
 
 
@@ -257,60 +270,69 @@ def _address(array: Array) -> ctypes.c_void_p:
 
 @lru_cache(maxsize=1)
 def qp_library() -> ctypes.CDLL | None:
-    """The code of `core_source`, compiled at the first call; None without a compiler."""
+    """Return the code of `core_source`, compiled at the first call; None without a compiler."""
     path = compile_library(core_source(), _FLAGS, "QPs of stages")
     if path is None:
         return None
     library = loaded_library(path)
-    library.stationarity.restype = library.steepest.restype = ctypes.c_double
+    library.stationarity.restype = ctypes.c_double
+    library.steepest.restype = ctypes.c_double
     return library
 
 
 def core_source() -> str:
-    """C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm only and
-    allocates nothing.
+    """Return the C99 source of the solver, for all shapes: `solve_qp` of iteration.c; needs libm
+    only and allocates nothing.
     """
     folder = files("uvms_ocp.solvers.stage_qp")
-    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES)
+    texts = [folder.joinpath(name).read_text(encoding="utf-8") for name in _SOURCES]
     codes = ", ".join(f"{status.name} = {code}" for code, status in enumerate(_STATUSES))
     starts = ", ".join(f"START_{start.name} = {start.value}" for start in problem.StartMode)
-    return "\n".join(
-        [
-            _HEAD,
-            c_macros(constants_of(tolerances)),
-            f"enum {{ {codes} }};\nenum {{ {starts} }};",
-            *texts,
-        ]
-    )
+    enumerations = f"enum {{ {codes} }};\nenum {{ {starts} }};"
+    return "\n".join([_HEAD, c_macros(constants_of(tolerances)), enumerations, *texts])
 
 
 def _indices(shape: problem.StageShape) -> dict[str, Any]:
-    n_x = shape.n_x
+    """Make the sizes of each stage, and where each part of a stage begins in its array."""
     n_z = shape.n_z
-    n_r = shape.n_r
-    n_c = shape.n_c
-    products = {"F": (n_x[1:], n_z), "J": (n_r, n_z), "H": (n_z, n_z), "C": (n_c, n_z)}
-    sizes = {"x": n_x, "z": n_z, "r": n_r, "c": n_c, "T": [n * (n + 1) // 2 for n in n_z]}
-    sizes |= {name: [m * n for m, n in zip(*pair, strict=False)] for name, pair in products.items()}
-    stage_sizes = {name: np.array((*getattr(shape, name), 0), dtype=np.int32) for name in _SIZES}
-    return {
-        **stage_sizes,
-        **{name: np.array(problem.offsets(size), dtype=np.int32) for name, size in sizes.items()},
+    sizes: dict[str, Sequence[int]] = {
+        "x": shape.n_x,
+        "z": n_z,
+        "r": shape.n_r,
+        "c": shape.n_c,
+        "T": [_triangle(n) for n in n_z],
+        "F": _entries(shape.n_x[1:], n_z),
+        "J": _entries(shape.n_r, n_z),
+        "H": _entries(n_z, n_z),
+        "C": _entries(shape.n_c, n_z),
     }
+    indices = dict[str, Any]()
+    for name in _SIZES:
+        indices[name] = np.array((*getattr(shape, name), 0), dtype=np.int32)
+    for name, size in sizes.items():
+        indices[name] = np.array(problem.offsets(size), dtype=np.int32)
+    return indices
+
+
+def _entries(rows: Sequence[int], columns: Sequence[int]) -> list[int]:
+    """Count the entries of matrices (m, n), as many as there are m."""
+    return [m * n for m, n in zip(rows, columns, strict=False)]
+
+
+def _triangle(n: int) -> int:
+    return n * (n + 1) // 2
 
 
 def padded(n: int) -> int:
-    """Columns that C gives a matrix of n."""
+    """Return the number of columns that C gives a matrix of n."""
     return (n + 3) // 4 * 4
 
 
 def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
-    n, widest, triangles = (
-        sum(shape.n_z),
-        padded(max(shape.n_z)),
-        sum(n * (n + 1) // 2 for n in shape.n_z),
-    )
-    entries = sum(m * n for m, n in zip(shape.n_x[1:], shape.n_z, strict=False))
+    n = sum(shape.n_z)
+    widest = padded(max(shape.n_z))
+    triangles = sum(_triangle(n_z) for n_z in shape.n_z)
+    entries = sum(_entries(shape.n_x[1:], shape.n_z))
     sizes = {
         "fixed": n,
         "Q": triangles,
@@ -319,33 +341,33 @@ def _stage_work(shape: problem.StageShape) -> dict[str, Any]:
         "inverse": n,
         "entry": entries,
         "two": 2 * widest**2,
-    }
-    sizes |= {
         "W": 2 * padded(max(shape.n_x)) * widest,
         "v": widest,
         "list": 14 * max(*shape.n_r, *shape.n_c),
     }
-    numbers = {name: np.zeros(size + 4) for name, size in sizes.items()} | {"fixed": np.zeros(n)}
-    return numbers | {
-        "first": np.zeros(sum(shape.n_x) + 1, dtype=np.int32),
-        "column": np.zeros(entries, dtype=np.int32),
-    }
+    memory: dict[str, Any] = {name: np.zeros(size + 4) for name, size in sizes.items()}
+    memory["fixed"] = np.zeros(n)
+    memory["first"] = np.zeros(sum(shape.n_x) + 1, dtype=np.int32)
+    memory["column"] = np.zeros(entries, dtype=np.int32)
+    return memory
 
 
 def _work(n: int, m: int, n_x: int) -> dict[str, Any]:
     M = m + n
-    sizes = {"elasticity": M, "pull": M, "rhs": n}
+    sizes = dict.fromkeys((*_WORK, *_DIRECTION), n + n_x + 9 * M)
     sizes |= dict.fromkeys(("weight", "soft", "left", "gap", "t_side", "t_elastic"), 2 * M)
-    numbers = {name: np.zeros(sizes.get(name, n + n_x + 9 * M)) for name in (*_WORK, *_DIRECTION)}
-    held = {name: np.zeros(2 * M) for name in _HELD}
-    return {**numbers, **held, "loose": np.zeros(n), "bounded": np.zeros(M, dtype=np.int32)}
+    sizes |= dict.fromkeys(_HELD, 2 * M)
+    sizes |= {"elasticity": M, "pull": M, "rhs": n, "loose": n}
+    memory: dict[str, Any] = {name: np.zeros(size) for name, size in sizes.items()}
+    memory["bounded"] = np.zeros(M, dtype=np.int32)
+    return memory
 
 
 def _table(n: int, m: int) -> dict[str, Array]:
-    return {
-        name: np.zeros((2 if name in ("bound", "side", "elastic") else 1) * (m + n))
-        for name in _TABLE
-    }
+    M = m + n
+    sizes = dict.fromkeys(_TABLE, M)
+    sizes |= dict.fromkeys(("bound", "side", "elastic"), 2 * M)
+    return {name: np.zeros(size) for name, size in sizes.items()}
 
 
 def _residuals(n: int, m: int, n_x: int) -> dict[str, Array]:

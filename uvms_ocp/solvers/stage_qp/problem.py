@@ -141,19 +141,21 @@ class StageQp:
         """(n_z,)"""
         self.C = self._matrices("C", list(zip(n_c, n_z, strict=True)))
         """(n_c, n_z)"""
-        self.lower, self.upper = (
-            self._vectors("lower", n_c, -np.inf),
-            self._vectors("upper", n_c, np.inf),
-        )
+        self.lower = self._vectors("lower", n_c, -np.inf)
         """(n_c,)"""
-        self.l1, self.l2 = self._vectors("l1", n_c, np.inf), self._vectors("l2", n_c)
+        self.upper = self._vectors("upper", n_c, np.inf)
         """(n_c,)"""
-        self.z_lower, self.z_upper = (
-            self._vectors("z_lower", n_z, -np.inf),
-            self._vectors("z_upper", n_z, np.inf),
-        )
+        self.l1 = self._vectors("l1", n_c, np.inf)
+        """(n_c,)"""
+        self.l2 = self._vectors("l2", n_c)
+        """(n_c,)"""
+        self.z_lower = self._vectors("z_lower", n_z, -np.inf)
         """(n_z,)"""
-        self.z_l1, self.z_l2 = self._vectors("z_l1", n_z, np.inf), self._vectors("z_l2", n_z)
+        self.z_upper = self._vectors("z_upper", n_z, np.inf)
+        """(n_z,)"""
+        self.z_l1 = self._vectors("z_l1", n_z, np.inf)
+        """(n_z,)"""
+        self.z_l2 = self._vectors("z_l2", n_z)
         """(n_z,)"""
 
     def fix_initial_state(self, x: Array) -> None:
@@ -166,7 +168,9 @@ class StageQp:
         self.z_upper[0][: self.shape.n_x[0]] = x
 
     def _vectors(self, name: str, sizes: tuple[int, ...], value: float = 0.0) -> tuple[Array, ...]:
-        flat = self.flat[name] = np.full(sum(sizes) + _BEYOND, value)[: sum(sizes)]
+        n = sum(sizes)
+        flat = np.full(n + _BEYOND, value)[:n]
+        self.flat[name] = flat
         return parts(flat, sizes)
 
     def _matrices(self, name: str, sizes: list[tuple[int, int]]) -> tuple[Array, ...]:
@@ -177,17 +181,26 @@ class StageQp:
 def is_valid(qp: StageQp) -> bool:
     """Check that entries are finite but for absent bounds, and that slack costs something."""
     flat = qp.flat
-    bounds = ("lower", "upper", "l1", "z_lower", "z_upper", "z_l1")
-    numbers = all(np.isfinite(array).all() for name, array in flat.items() if name not in bounds)
-    sides = all(
-        (flat[f"{z}lower"] < np.inf).all() and (flat[f"{z}upper"] > -np.inf).all()
-        for z in ("", "z_")
-    )
-    return (
-        numbers
-        and sides
-        and all((flat[name] >= 0.0).all() for name in ("l1", "l2", "z_l1", "z_l2"))
-    )
+    for name, values in flat.items():
+        if name in ("lower", "z_lower"):
+            is_allowed = values < np.inf
+        elif name in ("upper", "z_upper"):
+            is_allowed = values > -np.inf
+        elif name in ("l1", "z_l1"):
+            is_allowed = values >= 0.0
+        elif name in ("l2", "z_l2"):
+            is_allowed = np.isfinite(values) & (values >= 0.0)
+        else:
+            is_allowed = np.isfinite(values)
+        if not is_allowed.all():
+            return False
+    return True
+
+
+def row_values(qp: StageQp, z: Array) -> Array:
+    """Return the values (M,) [unit of the row] of rows and variables at z (n,) [unit of z]."""
+    values = [C @ z_k for C, z_k in zip(qp.C, parts(z, qp.shape.n_z), strict=True)]
+    return np.concatenate([*values, z])
 
 
 @checked_dataclass(eq=False)
@@ -248,7 +261,7 @@ class KktResidual:
     primal: Bound
     """[unit of the row] largest violation of dynamics, hard rows and hard bounds."""
     complementarity: Bound
-    """Largest product of a multiplier and what is left to its bound."""
+    """Largest product of a multiplier and the distance to its bound."""
 
 
 @checked_dataclass(eq=False)
@@ -327,11 +340,12 @@ class FlatSolution:
     @np.errstate(invalid="ignore")  # of what is not a number there is no excess
     def excess(self, qp: StageQp) -> Array:
         """Return by how much rows (m,) [unit of the row] of the QP that was solved are missed."""
-        lower, upper = qp.flat["lower"], qp.flat["upper"]
+        lower = qp.flat["lower"]
+        upper = qp.flat["upper"]
         return np.asarray(interval_distance(self.value[: len(lower)], lower, upper))
 
     def warm_start(self) -> WarmStart:
-        """For a QP nearby that starts where this one ends."""
+        """Return the start for a QP nearby that starts where this one ends."""
         return WarmStart(z=np.zeros_like(self.z), costate=self.costate, y=self.y)
 
 
@@ -383,7 +397,7 @@ class RowTable:
     l1: Array
     """(M,) [1/unit of the row] 0 where the row is not elastic."""
     l2: Array
-    """(M,) [1/unit of the row^2] the same."""
+    """(M,) [1/unit of the row^2] 0 where the row is not elastic."""
     compliance: Array
     """(M,) [unit of the row^2] of rows that are missed in proportion to their multiplier; 0 of the
     others.
@@ -394,19 +408,18 @@ class RowTable:
     """(n,) variables that do not move."""
 
     def rest(self, qp: StageQp) -> Array:
-        """(n,) [unit of z] fixed variables where they are to be, all others at 0."""
+        """Return z (n,) [unit of z] with fixed variables where they are to be, all others at 0."""
         return np.where(self.fixed, qp.flat["z_lower"], 0.0)
 
     def violation(self, value: Array) -> float:
-        """Largest [unit of z] of hard rows at the value (M,) [unit of the row] of all, relative to
-        their norm.
+        """Return the largest violation [unit of z] of hard rows at the value (M,) [unit of the row]
+        of all, relative to their norm.
         """
         hard = self.compliance == 0.0
-        sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0).max(
-            axis=0, initial=0.0
-        )
-        equal = np.where(self.equal & hard, np.abs(value - self.target), 0.0)
-        return float(np.max((sides + equal) / self.norm, initial=0.0))
+        missed_sides = np.where(self.side & ~self.elastic & hard, SIGNS * (self.bound - value), 0.0)
+        missed_side = missed_sides.max(axis=0, initial=0.0)
+        missed_target = np.where(self.equal & hard, np.abs(value - self.target), 0.0)
+        return float(np.max((missed_side + missed_target) / self.norm, initial=0.0))
 
 
 def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
@@ -414,16 +427,14 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     norm of the row, and soft ones are none.
     """
     flat = qp.flat
-    lower, upper, l1, l2 = (
-        np.concatenate([flat[name], flat[f"z_{name}"]]) for name in ("lower", "upper", "l1", "l2")
-    )
+    lower = np.concatenate([flat["lower"], flat["z_lower"]])
+    upper = np.concatenate([flat["upper"], flat["z_upper"]])
+    l1 = np.concatenate([flat["l1"], flat["z_l1"]])
+    l2 = np.concatenate([flat["l2"], flat["z_l2"]])
     n_rows = len(flat["lower"])
-    norm = np.concatenate([*map(norms, qp.C), np.ones(sum(qp.shape.n_z))])
-    fixed = (
-        undetermined_variables(qp.shape)
-        & (flat["z_lower"] == flat["z_upper"])
-        & (flat["z_l1"] == np.inf)
-    )
+    norm = np.concatenate([*[norms(C) for C in qp.C], np.ones(sum(qp.shape.n_z))])
+    has_hard_value = (flat["z_lower"] == flat["z_upper"]) & (flat["z_l1"] == np.inf)
+    fixed = undetermined_variables(qp.shape) & has_hard_value
     counts = np.concatenate([np.ones(n_rows, dtype=bool), ~fixed])
     hard = l1 == np.inf
     if phase_one:
@@ -435,6 +446,7 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
     elastic = counts & ~hard & (l1 > 0.0)
     equal = counts & (lower == upper) & ~elastic
     side = np.isfinite([lower, upper]) & counts & ~equal
+    is_compliant = counts & ~hard & ~elastic
     return RowTable(
         bound=np.where(side, [lower, upper], 0.0),
         side=side,
@@ -443,21 +455,23 @@ def row_table(qp: StageQp, *, phase_one: bool = False) -> RowTable:
         target=np.where(equal, lower, 0.0),
         l1=np.where(elastic, l1, 0.0),
         l2=np.where(elastic, l2, 0.0),
-        compliance=np.divide(1.0, l2, out=np.zeros_like(l2), where=counts & ~hard & ~elastic),
+        compliance=np.divide(1.0, l2, out=np.zeros_like(l2), where=is_compliant),
         norm=norm,
         fixed=fixed,
     )
 
 
 def norms(rows: Array) -> Array:
-    """(m,) Largest entry of each of the rows (m, n) [any], 1 where all are 0."""
+    """Return the largest entry (m,) [any] of each of the rows (m, n) [any], 1 where all are 0."""
     norm = np.abs(rows).max(axis=1, initial=0.0)
     return np.where(norm > 0.0, norm, 1.0)
 
 
 @lru_cache(maxsize=64)
 def undetermined_variables(shape: StageShape) -> Mask:
-    """(n,) what the dynamics of a shape do not determine: the first state and all controls."""
+    """Return the mask (n,) of what the dynamics of a shape do not determine: the first state and
+    all controls.
+    """
     undetermined = [np.ones(n, dtype=bool) for n in shape.n_z]
     for k, n_x in enumerate(shape.n_x[1:], start=1):
         undetermined[k][:n_x] = False

@@ -28,8 +28,6 @@ _SIDES = (("lower", -np.inf), ("upper", np.inf))
 _UNEXPLAINED = (problem.StageQpStatus.ITERATION_LIMIT, problem.StageQpStatus.UNBOUNDED)
 _INFEASIBLE_VIOLATION = 1e-5  # relative violation of the best point that proves a QP infeasible
 _PHASE_ONE_TOLERANCE = 1e-6  # of the run that looks for a feasible point
-
-
 _COPIED = ("dynamics", "b", "H", "g", "damping", "z_lower", "z_upper", "z_l1", "z_l2")
 _ROWS = ("C", "lower", "upper", "l1", "l2")
 
@@ -45,19 +43,20 @@ def with_residuals_as_rows(qp: problem.StageQp) -> problem.StageQp:
     for k, (J, r) in enumerate(zip(qp.J, qp.r, strict=True)):
         n = qp.shape.n_c[k]
         norm = problem.norms(J)
-        converted.lower[k][n:] = converted.upper[k][n:] = -r / norm
+        converted.lower[k][n:] = -r / norm
+        converted.upper[k][n:] = -r / norm
         converted.l1[k][n:] = 0.0
         converted.l2[k][n:] = norm**2
     return converted
 
 
 def original_rows(shape: problem.StageShape, larger: problem.StageShape) -> Array:
-    """(M,) where the rows and variables of a QP stand among those of one that has more rows behind
-    them in each stage.
+    """Return the indices (M,) of the rows and variables of a QP among those of one that has more
+    rows behind them in each stage.
     """
-    return np.concatenate(
-        [problem.leading(larger.n_c, shape.n_c), sum(larger.n_c) + np.arange(sum(shape.n_z))]
-    )
+    rows = problem.leading(larger.n_c, shape.n_c)
+    variables = sum(larger.n_c) + np.arange(sum(shape.n_z))
+    return np.concatenate([rows, variables])
 
 
 def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
@@ -70,25 +69,25 @@ def with_rows(qp: problem.StageQp, rows: Sequence[Array]) -> problem.StageQp:
         for name in _ROWS:
             getattr(extended, name)[k][:n] = getattr(qp, name)[k]
         extended.C[k][n:] = added / problem.norms(added)[:, None]
-        extended.lower[k][n:] = extended.upper[k][n:] = 0.0
+        extended.lower[k][n:] = 0.0
+        extended.upper[k][n:] = 0.0
     return extended
 
 
 def may_be_unbounded(qp: problem.StageQp) -> bool:
     """Check whether some variable has neither curvature of its own nor two bounds."""
-    held = (
-        np.isfinite(qp.flat["z_lower"])
-        & np.isfinite(qp.flat["z_upper"])
-        & (qp.flat["z_l1"] == np.inf)
-    )
-    return bool((~held & (qp.flat["damping"] == 0.0)).any())
+    flat = qp.flat
+    has_two_bounds = np.isfinite(flat["z_lower"]) & np.isfinite(flat["z_upper"])
+    is_bounded = has_two_bounds & (flat["z_l1"] == np.inf)
+    return bool((~is_bounded & (flat["damping"] == 0.0)).any())
 
 
 def recession_problem(qp: problem.StageQp) -> problem.StageQp:
-    """The QP whose optimum is the steepest of all ways along which no cost but the linear one
-    changes, and no hard row breaks.
+    """Return the QP whose optimum is the steepest of all directions along which no cost but the
+    linear one changes, and no hard row breaks.
 
-    Ways are a cone, and the optimum is what of the gradient lies in it: 0 where there is none.
+    Directions are a cone, and the optimum is what of the gradient lies in it: 0 where there is
+    none.
     """
     curved = [H[np.abs(H).any(axis=1)] for H in qp.H]
     recession = with_rows(qp, [np.vstack(pair) for pair in zip(qp.J, curved, strict=True)])
@@ -100,10 +99,10 @@ def recession_problem(qp: problem.StageQp) -> problem.StageQp:
         recession.flat[name][:] = qp.flat[name]
     for z in ("", "z_"):
         _make_cone(recession, z, steepest)
-    bent = qp.flat["damping"] > 0.0
-    recession.flat["z_lower"][bent] = 0.0
-    recession.flat["z_upper"][bent] = 0.0
-    recession.flat["z_l1"][bent] = np.inf
+    is_damped = qp.flat["damping"] > 0.0
+    recession.flat["z_lower"][is_damped] = 0.0
+    recession.flat["z_upper"][is_damped] = 0.0
+    recession.flat["z_l1"][is_damped] = np.inf
     return recession
 
 
@@ -128,29 +127,24 @@ def is_recession_direction(recession: problem.StageQp, z: tuple[Array, ...]) -> 
     longest = max(np.abs(z_k).max(initial=0.0) for z_k in z)
     if not 0.0 < longest < np.inf:
         return False
-    way = [z_k / longest for z_k in z]
+    direction = [z_k / longest for z_k in z]
     worst = 0.0
     rise = 0.0
-    for k, d in enumerate(way):
-        missed = interval_excess(recession.C[k] @ d, recession.lower[k], recession.upper[k])
-        beyond = interval_excess(d, recession.z_lower[k], recession.z_upper[k])
-        for l1, by, norm in (
-            (recession.l1[k], missed, problem.norms(recession.C[k])),
-            (recession.z_l1[k], beyond, 1.0),
+    for k, d in enumerate(direction):
+        excess = interval_excess(recession.C[k] @ d, recession.lower[k], recession.upper[k])
+        excess_z = interval_excess(d, recession.z_lower[k], recession.z_upper[k])
+        for l1, missed, norm in (
+            (recession.l1[k], excess, problem.norms(recession.C[k])),
+            (recession.z_l1[k], excess_z, 1.0),
         ):
-            worst = max(worst, (by / norm)[l1 == np.inf].max(initial=0.0))
+            worst = max(worst, (missed / norm)[l1 == np.inf].max(initial=0.0))
             soft = l1 < np.inf
-            rise += float(l1[soft] @ by[soft])
+            rise += float(l1[soft] @ missed[soft])
         rise += float(recession.g[k] @ d)
-        if k:
-            ahead = recession.dynamics[k - 1] @ way[k - 1] - d[: recession.shape.n_x[k]]
-            worst = max(worst, np.abs(ahead).max(initial=0.0))
+        if k > 0:
+            defect = recession.dynamics[k - 1] @ direction[k - 1] - d[: recession.shape.n_x[k]]
+            worst = max(worst, np.abs(defect).max(initial=0.0))
     return bool(worst <= _DIRECTION_TOLERANCE and rise <= -_SMALLEST_DESCENT)
-
-
-_with = lru_cache(maxsize=64)(
-    lambda options, *given: replace(options, **{k: v for k, v in given if v is not None})
-)
 
 
 @checked_constructor
@@ -166,10 +160,7 @@ class StageQpSolver:
     ) -> None:
         self.shape = shape
         self.options = options or problem.StageQpOptions()
-        if self.options.compiled:
-            library = compiled.qp_library()
-        else:
-            library = None
+        library = compiled.qp_library() if self.options.compiled else None
         self._core: sparse_core.SparseCore | compiled.CompiledCore
         if library is None:
             self._core = sparse_core.SparseCore(shape)
@@ -179,12 +170,14 @@ class StageQpSolver:
     def solve(
         self, qp: problem.StageQp, warm: problem.StageQpSolution | None = None
     ) -> problem.StageQpSolution:
-        """The optimum; where there is none, what `StageQpStatus` says. No numbers raise anything.
+        """Return the optimum; where there is none, what `StageQpStatus` says. No numbers raise
+        anything.
 
         warm: the solution of a QP nearby, of the same shape. Raises `InvalidInput` for a QP of
         another shape.
         """
-        return _split(qp, self.solve_flat(qp, None if warm is None else _near(warm)))
+        warm_start = None if warm is None else _flat_start(warm)
+        return _split(qp, self.solve_flat(qp, warm_start))
 
     def solve_flat(
         self,
@@ -203,36 +196,33 @@ class StageQpSolver:
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
-        end = self._core.solve(
-            qp,
-            _with(self.options, ("tolerance", tolerance), ("max_iterations", max_iterations)),
-            near,
-        )
+        options = _changed_options(self.options, tolerance, max_iterations)
+        end = self._core.solve(qp, options, near)
         if explained and (end.status in _UNEXPLAINED or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
         return end
 
     def steepest(self, qp: problem.StageQp) -> float:
-        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
+        """Return the largest entry [1/unit of z] of the gradient of the residuals' half square, at
+        0.
+        """
         return self._core.steepest(qp)
 
     def error(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
         """Compute by how much the multipliers of the QP solved last miss the optimality conditions
         of another one at 0.
 
-        Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with what is left
+        Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with the distance
         to a bound.
         """
-        counts = np.flatnonzero(near.y)
-        y = near.y[counts]
+        active = np.flatnonzero(near.y)
+        y = near.y[active]
         flat = qp.flat
-        lower, upper = (
-            np.concatenate([flat[name], flat[f"z_{name}"]])[counts] for name in ("lower", "upper")
-        )
-        complementarity = y * np.where(y > 0.0, upper, lower)
-        return max(
-            self._core.stationarity(qp, near), float(np.abs(complementarity).max(initial=0.0))
-        )
+        lower = np.concatenate([flat["lower"], flat["z_lower"]])[active]
+        upper = np.concatenate([flat["upper"], flat["z_upper"]])[active]
+        products = y * np.where(y > 0.0, upper, lower)
+        complementarity = float(np.abs(products).max(initial=0.0))
+        return max(self._core.stationarity(qp, near), complementarity)
 
     def _explain(
         self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution
@@ -240,7 +230,8 @@ class StageQpSolver:
         """Explain a failed run: phase one finds whether there is a feasible point at all, and
         where.
         """
-        if failed.worst <= self._inexact and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
+        is_nearly_solved = failed.worst <= self._inexact
+        if is_nearly_solved and failed.status is problem.StageQpStatus.ITERATION_LIMIT:
             return replace(failed, status=problem.StageQpStatus.INEXACT)
         # With next to no curvature phase one loses digits, and needs few.
         rough = replace(self.options, tolerance=max(self.options.tolerance, _PHASE_ONE_TOLERANCE))
@@ -248,41 +239,41 @@ class StageQpSolver:
             qp, problem.row_table(qp, phase_one=True), table.rest(qp), rough, phase_one=True
         )
         spent = failed.iterations + phase_one.iterations
-        missed = table.violation(_values(qp, phase_one.z))
-        if phase_one.status is problem.StageQpStatus.SOLVED and missed > _INFEASIBLE_VIOLATION * (
-            1.0 + np.abs(phase_one.z).max()
-        ):
+        violation = table.violation(problem.row_values(qp, phase_one.z))
+        proving_violation = _INFEASIBLE_VIOLATION * (1.0 + np.abs(phase_one.z).max())
+        is_optimal = phase_one.status is problem.StageQpStatus.SOLVED
+        if is_optimal and violation > proving_violation:
             return replace(phase_one, status=problem.StageQpStatus.INFEASIBLE, iterations=spent)
         if self._is_unbounded(qp):
             return replace(failed, status=problem.StageQpStatus.UNBOUNDED, iterations=spent)
-        again = self._run_damped(qp, phase_one.z)
-        best = min(failed, again, key=lambda end: end.worst)
-        return replace(best, status=self._final_status(best), iterations=spent + again.iterations)
+        damped = self._run_damped(qp, phase_one.z)
+        best = min(failed, damped, key=lambda end: end.worst)
+        return replace(best, status=self._final_status(best), iterations=spent + damped.iterations)
 
     @property
     def _inexact(self) -> float:
+        """Return the relative residual up to which a solution is called inexact."""
         return self.options.tolerance * tolerances.INEXACT_TOLERANCES
 
     def _final_status(self, best: problem.FlatSolution) -> problem.StageQpStatus:
-        """Endless steps, and rounding, prove nothing."""
+        """Return what the better of two runs is called: endless steps, and rounding, prove
+        nothing.
+        """
         if best.status is problem.StageQpStatus.SOLVED:
             return best.status
-        status = (
-            best.status
-            if best.status is problem.StageQpStatus.NOT_A_NUMBER
-            else problem.StageQpStatus.ITERATION_LIMIT
-        )
         if best.worst <= self._inexact:
             return problem.StageQpStatus.INEXACT
-        return status
+        if best.status is problem.StageQpStatus.NOT_A_NUMBER:
+            return best.status
+        return problem.StageQpStatus.ITERATION_LIMIT
 
     def _is_unbounded(self, qp: problem.StageQp) -> bool:
         """Check whether there is a direction along which the cost falls for ever."""
         if not may_be_unbounded(qp):
             return False
         recession = recession_problem(qp)
-        way = StageQpSolver(recession.shape, self.options).solve(recession)
-        return way.status.usable and is_recession_direction(recession, way.z)
+        steepest = StageQpSolver(recession.shape, self.options).solve(recession)
+        return steepest.status.usable and is_recession_direction(recession, steepest.z)
 
     def _run_damped(self, qp: problem.StageQp, z: Array) -> problem.FlatSolution:
         """Solve the QP with residuals as rows, and some curvature for directions that have none,
@@ -291,9 +282,8 @@ class StageQpSolver:
         converted = with_residuals_as_rows(qp)
         table = problem.row_table(converted)
         original = original_rows(qp.shape, converted.shape)
-        end = StageQpSolver(converted.shape, self.options)._core.run(
-            converted, table, z, self.options, phase_one=False
-        )
+        solver = StageQpSolver(converted.shape, self.options)
+        end = solver._core.run(converted, table, z, self.options, phase_one=False)
         products = self._core.products(qp, end.z)
         return replace(
             end, y=end.y[original], value=end.value[original], shape=self.shape, products=products
@@ -302,22 +292,22 @@ class StageQpSolver:
 
 def _only_rounding(qp: problem.StageQp, end: problem.FlatSolution) -> bool:
     """Check whether a cost that is convex, as a sum of squares, seemed not to be."""
-    return (
-        end.status is problem.StageQpStatus.NOT_CONVEX
-        and not qp.flat["H"].any()
-        and bool((qp.flat["damping"] >= 0.0).all())
-    )
+    if end.status is not problem.StageQpStatus.NOT_CONVEX:
+        return False
+    return not qp.flat["H"].any() and bool((qp.flat["damping"] >= 0.0).all())
 
 
 def _split(qp: problem.StageQp, flat: problem.FlatSolution) -> problem.StageQpSolution:
     shape = qp.shape
     m = len(qp.flat["lower"])
     z = problem.parts(flat.z, shape.n_z)
+    x = tuple(z_k[:n_x] for z_k, n_x in zip(z, shape.n_x, strict=True))
+    u = tuple(z_k[n_x:] for z_k, n_x in zip(z[:-1], shape.n_x, strict=False))
     return problem.stage_qp_solution(
         status=flat.status,
         z=z,
-        x=tuple(z_k[:n] for z_k, n in zip(z, shape.n_x, strict=True)),
-        u=tuple(z_k[n:] for z_k, n in zip(z[:-1], shape.n_x, strict=False)),
+        x=x,
+        u=u,
         costate=problem.parts(flat.costate, shape.n_x),
         y=problem.parts(flat.y[:m], shape.n_c),
         y_z=problem.parts(flat.y[m:], shape.n_z),
@@ -328,14 +318,7 @@ def _split(qp: problem.StageQp, flat: problem.FlatSolution) -> problem.StageQpSo
     )
 
 
-def _values(qp: problem.StageQp, z: Array) -> Array:
-    """Return the values (M,) of rows and variables."""
-    return np.concatenate(
-        [*(C @ z_k for C, z_k in zip(qp.C, problem.parts(z, qp.shape.n_z), strict=True)), z]
-    )
-
-
-def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
+def _flat_start(solution: problem.StageQpSolution) -> problem.WarmStart:
     y = np.concatenate([*solution.y, *solution.y_z])
     return problem.WarmStart(
         z=np.concatenate(solution.z), costate=np.concatenate(solution.costate), y=y
@@ -344,10 +327,24 @@ def _near(solution: problem.StageQpSolution) -> problem.WarmStart:
 
 @np.errstate(over="ignore", invalid="ignore")  # of what is not a number there is no cost
 def _cost(qp: problem.StageQp, solution: problem.FlatSolution) -> float:
-    r = qp.flat["r"]
-    z = solution.z
     flat = qp.flat
+    r = flat["r"]
+    z = solution.z
     products = solution.products
-    straight = products.slope + z @ flat["g"]
-    bend = sum(z_k @ H @ z_k for H, z_k in zip(qp.H, problem.parts(z, qp.shape.n_z), strict=True))
-    return float((r @ r + products.square + bend + z @ (flat["damping"] * z)) / 2 + straight)
+    linear = products.slope + z @ flat["g"]
+    stages = problem.parts(z, qp.shape.n_z)
+    curvature = sum(z_k @ H @ z_k for H, z_k in zip(qp.H, stages, strict=True))
+    damping = z @ (flat["damping"] * z)
+    return float((r @ r + products.square + curvature + damping) / 2 + linear)
+
+
+@lru_cache(maxsize=64)
+def _changed_options(
+    options: problem.StageQpOptions, tolerance: float | None, max_iterations: int | None
+) -> problem.StageQpOptions:
+    """Return options with another tolerance or limit of iterations, where these are not None."""
+    if tolerance is not None:
+        options = replace(options, tolerance=tolerance)
+    if max_iterations is not None:
+        options = replace(options, max_iterations=max_iterations)
+    return options

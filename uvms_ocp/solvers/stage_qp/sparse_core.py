@@ -9,6 +9,7 @@ took.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -21,9 +22,10 @@ from uvms_ocp.types import Array, Indices, Mask
 
 _PLUGIN = "piqp"
 _ACCURACIES = ("abs", "rel", "duality_gap_abs", "duality_gap_rel")
-# than the tolerance asks for: a bound that only just binds is missed by the root of what is left of
-# it
 _SHARPER = 1e3
+"""Factor by which PIQP is asked for more than the tolerance: a bound that only just binds is missed
+by the root of it.
+"""
 _REGULARIZATIONS = (1e-7, 1e-10)
 """Regularizations of the KKT matrix, tried one after the other: with less its factors are noise
 over long horizons, with more rows that depend on each other keep steps short.
@@ -45,7 +47,7 @@ class _SparseQp(NamedTuple):
 
 
 class SparseCore:
-    """The solver of one shape."""
+    """Solver of QPs of one shape."""
 
     def __init__(self, shape: problem.StageShape) -> None:
         """Raises `InvalidInput` where CasADi lacks PIQP."""
@@ -55,28 +57,24 @@ class SparseCore:
                 " PyPI"
             )
         self._shape = shape
-        first = problem.offsets(shape.n_z)
-        after = [
-            start + i for start, n in zip(first[1:-1], shape.n_x[1:], strict=True) for i in range(n)
-        ]
-        self._after = ca.DM.triplet(
-            list(range(len(after))), after, ca.DM.ones(len(after)), len(after), first[-1]
-        )
-        """Picks the states that steps lead to."""
+        self._next_states = _next_states(shape)
+        """Matrix that picks the states that steps lead to."""
         self._solvers: dict[tuple[object, ...], ca.Function] = {}
 
     def solve(
-        self, qp: problem.StageQp, options: problem.StageQpOptions, near: problem.WarmStart | None
+        self,
+        qp: problem.StageQp,
+        options: problem.StageQpOptions,
+        warm_start: problem.WarmStart | None,
     ) -> problem.FlatSolution:
         """Solve from nothing but the QP, or from z of a QP nearby; NOT_A_NUMBER where entries are
         none.
         """
         table = problem.row_table(qp)
         if not problem.is_valid(qp):
-            return self._nothing(qp, table, problem.StageQpStatus.NOT_A_NUMBER)
-        return self.run(
-            qp, table, table.rest(qp) if near is None else near.z, options, phase_one=False
-        )
+            return self._unsolved(qp, table, problem.StageQpStatus.NOT_A_NUMBER)
+        z = table.rest(qp) if warm_start is None else warm_start.z
+        return self.run(qp, table, z, options, phase_one=False)
 
     def run(
         self,
@@ -92,26 +90,22 @@ class SparseCore:
         """
         Q, q = _cost(qp, costless=phase_one)
         if not self._is_convex(qp, table, Q):
-            return self._nothing(qp, table, problem.StageQpStatus.NOT_CONVEX)
+            return self._unsolved(qp, table, problem.StageQpStatus.NOT_CONVEX)
         soft = table.elastic.any(axis=0) | (table.compliance > 0.0)
-        hard = np.concatenate(
-            [(table.side.any(axis=0) | table.equal)[: len(qp.flat["lower"])], table.fixed]
-        )
+        m = len(qp.flat["lower"])
+        is_constrained = table.side.any(axis=0) | table.equal
+        hard = np.concatenate([is_constrained[:m], table.fixed])
         rows = np.flatnonzero(soft | hard)
         sparse = self._assembled(qp, table, Q, q, soft, rows)
         ends = list[problem.FlatSolution]()
         for regularization in _REGULARIZATIONS:
-            (x, y_a, y_x), infeasible = self._solved(sparse, z, options, regularization)
-            end = self._judged(qp, table, sparse, rows, (x, y_a, y_x))
+            primal_dual, infeasible = self._solved(sparse, z, options, regularization)
+            end = self._judged(qp, table, sparse, rows, primal_dual)
             worst = np.inf if infeasible else end.worst
-            solved = (
-                problem.StageQpStatus.SOLVED
-                if worst <= options.tolerance
-                else problem.StageQpStatus.ITERATION_LIMIT
-            )
-            ends.append(replace(end, status=solved, worst=worst))
             if worst <= options.tolerance:
+                ends.append(replace(end, status=problem.StageQpStatus.SOLVED, worst=worst))
                 break
+            ends.append(replace(end, status=problem.StageQpStatus.ITERATION_LIMIT, worst=worst))
         return min(ends, key=lambda end: end.worst)
 
     def _judged(
@@ -120,7 +114,7 @@ class SparseCore:
         table: problem.RowTable,
         sparse: _SparseQp,
         rows: Indices,
-        primal_dual: tuple[Array, Array, Array],
+        primal_dual: tuple[Array, ...],
     ) -> problem.FlatSolution:
         """Return the solution with its residuals of the optimality conditions, from x and the
         multipliers of rows and variables.
@@ -132,29 +126,27 @@ class SparseCore:
         z = x[:n]
         y = np.concatenate([np.zeros(m), y_x[:n]])
         y[rows] = y_a[n_b:]
-        value = np.concatenate(
-            [*(C @ z_k for C, z_k in zip(qp.C, problem.parts(z, self._shape.n_z), strict=True)), z]
-        )
-        values = (sparse.a @ x).full().ravel()
+        value = problem.row_values(qp, z)
+        Ax = (sparse.a @ x).full().ravel()
         slope = (sparse.h @ x).full().ravel() + sparse.g
+        lagrangian_gradient = slope + (sparse.a.T @ y_a).full().ravel() + y_x
+        defect = np.abs(Ax - sparse.lba)[:n_b].max(initial=0.0)
         kkt = problem.kkt_residual(
-            stationarity=float(np.abs(slope + (sparse.a.T @ y_a).full().ravel() + y_x).max()),
-            primal=float(
-                max(np.abs(values - sparse.lba)[:n_b].max(initial=0.0), table.violation(value))
-            ),
+            stationarity=float(np.abs(lagrangian_gradient).max()),
+            primal=float(max(defect, table.violation(value))),
             complementarity=max(
-                _left(y_a, values, sparse.lba, sparse.uba), _left(y_x, x, sparse.lbx, sparse.ubx)
+                _complementarity(y_a, Ax, sparse.lba, sparse.uba),
+                _complementarity(y_x, x, sparse.lbx, sparse.ubx),
             ),
         )
         curvature = float(np.abs(sparse.h[:n, :n].nonzeros()).max(initial=0.0))
-        gradient = float(
-            max(
-                np.abs(slope[:n]).max(),
-                np.abs(y * table.norm).max(),
-                tolerances.LEAST_SIZE * curvature,
-                1e-300,
-            )
+        gradient_terms = (
+            np.abs(slope[:n]).max(),
+            np.abs(y * table.norm).max(),
+            tolerances.LEAST_SIZE * curvature,
+            1e-300,
         )
+        gradient = float(max(gradient_terms))
         variable = 1.0 + float(np.abs(z).max())
         worst = max(
             kkt.stationarity / gradient,
@@ -163,6 +155,8 @@ class SparseCore:
         )
         # Where there is no point multipliers grow without end, and all else is small beside them.
         smallest_gradient = max(np.abs(sparse.g).max(), tolerances.LEAST_SIZE * curvature, 1e-300)
+        if gradient > tolerances.HOPELESS * smallest_gradient:
+            worst = np.inf
         return self._ended(
             qp,
             z,
@@ -171,27 +165,26 @@ class SparseCore:
             y=y,
             value=value,
             kkt=kkt,
-            worst=np.inf if gradient > tolerances.HOPELESS * smallest_gradient else worst,
+            worst=worst,
             iterations=1,
         )
 
-    def _nothing(
+    def _unsolved(
         self, qp: problem.StageQp, table: problem.RowTable, status: problem.StageQpStatus
     ) -> problem.FlatSolution:
         z = table.rest(qp)
-        m = len(table.norm)
+        n_rows = len(table.norm)
         costate = np.zeros(sum(self._shape.n_x))
         kkt = problem.kkt_residual(stationarity=np.inf, primal=np.inf, complementarity=np.inf)
-        none = np.full(m, np.nan)
         return self._ended(
             qp,
             z,
             status=status,
             costate=costate,
-            y=np.zeros(m),
+            y=np.zeros(n_rows),
             kkt=kkt,
             iterations=0,
-            value=none,
+            value=np.full(n_rows, np.nan),
             worst=np.inf,
         )
 
@@ -207,77 +200,78 @@ class SparseCore:
         soft: Mask,
         rows: Indices,
     ) -> _SparseQp:
+        """Build the sparse QP with the dynamics and these rows, of which the soft ones have two
+        slacks each.
+        """
         n = len(q)
         m = len(qp.flat["lower"])
-        k = int(soft.sum())
-        steps = (
-            ca.horzcat(
-                ca.diagcat(*map(ca.DM, qp.dynamics)), ca.DM(len(qp.flat["b"]), self._shape.n_z[-1])
-            )
-            - self._after
+        n_soft = int(soft.sum())
+        n_slacks = 2 * n_soft
+        last_stage = ca.DM(len(qp.flat["b"]), self._shape.n_z[-1])
+        steps = ca.horzcat(_block_diagonal(qp.dynamics), last_stage) - self._next_states
+        row_matrix = ca.vertcat(_block_diagonal(qp.C), ca.DM.eye(n))[rows.tolist(), :]
+        soft_rows = np.flatnonzero(soft[rows]).tolist()
+        slack = ca.DM.triplet(soft_rows, list(range(n_soft)), ca.DM.ones(n_soft), len(rows), n_soft)
+        A = ca.vertcat(
+            ca.horzcat(steps, ca.DM(steps.shape[0], n_slacks)),
+            ca.horzcat(row_matrix, -slack, slack),
         )
-        row_matrix = ca.vertcat(ca.diagcat(*map(ca.DM, qp.C)), ca.DM.eye(n))[rows.tolist(), :]
-        slack = ca.DM.triplet(
-            np.flatnonzero(soft[rows]).tolist(), list(range(k)), ca.DM.ones(k), len(rows), k
-        )
-        bent = table.compliance[soft] > 0.0
-        l2 = np.where(bent, 1.0 / np.where(bent, table.compliance[soft], 1.0), table.l2[soft])
-        lower, upper = np.where(
-            table.equal, table.target, np.where(table.side, table.bound, [[-np.inf], [np.inf]])
-        )
+        compliance = table.compliance[soft]
+        is_quadratic = compliance > 0.0
+        l1 = table.l1[soft]
+        l2 = np.where(is_quadratic, 1.0 / np.where(is_quadratic, compliance, 1.0), table.l2[soft])
+        H = ca.diagcat(_block_diagonal(Q), ca.diag(ca.DM([*l2, *l2])))
+        endless = [[-np.inf], [np.inf]]
+        inequalities = np.where(table.side, table.bound, endless)
+        lower, upper = np.where(table.equal, table.target, inequalities)
         # Between two bounds that are one there is no interior: what is fixed is a row.
-        low, up = np.where(soft[m:] | table.fixed, [[-np.inf], [np.inf]], [lower[m:], upper[m:]])
-        lower[m:][table.fixed] = upper[m:][table.fixed] = qp.flat["z_lower"][table.fixed]
+        is_row = soft[m:] | table.fixed
+        z_lower, z_upper = np.where(is_row, endless, [lower[m:], upper[m:]])
+        fixed_values = qp.flat["z_lower"][table.fixed]
+        lower[m:][table.fixed] = fixed_values
+        upper[m:][table.fixed] = fixed_values
         return _SparseQp(
-            h=ca.diagcat(*map(ca.DM, Q), ca.diag(ca.DM([*l2, *l2]))),
-            g=np.concatenate([q, table.l1[soft], table.l1[soft]]),
-            a=ca.vertcat(
-                ca.horzcat(steps, ca.DM(steps.shape[0], 2 * k)),
-                ca.horzcat(row_matrix, -slack, slack),
-            ),
+            h=H,
+            g=np.concatenate([q, l1, l1]),
+            a=A,
             lba=np.concatenate([-qp.flat["b"], lower[rows]]),
             uba=np.concatenate([-qp.flat["b"], upper[rows]]),
-            lbx=np.concatenate([low, np.zeros(2 * k)]),
-            ubx=np.concatenate([up, np.full(2 * k, np.inf)]),
+            lbx=np.concatenate([z_lower, np.zeros(n_slacks)]),
+            ubx=np.concatenate([z_upper, np.full(n_slacks, np.inf)]),
         )
 
     def _solved(
         self, sparse: _SparseQp, z: Array, options: problem.StageQpOptions, regularization: float
-    ) -> tuple[list[Array], bool]:
+    ) -> tuple[tuple[Array, ...], bool]:
         """Return x, the multipliers of A x and of x, zeros where any of these is no number; and
         whether PIQP finds the QP infeasible.
         """
+        solver = self._solver(sparse, options, regularization)
+        n_slacks = len(sparse.g) - len(z)
+        result = solver(**sparse._asdict(), x0=np.concatenate([z, np.zeros(n_slacks)]))
+        parts = tuple(np.array(result[name]).ravel() for name in ("x", "lam_a", "lam_x"))
+        infeasible = "infeasible" in solver.stats()["return_status"]
+        if not all(np.isfinite(part).all() for part in parts):
+            parts = tuple(np.zeros_like(part) for part in parts)
+        return parts, infeasible
+
+    def _solver(
+        self, sparse: _SparseQp, options: problem.StageQpOptions, regularization: float
+    ) -> ca.Function:
+        """Return the solver of a sparsity and these options, made once."""
         H = sparse.h.sparsity()
         A = sparse.a.sparsity()
-        key = (
-            H.nnz(),
-            *A.row(),
-            *A.colind(),
-            options.tolerance,
-            options.max_iterations,
-            regularization,
-        )
+        sparsity = (H.nnz(), *A.row(), *A.colind())
+        key = (*sparsity, options.tolerance, options.max_iterations, regularization)
         if key not in self._solvers:
-            accuracy = dict.fromkeys(
-                (f"eps_{name}" for name in _ACCURACIES), options.tolerance / _SHARPER
-            )
-            plugin_options = {
-                _PLUGIN: {
-                    **accuracy,
-                    "reg_lower_limit": regularization,
-                    "max_iter": options.max_iterations,
-                },
-                "error_on_fail": False,
+            piqp_options: dict[str, object] = {
+                f"eps_{name}": options.tolerance / _SHARPER for name in _ACCURACIES
             }
+            piqp_options["reg_lower_limit"] = regularization
+            piqp_options["max_iter"] = options.max_iterations
+            plugin_options = {_PLUGIN: piqp_options, "error_on_fail": False}
             self._solvers[key] = ca.conic("stages", _PLUGIN, {"h": H, "a": A}, plugin_options)
-        solver = self._solvers[key]
-        result = solver(
-            **sparse._asdict(), x0=np.concatenate([z, np.zeros(len(sparse.g) - len(z))])
-        )
-        parts = [np.array(result[name]).ravel() for name in ("x", "lam_a", "lam_x")]
-        finite = all(np.isfinite(part).all() for part in parts)
-        infeasible = "infeasible" in solver.stats()["return_status"]
-        return parts if finite else [np.zeros_like(part) for part in parts], infeasible
+        return self._solvers[key]
 
     def _is_convex(self, qp: problem.StageQp, table: problem.RowTable, Q: list[Array]) -> bool:
         """Check by a Riccati recursion whether the cost bends upwards along the dynamics and all
@@ -292,20 +286,17 @@ class SparseCore:
         for k in range(self._shape.N, -1, -1):
             C = qp.C[k]
             z = problem.slices(self._shape.n_z)[k]
+            fixed = table.fixed[z]
             n = self._shape.n_x[k] if k else 0
-            M = (
-                Q[k]
-                + C.T @ (weight[problem.slices(self._shape.n_c)[k], None] * C)
-                + np.diag(weight[m:][z])
-            )
+            row_weight = weight[problem.slices(self._shape.n_c)[k], None]
+            M = Q[k] + C.T @ (row_weight * C) + np.diag(weight[m:][z])
             if k < self._shape.N:
                 M += qp.dynamics[k].T @ P @ qp.dynamics[k]
-            M[table.fixed[z]] = 0.0
-            M[:, table.fixed[z]] = 0.0
-            pivot_margin = tolerances.INDEFINITE * (
-                np.abs(np.diag(M)) + tolerances.SMALLEST_CURVATURE * largest
-            )
-            M += np.diag(np.where(table.fixed[z], 1.0, pivot_margin))
+            M[fixed] = 0.0
+            M[:, fixed] = 0.0
+            smallest_pivot = tolerances.SMALLEST_CURVATURE * largest
+            pivot_margin = tolerances.INDEFINITE * (np.abs(np.diag(M)) + smallest_pivot)
+            M += np.diag(np.where(fixed, 1.0, pivot_margin))
             try:
                 W = np.linalg.solve(np.linalg.cholesky(M[n:, n:]), M[n:, :n])
             except np.linalg.LinAlgError:
@@ -313,29 +304,37 @@ class SparseCore:
             P = M[:n, :n] - W.T @ W
         return True
 
-    def stationarity(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
-        """Largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the
+    def stationarity(self, qp: problem.StageQp, warm_start: problem.WarmStart) -> float:
+        """Return the largest entry [1/unit of z] of the gradient of a QP's Lagrangian at 0 with the
         multipliers of another, but for what is fixed.
         """
-        (_, grad) = _cost(qp)
+        _, gradient = _cost(qp)
         m = len(qp.flat["lower"])
         N = self._shape.N
-        costate = [near.costate[stage] for stage in problem.slices(self._shape.n_x)]
-        y = near.y[m:]
+        costate = [warm_start.costate[stage] for stage in problem.slices(self._shape.n_x)]
+        y_rows = [warm_start.y[stage] for stage in problem.slices(self._shape.n_c)]
+        y_z = warm_start.y[m:]
         for k, stage in enumerate(problem.slices(self._shape.n_z)):
-            grad[stage] += near.y[problem.slices(self._shape.n_c)[k]] @ qp.C[k] + y[stage]
-            grad[stage][: len(costate[k])] -= costate[k] if k else 0.0
-            grad[stage] += costate[k + 1] @ qp.dynamics[k] if k < N else 0.0
-        return float(np.abs(np.where(problem.row_table(qp).fixed, 0.0, grad)).max(initial=0.0))
+            gradient[stage] += y_rows[k] @ qp.C[k] + y_z[stage]
+            if k > 0:
+                gradient[stage][: len(costate[k])] -= costate[k]
+            if k < N:
+                gradient[stage] += costate[k + 1] @ qp.dynamics[k]
+        gradient[problem.row_table(qp).fixed] = 0.0
+        return float(np.abs(gradient).max(initial=0.0))
 
     def steepest(self, qp: problem.StageQp) -> float:
-        """Largest entry [1/unit of z] of the gradient of the residuals' half square, at 0."""
-        return float(max(np.abs(r @ J).max(initial=0.0) for J, r in zip(qp.J, qp.r, strict=True)))
+        """Return the largest entry [1/unit of z] of the gradient of the residuals' half square, at
+        0.
+        """
+        gradients = [r @ J for J, r in zip(qp.J, qp.r, strict=True)]
+        return float(max(np.abs(gradient).max(initial=0.0) for gradient in gradients))
 
     @np.errstate(invalid="ignore")  # of what is not a number
     def products(self, qp: problem.StageQp, z: Array) -> problem.ResidualProducts:
         """Return the products of the residuals' rows along z (n,) [unit of z]."""
-        along = [J @ part for J, part in zip(qp.J, problem.parts(z, self._shape.n_z), strict=True)]
+        stages = problem.parts(z, self._shape.n_z)
+        along = [J @ z_k for J, z_k in zip(qp.J, stages, strict=True)]
         changes = [np.abs(part @ J).max(initial=0.0) for J, part in zip(qp.J, along, strict=True)]
         residual_change = np.concatenate(along)
         return problem.ResidualProducts(
@@ -346,19 +345,36 @@ class SparseCore:
 
 
 def _cost(qp: problem.StageQp, *, costless: bool = False) -> tuple[list[Array], Array]:
-    """Hessian of every stage and gradient (n,) at 0; next to no curvature, and nothing else, for
-    ``costless``.
+    """Return the Hessian of every stage and the gradient (n,) at 0; next to no curvature, and
+    nothing else, for ``costless``.
     """
+    n_z = qp.shape.n_z
     if costless:
-        return [tolerances.PHASE_ONE * np.eye(n) for n in qp.shape.n_z], np.zeros(sum(qp.shape.n_z))
-    Q = [
-        J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping)
-        for J, H, damping in zip(qp.J, qp.H, qp.damping, strict=True)
-    ]
-    return Q, np.concatenate([J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)])
+        return [tolerances.PHASE_ONE * np.eye(n) for n in n_z], np.zeros(sum(n_z))
+    hessians = list[Array]()
+    for J, H, damping in zip(qp.J, qp.H, qp.damping, strict=True):
+        hessians.append(J.T @ J + np.tril(H) + np.tril(H, -1).T + np.diag(damping))
+    gradients = [J.T @ r + g for J, r, g in zip(qp.J, qp.r, qp.g, strict=True)]
+    return hessians, np.concatenate(gradients)
 
 
-def _left(y: Array, value: Array, lower: Array, upper: Array) -> float:
+def _next_states(shape: problem.StageShape) -> ca.DM:
+    """Return the matrix (sum of n_x but of the first, n) that picks the states of all stages but
+    the first from z.
+    """
+    first = problem.offsets(shape.n_z)
+    columns = list[int]()
+    for start, n_x in zip(first[1:-1], shape.n_x[1:], strict=True):
+        columns += range(start, start + n_x)
+    m = len(columns)
+    return ca.DM.triplet(list(range(m)), columns, ca.DM.ones(m), m, first[-1])
+
+
+def _block_diagonal(blocks: Sequence[Array]) -> ca.DM:
+    return ca.diagcat(*[ca.DM(block) for block in blocks])
+
+
+def _complementarity(y: Array, value: Array, lower: Array, upper: Array) -> float:
     """Return the largest product of a multiplier and the distance from its bound."""
     gap = np.abs(np.where(y > 0.0, upper, lower) - value)
     return float(np.abs(y * np.where(np.isfinite(gap), gap, 0.0)).max(initial=0.0))
