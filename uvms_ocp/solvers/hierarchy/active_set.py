@@ -29,15 +29,12 @@ def solver_source(n: int, sizes: Sequence[int]) -> str:
     """
     if not any(sizes):
         raise InvalidInput(f"sizes = {list(sizes)} of levels; give at least one row")
+    row_states = [f"{state.name} = {state.value}" for state in active_set_numpy.RowState]
     parts = [
         core.preamble(n, sizes),
         c_macros(constants_of(tolerances)),
         c_macros(asdict(tolerances.iteration_budget(sum(sizes)))),
-        (
-            "enum {"
-            f" {', '.join(f'{code.name} = {code.value}' for code in active_set_numpy.RowState)}"
-            " };\n"
-        ),
+        f"enum {{ {', '.join(row_states)} }};\n",
         *core.texts_of("equalities.c", "active_set.c", "scaling.c", "certificate.c", "fallbacks.c"),
     ]
     return "\n".join(parts)

@@ -94,16 +94,14 @@ class _ActiveSet:
         self.levels = list(row_slices(rows.sizes))
         self.norm = np.sqrt((rows.J * rows.J).sum(axis=1))
         bounds = np.abs([rows.lower, rows.upper])
-        self.tolerance = tolerances.FEASIBLE * (
-            self.norm + np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0)
-        )
+        largest_bound = np.where(bounds < tolerances.ENDLESS, bounds, 0.0).max(axis=0)
+        self.tolerance = tolerances.FEASIBLE * (self.norm + largest_bound)
         """(M,) by how much a row may be violated."""
         self.state = np.sign(active_set)
         """(M,) `RowState` of each row."""
-        self.state[
-            ((self.state > 0) & (rows.upper == np.inf))
-            | ((self.state < 0) & (rows.lower == -np.inf))
-        ] = FREE
+        lacks_upper = (self.state > 0) & (rows.upper == np.inf)
+        lacks_lower = (self.state < 0) & (rows.lower == -np.inf)
+        self.state[lacks_upper | lacks_lower] = FREE
         # A flag of equality must never be inherited: the row may have become an inequality.
         self.state[rows.lower >= rows.upper] = EQUAL
         self.tabu = np.zeros(len(rows.J), dtype=bool)
@@ -384,16 +382,13 @@ class _Attempts:
             upper = np.where(above, np.maximum(y, self.rows.upper), free.upper)
             candidate, _ = self._run(replace(free, lower=lower, upper=upper), rules=rules)
             y = self.rows.J @ candidate
-            if (
-                _is_finite(candidate)
-                and ((y >= lower - self._near) & (y <= upper + self._near))[above].all()
-            ):
+            is_kept = (y >= lower - self._near) & (y <= upper + self._near)
+            if _is_finite(candidate) and is_kept[above].all():
                 w = candidate
         y = self.rows.J @ w
-        margin = self._near
-        touched = np.where(
-            y >= self.rows.upper - margin, 1.0, np.where(y <= self.rows.lower + margin, -1.0, 0.0)
-        )
+        touched = np.zeros(len(y))
+        touched[y <= self.rows.lower + self._near] = -1.0
+        touched[y >= self.rows.upper - self._near] = 1.0
         return self._is_proven(w, touched) or self._is_proven(*self._run(self.rows, touched, rules))
 
     def _by_fewer_levels(self) -> bool:
@@ -424,14 +419,22 @@ class _Attempts:
         missed = np.array([np.linalg.norm(slack[level_rows]) for level_rows in self._levels])
         best = self._missed
         proven = normal_certificate(self.rows, w) <= tolerances.CERTIFIED
-        differ = np.flatnonzero(
-            False if best is None else np.abs(missed - best) > tolerances.TIED * (1.0 + best)
-        )
-        if proven or best is None or (len(differ) and missed[differ[0]] < best[differ[0]]):
+        if proven or best is None or _is_better(missed, best):
             self.w = w
             self.active_set = active_set
             self._missed = missed
         return proven
+
+
+def _is_better(missed: Array, best: Array) -> bool:
+    """Check whether the norms of residuals (levels,) are less than the best at the first level
+    where they differ by more than rounding.
+    """
+    differing = np.flatnonzero(np.abs(missed - best) > tolerances.TIED * (1.0 + best))
+    if differing.size == 0:
+        return False
+    first = differing[0]
+    return bool(missed[first] < best[first])
 
 
 def _is_finite(w: Array) -> bool:

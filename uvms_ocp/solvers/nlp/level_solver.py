@@ -101,8 +101,8 @@ class NlpOptions:
 
 
 def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
-    """Options of IPOPT itself, for a start with or without multipliers."""
-    chosen: dict[str, Any] = {
+    """Return options of IPOPT itself, for a start with or without multipliers."""
+    ipopt_options: dict[str, Any] = {
         "print_level": 0,
         "sb": "yes",
         "tol": options.convergence,
@@ -112,7 +112,9 @@ def solver_options(options: NlpOptions, *, warm: bool) -> dict[str, Any]:
         # Bounds give way by this much: rows that are frozen must not.
         "bound_relax_factor": min(1e-8, 0.01 * (options.tolerance or 1e-6)),
     }
-    return chosen | (_WARM_START_OPTIONS if warm else {}) | dict(options.plugin_options)
+    if warm:
+        ipopt_options |= _WARM_START_OPTIONS
+    return ipopt_options | dict(options.plugin_options)
 
 
 @checked_dataclass(eq=False)

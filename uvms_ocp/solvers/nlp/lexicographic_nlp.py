@@ -302,9 +302,10 @@ class _Run:
                     level.frozen, level.frozen_bounds(y, best.cost, self._tolerance)
                 )
         n_unsolved = len(self._levels) - len(statuses)
-        statuses += [
-            nlp.NlpStatus.TIME_LIMIT if self._nlp.deadline.over else nlp.NlpStatus.SKIPPED
-        ] * n_unsolved
+        if self._nlp.deadline.over:
+            statuses += [nlp.NlpStatus.TIME_LIMIT] * n_unsolved
+        else:
+            statuses += [nlp.NlpStatus.SKIPPED] * n_unsolved
         iterations += [0] * n_unsolved
         iterations[0] += self._spent
         assert best is not None  # as there is one level at least
@@ -316,12 +317,11 @@ class _Run:
         """
         n_unsolved = len(self._levels) - 1
         statuses = (nlp.NlpStatus.INTERRUPTED, *(nlp.NlpStatus.SKIPPED,) * n_unsolved)
-        reached = replace(
-            outcome, violation=self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
-        )
+        violation = self._nlp.program.violation(outcome.point.x, self._p, self._bounds)
+        iterations = (outcome.iterations, *(0,) * n_unsolved)
         points = (level_solver.NlpPoint(x=outcome.point.x),) * (n_unsolved + 1)
         return self._result(
-            reached, statuses, (outcome.iterations, *(0,) * n_unsolved), points, False
+            replace(outcome, violation=violation), statuses, iterations, points, False
         )
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
@@ -341,13 +341,15 @@ class _Run:
         anticipated: bool,
     ) -> LexicographicResult:
         values = self._nlp.program.rows_at(best.point.x, self._p)
-        pairs: zip[tuple[nlp.LevelRows, np.ndarray]] = zip(self._levels, values, strict=True)
-        return _made(
+        residuals = list[np.ndarray]()
+        for level, y in zip(self._levels, values, strict=True):
+            residuals.append(read_only(level.distance(y)))
+        return _lexicographic_result(
             x=read_only(best.point.x),
             status=max(statuses, key=_severity),
             level_status=statuses,
-            values=tuple(map(read_only, values)),
-            residuals=tuple(read_only(level.distance(y)) for level, y in pairs),
+            values=tuple(read_only(y) for y in values),
+            residuals=tuple(residuals),
             iterations=iterations,
             anticipated=anticipated,
             violation=best.violation,
@@ -356,7 +358,7 @@ class _Run:
         )
 
 
-_made = unchecked_constructor(LexicographicResult)
+_lexicographic_result = unchecked_constructor(LexicographicResult)
 
 
 def _severity(status: nlp.NlpStatus) -> int:

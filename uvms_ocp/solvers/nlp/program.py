@@ -308,10 +308,11 @@ class RowKinds:
         return RowKinds(equal=self.equal[rows], below=self.below[rows], above=self.above[rows])
 
     def same(self, other: RowKinds) -> bool:
-        """True where all rows are of the same kind."""
-        return all(
-            np.array_equal(getattr(self, kind), getattr(other, kind))
-            for kind in ("equal", "below", "above")
+        """Check that all rows are of the same kind."""
+        return (
+            np.array_equal(self.equal, other.equal)
+            and np.array_equal(self.below, other.below)
+            and np.array_equal(self.above, other.above)
         )
 
 
@@ -398,13 +399,13 @@ def lexicographic_program(
     for i, level in enumerate(levels):
         rows.append(_level_rows(level, i, first))
         first = rows[-1].frozen.stop
-    costs = [
-        half_square(level.y, ca.DM(row.lower), ca.DM(row.upper), row_kinds(row.lower, row.upper))
-        for level, row in zip(levels, rows, strict=True)
-    ]
-    freezing = [
-        level.y if level.relax is None else cost for level, cost in zip(levels, costs, strict=True)
-    ]
+    costs = []
+    freezing = []
+    for level, row in zip(levels, rows, strict=True):
+        kinds = row_kinds(row.lower, row.upper)
+        cost = half_square(level.y, ca.DM(row.lower), ca.DM(row.upper), kinds)
+        costs.append(cost)
+        freezing.append(level.y if level.relax is None else cost)
     nlps = []
     for i, cost in enumerate(costs):
         stacked = ca.vertcat(constraints, *freezing[:i])
@@ -414,25 +415,25 @@ def lexicographic_program(
                 rows=np.arange(stacked.numel()),
             )
         )
-    lower, upper = (
-        np.broadcast_to(np.asarray(bound, dtype=float), constraints.numel())
-        for bound in (g_lower, g_upper)
-    )
+    lower = np.broadcast_to(np.asarray(g_lower, dtype=float), constraints.numel())
+    upper = np.broadcast_to(np.asarray(g_upper, dtype=float), constraints.numel())
+    values = [ca.densify(level.y) for level in levels]
     return LexicographicProgram(
         ranges=RowRanges(levels=tuple(rows), lower=lower, upper=upper),
         nlps=tuple(nlps),
-        values=ca.Function("values", [x, parameters], [ca.densify(level.y) for level in levels]),
+        values=ca.Function("values", [x, parameters], values),
     )
 
 
 def _level_rows(level: NlpLevel, index: int, first: int) -> LevelRows:
     m = int(level.y.numel())
+    n_frozen = m if level.relax is None else 1
     return LevelRows(
         name=level.name or f"level {index}",
         lower=np.broadcast_to(np.asarray(level.lower, dtype=float), (m,)),
         upper=np.broadcast_to(np.asarray(level.upper, dtype=float), (m,)),
         relax=level.relax,
-        frozen=slice(first, first + (m if level.relax is None else 1)),
+        frozen=slice(first, first + n_frozen),
     )
 
 
