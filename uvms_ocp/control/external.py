@@ -108,13 +108,13 @@ class SupervisedController(TableDisplay):
             require_numbers(
                 f"the command of controller {self.name}", name, getattr(command, name), shape
             )
-        taken = command.telemetry.keys() & watched.telemetry.keys()
-        if taken:
-            given = (
-                f"telemetry of controller {self.name} has {sorted(taken)[0]!r}, which the mission"
+        reserved = command.telemetry.keys() & watched.telemetry.keys()
+        if reserved:
+            problem = (
+                f"telemetry of controller {self.name} has {min(reserved)!r}, which the mission"
                 " tells"
             )
-            raise InvalidInput(f"{given}; rename it")
+            raise InvalidInput(f"{problem}; rename it")
 
 
 def require_numbers(
@@ -125,15 +125,14 @@ def require_numbers(
 
     shape: that it has to have.
     """
-    if value is None or value.shape != shape:
-        if value is None:
-            given = "None"
-        else:
-            given = f"of shape {value.shape}"
+    if value is None:
+        problem = "None"
+    elif value.shape != shape:
+        problem = f"of shape {value.shape}"
     elif value.dtype != float:  # of which the record would keep the whole part alone
-        given = f"of type {value.dtype}"
+        problem = f"of type {value.dtype}"
     elif not np.isfinite(value).all():
-        given = "not finite"
+        problem = "not finite"
     else:
         return
-    raise InvalidInput(f"{whose} has {name} {given}; give {shape[0]} finite numbers")
+    raise InvalidInput(f"{whose} has {name} {problem}; give {shape[0]} finite numbers")

@@ -60,7 +60,7 @@ class PlanningTimes:
         self._origin = 0.0
 
     def begin(self, t: float) -> None:
-        """Multiples count from t [s]."""
+        """Count multiples from t [s]."""
         self._origin = t
 
     def multiple_after(self, t: float) -> float:
@@ -229,24 +229,24 @@ class Nmpc(TableDisplay):
         self.close()
 
     def __call__(self, measurement: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
         measurement = self._sound(measurement, t)
         state = signals.unchecked_state(q=measurement.q, v=measurement.v)
-        acted = self._now is not None
-        now = self._followed(state, t)
+        has_acted = self._now is not None
+        plan = self._followed(state, t)
         disturbance = np.zeros(self._robot.n_v)
-        if self._observer is not None and acted:
+        if self._observer is not None and has_acted:
             disturbance = self._observer.update(state.q, state.v, self._law.force)
-        q, v, a = now.trajectory.state_at(self._robot.model, t - now.begin)
-        if t - now.begin > now.trajectory.t[-1]:
+        q, v, a = plan.trajectory.state_at(self._robot.model, t - plan.begin)
+        if t - plan.begin > plan.trajectory.t[-1]:
             v = np.zeros_like(v)
         command = self._law.command(state, q=q, v=v, a=a, disturbance=disturbance)
         # Last: a process that wakes up beside takes what this tick has in the cache.
-        self._plan_ahead(state, t, now.begin)
+        self._plan_ahead(state, t, plan.begin)
         return command
 
     def _followed(self, state: State, t: float) -> solve_workers.TimedPlan:
-        """The plan for this tick."""
+        """Return the plan for this tick."""
         if self._now is None:
             self._now = solve_workers.TimedPlan(
                 number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
@@ -295,29 +295,30 @@ class Nmpc(TableDisplay):
 
     def _collect(self, t: float) -> None:
         """Take the answer to the last solve, if there is one."""
-        if self._asked is not None:
-            answer = self._worker.answer()
-        else:
-            answer = None
-        if answer is None or self._asked is None:
+        if self._asked is None:
             return
-        asked = self._asked
+        answer = self._worker.answer()
+        if answer is None:
+            return
+        request_time = self._asked
         self._asked = None
         if answer.first and answer.planned is not None:
             # The robot stays until then, wherever it is to begin.
-            self._next = self._takes_over = max(answer.planned.begin, t)
-            self._coming = replace(answer.planned, begin=self._next)
-            self._planning.begin(self._next)
+            begin = max(answer.planned.begin, t)
+            self._next = begin
+            self._takes_over = begin
+            self._coming = replace(answer.planned, begin=begin)
+            self._planning.begin(begin)
             return
         # A solve in line is as late as if it had been made beside.
-        ready = max(t, asked + answer.solve_time)
+        ready = max(t, request_time + answer.solve_time)
         self._times.append((answer.solve_time, answer.processor_time))
         self._watch.on_answer(ready, answer.solve_time)
         if answer.planned is None:
             self._watch.on_rejection(ready, answer.reason)
-            self._next = self._planning.next_at(asked, ready)
+            self._next = self._planning.next_at(request_time, ready)
             return
         # One that is late keeps its time stamps, so that it is still of use.
         self._coming = answer.planned
         self._takes_over = max(answer.planned.begin, ready)
-        self._next = self._planning.next_at(asked, self._takes_over)
+        self._next = self._planning.next_at(request_time, self._takes_over)

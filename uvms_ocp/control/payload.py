@@ -74,7 +74,8 @@ ObserverResponse = Callable[[ForceResponse, ca.SX, ca.SX, ca.SX], ForceResponse]
 def load_force(
     body: SymbolicDynamics, q: ca.SX, acceleration: ca.SX, tool: str = LOAD_FRAME
 ) -> ca.SX:
-    """Generalized force (n_v, 2) of 1 N of net weight, and of 1 kg, at q (n_q,) [m, rad].
+    """Return the generalized force (n_v, 2) of 1 N of net weight, and of 1 kg, at q (n_q,) [m,
+    rad].
 
     acceleration (3,) [m/s2] of the tool, a frame, in W. A point load of mass m and volume V gives
     ``J.T (W down - m a)`` with the net weight ``W = (m - rho V) g``: what it has of its mass alone
@@ -86,23 +87,24 @@ def load_force(
 
 
 def current_force(body: SymbolicDynamics, q: ca.SX, v: ca.SX, current: ca.SX) -> ca.SX:
-    """Generalized force (n_v, 4) of the currents u near `current` (3,) [m/s] in W: the first column
-    plus the others times u.
+    """Return the generalized force (n_v, 4) of the currents u near `current` (3,) [m/s] in W: the
+    first column plus the others times u.
 
     At q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
     """
     n = len(body.links)
-    still = ca.SX(3, len(body.links))
+    still = ca.SX(3, n)
     flow = ca.SX.sym("flow", 3)
-    drag = body.bias_force(q, v, still, still) - body.bias_force(q, v, ca.repmat(flow, 1, n), still)
+    force_in_flow = body.bias_force(q, v, ca.repmat(flow, 1, n), still)
+    drag = body.bias_force(q, v, still, still) - force_in_flow
     quicker = current + ca.if_else(current < 0, -_LEAST_FLOW, _LEAST_FLOW)
     slopes = ca.substitute(ca.jacobian(drag, flow), flow, quicker)
     return ca.horzcat(ca.substitute(drag, flow, current) - slopes @ current, slopes)
 
 
 def tool_function(body: SymbolicDynamics, tools: Sequence[str] = (LOAD_FRAME,)) -> ca.Function:
-    """Function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s] in W, a
-    column for each of the tools.
+    """Build the function ``q, v -> weight, velocity``: `load_force` of 1 N, and the velocity [m/s]
+    in W, a column for each of the tools.
     """
     q = ca.SX.sym("q", body.model.nq)
     v = ca.SX.sym("v", body.model.nv)
@@ -117,7 +119,7 @@ def tool_function(body: SymbolicDynamics, tools: Sequence[str] = (LOAD_FRAME,)) 
 def response_function(
     body: SymbolicDynamics, response: ObserverResponse, tools: Sequence[str] = (LOAD_FRAME,)
 ) -> ca.Function:
-    """Function ``q, v, acceleration, current, share, estimate, innovation -> estimate,
+    """Build the function ``q, v, acceleration, current, share, estimate, innovation -> estimate,
     innovation``.
 
     The response of the observer to what is put into its estimate and bears no force, to
@@ -125,27 +127,22 @@ def response_function(
     """
     n = body.model.nv
     n_columns = COLUMNS + 2 * len(tools)
-    symbol = ca.SX.sym
-    x = {
-        "q": symbol("q", body.model.nq),
-        "v": symbol("v", n),
-        "acceleration": symbol("acceleration", 3, len(tools)),
-    }
-    x |= {"current": symbol("current", 3), "share": symbol("share", n)}
+    q = ca.SX.sym("q", body.model.nq)
+    v = ca.SX.sym("v", n)
+    acceleration = ca.SX.sym("acceleration", 3, len(tools))
+    current = ca.SX.sym("current", 3)
+    share = ca.SX.sym("share", n)
     before = ForceResponse(
-        estimate=symbol("estimate", n, n_columns), innovation=symbol("innovation", n, n_columns)
+        estimate=ca.SX.sym("estimate", n, n_columns),
+        innovation=ca.SX.sym("innovation", n, n_columns),
     )
-    drag = current_force(body, x["q"], x["v"], x["current"])
-    loads = [
-        load_force(body, x["q"], x["acceleration"][:, k], tool) for k, tool in enumerate(tools)
-    ]
+    drag = current_force(body, q, v, current)
+    loads = [load_force(body, q, acceleration[:, k], tool) for k, tool in enumerate(tools)]
     force = ca.horzcat(ca.SX(n, 1), *loads, drag)
-    after = response(before, body.mass_matrix(x["q"]), force, x["share"])
+    after = response(before, body.mass_matrix(q), force, share)
+    inputs = [q, v, acceleration, current, share, before.estimate, before.innovation]
     outputs = ca.cse([ca.densify(after.estimate), ca.densify(after.innovation)])
-    return ca.Function("response", [*x.values(), before.estimate, before.innovation], outputs)
-
-
-# Loads of the tools: learnt tick by tick, recorded, and fed forward as the arm moves.
+    return ca.Function("response", inputs, outputs)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -155,11 +152,11 @@ class LoadEstimate:
     weight: float
     """[N] net weight in water, downwards."""
     weight_error: float
-    """[N] its standard error."""
+    """[N] standard error of the weight."""
     mass: float
     """[kg] NaN while it is undetermined."""
     mass_error: float
-    """[kg] its standard error."""
+    """[kg] standard error of the mass."""
 
 
 @lru_cache(maxsize=8)
@@ -169,9 +166,8 @@ def load_functions(
     """`tool_function` and `response_function` for a learner, made once; compiled where there is a
     compiler.
     """
-    return compile_function(tool_function(body, tools)), compile_function(
-        response_function(body, response, tools)
-    )
+    tool = compile_function(tool_function(body, tools))
+    return tool, compile_function(response_function(body, response, tools))
 
 
 class LoadLearner:
@@ -191,26 +187,28 @@ class LoadLearner:
         bandwidth: np.ndarray,
         dt: float,
     ) -> None:
-        """Limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s]
+        """limit (n_v,) [N, N m] and bandwidth (n_v,) [rad/s] of the observer of the `body`, dt [s]
         its period; tools: frames.
         """
-        self._tool, self._response = map(BufferedFunction, load_functions(body, response, tools))
+        tool, observer_response = load_functions(body, response, tools)
+        self._tool = BufferedFunction(tool)
+        self._response = BufferedFunction(observer_response)
         self._every = max(1, round(settings.period / dt))
         self._settling = round(settings.settling / dt)
         self._settings = settings
         self._dt = dt
         self._limit = limit
         n = len(limit)
-        # Looks are whole ticks apart.
-        self.filter = LoadFilter(
-            replace(settings, period=self._every * dt), limit, bandwidth, len(tools)
-        )
+        n_tools = len(tools)
+        # Samples are whole ticks apart.
+        filter_settings = replace(settings, period=self._every * dt)
+        self.filter = LoadFilter(filter_settings, limit, bandwidth, n_tools)
         """Filter of the loads."""
-        self._estimate, self._innovation = (
-            np.zeros((n, COLUMNS + 2 * len(tools))) for _ in range(2)
-        )
-        self._weight = np.zeros((n, len(tools)))
-        self._velocity = self._acceleration = np.zeros((3, len(tools)))
+        self._estimate = np.zeros((n, COLUMNS + 2 * n_tools))
+        self._innovation = np.zeros((n, COLUMNS + 2 * n_tools))
+        self._weight = np.zeros((n, n_tools))
+        self._velocity = np.zeros((3, n_tools))
+        self._acceleration = np.zeros((3, n_tools))
         self._ticks = 0
         self._free = np.ones(n, dtype=bool)
 
@@ -232,7 +230,7 @@ class LoadLearner:
         )
 
     def leave(self, jammed: Sequence[int]) -> None:
-        """Axes of v that do not move, and tell nothing."""
+        """Leave axes of v out that do not move, and tell nothing."""
         self._free[list(jammed)] = False
 
     def carry(self, q: np.ndarray, v: np.ndarray, estimate: np.ndarray) -> None:
@@ -241,22 +239,26 @@ class LoadLearner:
 
         q (n_q,) [m, rad], v (n_v,) [m/s, rad/s], about to be observed.
         """
-        before, was = self._weight, self._velocity
-        self._weight, self._velocity = (
-            found.reshape(-1, before.shape[1]) for found in self._tool(q, v)
-        )
+        weight_before = self._weight
+        velocity_before = self._velocity
+        n_tools = weight_before.shape[1]
+        weight, velocity = self._tool(q, v)
+        self._weight = weight.reshape(-1, n_tools)
+        self._velocity = velocity.reshape(-1, n_tools)
         # What is no number would never be forgotten.
-        follows = self._ticks > 0 and bool(np.isfinite(self._velocity - was).all())
-        if follows:
-            self._acceleration = (self._velocity - was) / self._dt
-        else:
-            self._acceleration = np.zeros_like(was)
-        known = [
-            load.weight if abs(load.weight) > _CERTAIN * load.weight_error else 0.0
-            for load in self.loads
-        ]
-        if follows and self._settings.feed_forward and any(known):
-            moved = np.where(self._free, (self._weight - before) @ known, 0.0)
+        change = self._velocity - velocity_before
+        follows = self._ticks > 0 and bool(np.isfinite(change).all())
+        if not follows:
+            self._acceleration = np.zeros_like(velocity_before)
+            return
+        self._acceleration = change / self._dt
+        certain_weights = [0.0] * n_tools  # [N]
+        for k, load in enumerate(self.loads):
+            if abs(load.weight) > _CERTAIN * load.weight_error:
+                certain_weights[k] = load.weight
+        if self._settings.feed_forward and any(certain_weights):
+            turned = (self._weight - weight_before) @ certain_weights
+            moved = np.where(self._free, turned, 0.0)
             estimate += moved
             self._estimate[:, 0] += moved
 
@@ -273,29 +275,23 @@ class LoadLearner:
             self._ticks = 0
             self._innovation[:] = 0.0
             return
-        given = (
-            q,
-            v,
-            self._acceleration,
-            self.filter.x[self.filter.current],
-            share,
-            self._estimate,
-            self._innovation,
+        current = self.filter.x[self.filter.current]
+        self._estimate, self._innovation = self._response(
+            q, v, self._acceleration, current, share, self._estimate, self._innovation
         )
-        self._estimate, self._innovation = self._response(*given)
         self._ticks += 1
         if self._ticks > self._settling and self._ticks % self._every == 0:
-            self.filter.update(self._look(estimate))
+            self.filter.update(self._sample(estimate))
 
     def telemetry(self) -> dict[str, np.ndarray]:
-        """For the record [N, N, kg, kg]: numbers, or of several tools one each."""
+        """Return the loads for the record [N, N, kg, kg]: numbers, or of several tools one each."""
         loads = self.loads
-        return {
-            f"load_{name}": np.squeeze([getattr(load, name) for load in loads])
-            for name in loads[0].__slots__
-        }
+        series = dict[str, np.ndarray]()
+        for name in ("weight", "weight_error", "mass", "mass_error"):
+            series[f"load_{name}"] = np.squeeze([getattr(load, name) for load in loads])
+        return series
 
-    def _look(self, estimate: np.ndarray) -> LoadSample:
+    def _sample(self, estimate: np.ndarray) -> LoadSample:
         loads = self._estimate[:, 1:-4]
         return LoadSample(
             disturbance=estimate - self._estimate[:, 0],

@@ -58,14 +58,13 @@ class PlannedMotion:
         self._problem = problem
         self._robot = problem.robot
         self._dynamics = robot_dynamics(problem.robot)
-        chosen = gains or TrackingGains()
-        self._stiffness, self._damping = feedback_gains(problem.robot, chosen)
-        self._actuators = Actuators(problem.robot, lead=chosen.lead, dt=_LONGEST_STEP)
-        limit = problem.robot.limits.velocity
-        unlimited = np.full(problem.robot.n_v, np.inf)
-        self._rates = RateLimiter(
-            problem.robot, limit if problem.limited else unlimited, _LONGEST_STEP
-        )
+        gains = gains or TrackingGains()
+        self._stiffness, self._damping = feedback_gains(problem.robot, gains)
+        self._actuators = Actuators(problem.robot, lead=gains.lead, dt=_LONGEST_STEP)
+        rate_limit = np.full(problem.robot.n_v, np.inf)
+        if problem.limited:
+            rate_limit = problem.robot.limits.velocity
+        self._rates = RateLimiter(problem.robot, rate_limit, _LONGEST_STEP)
         self._undriven = undriven_axes(problem.robot)
         self._as_thrust = has_thrusters(problem)
 
@@ -123,12 +122,12 @@ class PlannedMotion:
         thrusts = []
         torques = []
         for part in range(n_parts):
-            wanted_q, wanted_v, a = plan.state_at(model, begin + part * h)
-            error = pin.difference(model, q, wanted_q)
-            rate_error = self._rates.velocity(wanted_v) - v
-            asked = a + self._stiffness * error + self._damping * rate_error
-            wanted = self._rates.acceleration(asked, v)
-            acceleration, thrust, torque = self._accelerated(q, v, wanted, h, step)
+            desired_q, desired_v, a = plan.state_at(model, begin + part * h)
+            error = pin.difference(model, q, desired_q)
+            rate_error = self._rates.velocity(desired_v) - v
+            unlimited = a + self._stiffness * error + self._damping * rate_error
+            desired = self._rates.acceleration(unlimited, v)
+            acceleration, thrust, torque = self._accelerated(q, v, desired, h, step)
             q = pin.integrate(model, q, h * v + h * h / 2 * acceleration)
             v = v + h * acceleration
             thrusts.append(thrust)
@@ -136,9 +135,9 @@ class PlannedMotion:
         return q, v, np.mean(thrusts, axis=0), np.mean(torques, axis=0)
 
     def _accelerated(
-        self, q: np.ndarray, v: np.ndarray, wanted: np.ndarray, h: float, step: int
+        self, q: np.ndarray, v: np.ndarray, desired: np.ndarray, h: float, step: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the acceleration (n_v,) [m/s2, rad/s2] where `wanted` is asked for at q (n_q,)
+        """Return the acceleration (n_v,) [m/s2, rad/s2] where `desired` is asked for at q (n_q,)
         [m, rad] and v (n_v,) [m/s, rad/s], over h [s], and the thrust and torque that make it.
         """
         dynamics = self._dynamics
@@ -146,15 +145,14 @@ class PlannedMotion:
         # drag at the end of h, so that steps overshoot none
         inertia = dynamics.mass_matrix(q) + h * dynamics.drag_slope(q, v, water)
         bias = dynamics.bias_force(q, v, water)
-        attained = attained_acceleration(self._undriven, inertia, bias, wanted)
+        attained = attained_acceleration(self._undriven, inertia, bias, desired)
         realized = self._actuators.realize(inertia @ attained + bias)
         acceleration = np.linalg.solve(inertia, realized.force - bias)
-        n = self._robot.n_vehicle
-        thrust = realized.allocation.thrust if self._as_thrust else realized.force[:n]
+        if self._as_thrust:
+            thrust = realized.allocation.thrust
+        else:
+            thrust = realized.force[: self._robot.n_vehicle]
         return acceleration, thrust, realized.torque
-
-
-# Whether a motion may be flown.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -164,11 +162,11 @@ class CheckedPlan:
     motion: Trajectory | None
     """The motion to fly; None where the plan is of no use."""
     reason: str
-    """Why it is of none; else empty."""
+    """Reason for which the plan is of no use; else empty."""
 
 
 class PlanCheck:
-    """Judges plans of one problem.
+    """Check of the plans of one problem: whether a motion may be flown.
 
     A motion may be flown that passes no joint limit by more than `_POSITION`, no limit of a rate by
     more than the share `_RATE`, and no constraint by more than `accuracy`, at its nodes; or by no
@@ -183,11 +181,10 @@ class PlanCheck:
         self._problem = transcription.problem
         self._accuracy = accuracy
         self.planned_motion = PlannedMotion(transcription.problem, gains)
-        self._constrained = [
-            (block, block.rows.numbers)
-            for block in transcription.blocks
-            if (block.rows.level == CONSTRAINT).any()
-        ]
+        self._constrained = list[tuple[TermBlock, TermNumbers]]()
+        for block in transcription.blocks:
+            if (block.rows.level == CONSTRAINT).any():
+                self._constrained.append((block, block.rows.numbers))
         # All functions are made before any clock runs.
         hold = hold_guess(self._problem)
         self.unsafe(self.planned_motion.of(hold, self._problem.start), 0.0)
@@ -204,16 +201,18 @@ class PlanCheck:
             return CheckedPlan(motion=plan, reason="")
         motion = self.planned_motion.of(plan, start)
         reason = self.unsafe(motion, t0)
-        return CheckedPlan(motion=None if reason else motion, reason=reason)
+        if reason:
+            return CheckedPlan(motion=None, reason=reason)
+        return CheckedPlan(motion=motion, reason="")
 
     def unsafe(self, motion: Trajectory, t0: float) -> str:
         """Describe what a motion that begins at t0 [s] breaks; empty where that is nothing."""
         if not (np.isfinite(motion.q).all() and np.isfinite(motion.v).all()):
             return "the motion that it leads to grows beyond all numbers"
         broken = self._broken_constraint(motion, t0)
-        if self._problem.limited:
-            broken = broken or self._passed_position(motion) or self._passed_rate(motion)
-        return broken
+        if broken or not self._problem.limited:
+            return broken
+        return self._passed_position(motion) or self._passed_rate(motion)
 
     def _passed_position(self, motion: Trajectory) -> str:
         robot = self._problem.robot
@@ -236,15 +235,15 @@ class PlanCheck:
 
     def _broken_constraint(self, motion: Trajectory, t0: float) -> str:
         for block, numbers in self._constrained:
-            kept = block.rows.level == CONSTRAINT
-            excess = self._excess(block, numbers, motion, t0, block.nodes)[:, kept]
-            at_start = self._excess(block, numbers, motion, t0, _FIRST)[:, kept]
+            is_constraint = block.rows.level == CONSTRAINT
+            excess = self._excess(block, numbers, motion, t0, block.nodes)[:, is_constraint]
+            at_start = self._excess(block, numbers, motion, t0, _FIRST)[:, is_constraint]
             over = excess - np.maximum(self._accuracy, np.nan_to_num(at_start))
             # a row that is no number is broken
             bad = ~(over <= 0)
             if bad.any():
                 node, row = np.argwhere(bad)[np.argmax(excess[bad])]
-                name = np.array(block.rows.names)[kept][row]
+                name = np.array(block.rows.names)[is_constraint][row]
                 return f"constraint {name!r} is broken by {excess[node, row]:.2g}"
         return ""
 
@@ -256,8 +255,8 @@ class PlanCheck:
         t0: float,
         at: np.ndarray,
     ) -> np.ndarray:
-        """(n, n_rows) [unit of the scaled row] by which the rows of a block are broken at the nodes
-        numbered `at` (n,).
+        """Return by how much (n, n_rows) [unit of the scaled row] the rows of a block are broken at
+        the nodes numbered `at` (n,).
         """
         nodes = TermNodes(
             times=(t0 + motion.t[at]).tolist(),
@@ -268,14 +267,13 @@ class PlanCheck:
         parameters = numbers.parameters(nodes, 1.0 / motion.t[-1]).reshape(len(at), -1)
         currents = self._problem.currents[np.minimum(at, len(motion.a) - 1)]
         z = self._variables(motion)[at]
-        rows = [
-            np.array(block.rows.value(*arguments)).ravel()
-            for arguments in zip(z, parameters, currents, strict=True)
-        ]
+        rows = list[np.ndarray]()
+        for arguments in zip(z, parameters, currents, strict=True):
+            rows.append(np.array(block.rows.value(*arguments)).ravel())
         return np.asarray(interval_excess(np.array(rows), numbers.lower, numbers.upper))
 
     def _variables(self, motion: Trajectory) -> np.ndarray:
-        """Variables (n_nodes, n_z) of every node; of the last one the state alone."""
+        """Return the variables (n_nodes, n_z) of every node; of the last one the state alone."""
         model = self._whole.model
         layout = model.layout
         z = np.zeros((len(motion.t), layout.n_z))

@@ -193,8 +193,8 @@ class PlanGuide:
         if tick.mission.phase == self._phases[self._at].phase:
             return ""
         name = self._mission.phase_names[tick.mission.phase]
-        why = f", {tick.mission.abort_reason}" if tick.mission.abort_reason else ""
-        return f"the mission has gone on to phase {name!r}{why}"
+        reason = f", {tick.mission.abort_reason}" if tick.mission.abort_reason else ""
+        return f"the mission has gone on to phase {name!r}{reason}"
 
     def _away(self, error: np.ndarray) -> str:
         beyond = np.abs(error) / self._bounds
@@ -213,11 +213,11 @@ class PlanGuide:
         return ""
 
     def _rate(self, tick: TickInputs) -> float:
-        """Speed of the plan's clock."""
-        now = self._phases[self._at]
+        """Return the speed of the plan's clock."""
+        phase = self._phases[self._at]
         following = self._phases[min(self._at + 1, len(self._phases) - 1)]
-        if following.moves and following is not now and self._clock >= now.end:
+        if following.moves and following is not phase and self._clock >= phase.end:
             return 0.0
-        if now.moves and self._clock < now.begin + tick.t - tick.mission.since:
+        if phase.moves and self._clock < phase.begin + tick.t - tick.mission.since:
             return _CATCH_UP
         return 1.0

@@ -282,22 +282,23 @@ class Replanner:
         self._plans = {
             number: plan for number, plan in self._plans.items() if number >= request.in_use
         }
-        now = replace(self._plans[request.in_use], begin=request.begin)
-        if self._newest is not None and self._newest.number == now.number:
-            self._newest = now
+        in_use = replace(self._plans[request.in_use], begin=request.begin)
+        if self._newest is not None and self._newest.number == in_use.number:
+            self._newest = in_use
         begin = request.t + request.delay
-        start = self._expected(now, request)
+        start = self._expected(in_use, request)
         budget = TimeBudget(self._time_limit, self._clock)
         reason = ""
         for _ in GuessKind:
-            guess = self._guess_of(self._guess, now, begin, start)
+            guess = self._guess_of(self._guess, in_use, begin, start)
             if self._was_rejected(guess, start, begin):
                 self._guess = self._guess.following
                 continue
-            left = max(self._time_limit - budget.elapsed, 0.0)
-            end, checked = self._solved(guess, start, begin, left)
+            time_limit = max(self._time_limit - budget.elapsed, 0.0)
+            end, checked = self._solved(guess, start, begin, time_limit)
             budget.count()
-            self._newest = self._numbered(end if checked.motion is None else checked.motion, begin)
+            motion = end if checked.motion is None else checked.motion
+            self._newest = self._numbered(motion, begin)
             if checked.motion is not None:
                 self._guess = GuessKind.NEWEST
                 self._plans[self._newest.number] = self._newest
@@ -309,23 +310,27 @@ class Replanner:
         return None, reason or "every guess that there is was tried before"
 
     def _was_rejected(self, guess: Trajectory, start: State, begin: float) -> bool:
-        """A solve from this guess, for the same goals, has led to no plan that may be flown."""
-        now = self._inputs(guess, start, begin)
-        return any(np.abs(now - tried).max() < _SAME for tried in self._rejected)
+        """Check whether a solve from this guess, for the same goals, has led to no plan that may be
+        flown.
+        """
+        inputs = self._inputs(guess, start, begin)
+        return any(np.abs(inputs - rejected).max() < _SAME for rejected in self._rejected)
 
     def _inputs(self, guess: Trajectory, start: State, begin: float) -> np.ndarray:
-        """All numbers that a solve begins with: variables, then parameters."""
+        """Return all numbers that a solve begins with: variables, then parameters."""
         p = self._transcription.parameters(t0=begin, start=start, near=guess.q)
         return np.concatenate([self._transcription.pack(guess), p])
 
-    def _guess_of(self, kind: GuessKind, now: TimedPlan, begin: float, start: State) -> Trajectory:
-        """A guess for a plan that begins at `begin` [s] in a start."""
-        if self._newest is None or kind is GuessKind.IN_USE:
-            plan = now
-        else:
-            plan = self._newest
+    def _guess_of(
+        self, kind: GuessKind, in_use: TimedPlan, begin: float, start: State
+    ) -> Trajectory:
+        """Return a guess for a plan that begins at `begin` [s] in a start."""
         if kind is GuessKind.HOLD:
             return hold_guess(self._problem, start)
+        if self._newest is None or kind is GuessKind.IN_USE:
+            plan = in_use
+        else:
+            plan = self._newest
         return shift_guess(self._problem, plan.trajectory, begin - plan.begin, start)
 
     def _numbered(self, trajectory: Trajectory, begin: float) -> TimedPlan:
@@ -354,17 +359,14 @@ class Replanner:
             self._rejected.clear()
         return end, checked
 
-    def _expected(self, now: TimedPlan, request: ReplanningRequest) -> State:
-        """The state in which the plan will begin: what the robot makes of the plan in use until
-        then, from the measured state. No plan brings back an axis that nothing drives.
+    def _expected(self, in_use: TimedPlan, request: ReplanningRequest) -> State:
+        """Return the state in which the plan will begin: what the robot makes of the plan in use
+        until then, from the measured state. No plan brings back an axis that nothing drives.
         """
-        age = request.t - now.begin
+        age = request.t - in_use.begin
         return self._check.planned_motion.state_after(
-            now.trajectory, request.state, age, request.delay
+            in_use.trajectory, request.state, age, request.delay
         )
-
-
-# Where the solves of receding-horizon control run: within the tick, or in a process beside it.
 
 
 class WorkerStatus(AdvisedStatus):
@@ -495,9 +497,9 @@ class RunningProcess:
         words = _sent(job)
         self.lead = limits.lead
         context = get_context("spawn")
-        self._connection, other = context.Pipe()
+        self._connection, connection_of_process = context.Pipe()
         self._process: BaseProcess = context.Process(
-            target=_serve, args=(other, words), daemon=True, name="nmpc"
+            target=_serve, args=(connection_of_process, words), daemon=True, name="nmpc"
         )
         self._limits = limits
         self.status = WorkerStatus.WORKING
@@ -506,7 +508,7 @@ class RunningProcess:
         self._selector = DefaultSelector()
         self._selector.register(self._connection, EVENT_READ)
         self._process.start()
-        other.close()
+        connection_of_process.close()
         self._await_start()
 
     def _await_start(self) -> None:

@@ -95,23 +95,23 @@ class Bathymetry(Seafloor):
                 return above / descent
             return math.nan
         knots = [np.zeros(1)]
-        lines = ((self.x, 0), (self.y, 1))
-        knots += [
-            (at - origin[axis]) / direction[axis]
-            for at, axis in lines
-            if abs(direction[axis]) > LEVEL_RAY
-        ]
+        for axis, lines in enumerate((self.x, self.y)):
+            if abs(direction[axis]) > LEVEL_RAY:
+                knots.append((lines - origin[axis]) / direction[axis])
+        longest = math.inf
         if descent > LEVEL_RAY:
-            knots.append(np.array([(origin[2] - self.z.min()) / descent + 1.0]))
+            longest = (origin[2] - self.z.min()) / descent + 1.0
+            knots.append(np.array([longest]))
         s = np.unique(np.concatenate(knots))
-        s = s[(s >= 0.0) & (s <= (knots[-1][-1] if descent > LEVEL_RAY else math.inf))]
+        s = s[(s >= 0.0) & (s <= longest)]
         ends = self._clearance(origin, direction, s)
         middles = self._clearance(origin, direction, (s[1:] + s[:-1]) / 2)
         u = _first_zero(ends[:-1], middles, ends[1:])
         hits = np.flatnonzero(np.isfinite(u))
-        if len(hits):
-            return float(s[hits[0]] + u[hits[0]] * (s[hits[0] + 1] - s[hits[0]]))
-        return math.nan
+        if len(hits) == 0:
+            return math.nan
+        first = hits[0]
+        return float(s[first] + u[first] * (s[first + 1] - s[first]))
 
     def _clearance(self, origin: np.ndarray, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
         points = origin + s[:, None] * direction
@@ -141,7 +141,8 @@ class Bathymetry(Seafloor):
         east = (1 - v) * (b - a) + v * (d - c)
         north = (1 - u) * (c - a) + u * (d - b)
         slopes = np.column_stack([east / widths[0] * inside[0], north / widths[1] * inside[1]])
-        return (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d), slopes
+        heights = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
+        return heights, slopes
 
 
 def _first_zero(start: np.ndarray, middle: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -81,44 +81,41 @@ class CompiledLoop:
         self,
         n_ticks: int,
         recorder: Recorder,
-        kept: Mapping[str, int],
+        recorded_channels: Mapping[str, int],
         watch: Watch,
         stops: Sequence[object],
     ) -> None:
         """Run so many ticks, or until the mission is over, the plant diverges, or there are stops.
 
-        kept: channels whose new readings are recorded, and how many numbers each has.
+        recorded_channels: channels whose new readings are recorded, and how many numbers each has.
         """
         memory = self.memory
         plant = self._plant
         kinematic = self._controller.kinematic
         verdicts = self._verdicts()
-        sources = self._sources(kept, verdicts)
+        sources = self._sources(recorded_channels, verdicts)
         steps = self.steps or ()
         sequence = KernelSequence(steps, _field(memory, "stop"))
-        sequence.write_rows(
-            sources,
-            recorder.block({name: _example(name, source) for name, source in sources.items()}),
-        )
-        # written, and ticks that Python has looked at: one more where the last is still to be
-        # written
-        rows = 0
-        n_watched = 0
-        while rows < n_ticks:
+        examples = {name: _example(name, source) for name, source in sources.items()}
+        sequence.write_rows(sources, recorder.block(examples))
+        n_rows = 0  # that are written
+        n_watched = 0  # ticks that Python has looked at: one more where the last is to be written
+        while n_rows < n_ticks:
             plant.begin(self._dt)
             ending = kinematic.state.over or bool(stops)
-            waits = n_watched > rows
-            if ending and rows and not waits:
+            last_waits = n_watched > n_rows
+            if ending and n_rows and not last_waits:
                 break
             n_possible = min(
-                n_ticks - rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault()
+                n_ticks - n_rows, recorder.room, kinematic.quiet_ticks, self._ticks_to_fault()
             )
             self._sensors.draw_ahead(n_possible)
             memory.stop = kernels.GO
-            written = sequence.run(1 if ending else n_possible, recorder.place, done=waits)
+            n_passes = 1 if ending else n_possible
+            written = sequence.run(n_passes, recorder.place, done=last_waits)
             self._sensors.check()
             plant.adopt()
-            rows += written
+            n_rows += written
             if memory.stop != kernels.DIVERGED and memory.k + 1 > n_watched:
                 self._look(memory.k + 1 - n_watched, verdicts)
                 n_watched = memory.k + 1
@@ -136,7 +133,8 @@ class CompiledLoop:
         """Have Python note what kernels have done in so many ticks, the verdicts of `_verdicts`
         included.
         """
-        memory, controller = self.memory, self._controller
+        memory = self.memory
+        controller = self._controller
         if memory.stop == kernels.GO:
             controller.kinematic.look_for_swings(memory.t, ticks)
             return
@@ -144,9 +142,8 @@ class CompiledLoop:
             self._estimator.monitor.publish(memory.t)
         estimate = self._estimator.estimate()
         if isinstance(controller, DynamicController):
-            limited = tuple(
-                i for i in range(controller.memory.allocation.count) if memory.at_limits[i]
-            )
+            n_limits = controller.memory.allocation.count
+            limited = tuple(i for i in range(n_limits) if memory.at_limits[i])
             controller.catch_up(estimate, memory.t, ticks, limited)
         else:
             controller.catch_up(estimate, memory.t, ticks)
@@ -155,19 +152,19 @@ class CompiledLoop:
             verdicts[name][...] = value
 
     def _ticks_to_fault(self) -> int:
-        """Ticks in which the plant's faults stay as they are."""
+        """Count the ticks in which the plant's faults stay as they are."""
         t = self._plant.memory.t
-        edges = [
-            edge
-            for fault in self._plant.faults
-            for edge in (fault.onset, fault.end)
-            if t < edge < np.inf
-        ]
-        if edges:
-            return max(1, int((min(edges) - t) / self._dt))
-        return N_DRAWN
+        next_change = np.inf
+        for fault in self._plant.faults:
+            for change in (fault.onset, fault.end):
+                if t < change < next_change:
+                    next_change = change
+        if next_change == np.inf:
+            return N_DRAWN
+        return max(1, int((next_change - t) / self._dt))
 
     def _steps(self) -> Sequence[Step] | None:
+        """Return the kernels of a tick in their order, each with its memories."""
         m = self.memory
         estimator = self._estimator
         controller = self._controller
@@ -182,17 +179,14 @@ class CompiledLoop:
         if solving is None:
             return None
         screen, finish, repeat = monitor.ticks
-        begin = (
-            kernels.move_plant
-            if isinstance(controller, DynamicController)
-            else kernels.move_kinematic,
-            kernels.sense,
-        )
+        has_forces = isinstance(controller, DynamicController)
+        move_kernel = kernels.move_plant if has_forces else kernels.move_kinematic
         estimating: list[Step]
         if isinstance(inner, Estimator):
             f = inner.structure
             move, sense, feed, note = bind_kernels(
-                (*begin, kernels.feed_filter, kernels.note_estimate), map(type, (m, p, s, h, f))
+                (move_kernel, kernels.sense, kernels.feed_filter, kernels.note_estimate),
+                map(type, (m, p, s, h, f)),
             )
             estimating = [
                 (screen, h),
@@ -202,10 +196,10 @@ class CompiledLoop:
                 (finish, h, u, estimator.outcomes),
             ]
         else:
-            move, sense, ranged = bind_kernels(
-                (*begin, kernels.repeat_range), map(type, (m, p, s, h))
+            move, sense, repeat_range = bind_kernels(
+                (move_kernel, kernels.sense, kernels.repeat_range), map(type, (m, p, s, h))
             )
-            estimating = [(repeat, h, u, estimator.repeated), (ranged, m, h)]
+            estimating = [(repeat, h, u, estimator.repeated), (repeat_range, m, h)]
         prepare, solve = solving
         if isinstance(controller, DynamicController):
             F = controller.memory
@@ -228,9 +222,11 @@ class CompiledLoop:
             controlling = [prepare, solve, (give, m, c, p)]
         return [(move, m, p), (sense, m, s, h), *estimating, (inform, m, h, u, c), *controlling]
 
-    def _sources(self, kept: Mapping[str, int], verdicts: Mapping[str, np.ndarray]) -> Sources:
-        """Series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which are brought
-        up to date.
+    def _sources(
+        self, recorded_channels: Mapping[str, int], verdicts: Mapping[str, np.ndarray]
+    ) -> Sources:
+        """Return the series of a row, in the order of `simulate`. verdicts: as `_verdicts`, which
+        are brought up to date.
         """
         memory = self.memory
         kinematic = self._controller.kinematic
@@ -239,17 +235,17 @@ class CompiledLoop:
         controller: Any = kinematic.whole
         tick = arrays_of(kinematic.memory)
         controller = arrays_of(controller)
-        names = [step[0] for step in self.steps]
-        first, solver = (names.index(step[0]) for step in kinematic.steps() or ())
-        for name, n in kept.items():
-            require_kept(name, h.channels[NUMBER[name]].size, n)
+        step_kernels = [step[0] for step in self.steps]
+        first, solver = (step_kernels.index(step[0]) for step in kinematic.steps() or ())
         m = arrays_of(memory)
         estimate = arrays_of(h.now)
         measured = view(memory.measured)
-        sources: Sources = {
-            f"measured_{name}": measured[NUMBER[name], : n + 1] for name, n in kept.items()
-        }
-        sources |= {"brakes": _field(memory, "braked")} if kept else {}
+        sources: Sources = {}
+        for name, n in recorded_channels.items():
+            require_kept(name, h.channels[NUMBER[name]].size, n)
+            sources[f"measured_{name}"] = measured[NUMBER[name], : n + 1]
+        if recorded_channels:
+            sources["brakes"] = _field(memory, "braked")
         sources |= {
             "t": _field(memory, "t"),
             "q": m.q,
@@ -262,12 +258,13 @@ class CompiledLoop:
             std = self._estimator.estimator.memory.std[6 - kinematic.robot.n_vehicle :]
             sources |= {"q_std": std, "altimeter_std": view(memory.range)[1:].reshape(())}
         sources["command"] = tick.command
-        if not isinstance(self._controller, DynamicController):
-            force_places = {}
-        else:
+        force_places = {}
+        if isinstance(self._controller, DynamicController):
             force_places = self._controller.force.places()
-        sources |= {"asked_thrust": force_places["command"]} if force_places else {}
-        sources |= {"health": view(memory.trusts)[: h.n]} if h.n else {}
+        if force_places:
+            sources["asked_thrust"] = force_places["command"]
+        if h.n:
+            sources["health"] = view(memory.trusts)[: h.n]
         sources |= {
             "phase": _field(memory, "phase"),
             "activations": tick.gates,
@@ -281,22 +278,19 @@ class CompiledLoop:
             "tick_time": Elapsed(first, solver),
         }
         if isinstance(self._controller, DynamicController):
-            forces = {
-                "disturbance": "disturbance",
-                "wrench": "vehicle_force",
-                "unreachable": "unreachable",
-            }
-            sources |= {name: force_places[part] for name, part in forces.items()}
+            sources["disturbance"] = force_places["disturbance"]
+            sources["wrench"] = force_places["vehicle_force"]
+            sources["unreachable"] = force_places["unreachable"]
             sources["saturated"] = _field(self._controller.memory.allocation, "saturated")
             sources |= verdicts
-        sources["controller_time"] = Elapsed(first, len(names) - 1)
+        sources["controller_time"] = Elapsed(first, len(step_kernels) - 1)
         return sources | self._plant.telemetry_in_memory()
 
     def _verdicts(self) -> dict[str, np.ndarray]:
-        """Copies of what the monitor of thrusters and joints tells."""
-        monitor = (
-            self._controller.monitor if isinstance(self._controller, DynamicController) else None
-        )
+        """Return copies of the verdicts of the monitor of thrusters and joints."""
+        if not isinstance(self._controller, DynamicController):
+            return {}
+        monitor = self._controller.monitor
         if monitor is None:
             return {}
         return {name: np.array(value) for name, value in monitor.telemetry().items()}
@@ -309,22 +303,23 @@ def compiled_loop(
     ask Python at every tick.
     """
     suite: Any = getattr(sensors, "__self__", None)
+    plants = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
+    if plants.get(type(controller)) is not type(plant):
+        return None
+    if type(suite) is not SensorSuite or type(estimator) is not GuardedEstimator:
+        return None
     learns = getattr(controller, "learner", None) is not None
-    kinds = {DynamicController: DynamicPlant, KinematicController: KinematicPlant}
-    ours = (
-        kinds.get(type(controller)) is type(plant)
-        and type(suite) is SensorSuite
-        and type(estimator) is GuardedEstimator
-    )
-    if not ours or learns or not _fit(plant, suite, estimator, controller):
+    if learns or not _fit(plant, suite, estimator, controller):
         return None
     inner = estimator.estimator
-    families = {fault.location.family for fault in plant.faults}
     if type(inner) is Estimator:
-        plain = inner.is_plain
+        is_plain = inner.is_plain
     else:
-        plain = type(inner) is PassThrough and estimator.repeated and suite.is_ideal
-    if not plain or not families <= ({"thruster"} if type(plant) is DynamicPlant else set()):
+        is_plain = type(inner) is PassThrough and estimator.repeated and suite.is_ideal
+    if not is_plain:
+        return None
+    compiled_faults = {"thruster"} if type(plant) is DynamicPlant else set()
+    if any(fault.location.family not in compiled_faults for fault in plant.faults):
         return None
     loop = CompiledLoop(plant, suite, estimator, controller, dt)
     if loop.steps is not None and compiles(loop.steps):
@@ -333,25 +328,22 @@ def compiled_loop(
 
 
 def _fit(plant: Any, suite: SensorSuite, estimator: GuardedEstimator, controller: Any) -> bool:
-    """Return whether the parts are fresh, of robots of one size: of others Python says what is
-    wrong, tick by tick.
+    """Check that the parts are fresh, of robots of one size: of others Python says what is wrong,
+    tick by tick.
     """
-    robot = controller.kinematic.robot
-    filtered = getattr(estimator.estimator, "structure", None)
-    sizes = {
-        (len(part.q), len(part.v))
-        for part in (plant.memory, suite.memory, estimator.monitor.memory.now)
-    }
     began = estimator.monitor.memory.started or controller.kinematic.memory.mission.started
-    right = (
-        not began
-        and sizes == {(robot.n_q, robot.n_v)}
-        and (filtered is None or filtered.n_joints == robot.n_joints)
-    )
-    forces = isinstance(controller, DynamicController)
-    return right and not (
-        forces and len(plant.memory.asked_thrust) != len(controller.memory.outputs.command)
-    )
+    if began:
+        return False
+    robot = controller.kinematic.robot
+    for part in (plant.memory, suite.memory, estimator.monitor.memory.now):
+        if (len(part.q), len(part.v)) != (robot.n_q, robot.n_v):
+            return False
+    filter_memory = getattr(estimator.estimator, "structure", None)
+    if filter_memory is not None and filter_memory.n_joints != robot.n_joints:
+        return False
+    if not isinstance(controller, DynamicController):
+        return True
+    return len(plant.memory.asked_thrust) == len(controller.memory.outputs.command)
 
 
 def require_kept(name: str, size: int, n: int) -> None:
@@ -361,16 +353,21 @@ def require_kept(name: str, size: int, n: int) -> None:
 
 
 def _field(memory: Any, name: str) -> np.ndarray:
-    """A number in a memory as an array () on the same place."""
+    """Return a number in a memory as an array () on the same place."""
     kinds = dict(type(memory)._fields_)
-    return np.ctypeslib.as_array(
-        (kinds[name] * 1).from_buffer(memory, getattr(type(memory), name).offset)
-    ).reshape(())
+    array_type = kinds[name] * 1
+    offset = getattr(type(memory), name).offset
+    return np.ctypeslib.as_array(array_type.from_buffer(memory, offset)).reshape(())
 
 
 def _example(name: str, source: np.ndarray | Elapsed) -> Any:
-    """A number of the type that records have it in."""
+    """Return a number of the type that records have it in."""
     if isinstance(source, Elapsed):
         return 0.0
-    kinds = dict.fromkeys(_FLAGS, np.bool_) | dict.fromkeys(_CODES, np.int8) | {"status": np.int64}
-    return source.astype(kinds.get(name, np.int64 if source.dtype == np.int32 else source.dtype))
+    if name in _FLAGS:
+        return source.astype(np.bool_)
+    if name in _CODES:
+        return source.astype(np.int8)
+    if name == "status" or source.dtype == np.int32:
+        return source.astype(np.int64)
+    return source.copy()

@@ -329,9 +329,9 @@ class GustyCurrent(Current):
         k = int(t / self.step)
         h = self.step
         s = t / h - k
-        powers = np.array(
-            ((1.0, s, s * s, s * s * s), (0.0, 1.0 / h, 2.0 * s / h, 3.0 * s * s / h))
-        )
+        values = (1.0, s, s * s, s * s * s)
+        rates = (0.0, 1.0 / h, 2.0 * s / h, 3.0 * s * s / h)
+        powers = np.array((values, rates))
         return powers.dot(_CATMULL_ROM).dot(self._path.nodes(k, k + 4))
 
 

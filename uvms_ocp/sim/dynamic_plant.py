@@ -129,9 +129,11 @@ class DynamicPlant(Plant):
         )
         self.memory.sampled = surroundings.changes
         self._dt = 0.0
-        self._sampling = CallbackBinding(
-            self.memory.sample, lambda: surroundings.sample(arrays.q, self.memory.t, self.memory.dt)
-        )
+
+        def sample() -> None:
+            surroundings.sample(arrays.q, self.memory.t, self.memory.dt)
+
+        self._sampling = CallbackBinding(self.memory.sample, sample)
 
     def step(self, command: Command, dt: Period) -> None:
         """Advance by dt [s]. Water and floor are sampled once, thrust and motion in steps of at
@@ -149,19 +151,19 @@ class DynamicPlant(Plant):
         """Have the kernel go on from the present state, by periods of dt [s], with the faults that
         there are now.
         """
-        if (
-            self.faults
-            and (active := machine_faults.active_of(self.faults, self.memory.t)) != self._active
-        ):
-            self._apply_faults(active)
-        # others may have put them there
+        if self.faults:
+            active = machine_faults.active_of(self.faults, self.memory.t)
+            if active != self._active:
+                self._apply_faults(active)
+        # The state may have been set from outside.
         self._arrays.q[:] = self.state.q
         self._arrays.v[:] = self.state.v
         if dt != self._dt:
             self._dt = dt
             n_steps = max(1, math.ceil(dt / self._max_step - 1e-9))
-            decay = self._model.thrusters.decay(dt / n_steps).T.ravel()
-            assign(self.memory, dt=dt, n_steps=n_steps, step_dt=dt / n_steps, decay=decay)
+            step_dt = dt / n_steps
+            decay = self._model.thrusters.decay(step_dt).T.ravel()
+            assign(self.memory, dt=dt, n_steps=n_steps, step_dt=step_dt, decay=decay)
 
     def adopt(self) -> None:
         """Take the state of the memory for the present one. Raises what its environment raises."""
@@ -179,13 +181,14 @@ class DynamicPlant(Plant):
         arrays = self._arrays
         telemetry = {name: getattr(arrays, name) for name in _TELEMETRY}
         telemetry["joint_energy"] = arrays.joint_energy.reshape(())
-        return telemetry | {
-            "current": arrays.u[:3] if len(arrays.u) else np.zeros(3)
-        }  # nothing where no link is in water
+        has_links_in_water = len(arrays.u) > 0
+        telemetry["current"] = arrays.u[:3] if has_links_in_water else np.zeros(3)
+        return telemetry
 
     def _ask(self, command: Command) -> None:
         """Write down what the command asks for."""
-        thrust, torque = command.thrust, command.torque
+        thrust = command.thrust
+        torque = command.torque
         if thrust is None or torque is None:
             raise InvalidInput(
                 "the dynamic plant needs thrust and torque; wrap the controller in a"
@@ -228,14 +231,13 @@ class DynamicPlant(Plant):
         before = self._with_payloads(lasting)
         if have == lasting:
             self._dynamics = before
-        else:
-            self._dynamics = self._with_payloads(have)
-        if have != lasting:
-            q, v = self.state.q, self.state.v
-            matrices = before.mass_matrix(q), self._dynamics.mass_matrix(q)
-            self.state = signals.unchecked_state(
-                q=q, v=machine_faults.joined_velocity(*matrices, v, self._model.locked)
-            )
+            return
+        self._dynamics = self._with_payloads(have)
+        q = self.state.q
+        v = machine_faults.joined_velocity(
+            before.mass_matrix(q), self._dynamics.mass_matrix(q), self.state.v, self._model.locked
+        )
+        self.state = signals.unchecked_state(q=q, v=v)
 
     def _with_payloads(self, carried: tuple[Fault, ...]) -> Dynamics:
         if carried:

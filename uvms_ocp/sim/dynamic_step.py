@@ -174,17 +174,16 @@ def _velocity(model: StepModel, x: Mapping[str, ca.SX], tau: ca.SX) -> tuple[ca.
 
 
 def _accelerated(A: ca.SX, v: ca.SX, impulse: ca.SX, locked: tuple[int, ...]) -> ca.SX:
-    """V_next (n_v,) of ``A (v_next - v) = impulse`` in the rows that are free, and 0 in the locked
-    ones.
+    """Solve ``A (v_next - v) = impulse`` for v_next (n_v,) in the rows that are free, with 0 in the
+    locked ones.
     """
     free = [i for i in range(v.numel()) if i not in locked]
-    held = list(locked)
-    if held:
-        impulse = impulse[free] + A[free, held] @ v[held]
+    if locked:
+        impulse = impulse[free] + A[free, list(locked)] @ v[list(locked)]
         A = A[free, free]
     D, L_transposed, order = ca.ldl(A, False)
     change = ca.ldl_solve(impulse, D, L_transposed, order)
-    if not held:
+    if not locked:
         return v + change
     v_next = ca.SX.zeros(v.numel())
     v_next[free] = v[free] + change
@@ -197,12 +196,14 @@ def _stops(model: StepModel, q: ca.SX, v: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.S
     """
     force = ca.SX.zeros(model.robot.n_v)
     slope = ca.SX.zeros(model.robot.n_v)
-    k, d = model.stops.stiffness, model.stops.damping
+    k = model.stops.stiffness
+    d = model.stops.damping
     for joint, lower, upper in limits.bounded_joints(model.robot.joints, model.robot.limits):
         at = joint.position(q)
         beyond = ca.fmin(at - lower, 0) + ca.fmax(at - upper, 0)
         touching = beyond != 0
-        force[joint.idx_v] = ca.if_else(touching, -k * beyond - (d + dt * k) * v[joint.idx_v], 0)
+        push = -k * beyond - (d + dt * k) * v[joint.idx_v]
+        force[joint.idx_v] = ca.if_else(touching, push, 0)
         slope[joint.idx_v] = ca.if_else(touching, d + dt * k, 0)
     return force, slope
 

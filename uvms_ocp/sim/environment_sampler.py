@@ -19,7 +19,7 @@ from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, ground_at
 
 _NOWHERE = np.zeros((0, 3))
-_NEAR = 1.0  # [m] above its highest part the floor is looked at anyhow
+_MARGIN = 1.0  # [m] above its highest part up to which the floor is looked at anyhow
 _FASTEST = 10.0  # [m/s] no vehicle sinks faster
 
 
@@ -28,7 +28,7 @@ class EnvironmentSampler:
     by `bind`.
     """
 
-    _given: Mapping[str, np.ndarray]
+    _outputs: Mapping[str, np.ndarray]
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class EnvironmentSampler:
         *,
         compiled: bool = True,
     ) -> None:
-        """Points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for
+        """points (n_points, 3) [m]: contact points in B. compiled: unless there is no time for
         that.
         """
         self._environment = environment
@@ -51,51 +51,47 @@ class EnvironmentSampler:
         self._sites: BufferedFunction | None = None
         if not (self._uniform and self._flat):
             function = sites_function(dynamics, points)
-            self._sites = BufferedFunction(compile_function(function) if compiled else function)
+            if compiled:
+                function = compile_function(function)
+            self._sites = BufferedFunction(function)
 
     @property
     def changes(self) -> bool:
         """The environment is to be sampled, as it is another one at other times or places."""
         return not (self._steady and self._flat)
 
-    def bind(self, **given: np.ndarray) -> None:
+    def bind(self, **outputs: np.ndarray) -> None:
         """Write from now on into arrays, which the plant reads.
 
         Those are u (n_links, 3) [m/s], Du_Dt (n_links, 3) [m/s2], floor_z (n_points,) [m] and
         floor_normal (n_points, 3).
         """
-        self._given = given
+        self._outputs = outputs
         if self._steady:
             self._sample_water(_NOWHERE, 0.0)
         if self._flat:
-            self._sample_floor(np.zeros((len(given["floor_z"]), 3)))
+            self._sample_floor(np.zeros((len(outputs["floor_z"]), 3)))
 
     def sample(self, q: np.ndarray, t: float, dt: float) -> None:
         """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt
         [s].
         """
-        if self._sites is None:
-            sites = _NOWHERE
-        else:
-            sites = self._sites(q)[0].T
+        sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
-        if not self._flat:
-            points = sites[self._n_links :]
-            if points[:, 2].min() > self._top + _NEAR + _FASTEST * dt:
-                self._given["floor_z"][:] = (
-                    self._top
-                )  # as much out of reach as all that is below it
-            else:
-                self._sample_floor(points)
+        if self._flat:
+            return
+        points = sites[self._n_links :]
+        if points[:, 2].min() > self._top + _MARGIN + _FASTEST * dt:
+            # The top is as much out of reach as all that is below it.
+            self._outputs["floor_z"][:] = self._top
+        else:
+            self._sample_floor(points)
 
     def _sample_water(self, p_W: np.ndarray, t: float) -> None:
         current = self._environment.current
-        outputs = self._given
-        if self._uniform:
-            flow = current.uniform_flow(t)
-        else:
-            flow = None
+        outputs = self._outputs
+        flow = current.uniform_flow(t) if self._uniform else None
         if flow is None:
             water = water_at(current, p_W, t)
             outputs["u"][:] = water.velocity
@@ -104,22 +100,20 @@ class EnvironmentSampler:
             outputs["u"][:], outputs["Du_Dt"][:] = flow
 
     def _sample_floor(self, p_W: np.ndarray) -> None:
-        outputs = self._given
-        outputs["floor_z"][:], outputs["floor_normal"][:] = ground_at(
-            self._environment.seafloor, p_W[:, :2]
-        )
+        heights, normals = ground_at(self._environment.seafloor, p_W[:, :2])
+        self._outputs["floor_z"][:] = heights
+        self._outputs["floor_normal"][:] = normals
 
 
 def sites_function(dynamics: SymbolicDynamics, points: np.ndarray) -> ca.Function:
-    """Function ``q -> p_W (3, n_links + n_points)`` [m]: the links as
+    """Build the function ``q -> p_W (3, n_links + n_points)`` [m]: the links as
     `SymbolicDynamics.link_positions`, then the points.
 
     points (n_points, 3) [m]: contact points in B.
     """
     q = ca.SX.sym("q", dynamics.model.nq)
     columns = [dynamics.link_positions(q)]
-    if len(points):
-        columns += [q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point) for point in points]
-    return ca.Function(
-        "sites", [q], [ca.densify(ca.horzcat(*columns))], ["q"], ["p_W"], {"cse": True}
-    )
+    for point in points:
+        columns.append(q[:3] + quaternion_to_matrix(q[3:7]) @ ca.DM(point))
+    p_W = ca.densify(ca.horzcat(*columns))
+    return ca.Function("sites", [q], [p_W], ["q"], ["p_W"], {"cse": True})

@@ -81,20 +81,20 @@ class _Struck:
     """Entries of the value."""
     errors: range
     """Components of an error."""
-    held: Any = None
+    last_value: Any = None
     """Value of the last sample that the fault left alone, or of the first."""
 
     def changed(self, sample: Sample, t: float) -> Sample | None:
         """Return a sample taken at time t [s] as the fault changes it, or None where it is lost."""
         active = self.fault.active(t)
-        if not active or self.held is None:
-            self.held = sample.value
+        if not active or self.last_value is None:
+            self.last_value = sample.value
         if active:
             return _EFFECTS[self.fault.kind](sample, self)
         return sample
 
     def with_value(self, sample: Sample, value: Any) -> Sample:
-        """The sample with this value in the part that is struck."""
+        """Return the sample with this value in the part that is struck."""
         if np.ndim(sample.value) == 0:
             return replace(sample, value=value)
         mixed = np.array(sample.value)
@@ -102,11 +102,11 @@ class _Struck:
         return replace(sample, value=mixed)
 
     def disturbed(self, sample: Sample, error: np.ndarray) -> Sample:
-        """The sample with an error (n,) of the channel."""
+        """Return the sample with an error (n,) of the channel."""
         return replace(sample, value=self.channel.disturb(sample.value, error))
 
     def error(self) -> np.ndarray:
-        """The values of the fault as an error of the channel."""
+        """Return the values of the fault as an error of the channel."""
         error = np.zeros(self.channel.n)
         error[self.errors.start : self.errors.stop] = self.fault.values
         return error
@@ -123,7 +123,8 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
     if number:
         first = channel.joints[0]
         joint = channel.joints[number - 1]
-        errors = range(joint.idx_v - first.idx_v, joint.idx_v - first.idx_v + joint.n_v)
+        first_error = joint.idx_v - first.idx_v
+        errors = range(first_error, first_error + joint.n_v)
         begin = joint.idx_q - first.idx_q
         if channel.name == "joint_positions":
             values = slice(begin, begin + joint.n_q)
@@ -135,11 +136,11 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
 
 
 def _stuck(sample: Sample, struck: _Struck) -> Sample:
-    if np.ndim(sample.value) == 0:
-        zero = 0.0
-    else:
-        zero = np.zeros_like(sample.value)
-    origin = zero if struck.channel.origin is None else struck.channel.origin
+    origin = struck.channel.origin
+    if origin is None and np.ndim(sample.value) == 0:
+        origin = 0.0
+    elif origin is None:
+        origin = np.zeros_like(sample.value)
     return struck.with_value(sample, struck.channel.disturb(origin, struck.error()))
 
 
@@ -158,19 +159,44 @@ def _spikes(sample: Sample, struck: _Struck) -> Sample:
     return struck.disturbed(sample, error)
 
 
+def _frozen(sample: Sample, struck: _Struck) -> Sample:
+    return struck.with_value(sample, struck.last_value)
+
+
+def _lost(sample: Sample, struck: _Struck) -> None:
+    return None
+
+
+def _not_a_number(sample: Sample, struck: _Struck) -> Sample:
+    return struck.with_value(sample, math.nan)
+
+
+def _biased(sample: Sample, struck: _Struck) -> Sample:
+    return struck.disturbed(sample, struck.error())
+
+
+def _drifting(sample: Sample, struck: _Struck) -> Sample:
+    elapsed = sample.stamp - struck.fault.onset
+    return struck.disturbed(sample, struck.error() * elapsed)
+
+
+def _late(sample: Sample, struck: _Struck) -> Sample:
+    return replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0])
+
+
+def _ahead(sample: Sample, struck: _Struck) -> Sample:
+    return replace(sample, stamp=sample.stamp + struck.fault.values[0])
+
+
 _EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
-    "frozen": lambda sample, struck: struck.with_value(sample, struck.held),
-    "lost": lambda sample, struck: None,
-    "nan": lambda sample, struck: struck.with_value(sample, math.nan),
-    "bias": lambda sample, struck: struck.disturbed(sample, struck.error()),
-    "drift": lambda sample, struck: struck.disturbed(
-        sample, struck.error() * (sample.stamp - struck.fault.onset)
-    ),
+    "frozen": _frozen,
+    "lost": _lost,
+    "nan": _not_a_number,
+    "bias": _biased,
+    "drift": _drifting,
     "stuck": _stuck,
     "spikes": _spikes,
-    "late": lambda sample, struck: replace(
-        sample, extra_delay=sample.extra_delay + struck.fault.values[0]
-    ),
-    "ahead": lambda sample, struck: replace(sample, stamp=sample.stamp + struck.fault.values[0]),
+    "late": _late,
+    "ahead": _ahead,
 }
 """Effects of active faults on a sample, by kind."""

@@ -60,19 +60,16 @@ class ValueRange:
 
     def holds(self, value: float) -> bool:
         """Check that a value [unit of the value] is allowed."""
-        inside = self.lower <= value <= self.upper
-        return (
-            inside
-            and not (self.above and value == self.lower)
-            and not (self.below and value == self.upper)
-        )
+        if self.above and value == self.lower:
+            return False
+        if self.below and value == self.upper:
+            return False
+        return self.lower <= value <= self.upper
 
     def __str__(self) -> str:
-        ends = (
-            f"{'more than ' if self.above else ''}{self.lower:g} to"
-            f" {'less than ' if self.below else ''}{self.upper:g}"
-        )
-        return f"{self.what}, {ends}"
+        lower = f"more than {self.lower:g}" if self.above else f"{self.lower:g}"
+        upper = f"less than {self.upper:g}" if self.below else f"{self.upper:g}"
+        return f"{self.what}, {lower} to {upper}"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -112,12 +109,12 @@ def _families() -> dict[str, dict[str, FaultModel]]:
     a reading.
     """
     table = tomllib.loads((files("uvms_ocp.sim") / "faults.toml").read_text(encoding="utf-8"))
-    for kind in (kind for kinds in table.values() for kind in kinds.values()):
-        kind["values"] = tuple(ValueRange(**value_range) for value_range in kind.get("values", ()))
-    families = {
-        family: {name: FaultModel(**kind) for name, kind in kinds.items()}
-        for family, kinds in table.items()
-    }
+    families = dict[str, dict[str, FaultModel]]()
+    for family, kinds in table.items():
+        families[family] = {}
+        for name, kind in kinds.items():
+            values = tuple(ValueRange(**value_range) for value_range in kind.pop("values", ()))
+            families[family][name] = FaultModel(**kind, values=values)
     encoder = families.pop("values")
     messages = families.pop("messages")
     return {"sensor": encoder | messages, "encoder": encoder, **families}
@@ -147,7 +144,7 @@ class FaultTarget:
 
 @lru_cache(maxsize=1024)
 def target_of(name: str) -> FaultTarget:
-    """The target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current``
+    """Return the target of that name, such as ``altimeter``, ``joint3_position``, ``joint2``, ``current``
     or ``payload2``.
 
     Raises `NameNotFound` for any other.
@@ -163,16 +160,15 @@ def target_of(name: str) -> FaultTarget:
     if numbered is None or (numbered[1] != "joint" and numbered[3]):
         raise NameNotFound("target of a fault", name, fault_targets(name))
     if numbered[3]:
-        return FaultTarget(
-            name=name, family="encoder", channel=_ENCODERS[numbered[3]], number=int(numbered[2])
-        )
+        channel = _ENCODERS[numbered[3]]
+        return FaultTarget(name=name, family="encoder", channel=channel, number=int(numbered[2]))
     return FaultTarget(name=name, family=numbered[1], number=int(numbered[2]))
 
 
 def fault_targets(like: str = "") -> tuple[str, ...]:
-    """Names of targets, with the number of the name that they are to be like."""
+    """Return the names of targets, with the number of the name that they are to be like."""
     counter = _COUNTER.search(like)
-    k = counter[0] if counter else "1"
+    k = counter[0] if counter is not None else "1"
     numbered = (
         f"thruster{k}",
         f"joint{k}",
@@ -184,13 +180,10 @@ def fault_targets(like: str = "") -> tuple[str, ...]:
 
 
 def kind_of(target: FaultTarget, name: str) -> FaultModel:
-    """The kind of that name. Raises `NameNotFound` where the target has no such fault."""
+    """Return the kind of that name. Raises `NameNotFound` where the target has no such fault."""
     kinds = FAMILIES[target.family]
     require_known(f"fault of {target.name}", name, kinds)
     return kinds[name]
-
-
-# A fault: what goes wrong, how much, from when and until when.
 
 
 @checked_dataclass(check=checked_constructor)
@@ -216,17 +209,17 @@ class Fault:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", target_of(self.target).name)
-        for name in ("values", "onset", "end"):  # whole numbers are numbers too
-            value = getattr(self, name)
-            object.__setattr__(
-                self, name, tuple(map(float, value)) if name == "values" else float(value)
-            )
+        # Whole numbers are numbers too.
+        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
+        object.__setattr__(self, "onset", float(self.onset))
+        object.__setattr__(self, "end", float(self.end))
         _require_values(self)
         if not 0.0 <= self.onset <= DAY:
             raise InvalidInput(
                 f"onset of {self.target}:{self.kind} = {self.onset:g} s; give 0 to {DAY:g} s"
             )
-        if not (self.onset < self.end and (self.end <= DAY or self.end == math.inf)):
+        is_within_day = self.end <= DAY or self.end == math.inf
+        if not (self.onset < self.end and is_within_day):
             times = f"onset = {self.onset:g} s, end = {self.end:g} s"
             raise InvalidInput(
                 f"{self.target}:{self.kind} with {times}; give an end after the onset, within a day"
@@ -234,15 +227,13 @@ class Fault:
 
     def __str__(self) -> str:
         """Return the text that `parse_fault` reads."""
+        text = f"{self.target}:{self.kind}"
         if self.values:
-            values = f"={','.join(map(plain, self.values))}"
-        else:
-            values = ""
-        if self.end == math.inf:
-            until = ""
-        else:
-            until = f"-{plain(self.end)}"
-        return f"{self.target}:{self.kind}{values}@{plain(self.onset)}{until}"
+            text += f"={','.join(plain(value) for value in self.values)}"
+        text += f"@{plain(self.onset)}"
+        if self.end != math.inf:
+            text += f"-{plain(self.end)}"
+        return text
 
     @property
     def location(self) -> FaultTarget:
@@ -260,7 +251,7 @@ def is_active(onset: float, end: float, t: float) -> bool:
 
 
 def plain(number: float) -> str:
-    """The shortest text that `float` reads as the same number [any unit]."""
+    """Return the shortest text that `float` reads as the same number [any unit]."""
     return repr(number).removesuffix(".0")
 
 
@@ -280,31 +271,30 @@ def _require_values(fault: Fault) -> None:
             )
 
 
-# Faults as text, ``TARGET:KIND=VALUES@ONSET-END``; ``str`` of a fault is the way back.
-
-
 @checked
 def parse_fault(text: str) -> Fault:
-    """The fault that a text describes: without values, onset 0 and no end where these are left out.
+    """Return the fault that ``TARGET:KIND=VALUES@ONSET-END`` describes: without values, onset 0 and
+    no end where these are left out; ``str`` of a fault is the way back.
 
     Times in s, values in the units of the kind. Raises `InvalidInput` and `NameNotFound`, in one
     line.
     """
-    if len(text) <= _LONGEST:
-        parts = _TEXT.fullmatch(text.strip())
-    else:
-        parts = None
+    parts = _TEXT.fullmatch(text.strip()) if len(text) <= _LONGEST else None
     if parts is None:
         raise InvalidInput(f"fault {short(text)}; write {_FORM}")
+    values: tuple[float, ...] = ()
     if parts["values"]:
         values = tuple(float(word) for word in parts["values"].split(","))
-    else:
-        values = ()
     onset = float(parts["onset"] or 0.0)
     end = float(parts["end"] or math.inf)
     return Fault(target=parts["target"], kind=parts["kind"], values=values, onset=onset, end=end)
 
 
 def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:
-    """Faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one line."""
-    return tuple(fault if isinstance(fault, Fault) else parse_fault(fault) for fault in given)
+    """Return faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one
+    line.
+    """
+    faults = list[Fault]()
+    for fault in given:
+        faults.append(fault if isinstance(fault, Fault) else parse_fault(fault))
+    return tuple(faults)

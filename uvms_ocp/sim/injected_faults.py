@@ -1,5 +1,5 @@
-"""Faults of a user's own, between the toolkit's parts or others: on what sensors tell and on what
-the plant is told.
+"""Faults of a user's own, between the toolkit's parts or others: they change readings of sensors,
+and commands to the plant.
 """
 
 from __future__ import annotations
@@ -27,10 +27,12 @@ from uvms_ocp.sim.watched_sensors import WatchedSensors
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class InjectedFault:
-    """A fault, made for one run."""
+    """A user's fault in one run."""
 
     maker: Any
-    made: Disturbance
+    """Value of the scenario that makes the fault, with its `onset` and `end` [s]."""
+    disturbance: Disturbance
+    """Changes of readings and commands, while the fault is there."""
 
     def active(self, t: float) -> bool:
         """Check that it is there at time t [s]."""
@@ -40,7 +42,7 @@ class InjectedFault:
         """Return the command that arrives at time t [s]. Raises `InvalidInput` for one that the
         plant cannot take.
         """
-        changed = self.made.command(command, t)
+        changed = self.disturbance.command(command, t)
         name = part_name(self.maker)
         if not isinstance(changed, Command):
             raise InvalidInput(
@@ -56,7 +58,7 @@ class InjectedFault:
 
 
 class FaultyPlant(Plant):
-    """A plant that does not hear all that it is told."""
+    """A plant that gets commands as faults change them."""
 
     def __init__(self, plant: Plant, struck: Sequence[InjectedFault]) -> None:
         self._plant = plant
@@ -65,7 +67,7 @@ class FaultyPlant(Plant):
         self.state = plant.state
 
     def step(self, command: Command, dt: float) -> None:
-        """Advance by dt [s], by what is left of the command."""
+        """Advance by dt [s], with the command that faults leave."""
         for fault in self._struck:
             if fault.active(self._t):
                 command = fault.command(command, self._t)
@@ -79,23 +81,22 @@ class FaultyPlant(Plant):
 
 
 def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant, Sensors]:
-    """Plant and sensors of a run with the own faults of a scenario between them and the others."""
+    """Return plant and sensors of a run with the user's faults of a scenario around them."""
     makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
     if not makers:
         return plant, sensors
-    struck = [InjectedFault(maker=maker, made=maker(scenario)) for maker in makers]
+    struck = [InjectedFault(maker=maker, disturbance=maker(scenario)) for maker in makers]
 
     def read(state: State, t: float) -> Readings:
         readings = sensors(state, t)
         for fault in struck:
             if fault.active(t):
-                readings = fault.made.readings(readings, t)
+                readings = fault.disturbance.readings(readings, t)
         return readings
 
-    names = " and ".join(map(part_name, makers))
-    return FaultyPlant(plant, struck), WatchedSensors(
-        read, scenario.robot, scenario.specs, f"with fault {names}"
-    )
+    names = " and ".join(part_name(maker) for maker in makers)
+    faulty_sensors = WatchedSensors(read, scenario.robot, scenario.specs, f"with fault {names}")
+    return FaultyPlant(plant, struck), faulty_sensors
 
 
 def require_fault(fault: Any) -> None:
@@ -104,10 +105,10 @@ def require_fault(fault: Any) -> None:
     """
     if isinstance(fault, Fault):
         return
-    times: list[Any] = [getattr(fault, name, None) for name in ("onset", "end")]
-    (onset, end) = times
-    numbers = all(isinstance(t, int | float | np.floating) for t in times)
-    if not (callable(fault) and numbers and 0.0 <= onset < end):
+    onset: Any = getattr(fault, "onset", None)
+    end: Any = getattr(fault, "end", None)
+    are_numbers = all(isinstance(t, int | float | np.floating) for t in (onset, end))
+    if not (callable(fault) and are_numbers and 0.0 <= onset < end):
         problem = f"faults: {part_name(fault)} with onset = {onset} s, end = {end} s"
         raise InvalidInput(
             f"{problem}; give a Fault, or what makes one, with times from 0 on, the end last, inf for"
@@ -116,15 +117,14 @@ def require_fault(fault: Any) -> None:
 
 
 def fault_meta(fault: Any) -> FaultMeta:
-    """Metadata of a fault for the record."""
-    if np.isfinite(fault.end):
-        end = float(fault.end)
-    else:
-        end = None
+    """Return the metadata of a fault for the record."""
+    end = float(fault.end) if np.isfinite(fault.end) else None
     if isinstance(fault, Fault):
         return FaultMeta(
             text=str(fault), target=fault.target, kind=fault.kind, t=fault.onset, end=end
         )
     name = part_name(fault)
-    text = f"{name}@{plain(float(fault.onset))}" + ("" if end is None else f"-{plain(end)}")
+    text = f"{name}@{plain(float(fault.onset))}"
+    if end is not None:
+        text += f"-{plain(end)}"
     return FaultMeta(text=text, target=name, kind="own", t=float(fault.onset), end=end)

@@ -99,28 +99,24 @@ def simulate(
         quick = None
     else:
         quick = compiled_loop(plant, sensors, estimator, controller, dt)
-    with (
-        on_interrupt(stops.append),
-        suppress(Interrupted),
-    ):  # which a planner within a tick passes on
+    # A planner within a tick passes the interrupt on.
+    with on_interrupt(stops.append), suppress(Interrupted):
         if quick is not None:
-            quick.run(
-                n_ticks, recorder, kept_readings or {}, watch or (lambda t, state: None), stops
-            )
-        for k in range(n_ticks if quick is None else 0):
+            quick.run(n_ticks, recorder, kept_readings or {}, watch or _watch_nothing, stops)
+            n_ticks = 0
+        for k in range(n_ticks):
             t = k * dt
             readings = sensors(plant.state, t)
-            measurement = estimator(readings, t, command)
+            estimate = estimator(readings, t, command)
             begin = perf_counter()
-            command = controller(measurement, t)
+            command = controller(estimate, t)
             spent = perf_counter() - begin
             telemetry = plant.telemetry()
-            asked_thrust = _asked(command, telemetry, recorder)
+            asked_thrust = _asked_thrust(command, telemetry, recorder)
+            measured = {}
             if kept_readings:
                 measured = new(readings) | {"brakes": command.brakes}
-            else:
-                measured = {}
-            row = _row(t, plant.state, measurement, command, asked_thrust, measured)
+            row = _row(t, plant.state, estimate, command, asked_thrust, measured)
             row.setdefault("controller_time", spent)  # one that measures itself knows better
             row.update(telemetry)
             recorder.append(row)
@@ -148,39 +144,43 @@ def simulate(
     return recorder
 
 
+def _watch_nothing(t: float, state: State) -> None:
+    """Stand for a callback that is not given."""
+
+
 class _NewReadings:
     """Readings that are new at a tick, each with when it was taken; NaN where none is."""
 
-    __slots__ = ("_channels", "_seen")
+    __slots__ = ("_missing", "_seen")
 
     def __init__(self, widths: Mapping[str, int]) -> None:
         for name in widths:
             require_known("channel", name, CHANNELS)
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
-        self._channels = [
-            (f"measured_{name}", name, np.full(width + 1, np.nan)) for name, width in widths.items()
-        ]
+        self._missing = {name: np.full(width + 1, np.nan) for name, width in widths.items()}
 
     def __call__(self, readings: Readings) -> dict[str, Any]:
-        columns = {}
-        for name, channel, none in self._channels:
+        columns = dict[str, Any]()
+        for channel, missing in self._missing.items():
             reading = getattr(readings, channel)
-            if reading is None or reading is self._seen[channel]:
-                columns[name] = none
-            else:  # also with the time of an earlier one, as clocks that fail give them
+            column = missing
+            # Also with the time of an earlier one, as clocks that fail give them.
+            if reading is not None and reading is not self._seen[channel]:
                 self._seen[channel] = reading
-                columns[name] = np.array([*np.ravel(reading.value).tolist(), reading.t])
-                require_kept(channel, columns[name].size - 1, none.size - 1)
+                column = np.array([*np.ravel(reading.value).tolist(), reading.t])
+                require_kept(channel, column.size - 1, missing.size - 1)
+            columns[f"measured_{channel}"] = column
         return columns
 
 
-def _asked(command: Command, telemetry: Mapping[str, Any], recorder: Recorder) -> np.ndarray | None:
-    """Thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where there is
-    none to ask for.
+def _asked_thrust(
+    command: Command, telemetry: Mapping[str, Any], recorder: Recorder
+) -> np.ndarray | None:
+    """Return the thrust (n_thrusters,) [N] that a plant with thrusters is asked for; `None` where
+    there are none.
     """
-    if (
-        command.thrust is None and "asked_thrust" in recorder
-    ):  # such as with the last command of a run
+    # Such as with the last command of a run.
+    if command.thrust is None and "asked_thrust" in recorder:
         return np.zeros_like(telemetry["thrust"])
     if "thrust" in telemetry:
         return command.thrust

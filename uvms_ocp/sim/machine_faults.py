@@ -5,7 +5,6 @@ robot can have them at all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -28,13 +27,13 @@ def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
 
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:
-    """Entries of v of the joints that cannot move."""
-    joints = [
-        robot.joints[fault.location.number - 1]
-        for fault in faults
-        if fault.location.family == "joint"
-    ]
-    return tuple(sorted({axis for joint in joints for axis in range(joint.v.start, joint.v.stop)}))
+    """Return the entries of v of the joints that cannot move."""
+    axes = set[int]()
+    for fault in faults:
+        if fault.location.family == "joint":
+            joint = robot.joints[fault.location.number - 1]
+            axes.update(range(joint.v.start, joint.v.stop))
+    return tuple(sorted(axes))
 
 
 def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
@@ -43,25 +42,26 @@ def payloads(faults: Sequence[Fault]) -> tuple[Fault, ...]:
 
 
 def loaded(robot: Robot, carried: Sequence[Fault]) -> Robot:
-    """The robot with these payloads: point masses at the origins of its tools' frames, of the first
-    without a number.
+    """Return the robot with these payloads: point masses at the origins of its tools' frames, of
+    the first without a number.
     """
     bodies = []
     for k, fault in enumerate(carried, start=1):
-        mass, volume, *_ = *fault.values, 0.0
-        where: Any = {
-            "link": robot.tools[max(fault.location.number, 1) - 1],
-            "position": (0.0, 0.0, 0.0),
-        }
-        bodies.append(description.TrimBody(name=f"payload {k}", mass=mass, volume=volume, **where))
+        mass = fault.values[0]
+        volume = fault.values[1] if len(fault.values) > 1 else 0.0
+        tool = robot.tools[max(fault.location.number, 1) - 1]
+        body = description.TrimBody(
+            name=f"payload {k}", mass=mass, volume=volume, link=tool, position=(0.0, 0.0, 0.0)
+        )
+        bodies.append(body)
     return static_balance.with_trim(robot, bodies)
 
 
 def joined_velocity(
     before: np.ndarray, after: np.ndarray, v: np.ndarray, locked: tuple[int, ...] = ()
 ) -> np.ndarray:
-    """Velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest: ``after
-    v_next = before v``.
+    """Compute the velocity (n_v,) [m/s, rad/s] once the robot has taken hold of something at rest:
+    ``after v_next = before v``.
 
     The momentum of the robot is then that of robot and load. before, after: mass matrices (n_v,
     n_v) [kg, kg m, kg m2]; v (n_v,) [m/s, rad/s]. locked: entries that are and stay at 0.
@@ -70,7 +70,8 @@ def joined_velocity(
 
     free = [i for i in range(len(v)) if i not in locked]
     joined = np.zeros(len(v))
-    joined[free] = scipy.linalg.solve(after[np.ix_(free, free)], (before @ v)[free], assume_a="pos")
+    momentum = (before @ v)[free]
+    joined[free] = scipy.linalg.solve(after[np.ix_(free, free)], momentum, assume_a="pos")
     return joined
 
 
@@ -78,13 +79,14 @@ def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) 
     """Raise `InvalidInput`, in one line, for a fault of what this robot or plant does not have.
     Sensors look at theirs.
     """
-    there = {
+    n_targets = {
         "thruster": len(robot.description.thrusters),
         "joint": len(robot.joints),
         "payload": len(robot.tools),
     }
     for fault in faults:
-        family, number = fault.location.family, fault.location.number
+        family = fault.location.family
+        number = fault.location.number
         if kinematic and family in _NEED_WATER:
             raise InvalidInput(
                 f"{fault}: the kinematic plant {_NEED_WATER[family]}; use the dynamic plant"
@@ -93,8 +95,8 @@ def require_possible(faults: Sequence[Fault], robot: Robot, *, kinematic: bool) 
             raise InvalidInput(
                 f"{fault}: the robot has no frame 'tool' to carry it; leave the fault out"
             )
-        if number > there.get(family, number):
-            part = {"payload": "tool"}.get(family, family)
+        if number > n_targets.get(family, number):
+            part = "tool" if family == "payload" else family
             raise InvalidInput(
-                f"{fault}: the robot has {there[family]} {part}s; give one of them, from 1"
+                f"{fault}: the robot has {n_targets[family]} {part}s; give one of them, from 1"
             )

@@ -82,10 +82,16 @@ def require_simulated(faults: Iterable[Fault], plant: Any, sensors: Any) -> None
     """
     for fault in faults:
         channel = fault.location.channel
-        maker, fault_name = (sensors, channel) if channel else (plant, fault.location.family)
+        kind = "plant"
+        maker = plant
+        fault_name = fault.location.family
+        if channel:
+            kind = "sensors"
+            maker = sensors
+            fault_name = channel
         is_users = not isinstance(maker, str | SensorSpecs)
         if is_users and fault_name not in getattr(maker, "simulated_faults", ()):
-            whose = f"{'sensors' if channel else 'plant'} {part_name(maker)}"
+            whose = f"{kind} {part_name(maker)}"
             problem = f"{fault}: {whose} has no {fault_name!r} in its simulated_faults"
             raise InvalidInput(f"{problem}; add it and simulate it, or leave it out")
 

@@ -149,11 +149,15 @@ class HeightField(Seafloor):
         # Marches with a fraction of the smallest radius, then refines by Brent's method.
         descent = -float(direction[2])
         above = float(origin[2]) - self.height(float(origin[0]), float(origin[1]))
-        if above > 0 and (crossing := self._crossing(origin, direction)) is not None:
-            return crossing
-        if descent > LEVEL_RAY:
-            return (above if above <= 0 else float(origin[2]) - self.z) / descent
-        return math.nan
+        if above > 0:
+            crossing = self._crossing(origin, direction)
+            if crossing is not None:
+                return crossing
+        if descent <= LEVEL_RAY:
+            return math.nan
+        if above <= 0:
+            return above / descent
+        return (float(origin[2]) - self.z) / descent
 
     def _crossing(self, origin: np.ndarray, direction: np.ndarray) -> float | None:
         """Distance [m] at which the ray meets a bump."""

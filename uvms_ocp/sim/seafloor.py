@@ -105,14 +105,17 @@ def ground_at(seafloor: Seafloor, points: Points) -> tuple[np.ndarray, np.ndarra
 
 @checked
 def floor_relief(seafloor: Seafloor, low: Corner, high: Corner) -> FloorRelief | None:
-    """A rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre, for
-    records; `None` for a plane.
+    """Sample a rectangle of the floor from `low` (2,) to `high` (2,) [m], rounded to a millimetre,
+    for records; `None` for a plane.
     """
     if isinstance(seafloor, FlatSeafloor):
         return None
-    x, y = (np.linspace(a, b, _RELIEF_POINTS) for a, b in zip(low, high, strict=True))
-    z = tuple(tuple(round(seafloor.height(float(u), float(v)), 3) for u in x) for v in y)
-    return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=z)
+    x = np.linspace(low[0], high[0], _RELIEF_POINTS)
+    y = np.linspace(low[1], high[1], _RELIEF_POINTS)
+    rows = list[tuple[float, ...]]()
+    for y_k in y.tolist():
+        rows.append(tuple(round(seafloor.height(x_i, y_k), 3) for x_i in x.tolist()))
+    return FloorRelief(x=tuple(x.round(3).tolist()), y=tuple(y.round(3).tolist()), z=tuple(rows))
 
 
 @checked
@@ -136,7 +139,9 @@ def floor_mesh(
             " side"
         )
     side = np.linspace(-extent / 2, extent / 2, 1 + math.ceil(extent / spacing))
-    x, y = (values.ravel() for values in np.meshgrid(centre[0] + side, centre[1] + side))
+    grid_x, grid_y = np.meshgrid(centre[0] + side, centre[1] + side)
+    x = grid_x.ravel()
+    y = grid_y.ravel()
     z = [seafloor.height(*point) for point in zip(x.tolist(), y.tolist(), strict=True)]
     corner = np.arange(len(x)).reshape(len(side), -1)
     a = corner[:-1, :-1]

@@ -100,14 +100,13 @@ class SensorSuite:
                 turn=R_BD, disturb=lambda value, error: value + R_BD @ error
             )
             sources["linear_velocity"] = turned
-        present = {
-            name: spec
-            for name in CHANNELS
-            if (spec := getattr(specs, name)) is not None and name in sources
-        }
-        streams = dict(
-            zip(CHANNELS, np.random.SeedSequence(seed).spawn(len(CHANNELS)), strict=True)
-        )
+        present = dict[str, SensorSpec]()
+        for name in CHANNELS:
+            spec = getattr(specs, name)
+            if spec is not None and name in sources:
+                present[name] = spec
+        seeds = np.random.SeedSequence(seed).spawn(len(CHANNELS))
+        streams = dict(zip(CHANNELS, seeds, strict=True))
         struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
         self.memory: SensorsMemory
         """Memory of the kernels."""
@@ -129,19 +128,19 @@ class SensorSuite:
         self._truth = tuple(map(view, (memory.q, memory.v, memory.a)))
         if frame is not None:
             self._look_at(Altimeter(robot, seafloor, frame), seafloor)
-        self._channels = [
-            _Channel(memory.channels[NUMBER[name]], name, spec, sources[name], streams[name])
-            for name, spec in present.items()
-        ]
-        for channel in self._channels:
-            self._bindings += channel.ask_python(struck.get(channel.name))
+        self._channels = list[_Channel]()
+        for name, spec in present.items():
+            sampler = memory.channels[NUMBER[name]]
+            channel = _Channel(sampler, name, spec, sources[name], streams[name])
+            self._channels.append(channel)
+            self._bindings += channel.ask_python(struck.get(name))
         self.is_ideal = not struck and all(spec == _IDEAL for spec in present.values())
         """Every channel tells the truth, at every tick."""
         self._readings: dict[str, Reading[Any] | None] = {}
         self._drawn = 0
 
     def read(self, state: State, t: float) -> Readings:
-        """The last reading of every channel at time t [s], the time of the true `state`.
+        """Return the last reading of every channel at time t [s], the time of the true `state`.
 
         Raises `InvalidInput` for a state without the acceleration that an accelerometer needs, and
         as `check`.
@@ -221,13 +220,14 @@ def sources_of(robot: Robot, *, has_altimeter: bool) -> dict[str, Source]:
     joints = robot.joint_q
     rates = robot.joint_v
     n = robot.n_joints
-    plain = all(joint.n_q == joint.n_v for joint in robot.joints)
     kinds = sampling.Disturbance
-    bent: dict[str, Any] = (
-        {} if plain else {"disturb": _joint_disturbance(robot), "disturbance": kinds.ASKED}
-    )
+    joint_disturbance: dict[str, Any] = {}
+    if any(joint.n_q != joint.n_v for joint in robot.joints):
+        joint_disturbance["disturb"] = _joint_disturbance(robot)
+        joint_disturbance["disturbance"] = kinds.ASKED
+    n_positions = joints.stop - joints.start
     sources = {
-        "joint_positions": Source(False, joints.start, joints.stop - joints.start, n, **bent),
+        "joint_positions": Source(False, joints.start, n_positions, n, **joint_disturbance),
         "joint_velocities": Source(True, rates.start, n, n),
     }
     if robot.n_vehicle:
@@ -255,16 +255,15 @@ def _structure(
     present: Mapping[str, SensorSpec],
     struck: Mapping[str, ChannelFaults],
 ) -> type[SensorsMemory]:
-    late = [
-        spec.delay + (struck[name].most_delay if name in struck else 0.0)
-        for name, spec in present.items()
-    ]
-    rates = [min(spec.rate, _QUICKEST) for spec in present.values()]
-    room = [
-        2 + min(_MOST, math.ceil(delay * rate)) for delay, rate in zip(late, rates, strict=True)
-    ]
+    n_room = 1  # readings of one sensor that are under way
+    for name, spec in present.items():
+        delay = spec.delay
+        if name in struck:
+            delay = spec.delay + struck[name].most_delay
+        rate = min(spec.rate, _QUICKEST)
+        n_room = max(n_room, 2 + min(_MOST, math.ceil(delay * rate)))
     width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
-    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_width": width, "n_room": max(room, default=1)}
+    sizes = {"n_q": robot.n_q, "n_v": robot.n_v, "n_width": width, "n_room": n_room}
     return structure_of(
         SensorsMemory, turn=_turn_function(), look=echo_sizes(robot, frame)["look"], **sizes
     )
@@ -288,18 +287,16 @@ def faults_of_channels(
             )
         if channel:
             by_channel.setdefault(channel, []).append(fault)
-    streams = {
-        name: np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
-        for name in by_channel
-    }
-    return {
-        name: ChannelFaults(_struck(robot, name, sources[name]), channel_faults, streams[name])
-        for name, channel_faults in by_channel.items()
-    }
+    struck = dict[str, ChannelFaults]()
+    for name, channel_faults in by_channel.items():
+        stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
+        faulty_channel = _faulty_channel(robot, name, sources[name])
+        struck[name] = ChannelFaults(faulty_channel, channel_faults, stream)
+    return struck
 
 
-def _struck(robot: Robot, name: str, source: Source) -> FaultyChannel:
-    """A channel as its faults need it."""
+def _faulty_channel(robot: Robot, name: str, source: Source) -> FaultyChannel:
+    """Describe a channel as its faults need it."""
     neutral = pin.neutral(robot.model)
     origins = {
         "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
@@ -328,7 +325,9 @@ def _turn_function() -> ca.Function:
 
 
 def _joint_disturbance(robot: Robot) -> Disturb:
-    """Joints whose configuration is not a vector space (cos, sin) move along their manifold."""
+    """Return how an error acts on joints whose configuration is not a vector space (cos, sin): they
+    move along their manifold.
+    """
     model = robot.model
     q = pin.neutral(robot.model)
     v = np.zeros(robot.n_v)
@@ -375,17 +374,20 @@ class _Channel:
         self._scalar = name in _SCALARS
         self._spec = spec
         self._source = source
-        settings = {
-            item: getattr(source, item) for item in ("of_velocity", "first", "size", "disturbance")
-        }
-        settings |= {item: getattr(spec, item) for item in ("exact", "rate", "delay", "dropout")}
         assign(
             memory,
             present=True,
             number=NUMBER[name],
             n_used=sampling.N_DRAWN,
             due=-math.inf,
-            **settings,
+            of_velocity=source.of_velocity,
+            first=source.first,
+            size=source.size,
+            disturbance=source.disturbance,
+            exact=spec.exact,
+            rate=spec.rate,
+            delay=spec.delay,
+            dropout=spec.dropout,
         )
         # Two streams, so that drop-outs leave the noise of the other readings as it was.
         self._noise, self._lost = (np.random.default_rng(child) for child in stream.spawn(2))
@@ -396,21 +398,15 @@ class _Channel:
     def draw(self) -> None:
         """Draw errors and losses in place of those that were used."""
         memory = self.memory
-        used = self.memory.n_used
-        for numbers, needed in (
-            (self._errors, not memory.exact),
-            (self._losses, memory.dropout > 0.0),
-        ):
-            if needed:
-                numbers[: len(numbers) - used] = numbers[used:].copy()
+        n_used = memory.n_used
         if not memory.exact:
-            error = self._noise.standard_normal(
-                (used, self._errors.shape[1])
-            ) * self._spec.sigma + np.array(self._spec.biases)
-            turn = self._source.turn
-            self._errors[len(self._errors) - used :] = error if turn is None else error @ turn.T
+            noise = self._noise.standard_normal((n_used, self._errors.shape[1]))
+            error = noise * self._spec.sigma + np.array(self._spec.biases)
+            if self._source.turn is not None:
+                error = error @ self._source.turn.T
+            _replace_used(self._errors, error)
         if memory.dropout > 0.0:
-            self._losses[len(self._losses) - used :] = self._lost.random(used)
+            _replace_used(self._losses, self._lost.random(n_used))
         memory.n_used = 0
 
     def ask_python(self, faults: ChannelFaults | None) -> Iterator[CallbackBinding]:
@@ -425,10 +421,10 @@ class _Channel:
             sample[:] = self._source.disturb(sample.copy(), error)
 
         def strike() -> None:
-            if faults is None:
-                struck = None
-            else:
-                struck = faults(sample.item() if self._scalar else sample.copy(), memory.stamped)
+            struck = None
+            if faults is not None:
+                value = sample.item() if self._scalar else sample.copy()
+                struck = faults(value, memory.stamped)
             memory.lost = struck is None
             if struck is not None:
                 sample[:] = struck.value
@@ -442,7 +438,13 @@ class _Channel:
             yield CallbackBinding(memory.strike, strike)
 
     def reading(self) -> Reading[Any]:
-        """The one that arrived last."""
-        return signals.unchecked_reading(
-            value=self._value.item() if self._scalar else self._value.copy(), t=self.memory.stamp
-        )
+        """Return the reading that arrived last."""
+        value = self._value.item() if self._scalar else self._value.copy()
+        return signals.unchecked_reading(value=value, t=self.memory.stamp)
+
+
+def _replace_used(numbers: np.ndarray, drawn: np.ndarray) -> None:
+    """Drop the first numbers, which were used, and put as many that were drawn behind the rest."""
+    n_left = len(numbers) - len(drawn)
+    numbers[:n_left] = numbers[len(drawn) :].copy()
+    numbers[n_left:] = drawn

@@ -57,8 +57,9 @@ class SteppedCurrent(Current):
         added = np.zeros((len(p_W), 3, 3))
         # (n, 3) [1/m] gradient of the share of the vertical part that is left at points p_W (n, 3).
         floor, normals = ground_at(self.seafloor, p_W[:, :2])
-        slopes = [cosine_slope(height / LAYER) / LAYER for height in (p_W[:, 2] - floor).tolist()]
-        added[:, 2] = vertical * (np.array(slopes)[:, None] * normals / normals[:, 2:])
+        heights = (p_W[:, 2] - floor).tolist()
+        slopes = np.array([cosine_slope(height / LAYER) / LAYER for height in heights])
+        added[:, 2] = vertical * (slopes[:, None] * normals / normals[:, 2:])
         return base + added
 
     def _step(self, t: float) -> np.ndarray:
@@ -67,10 +68,10 @@ class SteppedCurrent(Current):
 
     def _sum(self, t: float, growth: Callable[[float], float]) -> np.ndarray:
         """(3,) over all steps, by how each has grown since its onset, and since its end."""
-        parts = [
-            (growth(t - fault.onset) - growth(t - fault.end)) * np.array(fault.values)
-            for fault in self.faults
-        ]
+        parts = []
+        for fault in self.faults:
+            share = growth(t - fault.onset) - growth(t - fault.end)
+            parts.append(share * np.array(fault.values))
         return np.asarray(np.sum(parts, axis=0))
 
     def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:

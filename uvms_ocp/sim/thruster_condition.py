@@ -23,7 +23,7 @@ class ThrusterCondition:
     offset: np.ndarray
     """(n,) [N] thrust at which they are stuck."""
     dead: np.ndarray
-    """(n,) whether they give nothing."""
+    """(n,) True for those that give nothing."""
 
 
 def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
@@ -32,10 +32,15 @@ def condition_of(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterConditi
     offset = np.zeros(len(thrust))
     dead = np.zeros(len(thrust), dtype=bool)
     for fault in faults:
-        if fault.location.family == "thruster":
-            k = fault.location.number - 1
-            if fault.kind == "stuck":
-                offset[k] = fault.values[0] if fault.values else thrust[k]
-            dead[k] |= fault.kind == "dead"
-            share[k] *= fault.values[0] if fault.kind == "weak" else _SHARES[fault.kind]
+        if fault.location.family != "thruster":
+            continue
+        k = fault.location.number - 1
+        if fault.kind == "stuck":
+            offset[k] = fault.values[0] if fault.values else thrust[k]
+        if fault.kind == "dead":
+            dead[k] = True
+        if fault.kind == "weak":
+            share[k] *= fault.values[0]
+        else:
+            share[k] *= _SHARES[fault.kind]
     return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)

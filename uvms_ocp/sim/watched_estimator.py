@@ -25,13 +25,15 @@ from uvms_ocp.types import Array
 _OURS = (PassThrough, Estimator)
 
 
-def watched_estimator(made: Any, robot: Robot, name: str) -> StateEstimator:
-    """It, watched unless it is the toolkit's own; one that tells of gates of its own still does."""
-    if type(made) in _OURS:
-        return made
-    return (
-        WatchedGates if isinstance(made, guarded_estimator.GatedEstimator) else WatchedEstimator
-    )(made, robot, name)
+def watched_estimator(estimator: Any, robot: Robot, name: str) -> StateEstimator:
+    """Return an estimator with its estimates checked, unless it is the toolkit's own; one that has
+    gates of its own still reports them.
+    """
+    if type(estimator) in _OURS:
+        return estimator
+    if isinstance(estimator, guarded_estimator.GatedEstimator):
+        return WatchedGates(estimator, robot, name)
+    return WatchedEstimator(estimator, robot, name)
 
 
 class WatchedEstimator:

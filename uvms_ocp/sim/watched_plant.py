@@ -39,20 +39,21 @@ class WatchedPlant(Plant):
         self._name = name
         n_thrusters = len(robot.description.thrusters)
         n_joints = robot.n_joints
-        self._shapes: dict[str, tuple[int, ...]] = dict(
-            zip(EFFORTS, ((n_thrusters,), (n_joints,), (n_thrusters,), ()), strict=True),
-            contact=(len(skid_points(robot)),),
-            current=(3,),
-        )
-        self.state = self._right(plant.state)
+        effort_shapes = ((n_thrusters,), (n_joints,), (n_thrusters,), ())
+        self._shapes = dict[str, tuple[int, ...]](zip(EFFORTS, effort_shapes, strict=True))
+        self._shapes["contact"] = (len(skid_points(robot)),)
+        self._shapes["current"] = (3,)
+        self.state = self._checked_state(plant.state)
 
     def step(self, command: Command, dt: float) -> None:
-        """Theirs, by dt [s]. Raises `InvalidInput` for a state that cannot be."""
+        """Advance the user's plant by dt [s]. Raises `InvalidInput` for a state that cannot be."""
         self._wrapped.step(command, dt)
-        self.state = self._right(self._wrapped.state)
+        self.state = self._checked_state(self._wrapped.state)
 
     def telemetry(self) -> dict[str, Any]:
-        """Theirs. Raises `InvalidInput` for what cannot be recorded, or not under that name."""
+        """Return the telemetry of the user's plant. Raises `InvalidInput` for what cannot be
+        recorded, or not under that name.
+        """
         telemetry = self._wrapped.telemetry()
         if not isinstance(telemetry, dict):
             raise InvalidInput(
@@ -67,7 +68,7 @@ class WatchedPlant(Plant):
             )
         return {name: self._recorded(name, value) for name, value in telemetry.items()}
 
-    def _right(self, state: Any) -> State:
+    def _checked_state(self, state: Any) -> State:
         if not isinstance(state, State):
             raise InvalidInput(
                 f"state of plant {self._name} is {type(state).__name__}; give a State"
@@ -91,14 +92,15 @@ class WatchedPlant(Plant):
                     f"{whose} has {name!r}, which means something else in records; rename it"
                 )
             return array
+        known_values = array
         if name == _MAYBE_UNKNOWN:
             known_values = array[~np.isnan(array)]
-        else:
-            known_values = array
-        if array.shape != self._shapes[name] or not np.isfinite(known_values).all():
-            problem = (
-                f"of shape {array.shape}" if array.shape != self._shapes[name] else "not finite"
-            )
+        problem = ""
+        if array.shape != self._shapes[name]:
+            problem = f"of shape {array.shape}"
+        elif not np.isfinite(known_values).all():
+            problem = "not finite"
+        if problem:
             raise InvalidInput(
                 f"{whose} has {name} {problem}; give finite numbers of shape {self._shapes[name]}"
             )

@@ -131,7 +131,7 @@ class Authority:
     where it cannot even hold.
     """
     sound: np.ndarray
-    """(6, 2) [N, N m] the same of sound thrusters."""
+    """(6, 2) [N, N m] reach of sound thrusters."""
     holds: bool
     """The robot can be held still."""
     can_go_on: bool
@@ -142,16 +142,14 @@ class Authority:
     @property
     def lost(self) -> tuple[str, ...]:
         """Axes along which there is no force of its own either way any more."""
-        return tuple(axis for axis, gone in zip(AXES, self._gone(), strict=True) if gone.all())
+        n_lost_ways = self._out_of_reach().sum(axis=1)
+        return tuple(axis for k, axis in enumerate(AXES) if n_lost_ways[k] == 2)
 
     @property
     def one_sided(self) -> tuple[str, ...]:
         """Axes along which there is force one way only."""
-        return tuple(
-            axis
-            for axis, gone in zip(AXES, self._gone(), strict=True)
-            if gone.any() and not gone.all()
-        )
+        n_lost_ways = self._out_of_reach().sum(axis=1)
+        return tuple(axis for k, axis in enumerate(AXES) if n_lost_ways[k] == 1)
 
     def __str__(self) -> str:
         """Describe the authority in one line."""
@@ -159,21 +157,17 @@ class Authority:
             return "the thrusters that are left cannot hold the robot still"
         parts = [f"{axis} can no longer be driven on its own" for axis in self.lost]
         parts += [f"{axis} can be driven one way only" for axis in self.one_sided]
-        parts += [
-            f"{axis} {100 * share:.0f} %"
-            for axis, share in zip(
-                AXES,
-                np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1),
-                strict=True,
-            )
-            if axis not in (*self.lost, *self.one_sided) and share < 0.95
-        ]
+        shares = np.min(self.reach / np.maximum(self.sound, np.finfo(float).tiny), axis=1)
+        described_axes = (*self.lost, *self.one_sided)
+        for axis, share in zip(AXES, shares, strict=True):
+            if axis not in described_axes and share < 0.95:
+                parts.append(f"{axis} {100 * share:.0f} %")
         if parts:
             return f"left of the reach: {', '.join(parts)}"
         return "nothing is out of reach"
 
-    def _gone(self) -> np.ndarray:
-        """(6, 2) which of what sound thrusters reach is out of reach."""
+    def _out_of_reach(self) -> np.ndarray:
+        """Check (6, 2) which of what sound thrusters reach is out of reach."""
         return (self.sound > _GONE * self.sound.max()) & ~(self.reach > _GONE * self.sound)
 
 

@@ -127,8 +127,9 @@ def thruster_verdicts(
     watch: ThrusterFaultMemory, effectiveness: verdicts.ThrusterEffectiveness, n: int
 ) -> list[verdicts.ThrusterVerdict]:
     """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
-    return [
-        verdicts.ThrusterVerdict(
+    thruster_list = list[verdicts.ThrusterVerdict]()
+    for i in range(n):
+        verdict = verdicts.ThrusterVerdict(
             health=verdicts.ActuatorHealth(watch.health[i]),
             kind=verdicts.FaultKind(watch.kind[i]),
             share=effectiveness.share[i],
@@ -136,23 +137,21 @@ def thruster_verdicts(
             confidence=watch.confidence[i],
             since=watch.since[i],
         )
-        for i in range(n)
-    ]
+        thruster_list.append(verdict)
+    return thruster_list
 
 
 def joint_verdicts(watch: JointFaultMemory) -> list[verdicts.JointVerdict]:
     """Return the verdict of a `JointFaultMemory` on each joint."""
-    sound = verdicts.JointVerdict()
-    return [
-        verdicts.JointVerdict(
-            health=verdicts.ActuatorHealth.FAULTY,
-            kind=verdicts.FaultKind.JAMMED,
-            since=watch.since[j],
-        )
-        if watch.jammed[j]
-        else sound
-        for j in range(watch.count)
-    ]
+    joint_list = [verdicts.JointVerdict()] * watch.count
+    for j in range(watch.count):
+        if watch.jammed[j]:
+            joint_list[j] = verdicts.JointVerdict(
+                health=verdicts.ActuatorHealth.FAULTY,
+                kind=verdicts.FaultKind.JAMMED,
+                since=watch.since[j],
+            )
+    return joint_list
 
 
 def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
@@ -161,17 +160,12 @@ def _window_length(tuning: verdicts.ActuatorHealthTuning, period: float) -> int:
 
 def _weight_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
     q = ca.SX.sym("q", robot.n_q)
-    rest = ca.SX(robot.n_v, 1)
+    at_rest = ca.SX(robot.n_v, 1)
     still = ca.SX(3, len(symbolic.links))
-    tau = symbolic.inverse_dynamics(q, rest, rest, still, still)
+    tau = symbolic.inverse_dynamics(q, at_rest, at_rest, still, still)
     n = robot.n_vehicle
-    return ca.Function(
-        "weight",
-        [q],
-        [ca.cse(ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n))))],
-        ["q"],
-        ["wrench"],
-    )
+    wrench = ca.cse(ca.densify(ca.vertcat(tau[:n, :], ca.SX.zeros(6 - n))))
+    return ca.Function("weight", [q], [wrench], ["q"], ["wrench"])
 
 
 def _joint_way_function(robot: Robot, symbolic: SymbolicDynamics) -> ca.Function:
@@ -202,14 +196,17 @@ class ActuatorMonitor:
 
     @property
     def faulty(self) -> str:
-        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; nothing
+        """All that is faulty, in a few words, such as ``thruster3 dead, joint2 jammed``; empty
         where nothing is.
         """
-        kinds = {
-            f"thruster{k}": actuator.kind for k, actuator in enumerate(self.thrusters, start=1)
-        }
-        kinds |= {f"joint{k}": actuator.kind for k, actuator in enumerate(self.joints, start=1)}
-        return ", ".join(f"{name} {kind.word}" for name, kind in kinds.items() if kind)
+        faults = list[str]()
+        for k, thruster in enumerate(self.thrusters, start=1):
+            if thruster.kind:
+                faults.append(f"thruster{k} {thruster.kind.word}")
+        for k, joint in enumerate(self.joints, start=1):
+            if joint.kind:
+                faults.append(f"joint{k} {joint.kind.word}")
+        return ", ".join(faults)
 
     def update(self, t: float) -> None:
         """Take over what detection at time t [s] has changed, and log alarms."""
@@ -219,27 +216,20 @@ class ActuatorMonitor:
         i = self._memory.thruster
         for j in range(len(self.joints)):
             if self._memory.joints.found[j]:
-                self.alarms.append(
-                    (
-                        t,
-                        (
-                            f"joint{j + 1} jammed ({names[j]}): pushed, and does not move; the"
-                            " others do without it"
-                        ),
-                    )
-                )
+                jammed = f"joint{j + 1} jammed ({names[j]})"
+                finding = "pushed, and does not move; the others do without it"
+                self.alarms.append((t, f"{jammed}: {finding}"))
         if i >= 0:
-            self.alarms.append(
-                (t, verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i]))
-            )
+            alarm = verdicts.thruster_alarm(i + 1, thrusters[i].name, self.thrusters[i])
+            self.alarms.append((t, alarm))
         if self._memory.judgement:
             self.authority = authority.authority_in(self._memory.authority)
             end = "" if self.authority.can_go_on else "; the mission cannot go on"
             self.alarms.append((t, f"without {self.faulty}: {self.authority}{end}"))
 
     def telemetry(self) -> dict[str, Any]:
-        """For the record: shares (n_thrusters,), constants (n_thrusters,) [N], verdicts as whole
-        numbers.
+        """Return series for the record: shares (n_thrusters,), constants (n_thrusters,) [N],
+        verdicts as whole numbers.
         """
         return self._telemetry
 
@@ -248,11 +238,11 @@ class ActuatorMonitor:
         n = len(self._robot.description.thrusters)
         self.thrusters = thruster_verdicts(memory.thrusters, memory.effectiveness, n)
         self.joints = joint_verdicts(memory.joints)
+        thruster_health = [verdict.health for verdict in self.thrusters]
+        joint_health = [verdict.health for verdict in self.joints]
         self._telemetry = {
             "thruster_share": np.array(memory.effectiveness.share[:n]),
             "thruster_constant": np.array(memory.effectiveness.constant[:n]),
-            "thruster_health": np.array(
-                [verdict.health for verdict in self.thrusters], dtype=np.int8
-            ),
-            "joint_health": np.array([verdict.health for verdict in self.joints], dtype=np.int8),
+            "thruster_health": np.array(thruster_health, dtype=np.int8),
+            "joint_health": np.array(joint_health, dtype=np.int8),
         }

@@ -127,13 +127,9 @@ def thruster_alarm(number: int, name: str, verdict: ThrusterVerdict) -> str:
     finding = f"{thruster}: gives {100 * verdict.share:.0f} % of what it is asked"
     if verdict.kind is FaultKind.DEAD:
         return f"{finding}; taken out"
-    return (
-        f"{finding};"
-        f" {'driven the other way' if verdict.kind is FaultKind.REVERSED else 'asked for more'}"
-    )
-
-
-# How much has to be seen before a thruster or a joint is called faulty.
+    if verdict.kind is FaultKind.REVERSED:
+        return f"{finding}; driven the other way"
+    return f"{finding}; asked for more"
 
 
 @checked_dataclass()

@@ -103,23 +103,21 @@ class DynamicController(TableDisplay):
         self.kinematic = kinematic
         gains = gains or VelocityGains()
         self._robot = robot
-        if sensors is None:
-            late = velocity_law.DeadTimes()
-        else:
-            late = velocity_law.dead_times(sensors)
+        dead_times = velocity_law.DeadTimes()
+        if sensors is not None:
+            dead_times = velocity_law.dead_times(sensors)
         derating = velocity_law.bandwidth_derating(
-            late, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
+            dead_times, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
         )
         laws = _laws(robot, dynamics, gains, health, derating, kinematic.dt)
         self._tick = ForceTick(laws)
-        self.memory = memory = self._tick.memory
+        self.memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
         # Parts of it are made anew whenever they are asked for.
-        self._detection = memory.detection
-        self._allocation = memory.allocation
-        if laws.search is None:
-            self.monitor = None
-        else:
+        self._detection = self.memory.detection
+        self._allocation = self.memory.allocation
+        self.monitor: ActuatorMonitor | None = None
+        if laws.search is not None:
             self.monitor = ActuatorMonitor(robot, self._detection, kinematic.watchdog.alarms)
         """Monitor of thrusters and joints; `None` where it is off, and without the observer, whose
         findings it reads.
@@ -128,20 +126,18 @@ class DynamicController(TableDisplay):
         self._fault_summary = ""
         self._jammed = tuple[int, ...]()
         self._at_limits = ""
-        if load is None:
-            self.learner = None
-        else:
-            self.learner = _learner(laws, load)
+        self.learner = None if load is None else _learner(laws, load)
         """Learner of the tool's load; `None` where nothing is learnt."""
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
         tick = self.kinematic.observe(estimate, t)
         sound = tick.measurement
         command = self.kinematic.command(tick)
         bounds = tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
-        self._tick.give(sound.q, sound.v, command, (share * bounds.feedback, bounds.joint_feedback))
+        feedback = (share * bounds.feedback, bounds.joint_feedback)
+        self._tick.give(sound.q, sound.v, command, feedback)
         encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_ENCODERS)
         outputs = self._ticked(sound, tick.t, encoders_trusted)
         if self._detection.changed and self.monitor is not None:
@@ -163,38 +159,34 @@ class DynamicController(TableDisplay):
         """
         self._tick.require_possible()
         self._name_thrusters(at_limits)
-        met = self.kinematic.memory.distress  # the force layer in the tick before
-        self.kinematic.catch_up(
-            estimate, t, ticks, self._feedback(bool(met.short), met.push, met.spent)
-        )
+        distress = self.kinematic.memory.distress  # of the force layer in the tick before
+        feedback = self._feedback(bool(distress.short), distress.push, distress.spent)
+        self.kinematic.catch_up(estimate, t, ticks, feedback)
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
 
     def _feedback(self, short: bool, push: float, spent: float) -> ActuationFeedback:
-        fault = self._fault
-        summary = self._fault_summary
-        jammed = self._jammed
-        limited = self._at_limits
         return _feedback(
             short=short,
             push=push,
             spent=spent,
-            fault=fault,
-            fault_summary=summary,
-            jammed=jammed,
-            at_limits=limited,
+            fault=self._fault,
+            fault_summary=self._fault_summary,
+            jammed=self._jammed,
+            at_limits=self._at_limits,
         )
 
     def _name_thrusters(self, at_limits: tuple[int, ...]) -> None:
         self._at_limits = ", ".join(f"thruster{number + 1}" for number in at_limits)
 
     def _table(self) -> SmallTable:
+        faults = "not searched for"
+        if self.monitor is not None:
+            faults = self._fault_summary or "none found"
         values = {
             "bandwidth borne by the vehicle [-]": self.memory.bandwidth_share,
             "bandwidth borne by the joints [-]": self.memory.joint_bandwidth_share,
-            "faults of thrusters and joints": "not searched for"
-            if self.monitor is None
-            else self._fault_summary or "none found",
+            "faults of thrusters and joints": faults,
             "load of the tool": "not learnt" if self.learner is None else "learnt",
         }
         below = self.kinematic._table()
@@ -223,18 +215,19 @@ class DynamicController(TableDisplay):
             self._name_thrusters(
                 tuple(i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i]))
             )
-        self.kinematic.on_actuation_feedback(
-            self._feedback(short, push.item(), self._tick.state.spent.item())
-        )
+        spent = self._tick.state.spent.item()
+        self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), spent))
         telemetry = {
             **command.telemetry,
             "disturbance": disturbance,
             "wrench": wrench,
             "unreachable": unreachable,
             "saturated": short,
-            **({} if self.monitor is None else self.monitor.telemetry()),
-            **({} if self.learner is None else self.learner.telemetry()),
         }
+        if self.monitor is not None:
+            telemetry |= self.monitor.telemetry()
+        if self.learner is not None:
+            telemetry |= self.learner.telemetry()
         return replace_unchecked(
             command,
             thrust=thrust,
@@ -249,13 +242,14 @@ class DynamicController(TableDisplay):
         monitor.update(t)
         if detection.jam or detection.thruster >= 0:
             n = self._robot.n_vehicle
-            self._jammed = tuple(
-                n + j for j in range(detection.joints.count) if detection.joints.jammed[j]
-            )
+            joints = detection.joints
+            self._jammed = tuple(n + j for j in range(joints.count) if joints.jammed[j])
             self._fault_summary = monitor.faulty
             if self.learner is not None:
                 self.learner.leave(self._jammed)
-        self._fault = f"{self._fault_summary}: {monitor.authority}" if self.memory.gives_up else ""
+        self._fault = ""
+        if self.memory.gives_up:
+            self._fault = f"{self._fault_summary}: {monitor.authority}"
 
 
 @lru_cache(maxsize=8)
@@ -270,11 +264,12 @@ def _laws(
     """Return the laws of a robot, one object for many runs, so that what is derived from them is
     made once; dt [s].
     """
-    if gains.observer_vehicle and robot.n_vehicle:
-        search = health
-    else:
-        search = None
-    observed = derating.vehicle * gains.observer_vehicle
+    has_observer = gains.observer_vehicle and robot.n_vehicle
+    search = health if has_observer else None
+    residual_filter = None
+    if search is not None:
+        bandwidth = derating.vehicle * gains.observer_vehicle
+        residual_filter = residual_filter_for(search, bandwidth=bandwidth, dt=dt)
     return tick_functions.ForceLaws(
         robot=robot,
         velocity=velocity_law.VelocityLaw(
@@ -287,9 +282,7 @@ def _laws(
         lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
         observer=_observer_law(robot, gains, dt),
-        residual_filter=None
-        if search is None
-        else residual_filter_for(search, bandwidth=observed, dt=dt),
+        residual_filter=residual_filter,
         search=search,
     )
 
@@ -298,18 +291,14 @@ def _learner(laws: tick_functions.ForceLaws, settings: LoadLearning) -> LoadLear
     observer = laws.observer
     require_learnable(laws.robot, observed=observer is not None)
     assert observer is not None
-    tools = laws.robot.tools
-    limit = observer.limit
-    bandwidth = observer.bandwidth
-    dt = observer.dt
     return LoadLearner(
         laws.velocity.dynamics,
         observer.response,
         settings,
-        tools=tools,
-        limit=limit,
-        bandwidth=bandwidth,
-        dt=dt,
+        tools=laws.robot.tools,
+        limit=observer.limit,
+        bandwidth=observer.bandwidth,
+        dt=observer.dt,
     )
 
 
@@ -320,10 +309,9 @@ def _per_axis(robot: Robot, vehicle: float, joints: float) -> np.ndarray:
 def _observer_law(robot: Robot, gains: VelocityGains, dt: float) -> ObserverLaw | None:
     if not gains.observer_vehicle:
         return None
+    joint_bandwidth = gains.observer_joints or gains.observer_vehicle
     return ObserverLaw(
-        bandwidth=_per_axis(
-            robot, gains.observer_vehicle, gains.observer_joints or gains.observer_vehicle
-        ),
+        bandwidth=_per_axis(robot, gains.observer_vehicle, joint_bandwidth),
         limit=thrusters.largest_force(robot),
         dt=dt,
     )
@@ -336,7 +324,7 @@ def observer_of(
     dt: float,
     current: np.ndarray | None = None,
 ) -> DisturbanceObserver | None:
-    """The observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0.
+    """Return the observer that `gains` ask for, at control period dt [s]; None where its bandwidth is 0.
 
     current (3,) [m/s] in W: as far as it is known.
     """

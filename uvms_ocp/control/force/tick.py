@@ -322,16 +322,21 @@ class ForceTick:
             )
 
     def places(self) -> dict[str, np.ndarray]:
-        """Parts of `ForceOutputs` by name, in memory."""
+        """Return the parts of `ForceOutputs` by name, in memory."""
         names = tick_functions.ForceOutputs.__dataclass_fields__
-        return {name: self._outputs[place] for name, place in zip(names, self._places, strict=True)}
+        parts = dict[str, np.ndarray]()
+        for name, place in zip(names, self._places, strict=True):
+            parts[name] = self._outputs[place]
+        return parts
 
     @property
     def observes(self) -> bool:
-        """The last tick was given velocities that the observer may learn from."""
+        """True where the last tick was given velocities that the observer may learn from."""
         flags = self._flags
+        if flags.hold[0] or flags.stop[0]:
+            return False
         without_joints = not self.memory.detection.joints.count
-        return not (flags.hold[0] or flags.stop[0]) and (without_joints or bool(flags.joints[0]))
+        return without_joints or bool(flags.joints[0])
 
     def _write(self, laws: tick_functions.ForceLaws) -> None:
         memory = self.memory
@@ -363,7 +368,9 @@ class ForceTick:
 @lru_cache(maxsize=8)
 def _sizes(laws: tick_functions.ForceLaws) -> dict[str, Any]:
     """Return the sizes and functions of a `ForceMemory`."""
-    period = laws.velocity.dt * (laws.residual_filter.every if laws.residual_filter else 1)
+    period = laws.velocity.dt
+    if laws.residual_filter is not None:
+        period *= laws.residual_filter.every
     symbolic = laws.velocity.dynamics
     search = laws.search or ActuatorHealthTuning()
     return {

@@ -66,9 +66,8 @@ class VelocityLaw:
         """
         damping = self.dynamics.damping_matrix(q, v, ca.SX(3, len(self.dynamics.links)))
         drag = ca.diag(damping) / ca.diag(self.dynamics.mass_matrix(q))
-        stiffness, stiffness_before = (
-            part * (part * self.K_p + drag) + _NOTHING for part in (share, before)
-        )
+        stiffness = share * (share * self.K_p + drag) + _NOTHING
+        stiffness_before = before * (before * self.K_p + drag) + _NOTHING
         return integral * stiffness_before / stiffness
 
     def integrated(self, integral: ca.SX, error: ca.SX, desired: ca.SX, reached: ca.SX) -> ca.SX:
@@ -131,8 +130,8 @@ def bandwidth_derating(
 def largest_dead_time(
     stiffness: np.ndarray, *, bandwidth: float, reset: float, observer: float
 ) -> float:
-    """Dead time [s] from which loops swing that carry weight and buoyancy of a late configuration;
-    inf where they never do.
+    """Return the dead time [s] from which loops swing that carry weight and buoyancy of a late
+    configuration; inf where they never do.
 
     stiffness (n, n) [1/s2]: ``M^-1 dg/dq`` of the axes that are late. bandwidth, reset [1/s] and
     observer [rad/s]: of them. Prediction at the last known velocity misses what has accelerated
@@ -140,9 +139,10 @@ def largest_dead_time(
     1.3`` on, and one that would swing with w is driven from about ``w T = 1.9`` on.
     """
     eigenvalues = np.linalg.eigvals(stiffness).real
-    falling, swinging = _stiffness_limits(
-        *((reset / bandwidth, observer / bandwidth) if bandwidth else (0.0, 0.0))
-    )
+    if bandwidth:
+        falling, swinging = _stiffness_limits(reset / bandwidth, observer / bandwidth)
+    else:
+        falling, swinging = _stiffness_limits(0.0, 0.0)
     steepest = max(eigenvalues.min(initial=0.0) / falling, eigenvalues.max(initial=0.0) / swinging)
     if steepest > 0.0:
         return 1.0 / math.sqrt(steepest)
@@ -151,8 +151,8 @@ def largest_dead_time(
 
 @lru_cache(maxsize=8)
 def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
-    """Least (< 0) and largest (> 0) stiffness, times the dead time squared, with all the bandwidth
-    k that is borne.
+    """Return the least (< 0) and largest (> 0) stiffness, times the dead time squared, with all the
+    bandwidth k that is borne.
 
     reset and observer: shares of the bandwidth. With z = s T and Q = (w / (z + w))^2 of the
     observer, the loop is ``(1 - Q) (z^2 + mu (1 - (1 + z) e^-z)) + (k (1 + r / z) + Q z) z e^-z =
@@ -164,15 +164,14 @@ def _stiffness_limits(reset: float, observer: float) -> tuple[float, float]:
     r = _MOST_DEAD * reset
     w = _MOST_DEAD * observer
     late = np.exp(-z)
-    rest = 1 - (w / (z + w)) ** 2
-    feedback = (k * (1 + r / z) + (1 - rest) * z) * z * late
-    mu = -(z**2 + feedback / rest) / (1 - (1 + z) * late)
+    sensitivity = 1 - (w / (z + w)) ** 2
+    feedback = (k * (1 + r / z) + (1 - sensitivity) * z) * z * late
+    mu = -(z**2 + feedback / sensitivity) / (1 - (1 + z) * late)
     border = mu.real[:-1][np.diff(np.sign(mu.imag)) != 0]
     falling = border[border < 0]
     swinging = border[border > 0]
-    return float(falling.max()) if len(falling) else -_NOTHING, float(
-        swinging.min(initial=math.inf)
-    )
+    largest_falling = float(falling.max()) if len(falling) else -_NOTHING
+    return largest_falling, float(swinging.min(initial=math.inf))
 
 
 def _soonest(*specs: SensorSpec | None) -> float:

@@ -281,13 +281,16 @@ class AbortMonitor:
         """
         abort = self._mission.abort
         less = tick.restriction
-        if why is AbortReason.NOTHING or why is AbortReason.FAULT or abort is None:
-            if why is AbortReason.FAULT:
-                return feedback.fault
+        if why is AbortReason.FAULT:
+            return feedback.fault
+        if why is AbortReason.NOTHING or abort is None:
             return ""
         lift = f"{100 * feedback.push:.0f} % of the thrusters' lift"
         pending = self._mission.pending(tick.mission, quantities)
-        which = f" ({feedback.at_limits})" if feedback.at_limits else ""
+        thrusters = f" ({feedback.at_limits})" if feedback.at_limits else ""
+        hopeless = ""
+        if tick.stopped:
+            hopeless = less.abort or degraded_modes.describe_channels(less.lost)
         texts = {
             AbortReason.CONTACT: (
                 f"contact or rising water: pushed up by {lift} for {abort.contact_after:g} s"
@@ -296,22 +299,19 @@ class AbortMonitor:
                 f"hull or arm {abort.sunk:g} m in the floor that the altimeter shows, or deeper"
             ),
             AbortReason.LATE: f"{abort.time_limit:g} s were not enough for it",
-            AbortReason.HOPELESS: (
-                (less.abort or degraded_modes.describe_channels(less.lost)) if tick.stopped else ""
-            ),
+            AbortReason.HOPELESS: hopeless,
             AbortReason.ENDED: less.abort,
             AbortReason.RUNAWAY: (
                 f"runaway: {pending}, and farther than"
-                f" {abort.runaway_after:g} s ago, with thrusters at their limits{which}"
+                f" {abort.runaway_after:g} s ago, with thrusters at their limits{thrusters}"
             ),
             AbortReason.THRUST: (
                 f"thrust: the thrusters have been at their limits for {abort.thrust_after:g}"
-                f" s{which}"
+                f" s{thrusters}"
             ),
         }
-        words = texts.get(
-            why, f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}"
-        )
+        stall = f"stall: {pending}, no nearer for {abort.stall_after:g} s{_held_back(less.bad)}"
+        words = texts.get(why, stall)
         if words and feedback.fault_summary not in words:
             return f"{words}; {feedback.fault_summary}"
         return words
@@ -319,12 +319,15 @@ class AbortMonitor:
 
 def _held_back(bad: Sequence[signals.ChannelHealth]) -> str:
     """Describe channels that are not good, by reason: many have one in common."""
-    whys: dict[str, list[str]] = {}
-    for item in sorted(bad, key=lambda item: item.channel):
-        whys.setdefault(item.why or item.trust.name.lower(), []).append(item.channel)
-    if not whys:
+    channels_by_reason: dict[str, list[str]] = {}
+    for health in sorted(bad, key=lambda health: health.channel):
+        reason = health.why or health.trust.name.lower()
+        channels_by_reason.setdefault(reason, []).append(health.channel)
+    if not channels_by_reason:
         return ""
-    causes = ", ".join(f"{why} ({', '.join(channels)})" for why, channels in whys.items())
+    causes = ", ".join(
+        f"{reason} ({', '.join(channels)})" for reason, channels in channels_by_reason.items()
+    )
     return (
         f"; sensors that are not good end no phase: {causes}; see to them, or to what the robot's"
         " file says of them"

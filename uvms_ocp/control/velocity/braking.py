@@ -143,17 +143,15 @@ def _functions(robot: Robot, dt: float) -> tuple[ca.Function, ca.Function]:
 def _slower(
     robot: Robot, acceleration: np.ndarray, dt: float, q: ca.SX, v: ca.SX, time: ca.SX
 ) -> ca.SX:
-    """v one tick nearer to rest: in proportion, where no joint has to brake harder before its
-    limit.
+    """Return v one tick nearer to rest: in proportion, where no joint has to brake harder before
+    its limit.
     """
     slower = ca.if_else(time > dt, v * (1.0 - dt / time), 0.0 * v)
     for joint, lower, upper in limits.bounded_joints(robot.joints, robot.limits):
         i = joint.idx_v
         at = joint.position(q)
-        down, up = (
-            stopping_speed(room, deceleration=acceleration[i], dt=dt)
-            for room in (at - lower, upper - at)
-        )
+        down = stopping_speed(at - lower, deceleration=acceleration[i], dt=dt)
+        up = stopping_speed(upper - at, deceleration=acceleration[i], dt=dt)
         slower[i] = ca.fmax(ca.fmin(slower[i], up), -down)
     reach = ca.DM(acceleration * dt)
     return ca.densify(ca.fmax(ca.fmin(slower, v + reach), v - reach))

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Annotated
 
 import numpy as np
@@ -73,7 +72,7 @@ def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Track:
-    """The goal of one task in one phase."""
+    """Samples of the goal of one task in one phase."""
 
     phase: int
     """Index among all phases."""
@@ -89,26 +88,27 @@ def tracks_of(mission: Mission, dt: float) -> tuple[Track, ...]:
     """Sample all goals that move and rest in the end, every dt [s]."""
     tracks = []
     for phase in range(len(mission.all_phases)):
-        for index, (task, (reference, from_phase_start)) in enumerate(
-            zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
-        ):
-            n = _length(task, dt)
-            if n and not mission.has_ascent_goal(phase, index):
-                samples = np.array([reference(k * dt) for k in range(n + 1)])
-                tracks.append(
-                    Track(phase=phase, task=index, of_phase=from_phase_start, samples=samples)
-                )
+        tasks = mission.tasks_of(phase)
+        for index, (reference, from_phase_start) in enumerate(mission.references_of(phase)):
+            n = _length(tasks[index], dt)
+            if n == 0 or mission.has_ascent_goal(phase, index):
+                continue
+            samples = np.array([reference(k * dt) for k in range(n + 1)])
+            track = Track(phase=phase, task=index, of_phase=from_phase_start, samples=samples)
+            tracks.append(track)
     return tuple(tracks)
 
 
 def _length(task: Task, dt: float) -> int:
-    """The first sample at which the goal of a task surely rests; 0 where its goal is no track."""
+    """Return the first sample at which the goal of a task surely rests; 0 where its goal is no
+    track.
+    """
     goal = getattr(task, "goal", None)
-    if not (
-        isinstance(goal, EndingReference) and task.follows_goal_alone and task.nearest_pairs is None
-    ):
+    if not isinstance(goal, EndingReference) or not isinstance(goal.end, float):
         return 0
-    ticks = goal.end / dt if isinstance(goal.end, float) else math.inf
+    if not task.follows_goal_alone or task.nearest_pairs is not None:
+        return 0
+    ticks = goal.end / dt
     if ticks < _MOST:
         return math.ceil(max(0.0, ticks)) + 1
     return 0
@@ -119,25 +119,29 @@ def track_sizes(tracks: Sequence[Track]) -> dict[str, int]:
     are compiled.
     """
     n = sum(track.samples.size for track in tracks)
-    return {"n_tracks": len(tracks), "n_table": 1 << (n - 1).bit_length() if n else 0}
+    n_table = 0
+    if n > 0:
+        n_table = 1 << (n - 1).bit_length()
+    return {"n_tracks": len(tracks), "n_table": n_table}
 
 
 def write_tracks(
     memory: TracksMemory, tracks: Sequence[Track], places: Sequence[slice], dt: float
 ) -> None:
-    """Into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]: between
-    samples.
+    """Write tracks into a `TracksMemory`. places: of the tasks among the parameters of all; dt [s]:
+    between samples.
     """
     memory.dt = dt
     memory.n_tracks = len(tracks)
     table = view(memory.table)
-    for k, (track, end) in enumerate(
-        zip(tracks, accumulate(track.samples.size for track in tracks), strict=True)
-    ):
+    first = 0
+    for k, track in enumerate(tracks):
+        end = first + track.samples.size
         memory.phase[k] = track.phase
         memory.of_phase[k] = track.of_phase
         memory.place[k] = places[track.task].start
         memory.last[k] = len(track.samples) - 1
         memory.width[k] = track.samples.shape[1]
-        memory.first[k] = end - track.samples.size
-        table[memory.first[k] : end] = track.samples.ravel()
+        memory.first[k] = first
+        table[first:end] = track.samples.ravel()
+        first = end

@@ -108,8 +108,10 @@ class MissionParameters:
     def ask(self, state: MissionState, t: float) -> None:
         """Complete what the kernel has taken for the tick at t [s]."""
         for goal_slot in self.asked[state.phase]:
-            goal = goal_slot.reference(t - (state.since if goal_slot.of_phase else state.began))
-            self._values[goal_slot.place] = goal[: goal_slot.place.stop - goal_slot.place.start]
+            begin = state.since if goal_slot.of_phase else state.began
+            goal = goal_slot.reference(t - begin)
+            n = goal_slot.place.stop - goal_slot.place.start
+            self._values[goal_slot.place] = goal[:n]
 
 
 def asked_in_phases(mission: Mission, tracks: Sequence[Track]) -> list[tuple[_Asked, ...]]:
@@ -123,43 +125,40 @@ def _asked_in(
     mission: Mission, phase: int, tracked: Collection[tuple[int, int]], places: Sequence[slice]
 ) -> tuple[_Asked, ...]:
     slots = []
-    for i, (task, (reference, from_phase_start)) in enumerate(
-        zip(mission.tasks_of(phase), mission.references_of(phase), strict=True)
-    ):
-        if not (
-            is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked
-        ):
-            place = places[i]
-            pairs = task.nearest_pairs
-            end = place.stop - (0 if pairs is None else pairs.n_parameters)
-            slots.append(
-                _Asked(
-                    name=task.name,
-                    place=slice(place.start, end),
-                    reference=reference,
-                    of_phase=from_phase_start,
-                )
-            )
+    tasks = mission.tasks_of(phase)
+    for i, (reference, from_phase_start) in enumerate(mission.references_of(phase)):
+        if is_constant(reference) or mission.has_ascent_goal(phase, i) or (phase, i) in tracked:
+            continue
+        pairs = tasks[i].nearest_pairs
+        end = places[i].stop
+        if pairs is not None:
+            end -= pairs.n_parameters
+        slot = _Asked(
+            name=tasks[i].name,
+            place=slice(places[i].start, end),
+            reference=reference,
+            of_phase=from_phase_start,
+        )
+        slots.append(slot)
     return tuple(slots)
 
 
 def distance_tasks(mission: Mission) -> list[tuple[int, int, NearestPairs]]:
-    """Tasks that ask for distances: index, where its parameters end among those of all, its
-    pairs.
+    """List the tasks that ask for distances: index, where its parameters end among those of all,
+    its pairs.
     """
-    placed_tasks = zip(mission.hierarchy.tasks, places_of(mission), strict=True)
-    return [
-        (i, place.stop, task.nearest_pairs)
-        for i, (task, place) in enumerate(placed_tasks)
-        if task.nearest_pairs is not None
-    ]
+    places = places_of(mission)
+    asking = list[tuple[int, int, NearestPairs]]()
+    for i, task in enumerate(mission.hierarchy.tasks):
+        if task.nearest_pairs is not None:
+            asking.append((i, places[i].stop, task.nearest_pairs))
+    return asking
 
 
 def places_of(mission: Mission) -> list[slice]:
     """Return the place of each task's parameters, highest priority first, among those of all."""
-    ends = np.cumsum(
-        [0, *(len(reference(0.0)) for reference, _ in mission.references_of(0))]
-    ).tolist()
+    sizes = [len(reference(0.0)) for reference, _ in mission.references_of(0)]
+    ends = np.cumsum([0, *sizes]).tolist()
     return [slice(start, end) for start, end in pairwise(ends)]
 
 
@@ -206,7 +205,8 @@ class DistanceProvider:
             view(p.gradient)[rows] = model.distances(where, chosen[rows]).gradient
         else:
             rows = np.flatnonzero(view(p.counts)[: p.n_pairs])
-            view(p.value)[rows] = model.values(where, rows if memory.at else None)
+            requested = rows if memory.at else None
+            view(p.value)[rows] = model.values(where, requested)
 
 
 def nearest_sizes(
@@ -217,12 +217,16 @@ def nearest_sizes(
 
     Without a robot nothing moves.
     """
+    if robot is not None and asking:
+        integrate = _integrate(robot)
+    else:
+        integrate = _stay(n_q, n_v)
     return {
         "n_q": n_q,
         "n_v": n_v,
         "n_asking": len(asking),
         "n_rows": max((pairs.n_rows for pairs in asking), default=0),
-        "integrate": _integrate(robot) if robot is not None and asking else _stay(n_q, n_v),
+        "integrate": integrate,
     }
 
 
@@ -236,21 +240,17 @@ def _stay(n_q: int, n_v: int) -> ca.Function:
 def _integrate(robot: Robot) -> ca.Function:
     q = ca.SX.sym("q", robot.n_q)
     way = ca.SX.sym("way", robot.n_v)
-    return ca.Function(
-        "displaced",
-        [q, way],
-        [ca.densify(SymbolicModel(robot.model).integrate(q, way))],
-        {"cse": True},
-    )
+    displaced = ca.densify(SymbolicModel(robot.model).integrate(q, way))
+    return ca.Function("displaced", [q, way], [displaced], {"cse": True})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class StoppingMotion:
-    """Stop of a robot."""
+    """Motion of a robot from which it is to stop."""
 
     robot: Robot
     v: np.ndarray
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] before it stops."""
     dt: float
     """[s] control period."""
 
@@ -264,35 +264,37 @@ def mission_parameters(
     q: np.ndarray,
     motion: StoppingMotion | None,
 ) -> np.ndarray:
-    """Parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
+    """Return the parameters (n_parameters,) [their units] of all tasks at t [s], in any state.
 
     gates (n_tasks,): of then. Nothing is measured for tasks that are off, and stay off. q (n_q,)
     [m, rad]: as measured. motion: where it could come near a limit.
     """
-    active_tasks = zip(
+    tasks = zip(
         mission.tasks_of(state.phase),
         mission.references(state, t),
         mission.idle(state, gates),
         strict=True,
     )
-    return np.concatenate(
-        [
-            goal if off else task_parameters(task, goal, q, motion)
-            for task, goal, off in active_tasks
-        ]
-    )
+    parameters = list[np.ndarray]()
+    for task, goal, is_off in tasks:
+        if is_off:
+            parameters.append(goal)
+        else:
+            parameters.append(task_parameters(task, goal, q, motion))
+    return np.concatenate(parameters)
 
 
 def task_parameters(
     task: Task, reference: np.ndarray, q: np.ndarray, motion: StoppingMotion | None = None
 ) -> np.ndarray:
-    """A task's reference (n_parameters,) [its units], at its end the distances that it asks for at
-    q (n_q,) [m, rad].
+    """Return a task's reference (n_parameters,) [its units], at its end the distances that it asks
+    for at q (n_q,) [m, rad].
     """
     pairs = task.nearest_pairs
     if pairs is None:
         return reference
-    return np.concatenate([reference[: -pairs.n_parameters], measured_distances(pairs, q, motion)])
+    goal = reference[: -pairs.n_parameters]
+    return np.concatenate([goal, measured_distances(pairs, q, motion)])
 
 
 def measured_distances(

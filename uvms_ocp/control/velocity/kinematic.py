@@ -32,7 +32,7 @@ from uvms_ocp.control.velocity.tick_state import TickInputs
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.estimation.fallbacks import Freshness, LastFloorRange, LastValidEstimate, Watchdog
-from uvms_ocp.mission import Below, Event, Mission, MissionState
+from uvms_ocp.mission import Below, Event, Mission, MissionState, Phase
 from uvms_ocp.mission.progress import (
     is_over,
     state_after_abort,
@@ -114,13 +114,14 @@ class KinematicController(TableDisplay):
             **room,
         }
         memory = tick_memory(robot, mission, self.problem, self.watchdog, sizes)
+        core = None
         if isinstance(solver, CompiledSolver):
             core = solver.core(self.problem.function.size2_out(0), self.problem.sizes)
-        else:
-            core = None
         self.whole = velocity_tick.velocity_controller(memory, self.problem, core)
         """A `VelocityController` around `memory`; `None` where Python calls the solver."""
-        self.memory = memory = memory if self.whole is None else self.whole.tick
+        if self.whole is not None:
+            memory = self.whole.tick
+        self.memory = memory
         """All that a tick knows, a `TickMemory`."""
         self._arrays = arrays_of(memory)
         self._parameters = task_goals.MissionParameters(mission, memory.goals, tracks, dt)
@@ -136,20 +137,15 @@ class KinematicController(TableDisplay):
         self._sound = LastValidEstimate(robot, memory.sound)
         self._echo = LastFloorRange(robot, altimeter_of(robot, tasks), memory.beam)
         self._distress = AbortMonitor(mission, memory.distress)
-        self._feedback = self._applied_feedback = ActuationFeedback()
-        self._jammed = self._applied_feedback.jammed
+        self._feedback = ActuationFeedback()
+        self._applied_feedback = self._feedback
+        self._jammed = self._feedback.jammed
         self._restriction = degraded_modes.FREE
         self._health: tuple[ChannelHealth, ...] = ()
         self._bad: list[ChannelHealth] = []
         """Channels of the last verdicts that are not good, searched only where these are new."""
-        self._waited = [
-            {
-                names.index(item.quantity): (item.quantity, item.limit)
-                for item in phase.conditions
-                if isinstance(item, Below)
-            }
-            for phase in mission.all_phases
-        ]
+        self._waited = [_awaited_limits(phase, names) for phase in mission.all_phases]
+        """By phase: quantities that are to fall below a limit."""
         self._swings = SwingWatch(dt, floating=bool(robot.n_vehicle))
         self._state = mission.start()
         self._progress = memory.mission  # made anew whenever it is asked for
@@ -264,8 +260,8 @@ class KinematicController(TableDisplay):
 
     @checked_on_failure
     def command(self, tick: TickInputs) -> Command:
-        """The command for what `observe` has found."""
-        arrays, memory = self._arrays, self.memory
+        """Return the command for what `observe` has found."""
+        arrays = self._arrays
         if self._parameters.asked[tick.mission.phase]:
             self._parameters.ask(tick.mission, tick.t)
         if self._feedback is not self._applied_feedback:
@@ -278,7 +274,7 @@ class KinematicController(TableDisplay):
             stop=tick.stopped,
             brakes=tick.restriction.joints_held,
             finished=self._state.over,
-            telemetry=_telemetry(tick, solved, arrays.reported.copy(), memory.share),
+            telemetry=_telemetry(tick, solved, arrays.reported.copy(), self.memory.share),
         )
         if self.guide is None:
             return command
@@ -471,3 +467,14 @@ def _telemetry(
         "solve_time": solve_time,
     }
     return telemetry | {"freshness": int(tick.freshness), "tick_time": perf_counter() - tick.begin}
+
+
+def _awaited_limits(phase: Phase, names: tuple[str, ...]) -> dict[int, tuple[str, float]]:
+    """Return what a phase waits for to fall below a limit: by index of the quantity, its name and
+    the limit [its unit].
+    """
+    awaited = dict[int, tuple[str, float]]()
+    for condition in phase.conditions:
+        if isinstance(condition, Below):
+            awaited[names.index(condition.quantity)] = (condition.quantity, condition.limit)
+    return awaited

@@ -42,9 +42,6 @@ from uvms_ocp.tasks.activation import stopping_speed
 from uvms_ocp.tasks.task import Hierarchy, Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.types import Keyed, Period
 
-# From tasks to the levels of one tick: a CasADi Function that stacks limits, tasks, easing and
-# minimum velocity.
-
 LIMITS = "limits"
 JERK_LIMIT = "easing"
 REST = "rest"
@@ -111,13 +108,15 @@ def build_levels(
     not have.
     """
     key = tuple(_expression_key(task, robot) for task in hierarchy.tasks)
-    numbers = tuple(getattr(task, name) for task in hierarchy.tasks for name in numbers_of(task))
-    return _levels_with(numbers, robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
+    numbers = list[float]()
+    for task in hierarchy.tasks:
+        numbers += [getattr(task, name) for name in numbers_of(task)]
+    return _levels_with(tuple(numbers), robot, Keyed(key, hierarchy), dt, tuple(beside_tasks))
 
 
 def _expression_key(task: Task, robot: Robot) -> Hashable:
-    """All that the rows of a task depend on: its fields, but for goals, shapes and numbers, which
-    are parameters.
+    """Return all that the rows of a task depend on: its fields, but for goals, shapes and numbers,
+    which are parameters.
 
     Equal to none where that cannot be known, as of a class that does not declare its
     `Task.symbolic_numbers`, or has fields without a hash.
@@ -160,19 +159,19 @@ def numbers_of(task: Task) -> list[str]:
 
 
 def _with_symbols(tasks: Sequence[Task], numbers: ca.SX) -> Hierarchy:
-    """The tasks with `numbers` in place of their own."""
+    """Return the tasks with `numbers` in place of their own."""
     symbols = iter(ca.vertsplit(numbers))
-    symbolic_tasks = [
-        replace_with_symbols(task, **{name: next(symbols) for name in numbers_of(task)})
-        for task in tasks
-    ]
+    symbolic_tasks = list[Task]()
+    for task in tasks:
+        task_symbols = {name: next(symbols) for name in numbers_of(task)}
+        symbolic_tasks.append(replace_with_symbols(task, **task_symbols))
     return Hierarchy(symbolic_tasks, [task.name for task in symbolic_tasks])
 
 
 @lru_cache(maxsize=8)
 def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem:
-    """The `_known_levels` at these numbers [as the fields of tasks], which no graph and no code is
-    made for.
+    """Return the `_known_levels` at these numbers [as the fields of tasks], for which no graph and
+    no code is made.
     """
     problem = _known_levels(*problem_key)
     return replace(problem, function=with_numbers(problem.function, numbers))
@@ -182,34 +181,33 @@ def _levels_with(numbers: tuple[float, ...], *problem_key: Any) -> LevelsProblem
 def _known_levels(
     robot: Robot, keyed_hierarchy: Keyed, dt: float, beside_tasks: tuple[str, ...]
 ) -> LevelsProblem:
-    """Make them once for all runs of a robot and its tasks; the last input of the function are the
-    numbers of tasks.
+    """Make the levels once for all runs of a robot and its tasks; the last input of the function
+    are the numbers of tasks.
     """
     symbols = tick_symbols(robot, dt)
-    numbers = ca.SX.sym(
-        "numbers", sum(len(numbers_of(task)) for task in keyed_hierarchy.value.tasks)
-    )
+    n_numbers = sum(len(numbers_of(task)) for task in keyed_hierarchy.value.tasks)
+    numbers = ca.SX.sym("numbers", n_numbers)
     hierarchy = _with_symbols(keyed_hierarchy.value.tasks, numbers)
     previous = ca.SX.sym("previous", robot.n_v)
     change = ca.SX.sym("change", robot.n_v)
     parameters = ca.SX.sym("parameters", sum(task.n_parameters(robot) for task in hierarchy.tasks))
     gates = ca.SX.sym("gates", len(hierarchy.tasks))
     passive = ca.SX.sym("passive", N_PASSIVE)
-    tasks = _task_rows(robot, hierarchy, symbols, parameters)
+    task_rows = _task_rows(robot, hierarchy, symbols, parameters)
     leaning = list[_Level]()
     if swinging_axes(robot):
         still = mean_attitude(symbols, passive)
         lean = lean_of(still, passive)
+        if robot.n_joints:
+            leaning.append(_Level(LEAN, lean_rows(still, lean)))
         means = _task_rows(robot, hierarchy, still, parameters)
-        leaning += [_Level(LEAN, lean_rows(still, lean))] if robot.n_joints else []
-        tasks = [
-            rows if _is_safety(task) else countered_rows(rows, mean, symbols, passive, lean)
-            for task, rows, mean in zip(hierarchy.tasks, tasks, means, strict=True)
-        ]
-    task_levels = [
-        _Level(task.name, _reachable(task, rows, symbols, previous, gate), gate)
-        for task, rows, gate in zip(hierarchy.tasks, tasks, ca.vertsplit(gates), strict=True)
-    ]
+        for k, task in enumerate(hierarchy.tasks):
+            if not _is_safety(task):
+                task_rows[k] = countered_rows(task_rows[k], means[k], symbols, passive, lean)
+    task_levels = list[_Level]()
+    for k, task in enumerate(hierarchy.tasks):
+        rows = _reachable(task, task_rows[k], symbols, previous, gates[k])
+        task_levels.append(_Level(task.name, rows, gates[k]))
     n_safe = len(list(takewhile(_is_safety, hierarchy.tasks)))
     levels = [
         _Level(LIMITS, _limit_rows(symbols, previous)),
@@ -219,14 +217,13 @@ def _known_levels(
         *task_levels[n_safe:],
         _Level(REST, _rest_rows(symbols, previous)),
     ]
-    quantities = {
-        f"{task.name}.{name}": value
-        for task, rows in zip(hierarchy.tasks, tasks, strict=True)
-        for name, value in rows.quantities.items()
-    }
-    quantities |= {
-        name: value for name, value in _beside_tasks(symbols).items() if name in beside_tasks
-    }
+    quantities = dict[str, ca.SX]()
+    for task, rows in zip(hierarchy.tasks, task_rows, strict=True):
+        for name, value in rows.quantities.items():
+            quantities[f"{task.name}.{name}"] = value
+    for name, value in _beside_tasks(symbols).items():
+        if name in beside_tasks:
+            quantities[name] = value
     inputs = [
         symbols.q,
         symbols.velocity,
@@ -239,10 +236,11 @@ def _known_levels(
         numbers,
     ]
     outputs = _stacked(levels, quantities)
+    function = ca.Function(
+        "levels", inputs, list(outputs.values()), list(_INPUTS), list(outputs), {"cse": True}
+    )
     return LevelsProblem(
-        function=ca.Function(
-            "levels", inputs, [*outputs.values()], list(_INPUTS), [*outputs], {"cse": True}
-        ),
+        function=function,
         names=tuple(level.name for level in levels),
         sizes=tuple(level.rows.n_rows for level in levels),
         quantity_names=tuple(quantities),
@@ -277,17 +275,17 @@ def _reachable(task: Task, rows: Rows, symbols: TickSymbols, previous: ca.SX, ga
 
 
 def _stacked(levels: Sequence[_Level], quantities: dict[str, ca.SX]) -> dict[str, ca.SX]:
-    """Dense outputs of the levels function; a gate between 0 and 1 is already part of the
+    """Return dense outputs of the levels function; a gate between 0 and 1 is already part of the
     bounds.
     """
-    gate = ca.vertcat(*(ca.repmat(level.gate, level.rows.n_rows, 1) for level in levels))
     rows = [level.rows for level in levels]
-    activity = ca.vertcat(*(r.activation for r in rows)) * gate
+    gate = ca.vertcat(*[ca.repmat(level.gate, level.rows.n_rows, 1) for level in levels])
+    activity = ca.vertcat(*[r.activation for r in rows]) * gate
     outputs = {
-        "J": ca.vertcat(*(r.jacobian for r in rows)),
-        "lower": ca.vertcat(*(r.lower for r in rows)),
-        "upper": ca.vertcat(*(r.upper for r in rows)),
-        "rate": ca.vertcat(*(r.rate for r in rows)),
+        "J": ca.vertcat(*[r.jacobian for r in rows]),
+        "lower": ca.vertcat(*[r.lower for r in rows]),
+        "upper": ca.vertcat(*[r.upper for r in rows]),
+        "rate": ca.vertcat(*[r.rate for r in rows]),
         "activation": activity,
         "gate": gate > 0,
         "quantities": ca.vertcat(ca.SX(0, 1), *quantities.values()),
@@ -317,11 +315,10 @@ def _rests_on(
 
 
 def _depends(values: ca.SX, on: ca.SX) -> np.ndarray:
-    """Which of the values (m,) depend on any of the symbols."""
-    return np.array(
-        [bool(on.numel()) and ca.depends_on(value, on) for value in ca.vertsplit(values)],
-        dtype=bool,
-    )
+    """Check which of the values (m,) depend on any of the symbols."""
+    if on.numel() == 0:
+        return np.zeros(values.numel(), dtype=bool)
+    return np.array([ca.depends_on(value, on) for value in ca.vertsplit(values)], dtype=bool)
 
 
 def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
@@ -340,9 +337,13 @@ def tick_symbols(robot: Robot, dt: float) -> TickSymbols:
 def _task_rows(
     robot: Robot, hierarchy: Hierarchy, symbols: TickSymbols, parameters: ca.SX
 ) -> list[Rows]:
-    ends = np.cumsum([0, *(task.n_parameters(robot) for task in hierarchy.tasks)]).tolist()
-    spans = zip(hierarchy.tasks, ends[:-1], ends[1:], strict=True)
-    return [task.rows(symbols, parameters[start:end]) for task, start, end in spans]
+    rows = list[Rows]()
+    first = 0
+    for task in hierarchy.tasks:
+        end = first + task.n_parameters(robot)
+        rows.append(task.rows(symbols, parameters[first:end]))
+        first = end
+    return rows
 
 
 def _limit_rows(symbols: TickSymbols, previous: ca.SX) -> Rows:

@@ -58,10 +58,9 @@ class PositionGuard:
     def model(self) -> CollisionModel | None:
         """Collision model whose distances are the positions; `None` for positions of joints."""
         values = self.limit.values
-        if isinstance(values, MethodType) and not self.limit.relative:
-            owner = values.__self__
-        else:
-            owner = None
+        if not isinstance(values, MethodType) or self.limit.relative:
+            return None
+        owner = values.__self__
         if isinstance(owner, CollisionModel) and values == owner.values:
             return owner
         return None
@@ -70,56 +69,55 @@ class PositionGuard:
 def position_guards(
     robot: Robot, tasks: Sequence[Task], quantity_names: Sequence[str]
 ) -> tuple[PositionGuard, ...]:
-    """The limits that `tasks` stand for, those with an expression first; quantity_names: of the
-    vector, "task.quantity".
+    """Return the limits that `tasks` stand for, those with an expression first; quantity_names: of
+    the vector, "task.quantity".
     """
-    limits = [
-        (k, task, limit)
-        for k, task in enumerate(tasks)
-        if (limit := task.position_limit(robot)) is not None
-    ]
-    limits.sort(key=lambda item: not isinstance(item[2].values, ca.Function))
-    firsts = np.cumsum([0, *(limit.n for _, _, limit in limits)])
-    return tuple(
-        PositionGuard(
-            limit=limit,
-            task=k,
-            quantity=quantity_names.index(f"{task.name}.{limit.quantity}"),
-            first=int(first),
-        )
-        for (k, task, limit), first in zip(limits, firsts, strict=False)
-    )
+    with_expression = list[tuple[int, PositionLimit]]()
+    without_expression = list[tuple[int, PositionLimit]]()
+    for k, task in enumerate(tasks):
+        limit = task.position_limit(robot)
+        if limit is None:
+            continue
+        if isinstance(limit.values, ca.Function):
+            with_expression.append((k, limit))
+        else:
+            without_expression.append((k, limit))
+    guards = list[PositionGuard]()
+    first = 0
+    for k, limit in with_expression + without_expression:
+        quantity = quantity_names.index(f"{tasks[k].name}.{limit.quantity}")
+        guards.append(PositionGuard(limit=limit, task=k, quantity=quantity, first=first))
+        first += limit.n
+    return tuple(guards)
 
 
 def without_c_form(
     robot: Robot, mission: Mission, dt: float, quantity_names: Sequence[str]
 ) -> dict[str, str]:
-    """Names of tasks that Python is asked about wherever kernels run, and for what; dt [s]: control
-    period.
+    """Return the names of tasks that Python is asked about wherever kernels run, and for what;
+    dt [s]: control period.
 
-    Told without a controller, for which something would have to be compiled.
+    It takes no controller, for which something would have to be compiled.
     """
     tasks = mission.hierarchy.tasks
-    moving_goals = {
-        item.name: _MOVES
-        for phase in goals.asked_in_phases(mission, goal_tracks.tracks_of(mission, dt))
-        for item in phase
-    }
-    limits = {
-        guard.task: _refusal(guard, robot)
-        for guard in position_guards(robot, tasks, quantity_names)
-    }
-    distances = {
-        task: not_measured(pairs.model, robot) for task, _, pairs in goals.distance_tasks(mission)
-    }
-    reasons = [
-        (tasks[task].name, why) for by_task in (limits, distances) for task, why in by_task.items()
-    ]
-    return moving_goals | {name: why for name, why in reasons if why}
+    reasons = dict[str, str]()
+    tracks = goal_tracks.tracks_of(mission, dt)
+    for moving_goals in goals.asked_in_phases(mission, tracks):
+        for goal in moving_goals:
+            reasons[goal.name] = _MOVES
+    for guard in position_guards(robot, tasks, quantity_names):
+        reason = _refusal(guard, robot)
+        if reason:
+            reasons[tasks[guard.task].name] = reason
+    for k, _, pairs in goals.distance_tasks(mission):
+        reason = not_measured(pairs.model, robot)
+        if reason:
+            reasons[tasks[k].name] = reason
+    return reasons
 
 
 def _refusal(guard: PositionGuard, robot: Robot) -> str:
-    """Why it is; empty where it is not."""
+    """Return why Python is asked for the positions of a limit; empty where it is not."""
     if guard.model is not None:
         return not_measured(guard.model, robot)
     if isinstance(guard.limit.values, ca.Function):
@@ -128,7 +126,7 @@ def _refusal(guard: PositionGuard, robot: Robot) -> str:
 
 
 def models_of(guards: Sequence[PositionGuard]) -> list[CollisionModel]:
-    """Return the positions that the guards have."""
+    """Return the collision models whose distances are positions of guards."""
     return [guard.model for guard in guards if guard.model is not None]
 
 
@@ -136,28 +134,23 @@ def viability_sizes(robot: Robot, guards: Sequence[PositionGuard], dt: float) ->
     """Return the sizes of a `ViabilityMemory` at control period dt [s], but for the
     `distance_layout_sizes` of its guards.
     """
-    values = (guard.limit.values for guard in guards)
+    values = [guard.limit.values for guard in guards]
+    functions = tuple(positions for positions in values if isinstance(positions, ca.Function))
     return {
         "n_distances": sum(in_c(model, robot) for model in models_of(guards)),
         "n_limits": len(guards),
         "n_positions": sum(guard.limit.n for guard in guards),
-        "smooth": _positions(
-            robot, tuple(positions for positions in values if isinstance(positions, ca.Function))
-        ),
+        "smooth": _positions(robot, functions),
         **braking.stop_sizes(robot, dt),
     }
 
 
 @lru_cache(maxsize=8)
 def _positions(robot: Robot, values: tuple[ca.Function, ...]) -> ca.Function:
-    """Q to the positions of limits that have an expression."""
+    """Build the function from q to the positions of limits that have an expression."""
     q = ca.SX.sym("q", robot.n_q)
-    return ca.Function(
-        "positions",
-        [q],
-        [ca.densify(ca.vertcat(ca.SX(0, 1), *(position(q) for position in values)))],
-        {"cse": True},
-    )
+    positions = ca.vertcat(ca.SX(0, 1), *[position(q) for position in values])
+    return ca.Function("positions", [q], [ca.densify(positions)], {"cse": True})
 
 
 class ViabilitySetup:
@@ -168,16 +161,16 @@ class ViabilitySetup:
     def __init__(
         self, robot: Robot, guards: Sequence[PositionGuard], dt: float, memory: ViabilityMemory
     ) -> None:
-        """Dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
+        """dt [s]: control period. memory: of the `viability_sizes` of the guards, which is set
         up.
         """
         self._guards = guards
         self._memory = memory
         self._robot = robot
         self._n_distances = 0
-        self._place, self._position, self._counts = map(
-            view, (memory.place, memory.position, memory.counts)
-        )
+        self._place = view(memory.place)
+        self._position = view(memory.position)
+        self._counts = view(memory.counts)
         self.answer = CallbackBinding(memory.ask, self._look)
         memory.n_limits = len(guards)
         assign(
@@ -199,13 +192,12 @@ class ViabilitySetup:
         memory.first[k] = guard.positions.start
         memory.end[k] = guard.positions.stop
         memory.pairs[k] = self._measured_by(guard.model)
-        memory.asks[k] = memory.pairs[k] == braking.NONE and not isinstance(
-            limit.values, ca.Function
-        )
+        has_expression = isinstance(limit.values, ca.Function)
+        memory.asks[k] = memory.pairs[k] == braking.NONE and not has_expression
         view(memory.stop.reach)[k] = np.fmin(limit.reach, ENDLESS)
 
     def _measured_by(self, model: CollisionModel | None) -> int:
-        """Which of `distances` it is, or `NONE`."""
+        """Return the index among `distances` of a model that kernels measure, or `NONE`."""
         if model is None or not in_c(model, self._robot):
             return braking.NONE
         model.write(self._memory.distances[self._n_distances])
@@ -215,6 +207,5 @@ class ViabilitySetup:
     def _look(self) -> None:
         guard = self._guards[self._memory.asked]
         rows = np.flatnonzero(self._counts[guard.positions])
-        self._position[guard.positions][rows] = guard.limit.values(
-            self._place, None if len(rows) == guard.limit.n else rows
-        )
+        requested = None if len(rows) == guard.limit.n else rows
+        self._position[guard.positions][rows] = guard.limit.values(self._place, requested)

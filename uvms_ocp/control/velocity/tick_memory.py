@@ -252,6 +252,9 @@ def inputs_of(tick: Any, goals: Any) -> tuple[np.ndarray, ...]:
 
 
 def altimeter_of(robot: Robot, tasks: Sequence[Task]) -> str | None:
-    """The frame that tasks on altitude name, or that of the robot's file."""
-    named = (getattr(task, "frame", None) for task in tasks if task.needs_altimeter)
-    return next(filter(None, named), robot.description.altimeter)
+    """Return the frame that tasks on altitude name, or that of the robot's file."""
+    for task in tasks:
+        frame: str | None = getattr(task, "frame", None)
+        if task.needs_altimeter and frame:
+            return frame
+    return robot.description.altimeter
