@@ -8,11 +8,11 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Annotated
+from typing import Annotated, Any
 
 import tomllib
 
-from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, assign
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER = "altimeter_range"
@@ -26,7 +26,6 @@ CHANNELS = tuple(Readings.__dataclass_fields__)
 """Channels in the order of a `RestrictionMemory`."""
 
 _N_CHANNELS = len(CHANNELS)
-_SHARES = ("speed", "feedback", "joint_feedback")
 _FLAGS = ("no_descent", "joints_held", "hold", "blind", "can_ascend")
 
 
@@ -51,21 +50,21 @@ class ModeLimits:
     less.
     """
     joint_feedback: float = 1.0
-    """More than 0; the same of the joints."""
+    """More than 0; share of the usual bandwidth of the joints' velocity loops."""
     can_ascend: bool = True
     """The state allows the abort phase; otherwise the thrust is cut."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class DegradedMode(ModeLimits):
-    """Degraded mode: what holds without some channels."""
+    """Limits on the controller without some channels."""
 
     without: frozenset[str]
-    """All of them, fields of `Readings`."""
+    """Channels that are lost or suspect, fields of `Readings`."""
     trust: Trust
     """Trust from which on it applies; what is lost is suspect too."""
     substitute: str
-    """Source of their part of the state meanwhile."""
+    """Source of that part of the state meanwhile."""
     max_duration: float = math.inf
     """[s] after which the mission is given up."""
 
@@ -77,7 +76,7 @@ class Restriction(ModeLimits):
     """
 
     abort: str = ""
-    """Why the mission cannot go on, or nothing."""
+    """Reason why the mission cannot go on; empty where it can."""
     bad: tuple[ChannelHealth, ...] = ()
     """Channels that are not good: what rests on them ends no phase."""
 
@@ -96,11 +95,16 @@ FREE = Restriction()
 """Restriction of a robot whose channels are all good, or not monitored."""
 
 
-DEGRADED_MODES = tuple(
-    DegradedMode(**one | {"without": frozenset(one["without"]), "trust": Trust[one["trust"]]})
-    for one in _TABLE["modes"]
-)
-"""Depth and joint velocities are not in it alone: other channels replace them."""
+def _mode(row: dict[str, Any]) -> DegradedMode:
+    """Read a row of the table of modes."""
+    channels = frozenset(row["without"])
+    return DegradedMode(**row | {"without": channels, "trust": Trust[row["trust"]]})
+
+
+DEGRADED_MODES = tuple(_mode(row) for row in _TABLE["modes"])
+"""Modes of the table; depth and joint velocities are not in it alone, as other channels replace
+them.
+"""
 _N_MODES = len(DEGRADED_MODES)
 
 
@@ -203,16 +207,17 @@ def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> No
 
 def write_modes(memory: RestrictionMemory) -> None:
     """Write `DEGRADED_MODES` into a `RestrictionMemory`."""
-    modes = DEGRADED_MODES
-    assign(
-        memory,
-        needs=[[channel in mode.without for channel in CHANNELS] for mode in modes],
-        trust=[mode.trust for mode in modes],
-        of_altitude=[mode.without == {ALTIMETER} for mode in modes],
-        **{f"mode_{name}": [getattr(mode, name) for mode in modes] for name in _SHARES},
-        max_duration=[mode.max_duration for mode in modes],
-        flags=[[getattr(mode, name) for name in _FLAGS] for mode in modes],
-    )
+    for k, mode in enumerate(DEGRADED_MODES):
+        memory.trust[k] = mode.trust
+        memory.mode_speed[k] = mode.speed
+        memory.mode_feedback[k] = mode.feedback
+        memory.mode_joint_feedback[k] = mode.joint_feedback
+        memory.max_duration[k] = mode.max_duration
+        memory.of_altitude[k] = mode.without == {ALTIMETER}
+        for c, channel in enumerate(CHANNELS):
+            memory.needs[k][c] = channel in mode.without
+        for i, name in enumerate(_FLAGS):
+            memory.flags[k][i] = getattr(mode, name)
     memory.speed = 1.0
     memory.feedback = 1.0
     memory.joint_feedback = 1.0
@@ -223,32 +228,40 @@ def write_channels(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> N
     """Write the trust of all channels into a `RestrictionMemory`; those not in `bad` are good."""
     health_of = {item.channel: item for item in bad}
     for c, channel in enumerate(CHANNELS):
-        item = health_of.get(channel)
-        memory.level[c] = Trust.GOOD if item is None else item.trust
-        memory.since[c] = 0.0 if item is None else item.since
+        memory.level[c] = Trust.GOOD
+        memory.since[c] = 0.0
+        if channel in health_of:
+            memory.level[c] = health_of[channel].trust
+            memory.since[c] = health_of[channel].since
 
 
 def read_restriction(memory: RestrictionMemory, bad: Sequence[ChannelHealth]) -> Restriction:
     """Read the restriction that `restrict` has found."""
     if not bad:
         return FREE
-    at_fault = [
-        item
-        for item in bad
-        if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]
-    ]
+    at_fault = list[ChannelHealth]()
+    for item in sorted(bad, key=lambda item: item.channel):
+        if item.channel in CHANNELS and memory.at_fault[CHANNELS.index(item.channel)]:
+            at_fault.append(item)
     return Restriction(
-        **{name: getattr(memory, name) for name in _SHARES},
-        **{name: bool(getattr(memory, name)) for name in _FLAGS},
-        abort=describe_channels(sorted(at_fault, key=lambda item: item.channel)),
+        speed=memory.speed,
+        feedback=memory.feedback,
+        joint_feedback=memory.joint_feedback,
+        no_descent=bool(memory.no_descent),
+        joints_held=bool(memory.joints_held),
+        hold=bool(memory.hold),
+        blind=bool(memory.blind),
+        can_ascend=bool(memory.can_ascend),
+        abort=describe_channels(at_fault),
         bad=tuple(bad),
     )
 
 
 def describe_channels(channels: Iterable[ChannelHealth]) -> str:
     """Describe channels that are not good, in a few words each."""
-    whys = ((item, f": {item.why}" if item.why else "") for item in channels)
-    return ", ".join(
-        f"{item.channel} {item.trust.name.lower()}{why} since {item.since:.1f} s"
-        for item, why in whys
-    )
+    texts = list[str]()
+    for item in channels:
+        reason = f": {item.why}" if item.why else ""
+        trust = item.trust.name.lower()
+        texts.append(f"{item.channel} {trust}{reason} since {item.since:.1f} s")
+    return ", ".join(texts)

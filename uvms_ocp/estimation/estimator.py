@@ -128,18 +128,15 @@ def oldest_of(readings: Readings, channels: tuple[str, ...], t: float) -> tuple[
 def needed_channels(
     robot: Robot, specs: SensorSpecs, altimeter_frame: str | None
 ) -> tuple[str, ...]:
-    """Channels that the robot has and that no other replaces."""
-    skipped = (
-        *_OPTIONAL_CHANNELS,
-        *(() if robot.n_vehicle else _VEHICLE_CHANNELS),
-        *(() if altimeter_frame and robot.n_vehicle else ("altimeter_range",)),
-    )
+    """Return the channels that the robot has and that no other replaces."""
+    skipped = set(_OPTIONAL_CHANNELS)
+    if not robot.n_vehicle:
+        skipped.update(_VEHICLE_CHANNELS)
+    if not robot.n_vehicle or not altimeter_frame:
+        skipped.add("altimeter_range")
     return tuple(
         name for name in CHANNELS if getattr(specs, name) is not None and name not in skipped
     )
-
-
-# Where the altimeter looks from, for the filter and for who watches the floor.
 
 
 class AltimeterMount:
@@ -163,8 +160,8 @@ class AltimeterMount:
         self._look(pin.neutral(robot.model)[robot.joint_q])
 
     def place(self, joints: Array) -> None:
-        """Tell it, if the altimeter may have moved; `joints` (n_joint_q,) is that part of q [rad or
-        m].
+        """Update the place of an altimeter that may have moved; `joints` (n_joint_q,) is that part
+        of q [rad or m].
         """
         if self.moves:
             self._look(joints)
@@ -178,9 +175,6 @@ class AltimeterMount:
         X_BS = pin.updateFramePlacement(model, self._data, self._frame)
         memory.beam_at[:] = X_BS.translation
         memory.beam_up[:] = X_BS.rotation[:, 2]
-
-
-# Estimate the state of the robot from late and noisy readings, by an error-state Kalman filter.
 
 
 @checked_dataclass()
@@ -213,8 +207,8 @@ class JointChart:
         self.is_plain = all(joint.n_q == joint.n_v for joint in robot.joints)
 
     def values(self, channel: str, reading: Array) -> Array:
-        """(n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or (n_joints,)
-        [rad/s or m/s] of velocities.
+        """Return the values (n_joints,) of a reading (n_joint_q,) [rad or m] of joint positions, or
+        (n_joints,) [rad/s or m/s] of velocities.
         """
         if self.is_plain or channel != "joint_positions":
             return reading
@@ -225,7 +219,7 @@ class JointChart:
         return np.asarray(pin.difference(self._robot.model, self._origin, q)[self._robot.joint_v])
 
     def configuration(self) -> Array:
-        """The joint part of q [rad or m]."""
+        """Return the joint part of q [rad or m]."""
         displaced = self._memory.joint_x[:, 0]
         if self.is_plain:
             return displaced.copy()
@@ -275,25 +269,21 @@ class Estimator(TableDisplay):
         specs = specs or SensorSpecs()
         tuning = tuning or EstimatorTuning()
         altimeter_frame = altimeter_frame or robot.description.altimeter
+        frame = altimeter_frame
         if specs.altimeter_range is None or not robot.n_vehicle:
             frame = None
-        else:
-            frame = altimeter_frame
         self._n_vehicle = robot.n_vehicle
         self.structure = filtering.filter_memory(robot.n_joints)
         """Memory of the kernels, a `FilterMemory`."""
         filtering.initialise(self.structure, robot, specs, tuning)
-        self.memory = memory = kernel_layout.arrays_of(self.structure)
+        self.memory = kernel_layout.arrays_of(self.structure)
         """All numbers of the filter, for who studies it: the arrays of a `FilterMemory`."""
         for name in needed_channels(robot, specs, altimeter_frame):
-            memory.needed[NUMBER[name]] = 1.0
+            self.memory.needed[NUMBER[name]] = 1.0
         self.has_range = frame is not None
         """There is an altimeter."""
-        if frame is None:
-            self._beam = None
-        else:
-            self._beam = AltimeterMount(robot, frame, memory)
-        self._chart = JointChart(robot, memory)
+        self._beam = None if frame is None else AltimeterMount(robot, frame, self.memory)
+        self._chart = JointChart(robot, self.memory)
         self._joints = self._chart.configuration()
         (self.tick,) = kernels.bind_kernels(
             (advance_filter,), (type(self.structure),), compiled=compiled
@@ -310,20 +300,18 @@ class Estimator(TableDisplay):
     def __call__(
         self, readings: Readings, t: float, command: Command | None = None
     ) -> StateEstimate:
-        """The estimate at time t [s]; `command` has been acting since the last call.
+        """Return the estimate at time t [s]; `command` has been acting since the last call.
 
         Raises `InvalidInput` for a time before that of the last call, or beyond 1e10 s.
         """
         dt = self._elapsed(t)
         if command is not None:
-            self._response = command.v + math.exp(-dt / filtering.RESPONSE_TIME) * (
-                self._response - command.v
-            )
+            decay = math.exp(-dt / filtering.RESPONSE_TIME)
+            self._response = command.v + decay * (self._response - command.v)
             self.memory.commanded[6 - self._n_vehicle :] = self._response
             if command.brakes:
-                self.memory.joint_x[:, 1] = (
-                    0.0  # carried on as fast as before, nothing would agree with it again
-                )
+                # Carried on as fast as before, nothing would agree with it again.
+                self.memory.joint_x[:, 1] = 0.0
         self.structure.has_command = command is not None
         self._take_in(readings)
         if self._beam is not None:
@@ -332,16 +320,13 @@ class Estimator(TableDisplay):
         return self.estimate()
 
     def _table(self) -> SmallTable:
-        times = {
-            name: self.memory.used[NUMBER[name]]
-            for name in CHANNELS
-            if self.memory.needed[NUMBER[name]]
-        }
-        used = {
-            name: f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet"
-            for name, t in times.items()
-        }
-        return SmallTable(title=type(self).__name__, rows=rows_of(used))
+        values = dict[str, str]()
+        for name in CHANNELS:
+            if not self.memory.needed[NUMBER[name]]:
+                continue
+            t = self.memory.used[NUMBER[name]]
+            values[name] = f"used until {t:.4g} s" if math.isfinite(t) else "no reading yet"
+        return SmallTable(title=type(self).__name__, rows=rows_of(values))
 
     @checked_on_failure
     def outcome(self, channel: str) -> GateOutcome | None:
@@ -367,8 +352,8 @@ class Estimator(TableDisplay):
         return self.memory.outcome
 
     def used(self, channel: str) -> float:
-        """Time [s] of the newest reading of a channel that was used, -inf before the first; an echo
-        that is missing counts.
+        """Return the time [s] of the newest reading of a channel that was used, -inf before the
+        first; an echo that is missing counts.
 
         Raises `NameNotFound` for an unknown channel.
         """
@@ -379,11 +364,14 @@ class Estimator(TableDisplay):
         channel.
         """
         _number(channel)
-        self._refused = self._refused | {channel} if refused else self._refused - {channel}
+        if refused:
+            self._refused = self._refused | {channel}
+        else:
+            self._refused = self._refused - {channel}
 
     def inflate_velocity_variance(self, *, rests: bool = False) -> None:
-        """Take linear velocity and acceleration for unknown: their source proved wrong. rests: and
-        for zero, at a guess.
+        """Take linear velocity and acceleration for unknown, as their source proved wrong. rests:
+        and for zero, at a guess.
         """
         vehicle_model.inflate_velocity_variance(self.structure, rests)
 
@@ -414,7 +402,8 @@ class Estimator(TableDisplay):
         return dt
 
     def _take_in(self, readings: Readings) -> None:
-        memory, last_readings = self.memory, self._seen
+        memory = self.memory
+        last_readings = self._seen
         for name, reading in zip(CHANNELS, _readings_by_channel(readings), strict=True):
             if reading is None or reading is last_readings[name] or name in self._refused:
                 continue
@@ -423,9 +412,8 @@ class Estimator(TableDisplay):
             if c < filtering.N_VEHICLE:
                 memory.value[c, : np.size(reading.value)] = reading.value
             else:
-                memory.joint_value[c - filtering.N_VEHICLE] = self._chart.values(
-                    name, reading.value
-                )
+                values = self._chart.values(name, reading.value)
+                memory.joint_value[c - filtering.N_VEHICLE] = values
             memory.fresh[c] = 1.0
             memory.stamp[c] = reading.t
 
@@ -434,24 +422,22 @@ class Estimator(TableDisplay):
         """True where the kernel alone is enough: q is a vector space but for the vehicle, and the
         altimeter is fixed to that.
         """
-        return (
-            self._chart.is_plain
-            and not self._refused
-            and (self._beam is None or not self._beam.moves)
-        )
+        is_altimeter_fixed = self._beam is None or not self._beam.moves
+        return self._chart.is_plain and not self._refused and is_altimeter_fixed
 
     def estimate(self) -> StateEstimate:
-        """Return what the kernel has left in memory."""
+        """Return the estimate that the kernel has left in memory."""
         memory = self.memory
-        v = self.memory.joint_x[:, 1]
-        q = self._joints = self._chart.configuration()
+        self._joints = self._chart.configuration()
+        q = self._joints
+        v = memory.joint_x[:, 1]
         if self._n_vehicle:
             q = np.concatenate([memory.x[Part.PLACE : Part.SPEED], memory.turn, q])
             v = np.concatenate([memory.twist, v])
+        echo = math.nan
+        echo_std = math.nan
         if self.has_range:
             echo, echo_std = memory.range.tolist()
-        else:
-            echo, echo_std = (math.nan, math.nan)
         age, joint_age = memory.age.tolist()
         return signals.unchecked_estimate(
             q=q,
@@ -482,15 +468,16 @@ def std_at_rest(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     """
     estimator = Estimator(robot, specs)
     truth = _truth(robot)
-    channels = {name: spec for name in truth if (spec := getattr(specs, name)) is not None}
     for k in range(int(_SETTLED * _RATE)):
         t = k / _RATE
-        stamps = {name: _taken(spec, t) for name, spec in channels.items()}
-        readings = {
-            name: signals.unchecked_reading(value=truth[name], t=at)
-            for name, at in stamps.items()
-            if at >= 0.0
-        }
+        readings = dict[str, Reading]()
+        for name, value in truth.items():
+            spec: SensorSpec | None = getattr(specs, name)
+            if spec is None:
+                continue
+            stamp = _time_of_last_reading(spec, t)
+            if stamp >= 0.0:
+                readings[name] = signals.unchecked_reading(value=value, t=stamp)
         estimator(signals.unchecked_readings(**readings), t)
     return read_only(np.hypot(estimator.std, declared_bias(robot, specs)))
 
@@ -508,9 +495,9 @@ def _truth(robot: Robot) -> dict[str, Any]:
     return {**joints, **rates, "position": q[:3], "depth": float(q[2]), "attitude": q[3:7]}
 
 
-def _taken(spec: SensorSpec, t: float) -> float:
-    """Time [s] of the reading that is the last one at time t [s]; below 0 before the first one.
-    Losses make it rarer.
+def _time_of_last_reading(spec: SensorSpec, t: float) -> float:
+    """Return the time [s] of the reading that is the last one at time t [s]; below 0 before the
+    first one. Losses make readings rarer.
     """
     rate = min(spec.rate * (1.0 - spec.dropout), _RATE)
     if rate > 0.0:
@@ -525,13 +512,14 @@ def declared_bias(robot: Robot, specs: SensorSpecs) -> np.ndarray:
     channels = [("joint_positions", robot.n_joints)]
     if robot.n_vehicle:
         channels = [("position", 3), ("attitude", 3), *channels]
-    channel_specs = ((getattr(specs, name), n) for name, n in channels)
-    return np.concatenate(
-        [
-            np.zeros(n) if spec is None else np.broadcast_to(spec.biases, (n,))
-            for spec, n in channel_specs
-        ]
-    )
+    biases = list[np.ndarray]()
+    for name, n in channels:
+        spec: SensorSpec | None = getattr(specs, name)
+        if spec is None:
+            biases.append(np.zeros(n))
+        else:
+            biases.append(np.broadcast_to(spec.biases, (n,)))
+    return np.concatenate(biases)
 
 
 @checked_constructor
@@ -547,23 +535,20 @@ class PassThrough(TableDisplay):
 
         Raises `InvalidInput` where a channel that it needs is missing: it estimates nothing.
         """
-        free = robot.n_vehicle > 0
-        self.q_channels = (*(("position", "attitude") if free else ()), "joint_positions")
+        self.q_channels: tuple[str, ...] = ("joint_positions",)
         """Channels whose readings are q, one after the other."""
-        self.v_channels = (
-            *(("linear_velocity", "angular_velocity") if free else ()),
-            "joint_velocities",
-        )
+        self.v_channels: tuple[str, ...] = ("joint_velocities",)
         """Channels whose readings are v."""
+        if robot.n_vehicle:
+            self.q_channels = ("position", "attitude", "joint_positions")
+            self.v_channels = ("linear_velocity", "angular_velocity", "joint_velocities")
         for name in (*self.q_channels, *self.v_channels):
             if getattr(specs, name) is None:
                 raise InvalidInput(
                     f"sensor {name} is missing; add it, or use an Estimator instead of PassThrough"
                 )
-        self._needed = (
-            *needed_channels(robot, specs, altimeter_frame or robot.description.altimeter),
-            "joint_velocities",
-        )
+        frame = altimeter_frame or robot.description.altimeter
+        self._needed = (*needed_channels(robot, specs, frame), "joint_velocities")
 
     def _table(self) -> SmallTable:
         rows = {"q from": ", ".join(self.q_channels), "v from": ", ".join(self.v_channels)}
@@ -572,8 +557,8 @@ class PassThrough(TableDisplay):
     def __call__(
         self, readings: Readings, t: float, command: Command | None = None
     ) -> StateEstimate:
-        """The last readings at time t [s]; `command` is not read. Raises `InvalidInput` before the
-        first ones.
+        """Return the last readings at time t [s]; `command` is not read. Raises `InvalidInput`
+        before the first ones.
         """
         age, oldest = oldest_of(readings, self._needed, t)
         if age == math.inf:

@@ -82,26 +82,28 @@ class Watchdog:
 
     @property
     def verdict(self) -> Freshness:
-        """The last one that was told; at first fresh."""
+        """Verdict of the last call of `judge`; at first fresh."""
         return self._verdict
 
     @checked_on_failure
     def judge(self, age: float, t: float, channel: str = "") -> Freshness:
-        """The verdict on a measurement of `age` [s] at time t [s], that of `channel` if known; nan
-        counts as lost.
+        """Return the verdict on a measurement of `age` [s] at time t [s], that of `channel` if
+        known; nan counts as lost.
         """
         verdict = Freshness(freshness_of(age, self.hold_after, self.stop_after))
         self._waits = self._waits and age == math.inf
-        self._begun = t if math.isnan(self._begun) else self._begun
-        early = self._waits and t - self._begun <= self.stop_after
-        if verdict is not self._verdict and not early:
-            text = _TEXTS[verdict].format(
-                what=f"{channel} is" if channel else "measurements are", age=age
-            )
-            self.alarms.append(
-                (t, f"no {channel or 'measurements'}: stopped" if age == math.inf else text)
-            )
-            self._verdict = verdict
+        if math.isnan(self._begun):
+            self._begun = t
+        is_early = self._waits and t - self._begun <= self.stop_after
+        if verdict is self._verdict or is_early:
+            return verdict
+        self._verdict = verdict
+        if age == math.inf:
+            text = f"no {channel or 'measurements'}: stopped"
+        else:
+            what = f"{channel} is" if channel else "measurements are"
+            text = _TEXTS[verdict].format(what=what, age=age)
+        self.alarms.append((t, text))
         return verdict
 
 
@@ -208,16 +210,19 @@ class LastValidEstimate:
         self._shapes = self._last.q.shape, self._last.v.shape
         # Where quaternions, and cosine and sine of joints without end, are in q.
         lengths = {"JointModelFreeFlyer": 4, "JointModelSpherical": 4, "JointModelPlanar": 2}
-        ends = [
-            (joint.idx_q + joint.nq, joint) for joint in robot.model.joints if joint.nq > joint.nv
-        ]
-        units = [(end - lengths.get(joint.shortname(), 2), end) for end, joint in ends]
+        units = list[tuple[int, int]]()
+        for joint in robot.model.joints:
+            if joint.nq > joint.nv:
+                end = joint.idx_q + joint.nq
+                units.append((end - lengths.get(joint.shortname(), 2), end))
         assign(self.memory, q=self._last.q, since=-math.inf, n_units=len(units))
         if units:
             assign(self.memory, unit=units)
 
     def __call__(self, estimate: StateEstimate, t: float) -> StateEstimate:
-        """T [s]: time of the tick. Raises `InvalidInput` for a q or v of another robot's size."""
+        """Return the estimate, or the last valid one; t [s]: time of the tick. Raises
+        `InvalidInput` for a q or v of another robot's size.
+        """
         self.check(estimate)
         q = doubles(estimate.q)
         v = doubles(estimate.v)
@@ -226,22 +231,16 @@ class LastValidEstimate:
 
     def check(self, estimate: StateEstimate) -> None:
         """Raise `InvalidInput` for a q or v of another robot's size."""
-        if (estimate.q.shape, estimate.v.shape) != self._shapes:
-            pairs = zip("qv", (estimate.q, estimate.v), self._shapes, strict=True)
-            wrong = [
-                (name, value.shape, right) for name, value, right in pairs if value.shape != right
-            ]
-            raise InvalidInput(
-                ", ".join(
-                    f"measurement.{name} has shape {shape}; give {right}"
-                    for name, shape, right in wrong
-                )
-            )
+        if (estimate.q.shape, estimate.v.shape) == self._shapes:
+            return
+        problems = list[str]()
+        for name, value, shape in zip("qv", (estimate.q, estimate.v), self._shapes, strict=True):
+            if value.shape != shape:
+                problems.append(f"measurement.{name} has shape {value.shape}; give {shape}")
+        raise InvalidInput(", ".join(problems))
 
     def substitute(self, estimate: StateEstimate) -> StateEstimate:
-        """The measurement that the kernel was asked with, if it is sound, or what stands in for
-        it.
-        """
+        """Return the measurement that the kernel was given, if it is sound, or its substitute."""
         if self.memory.is_valid:
             self._last = estimate
             return estimate
@@ -367,16 +366,15 @@ class LastFloorRange:
 
 def echo_sizes(robot: Robot, frame: str | None) -> dict[str, Any]:
     """Return the sizes of an `AltimeterMemory`, and the function of its beam."""
-    return {
-        "n_v": robot.n_v,
-        "look": _beam(robot, frame if frame is not None and robot.has_frame(frame) else None),
-    }
+    if frame is not None and not robot.has_frame(frame):
+        frame = None
+    return {"n_v": robot.n_v, "look": _beam(robot, frame)}
 
 
 @lru_cache(maxsize=8)
 def _beam(robot: Robot, frame: str | None) -> ca.Function:
-    """Q -> origin (3,) [m] and cosine of the beam, and how the origin rises with each velocity
-    (n_v,) [m, or 1].
+    """Build the function from q to origin (3,) [m] and cosine of the beam, and how the origin rises
+    with each velocity (n_v,) [m, or 1].
     """
     q = ca.SX.sym("q", robot.n_q)
     beam = ca.SX.zeros(4)

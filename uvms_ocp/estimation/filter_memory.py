@@ -370,12 +370,17 @@ def initialise(
     """Write what the filter knows before the first tick."""
     memory = arrays_of(structure)
     for name in CHANNELS:
+        c = NUMBER[name]
         spec = getattr(specs, name)
-        memory.sigma[NUMBER[name]] = max(0.0 if spec is None else spec.sigma, _SMALLEST_SIGMA)
-        memory.period[NUMBER[name]] = 0.0 if spec is None else 1.0 / spec.rate
-        memory.lag[NUMBER[name]] = 0.0 if spec is None else spec.delay
-        memory.gate[NUMBER[name]] = _GATES[rows_of(NUMBER[name])]
-        memory.recovery[NUMBER[name]] = _RECOVERY
+        memory.sigma[c] = _SMALLEST_SIGMA
+        memory.period[c] = 0.0
+        memory.lag[c] = 0.0
+        if spec is not None:
+            memory.sigma[c] = max(spec.sigma, _SMALLEST_SIGMA)
+            memory.period[c] = 1.0 / spec.rate
+            memory.lag[c] = spec.delay
+        memory.gate[c] = _GATES[rows_of(c)]
+        memory.recovery[c] = _RECOVERY
     memory.recovery[ChannelIndex.ALTIMETER_RANGE] = _EARLY_STEP
     memory.limit[:] = [*np.repeat(_LIMITS, 3), _FLOOR]
     memory.joint_limit[:] = _JOINT_LIMIT
@@ -388,18 +393,16 @@ def initialise(
     structure.echo_memory = _ECHO_MEMORY
     structure.echo = -math.inf
     structure.jerk_share = 1.0
-    noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
-    if structure.guided and noisy:
+    is_noisy = memory.sigma[ChannelIndex.LINEAR_VELOCITY] > _SMALLEST_SIGMA
+    structure.least_jerk_share = 1.0
+    if structure.guided and is_noisy:
         structure.least_jerk_share = _LEAST_JERK_SHARE
-    else:
-        structure.least_jerk_share = 1.0
     memory.drive[ProcessNoise.JERK] = tuning.jerk
     memory.drive[ProcessNoise.ANGULAR_JERK] = tuning.angular_jerk
-    (
-        memory.drive[ProcessNoise.GYRO],
-        memory.drive[ProcessNoise.DVL],
-        memory.drive[ProcessNoise.FORCE],
-    ) = BIAS_DRIFTS
+    gyro_drift, dvl_drift, force_drift = BIAS_DRIFTS
+    memory.drive[ProcessNoise.GYRO] = gyro_drift
+    memory.drive[ProcessNoise.DVL] = dvl_drift
+    memory.drive[ProcessNoise.FORCE] = force_drift
     memory.drive[ProcessNoise.ROUGHNESS] = tuning.floor_roughness
     memory.drive[ProcessNoise.SETTLING] = ALTITUDE_DRIFT
     memory.drive[ProcessNoise.JOINT] = tuning.joint_acceleration
@@ -408,15 +411,16 @@ def initialise(
 
 
 def _agility(robot: Robot) -> np.ndarray:
-    """(9,) [m/s2, rad/s2] the largest acceleration of what each channel measures, from full
+    """Return the largest acceleration (9,) [m/s2, rad/s2] of what each channel measures, from full
     acceleration the other way.
     """
     limits = 2.0 * np.minimum(robot.limits.acceleration, _MOST_AGILE)
     joint = float(limits[robot.joint_v].max(initial=0.0))
+    linear = 0.0
+    angular = 0.0
     if robot.n_vehicle:
-        linear, angular = (limits[:3].max(), limits[3:6].max())
-    else:
-        linear, angular = (0.0, 0.0)
+        linear = limits[:3].max()
+        angular = limits[3:6].max()
     return np.array([angular, angular, linear, linear, linear, linear, linear, joint, joint])
 
 
@@ -427,20 +431,18 @@ def _set_first(memory: Any, specs: SensorSpecs, tuning: EstimatorTuning) -> None
         (Part.FORCE_BIAS, tuning.force_bias, specs.specific_force),
     )
     sigma = np.concatenate([np.repeat(_FIRST, 3), np.zeros(9), [_FLOOR]])
-    for (
-        first,
-        usual,
-        spec,
-    ) in biases:  # of one that a sensor is said to have the sign is for the filter to find
-        sigma[first : first + 3] = math.hypot(
-            usual, 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases)))
-        )
+    for first, usual, spec in biases:
+        # Of a bias that a sensor is said to have the sign is for the filter to find.
+        declared = 0.0 if spec is None else np.sqrt(np.mean(np.square(spec.biases)))
+        sigma[first : first + 3] = math.hypot(usual, declared)
     memory.P[range(MAIN), range(MAIN)] = sigma**2
     memory.turn[3] = 1.0
-    memory.joint_P[:, 0, 0], memory.joint_P[:, 1, 1] = np.square(_JOINT_FIRST)
-    for never in (memory.last, memory.used, memory.due):
-        never[:] = -math.inf
-    for none in (memory.owner, memory.joint_owner):
-        none[:] = -1.0
+    position_variance, rate_variance = np.square(_JOINT_FIRST)
+    memory.joint_P[:, 0, 0] = position_variance
+    memory.joint_P[:, 1, 1] = rate_variance
+    for times in (memory.last, memory.used, memory.due):
+        times[:] = -math.inf
+    for owners in (memory.owner, memory.joint_owner):
+        owners[:] = -1.0
     for unknown in (memory.since, memory.joint_since, memory.outcome, memory.range):
         unknown[:] = math.nan

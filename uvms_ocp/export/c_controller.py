@@ -16,10 +16,7 @@ from uvms_ocp.codegen.kernel_layout import arrays_of, structure_of, view
 from uvms_ocp.control import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import tick as exported_tick
-from uvms_ocp.export.c_files import (
-    SOURCES,
-    file_names,
-)
+from uvms_ocp.export.c_files import SOURCES, file_names
 from uvms_ocp.export.tick import ControllerInputs, ControllerOutputs
 from uvms_ocp.robot.signals import Command, StateEstimate
 
@@ -38,12 +35,14 @@ class CController:
         compiled, or are of a controller for another robot or mission.
         """
         types: Any = interface_types(sizes)
-        self._inputs, self._outputs = (kind() for kind in types)
-        self._told = arrays_of(self._outputs)
+        inputs_type, outputs_type = types
+        self._inputs = inputs_type()
+        self._outputs = outputs_type()
+        self._output_arrays = arrays_of(self._outputs)
         self._forces = forces
         library = _library(folder, name)
-        size, *compiled = (ctypes.c_ulong * 3).in_dll(library, f"{name}_CONTROLLER_SIZES")
-        if compiled != [ctypes.sizeof(kind) for kind in types]:
+        size, *interface = (ctypes.c_ulong * 3).in_dll(library, f"{name}_CONTROLLER_SIZES")
+        if interface != [ctypes.sizeof(inputs_type), ctypes.sizeof(outputs_type)]:
             raise InvalidInput(
                 f"{folder} is of a controller for another robot or mission; export this one"
             )
@@ -56,7 +55,7 @@ class CController:
         """Return the command for the tick at time t [s]."""
         exported_tick.write_measurement(self._inputs, estimate, t)
         self._step(self._memory, ctypes.byref(self._inputs), ctypes.byref(self._outputs))
-        return exported_tick.command_in(self._outputs, self._told, forces=self._forces)
+        return exported_tick.command_in(self._outputs, self._output_arrays, forces=self._forces)
 
 
 def interface_types(
@@ -94,8 +93,8 @@ def _library(folder: Path, name: str) -> ctypes.CDLL:
             " writes one"
         ) from None
     include = f'#include "{called["controller.h"]}"\n'
-    source, *others = (text.replace(include, header) for text in files)
-    path = compile_library(source, name="the exported controller", others=others)
+    source, *other_sources = (text.replace(include, header) for text in files)
+    path = compile_library(source, name="the exported controller", others=other_sources)
     if path is None:
         raise InvalidInput(
             f"the controller in {folder} cannot be compiled; give a C compiler (CC, cc, gcc, clang)"

@@ -40,18 +40,18 @@ def file_names(name: str) -> dict[str, str]:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ControllerNames:
-    """Name of the export, and those of the controller's phases, statuses and quantities."""
+    """Names of the export, and of the controller's phases, statuses, quantities and channels."""
 
     export: str
     """Name before every identifier, followed by a ``_``."""
     phases: tuple[str, ...]
-    """In the order of `ControllerOutputs.phase`."""
+    """Phases in the order of `ControllerOutputs.phase`."""
     statuses: tuple[str, ...]
-    """In that of `ControllerOutputs.status`."""
+    """Statuses in the order of `ControllerOutputs.status`."""
     quantities: tuple[str, ...]
-    """In that of `ControllerOutputs.quantities`."""
+    """Quantities in the order of `ControllerOutputs.quantities`."""
     channels: tuple[str, ...]
-    """In that of `ControllerInputs.trust`."""
+    """Channels in the order of `ControllerInputs.trust`."""
 
     @property
     def prefix(self) -> str:
@@ -59,17 +59,14 @@ class ControllerNames:
         return f"{self.export}_"
 
     def texts(self) -> dict[str, list[str]]:
-        """Return them by the names of their arrays in C, as far as they can stand in a text there;
-        never empty.
+        """Return the names by their arrays in C, as far as they can stand in a text there; never
+        empty.
         """
-        plain_texts = {
-            name: [_plain(text) for text in getattr(self, name)]
-            for name in ("phases", "statuses", "quantities", "channels")
-        }
-        return {
-            f"{self.prefix}CONTROLLER_{name.upper()}": texts or [""]
-            for name, texts in plain_texts.items()
-        }
+        texts = dict[str, list[str]]()
+        for name in ("phases", "statuses", "quantities", "channels"):
+            plain_texts = [_plain(text) for text in getattr(self, name)]
+            texts[f"{self.prefix}CONTROLLER_{name.upper()}"] = plain_texts or [""]
+        return texts
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -116,15 +113,15 @@ class NamedSources:
 
 def header(sources: NamedSources, names: ControllerNames, memory: str) -> str:
     """Return controller.h; memory: name of the structure of all that the controller remembers."""
+    declarations = list[str]()
+    for name, texts in names.texts().items():
+        declarations.append(f"extern const char *const {name}[{len(texts)}];")
     return Template(template("controller.h", names.export)).substitute(
         types=sources.types,
         memory=f"{names.prefix}{memory}",
         inputs=_documented(ControllerInputs, names.prefix),
         outputs=_documented(ControllerOutputs, names.prefix),
-        names="\n".join(
-            f"extern const char *const {name}[{len(texts)}];"
-            for name, texts in names.texts().items()
-        ),
+        names="\n".join(declarations),
     )
 
 
@@ -136,20 +133,19 @@ def source(
     places: Mapping[str, int],
 ) -> str:
     """Return controller.c, whose tick is the `kernel` of that name."""
-    quoted = '", "'
-    texts = (
-        f'const char *const {name}[] = {{"{quoted.join(texts)}"}};'
-        for name, texts in names.texts().items()
-    )
-    parameters = (
-        f'{{"{_plain(name)}", {names.prefix}{NUMBERS} + {k}}}, ' for name, k in places.items()
-    )
+    definitions = list[str]()
+    for name, texts in names.texts().items():
+        quoted = ", ".join(f'"{text}"' for text in texts)
+        definitions.append(f"const char *const {name}[] = {{{quoted}}};")
+    parameters = list[str]()
+    for name, k in places.items():
+        parameters.append(f'{{"{_plain(name)}", {names.prefix}{NUMBERS} + {k}}}, ')
     return Template(template("controller.c", names.export)).substitute(
         exact=EXACT,
         declarations=sources.declarations,
         kernels=sources.kernels,
         kernel=kernel,
-        names="\n".join(texts),
+        names="\n".join(definitions),
         values=", ".join(number(value) or "0" for value in numbers),
         parameters="".join(parameters),
     )
@@ -176,13 +172,14 @@ def task_numbers(tasks: Sequence[Task], robot: Robot) -> tuple[list[float], dict
     And, by ``task.field``, the places of those that may be changed in C, as rows alone depend on
     them: safety rules beside the rows are compiled with the others.
     """
-    pairs = [(task, name) for task in tasks for name in numbers_of(task)]
-    places = {
-        f"{task.name}.{name}": k
-        for k, (task, name) in enumerate(pairs)
-        if _of_rows_alone(task, robot, name)
-    }
-    return [*(getattr(*pair) for pair in pairs), 0.0, 1.0], places
+    numbers = list[float]()
+    places = dict[str, int]()
+    for task in tasks:
+        for name in numbers_of(task):
+            if _of_rows_alone(task, robot, name):
+                places[f"{task.name}.{name}"] = len(numbers)
+            numbers.append(getattr(task, name))
+    return [*numbers, 0.0, 1.0], places
 
 
 def _of_rows_alone(task: Task, robot: Robot, name: str) -> bool:
@@ -225,18 +222,20 @@ def _plain(name: str) -> str:
 
 
 def _documented(layout: type[Layout], prefix: str) -> str:
-    lines = [
-        f"   {name}: {text.replace('CONTROLLER_', f'{prefix}CONTROLLER_')}"
-        for name, text in field_docs(layout).items()
-    ]
-    heading = f"/* {prefix}{layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}"
-    return "\n".join([heading, *lines, "*/"])
+    """Return a comment with the docstrings of a layout and of its fields."""
+    lines = [f"/* {prefix}{layout.__name__}: {inspect.cleandoc(layout.__doc__ or '')}"]
+    for name, text in field_docs(layout).items():
+        prefixed = text.replace("CONTROLLER_", f"{prefix}CONTROLLER_")
+        lines.append(f"   {name}: {prefixed}")
+    return "\n".join([*lines, "*/"])
 
 
 def field_docs(layout: type[Layout]) -> Mapping[str, str]:
     """Return the docstring of each field of a layout, or of the next one that has one."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(layout))).body
-    body = definition.body if isinstance(definition, ast.ClassDef) else []
+    body = list[ast.stmt]()
+    if isinstance(definition, ast.ClassDef):
+        body = definition.body
     texts = dict[str, str]()
     waiting = list[str]()
     for node in body:

@@ -56,30 +56,30 @@ def interface_sizes(controller: KinematicController, n_thrusters: int) -> dict[s
 
 
 def controller_memory(controller: KinematicController | DynamicController, core: str) -> Any:
-    """A `VelocityController` at the beginning of the mission of a fresh one, or a `ForceController`
-    where it has that layer.
+    """Make a `VelocityController` at the beginning of the mission of a fresh one, or a
+    `ForceController` where it has that layer.
 
     core: source of the solver, as `CompiledSolver.core_source`. Raises `InvalidInput` without a C
     compiler.
     """
     kinematic = controller.kinematic
-    below = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(core))
-    if below is None:
+    velocity = tick.velocity_controller(kinematic.memory, kinematic.problem, external_core(core))
+    if velocity is None:
         raise InvalidInput(
             "the controller cannot be written without a C compiler; give one (CC, cc, gcc, clang)"
         )
     if not isinstance(controller, DynamicController):
-        return below
+        return velocity
     memory: Any = structure_of(
-        exported_tick.ForceController, velocity=type(below), force=type(controller.memory)
+        exported_tick.ForceController, velocity=type(velocity), force=type(controller.memory)
     )()
-    memory.velocity = below
+    memory.velocity = velocity
     memory.force = controller.memory
     return memory
 
 
 def kernel_of(memory: Any) -> Callable[..., None]:
-    """The tick of a `controller_memory`."""
+    """Return the tick of a `controller_memory`."""
     if hasattr(memory, "force"):
         return exported_tick.control_force
     return exported_tick.control_velocity
@@ -88,7 +88,7 @@ def kernel_of(memory: Any) -> Callable[..., None]:
 def controller_library(
     memory: Any, sizes: dict[str, int], variable: tuple[str, Sequence[float]] | None = None
 ) -> CLibrary:
-    """Texts of a `controller_memory`, with these `interface_sizes`; variable: as for
+    """Write a `controller_memory` and its tick in C, with these `interface_sizes`; variable: as for
     `c_library`.
     """
     return c_library((kernel_of(memory),), memory, interface_types(sizes), variable)
@@ -130,13 +130,9 @@ def exported_controller(
     """
 
     def exported(scenario: Scenario) -> CController:
-        kinematic = scenario.kinematic_controller()
-        return CController(
-            Path(folder),
-            name or only_name(Path(folder)),
-            interface_sizes(kinematic, _n_thrusters(scenario)),
-            forces=scenario.takes_forces,
-        )
+        path = Path(folder)
+        sizes = interface_sizes(scenario.kinematic_controller(), _n_thrusters(scenario))
+        return CController(path, name or only_name(path), sizes, forces=scenario.takes_forces)
 
     return exported
 
@@ -158,7 +154,9 @@ def _texts_controller(scenario: Scenario, name: str) -> tuple[dict[str, str], by
     core = solver.core_source(kinematic.problem.function.size2_out(0), kinematic.problem.sizes)
     memory = controller_memory(controller, core)
     run = _recorded(scenario, sizes)
-    variable = (f"{names.prefix}{NUMBERS}", numbers) if places else None
+    variable = None
+    if places:
+        variable = (f"{names.prefix}{NUMBERS}", numbers)
     library = controller_library(memory, sizes, variable)
     sources = NamedSources.of(library, core, names.prefix)
     readme = template("README.md", name).format(
@@ -205,7 +203,8 @@ def _n_thrusters(scenario: Scenario) -> int:
 
 
 def _require_c_form(scenario: Scenario) -> None:
-    solver, mission = scenario.solver, scenario.mission
+    solver = scenario.solver
+    mission = scenario.mission
     problem = build_levels(scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks)
     mission.check_quantities(problem.quantity_names)
     problems = []
@@ -218,6 +217,6 @@ def _require_c_form(scenario: Scenario) -> None:
     tasks = position_guards.without_c_form(
         scenario.robot, scenario.mission, scenario.dt, problem.quantity_names
     )
-    problems += [f"task {name}: {why}" for name, why in tasks.items()]
+    problems += [f"task {name}: {reason}" for name, reason in tasks.items()]
     if problems:
         raise InvalidInput(f"no form in C: {'; '.join(problems)}")

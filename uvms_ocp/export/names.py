@@ -36,7 +36,7 @@ def export_name(requested: str | None, mission: str) -> str:
 
 
 def _name_like(mission: str) -> str:
-    """The letters and digits of a name, as an identifier of C."""
+    """Return the letters and digits of a name, as an identifier of C."""
     name = re.sub(r"\W+", "_", mission, flags=re.ASCII).strip("_")
     if not name:
         return "mission"
@@ -49,17 +49,25 @@ def _name_like(mission: str) -> str:
 
 
 def structures_in(code: str) -> set[str]:
-    """Names of the structures that C code as kernels have it declares."""
+    """Return the names of the structures that C code as kernels have it declares."""
     return set(_STRUCTURE.findall(code))
 
 
 def functions_in(code: str) -> set[str]:
-    """Names of the functions that C code declares or defines for other files, at the beginning of a
-    line each.
+    """Return the names of the functions that C code declares or defines for other files, at the
+    beginning of a line each.
     """
     return {name for kind, name in _FUNCTION.findall(code) if not _INTERNAL.search(kind)}
 
 
 def with_prefix(code: str, prefix: str, identifiers: Collection[str]) -> str:
-    """C code with the prefix before these identifiers, but not where they are fields or texts."""
-    return _WORD.sub(lambda word: f"{prefix}{word[0]}" if word[0] in identifiers else word[0], code)
+    """Return C code with the prefix before these identifiers, but not where they are fields or
+    texts.
+    """
+
+    def replace(word: re.Match[str]) -> str:
+        if word[0] in identifiers:
+            return f"{prefix}{word[0]}"
+        return word[0]
+
+    return _WORD.sub(replace, code)

@@ -81,7 +81,8 @@ def write_measurement(inputs: Any, estimate: StateEstimate, t: float) -> None:
     inputs.altimeter_range = estimate.altimeter_range
     inputs.age = estimate.age
     inputs.joint_age = estimate.joint_age
-    view(inputs.q)[:], view(inputs.v)[:] = estimate.q, estimate.v
+    view(inputs.q)[:] = estimate.q
+    view(inputs.v)[:] = estimate.v
     for place in range(len(CHANNELS)):
         inputs.trust[place] = Trust.GOOD
         inputs.since[place] = 0.0
@@ -97,12 +98,14 @@ def command_in(outputs: Any, arrays: Any, *, forces: bool) -> Command:
     arrays: `arrays_of` the outputs, of the sizes that the robot has; in C an array of none has one
     entry.
     """
-    v, thrust, torque = (array.copy() for array in (arrays.v, arrays.thrust, arrays.torque))
-    flags: dict[str, Any] = {
-        name: bool(getattr(outputs, name)) for name in ("hold", "stop", "brakes", "finished")
-    }
     return unchecked_command(
-        v=v, thrust=thrust if forces else None, torque=torque if forces else None, **flags
+        v=arrays.v.copy(),
+        thrust=arrays.thrust.copy() if forces else None,
+        torque=arrays.torque.copy() if forces else None,
+        hold=bool(outputs.hold),
+        stop=bool(outputs.stop),
+        brakes=bool(outputs.brakes),
+        finished=bool(outputs.finished),
     )
 
 

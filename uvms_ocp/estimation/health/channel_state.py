@@ -417,51 +417,57 @@ def health_memory(
         c.other_rival = -1
         c.gate.by = -1
         c.gate.or_by = -1
-        c.used = c.refused_at = c.impossible_at = c.bad_at = c.excluded_until = (
-            c.compared_at
-        ) = -math.inf
-        c.taken = c.used_at = math.nan
+        c.used = -math.inf
+        c.refused_at = -math.inf
+        c.impossible_at = -math.inf
+        c.bad_at = -math.inf
+        c.excluded_until = -math.inf
+        c.compared_at = -math.inf
+        c.taken = math.nan
+        c.used_at = math.nan
     for name, spec in specs.items():
         _set_channel(memory.channels[NUMBER[name]], robot, name, spec)
     _set_gates(memory, robot, specs, tuning)
-    delay = specs["joint_positions"].delay if "joint_positions" in specs else 0.0
+    bias = dict.fromkeys(sizes_of(robot), 0.0)
+    sigma = dict.fromkeys(sizes_of(robot), 0.0)
+    delay = dict.fromkeys(sizes_of(robot), 0.0)
+    for name, spec in specs.items():
+        bias[name] = _largest_bias(spec)
+        sigma[name] = spec.sigma
+        delay[name] = spec.delay
     fastest = np.minimum(robot.limits.velocity[robot.joint_v], _FASTEST)
-    memory.encoders.allowed[: robot.n_joints] = (_ENCODER_TRAVEL + delay * fastest).tolist()
+    allowed_travel = _ENCODER_TRAVEL + delay["joint_positions"] * fastest
+    memory.encoders.allowed[: robot.n_joints] = allowed_travel.tolist()
+    memory.encoders.n = 0
     if _is_plain(robot) and robot.n_joints == len(robot.joint_names):
         memory.encoders.n = robot.n_joints
-    else:
-        memory.encoders.n = 0
-    bias = dict.fromkeys(sizes_of(robot), 0.0) | {
-        name: max(map(abs, spec.biases)) for name, spec in specs.items()
-    }
-    noise = {name: bias[name] + (specs[name].sigma if name in specs else 0.0) for name in bias}
+    noise = {name: bias[name] + sigma[name] for name in bias}
     redundancy.init_comparisons(
         memory.velocity, memory.rate, memory.depth, memory.encoder, noise, bias
     )
     memory.encoder.n = memory.encoders.n
-    init_floor(
-        memory.floor, specs["altimeter_range"].sigma if "altimeter_range" in specs else 0.0, tuning
-    )
+    init_floor(memory.floor, sigma["altimeter_range"], tuning)
     return memory
 
 
 def sizes_of(robot: Robot) -> dict[str, tuple[int, ...]]:
-    """The shape of the value of each channel."""
-    n = robot.joint_q.stop - robot.joint_q.start
-    joints = robot.n_joints
-    vehicle = {
+    """Return the shape of the value of each channel."""
+    n_joint_q = robot.joint_q.stop - robot.joint_q.start
+    return {
         "position": (3,),
         "depth": (),
         "attitude": (4,),
         "angular_velocity": (3,),
         "linear_velocity": (3,),
-    }
-    return vehicle | {
         "specific_force": (3,),
-        "joint_positions": (n,),
-        "joint_velocities": (joints,),
+        "joint_positions": (n_joint_q,),
+        "joint_velocities": (robot.n_joints,),
         "altimeter_range": (),
     }
+
+
+def _largest_bias(spec: SensorSpec) -> float:
+    return max(abs(bias) for bias in spec.biases)
 
 
 def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
@@ -480,21 +486,24 @@ def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) ->
 
 
 def _is_plain(robot: Robot) -> bool:
-    """Tell whether each degree of freedom of the joints is one number in q."""
+    """Check that each degree of freedom of the joints is one number in q."""
     return sizes_of(robot)["joint_positions"] == (robot.n_joints,)
 
 
 def _two(names: tuple[str, ...]) -> tuple[int, int]:
-    """Numbers of up to two channels, -1 for none."""
-    first, second, *_ = (*(int(NUMBER[name]) for name in names), -1, -1)
-    return first, second
+    """Return the numbers of up to two channels, -1 for none."""
+    numbers = [int(NUMBER[name]) for name in names]
+    numbers += [-1, -1]
+    return numbers[0], numbers[1]
 
 
 def _set_gates(
     memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
 ) -> None:
-    """The gate of each channel that has one, by what the robot's limits allow."""
-    allowed = _joint_gates(robot) | (_vehicle_gates(robot, tuning) if robot.n_vehicle else {})
+    """Set the gate of each channel that has one, by what the robot's limits allow."""
+    allowed = _joint_gates(robot)
+    if robot.n_vehicle:
+        allowed |= _vehicle_gates(robot, tuning)
     for name, spec in specs.items():
         if name not in allowed or (spec.exact and name in _RATES):
             continue
@@ -507,7 +516,7 @@ def _set_gates(
         gate.supported = of.supported
         gate.alone = of.alone
         gate.most = math.inf
-        gate.noise = _SIGMAS * spec.sigma + max(map(abs, spec.biases))
+        gate.noise = _SIGMAS * spec.sigma + _largest_bias(spec)
         gate.base = of.base + gate.noise + _unforeseen(of, spec, specs)
         gate.by, gate.or_by = _two(of.by)
         gate.jolt = JOLTS[NUMBER[name]]
@@ -519,16 +528,18 @@ def _set_gates(
 
 
 class _Allowed(NamedTuple):
-    """Return by how much an estimate may be off."""
+    """Error that an estimate may have, in the unit of the channel."""
 
     start: int
     """Index at which the value begins in q or v."""
     base: float
+    """Error of an estimate that a reading has just corrected."""
     supported: float
-    """Growth while it is carried."""
+    """Growth [1/s] while other channels support the estimate."""
     alone: float
+    """Growth [1/s] while none does."""
     by: tuple[str, ...]
-    """The channels that carry it."""
+    """Channels that support it."""
     pull: float = math.inf
     """Growth of the growth itself, where the rate of the value is known at first."""
 
@@ -561,18 +572,15 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
 
 
 def _brisk(limits: Array) -> tuple[float, float]:
-    """Norms of the linear and the angular limits (n_v,) of a vehicle in water."""
-    linear, angular = (
-        _BRISK * float(np.linalg.norm(_finite(limits[part]))) for part in (slice(0, 3), slice(3, 6))
-    )
+    """Return the norms of the linear and the angular limits (n_v,) of a vehicle in water."""
+    linear = _BRISK * float(np.linalg.norm(_finite(limits[:3])))
+    angular = _BRISK * float(np.linalg.norm(_finite(limits[3:6])))
     return linear, angular
 
 
 def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
-    v, a = (
-        _finite(limit[robot.joint_v])
-        for limit in (robot.limits.velocity, robot.limits.acceleration)
-    )
+    v = _finite(robot.limits.velocity[robot.joint_v])
+    a = _finite(robot.limits.acceleration[robot.joint_v])
     fastest = _BRISK * float(v.max(initial=0.0))
     quickest = _BRISK * float(a.max(initial=0.0))
     return {

@@ -71,28 +71,25 @@ class GuardedEstimator(TableDisplay):
         self.estimator = estimator
         self.monitor = monitor or health_monitor.HealthMonitor(robot, specs)
         exact = isinstance(estimator, PassThrough)
-        # One of a class of its own may do more than to repeat.
-        if isinstance(estimator, PassThrough) and type(estimator) is PassThrough:
-            plain = estimator
-        else:
-            plain = None
         self.repeated: health_monitor.PassThroughMemory | None = None
-        if plain is not None and self.monitor.repeats:
-            self.repeated = health_monitor.pass_through_memory(plain)
+        # One of a class of its own may do more than to repeat.
+        is_plain = type(estimator) is PassThrough
+        if isinstance(estimator, PassThrough) and is_plain and self.monitor.repeats:
+            self.repeated = health_monitor.pass_through_memory(estimator)
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
         self._needed = health_monitor.supporting_channels(robot, specs, rates=exact)
-        others = health_monitor.fallback_sensors(gyro_from_attitude=gating)
-        self.support = health_monitor.support_of(self._needed, others, exact=exact, gating=gating)
+        fallbacks = health_monitor.fallback_sensors(gyro_from_attitude=gating)
+        self.support = health_monitor.support_of(
+            self._needed, fallbacks, exact=exact, gating=gating
+        )
         """Memory of the kernels, as `repeated` and `outcomes`."""
-        if self._gating is None:
-            numbers = np.zeros(_OUTCOMES)
-        else:
+        numbers = np.zeros(_OUTCOMES)
+        if self._gating is not None:
             numbers = self._gating.outcomes.reshape(-1)
-        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(
-            numbers.data
-        )  # the same memory, as kernels take it
+        # The memory of the filter, as kernels take it.
+        self.outcomes = (ctypes.c_double * numbers.size).from_buffer(numbers.data)
         self._nothing = unchecked_estimate(
             q=robot.configuration(),
             v=np.zeros(robot.n_v),
@@ -104,26 +101,25 @@ class GuardedEstimator(TableDisplay):
     def __call__(
         self, readings: Readings, t: float, command: Command | None = None
     ) -> StateEstimate:
-        """The measurement at time t [s]; `command` has been acting since the last call. Raises what
-        the estimator raises.
+        """Return the estimate at time t [s]; `command` has been acting since the last call. Raises
+        what the estimator raises.
         """
         monitor = self.monitor
         screened = monitor.screen(readings, t, command)
         if not self._has_all_channels and not self._begin(screened):
             return replace_unchecked(self._nothing, health=monitor.judge(self._nothing, t))
-        if self._gating is not None and (
-            monitor.memory.exposed or monitor.memory.velocity_unobserved
-        ):
-            self._gating.inflate_velocity_variance(rests=bool(monitor.memory.velocity_unobserved))
-        measured = self.estimator(screened, t, command)
-        health = monitor.finish(measured, self.support, self.outcomes, t)
+        is_unobserved = bool(monitor.memory.velocity_unobserved)
+        if self._gating is not None and (monitor.memory.exposed or is_unobserved):
+            self._gating.inflate_velocity_variance(rests=is_unobserved)
+        estimate = self.estimator(screened, t, command)
+        health = monitor.finish(estimate, self.support, self.outcomes, t)
         return self._with_support(
-            measured.q,
-            measured.v,
-            measured.altimeter_range,
+            estimate.q,
+            estimate.v,
+            estimate.altimeter_range,
             health,
-            measured.std,
-            measured.altimeter_std,
+            estimate.std,
+            estimate.altimeter_std,
         )
 
     def estimate(self) -> StateEstimate:
@@ -180,6 +176,8 @@ class GuardedEstimator(TableDisplay):
         """Return whether every channel has a reading that a pass-through needs; what is there once
         remains.
         """
-        required = (*self._needed, *({"altimeter_range"} & set(self.monitor.channels)))
+        required = self._needed
+        if "altimeter_range" in self.monitor.channels:
+            required = (*required, "altimeter_range")
         self._has_all_channels = all(getattr(readings, name) is not None for name in required)
         return self._has_all_channels

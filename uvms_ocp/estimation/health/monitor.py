@@ -95,9 +95,8 @@ def fallback_sensors(*, gyro_from_attitude: bool) -> dict[str, FallbackSensor]:
     return gyro | {
         "position": FallbackSensor("linear_velocity", math.inf),
         "linear_velocity": FallbackSensor("position", math.inf),
-        "attitude": FallbackSensor(
-            "angular_velocity", 10.0
-        ),  # by then 0.01 rad at a drift of 1e-3 rad/s
+        # By then 0.01 rad at a drift of 1e-3 rad/s.
+        "attitude": FallbackSensor("angular_velocity", 10.0),
     }
 
 
@@ -107,11 +106,11 @@ def supporting_channels(robot: Robot, specs: SensorSpecs, *, rates: bool) -> tup
 
     The altitude has a state of its own: its range is nan without an echo.
     """
-    channels = (
-        ((*_VEHICLE,) if robot.n_vehicle else ())
-        + JOINT_CHANNELS
-        + (("joint_velocities",) if rates else ())
-    )
+    channels = [*JOINT_CHANNELS]
+    if robot.n_vehicle:
+        channels = [*_VEHICLE, *channels]
+    if rates:
+        channels.append("joint_velocities")
     return tuple(name for name in channels if getattr(specs, name) is not None)
 
 
@@ -184,9 +183,9 @@ class PassThroughMemory(Layout):
     n: int
     """Channels of either."""
     of_q: Annotated[list[int], Sized(3)]
-    """(n,) their numbers, one after the other."""
+    """(n,) numbers of the channels of q, one after the other."""
     of_v: Annotated[list[int], Sized(3)]
-    """(n,) """
+    """(n,) numbers of the channels of v, one after the other."""
 
 
 def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
@@ -194,10 +193,8 @@ def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     memory = structure_of(PassThroughMemory)()
     n = len(estimator.q_channels)
     memory.n = n
-    memory.of_q[:n], memory.of_v[:n] = (
-        [int(NUMBER[name]) for name in names]
-        for names in (estimator.q_channels, estimator.v_channels)
-    )
+    memory.of_q[:n] = [int(NUMBER[name]) for name in estimator.q_channels]
+    memory.of_v[:n] = [int(NUMBER[name]) for name in estimator.v_channels]
     return memory
 
 
@@ -216,10 +213,6 @@ def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
             there += 1
 
 
-# Monitor the health of all channels: screen readings before the filter, and judge every channel
-# after it.
-
-
 class ChannelBuffer:
     """Buffer of a channel's readings, from Python to the kernels and back to the filter."""
 
@@ -235,7 +228,7 @@ class ChannelBuffer:
         self._scalar = shape == ()
         self._value = np.ctypeslib.as_array(memory.value)[: memory.size]
         self.seen: Reading[Any] | None = None
-        """The newest."""
+        """Newest reading."""
         self.used: Reading[Any] | None = None
         """The last reading that was not refused, which the filter sees; it may state that there is
         nothing to read.
@@ -436,16 +429,14 @@ class HealthMonitor:
         """`screen_tick`, `finish_tick` and `screen_and_finish_tick`."""
         shapes = channel_state.sizes_of(robot)
         self._texts = ReasonTexts(robot.joint_names)
-        self._buffers = {
-            name: ChannelBuffer(memory.channels[NUMBER[name]], shapes[name], self._texts)
-            for name in present
-        }
+        self._buffers = dict[str, ChannelBuffer]()
+        for name in present:
+            channel = memory.channels[NUMBER[name]]
+            self._buffers[name] = ChannelBuffer(channel, shapes[name], self._texts)
         self._places = tuple(self._buffers.get(name) for name in CHANNELS)
-        self._beam: AltimeterMount | None
+        self._beam: AltimeterMount | None = None
         if "altimeter_range" in present and frame:
             self._beam = AltimeterMount(robot, frame, memory.now)
-        else:
-            self._beam = None
         self._joint_q = robot.joint_q
         self._joint_v = robot.joint_v
         self._q = np.ctypeslib.as_array(memory.now.q)
@@ -459,12 +450,12 @@ class HealthMonitor:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of those that the robot has, in the order of `health`."""
+        """Names of the channels that the robot has, in the order of `health`."""
         return tuple(self._buffers)
 
     @property
     def health(self) -> tuple[ChannelHealth, ...]:
-        """The verdicts of the last tick."""
+        """Verdicts of the last tick."""
         return self._health
 
     @property
@@ -472,8 +463,11 @@ class HealthMonitor:
         """(n_v,) [m, rad] by which q may be off since readings were refused and came back
         elsewhere.
         """
-        vehicle = ("position",) * 3 + ("attitude",) * 3 if len(self._v) > len(self._rates) else ()
-        names = (*vehicle, *("joint_positions",) * len(self._rates))
+        n_joints = len(self._rates)
+        names = ["joint_positions"] * n_joints
+        has_vehicle = len(self._v) > n_joints
+        if has_vehicle:
+            names = ["position"] * 3 + ["attitude"] * 3 + names
         return np.array([self.memory.channels[NUMBER[name]].unexplained for name in names])
 
     def screen(self, readings: Readings, t: float, command: Command | None = None) -> Readings:
@@ -487,13 +481,14 @@ class HealthMonitor:
         self._use(fresh)
         if not self.memory.n_behind and not strange:
             return readings
-        return signals.unchecked_readings(
-            **{name: buffer.used for name, buffer in self._buffers.items()}
-        )
+        used = {name: buffer.used for name, buffer in self._buffers.items()}
+        return signals.unchecked_readings(**used)
 
     @property
     def repeats(self) -> bool:
-        """`screen_and_finish_tick` can be used: the altimeter is not carried by the arm."""
+        """True where `screen_and_finish_tick` can be used: the altimeter is not carried by the
+        arm.
+        """
         return self._beam is None or not self._beam.moves
 
     def _ingest(self, readings: Readings) -> tuple[list[ChannelBuffer], bool]:
@@ -563,19 +558,16 @@ class HealthMonitor:
 
     def publish(self, t: float) -> None:
         """Publish the verdicts that changed at time t [s], and log alarms."""
-        changed = {
-            name: buffer.memory for name, buffer in self._buffers.items() if buffer.memory.changed
-        }
-        verdicts = {
-            name: _health(
-                channel=name, trust=Trust(c.trust), why=self._texts.of(name, c.complaint), since=t
-            )
-            for name, c in changed.items()
-        }
+        verdicts = dict[str, ChannelHealth]()
+        for name, buffer in self._buffers.items():
+            channel = buffer.memory
+            if not channel.changed:
+                continue
+            reason = self._texts.of(name, channel.complaint)
+            verdict = _health(channel=name, trust=Trust(channel.trust), why=reason, since=t)
+            verdicts[name] = verdict
+            self.alarms.append((t, _describe(verdict, channel.shift)))
         self._health = tuple(verdicts.get(verdict.channel, verdict) for verdict in self._health)
-        self.alarms += [
-            (t, _describe(verdict, changed[name].shift)) for name, verdict in verdicts.items()
-        ]
 
 
 def _present(robot: Robot, specs: SensorSpecs, altimeter_frame: str | None) -> list[str]:
@@ -589,8 +581,7 @@ def _describe(verdict: ChannelHealth, shift: float) -> str:
     word = verdict.trust.name.lower()
     if verdict.why:
         return f"{verdict.channel} {word}: {verdict.why}"
+    elsewhere = ""
     if shift > 0.0:
         elsewhere = f", {shift:.2g} {UNITS[verdict.channel]} from where it was before"
-    else:
-        elsewhere = ""
     return f"{verdict.channel} {word} again{elsewhere}"

@@ -117,7 +117,7 @@ class ReasonTexts:
         self._shapes: list[str] = []
 
     def shape(self, actual: tuple[int, ...], expected: tuple[int, ...]) -> int:
-        """A number for a value of a wrong shape, from 1."""
+        """Return a number for a value of a wrong shape, from 1."""
         text = f"a value of shape {actual} in place of {expected or 'a number'}"
         if text not in self._shapes:
             self._shapes.append(text)
@@ -125,7 +125,8 @@ class ReasonTexts:
 
     def of(self, channel: str, why: Any) -> str:
         """Describe a reason that the health memory keeps as numbers."""
-        a, b = why.first, why.second
+        a = why.first
+        b = why.second
         if why.code == Reason.SHAPE:
             return self._shapes[int(a) - 1]
         if why.code == Reason.STILL:
@@ -139,6 +140,6 @@ class ReasonTexts:
             return f"{a:.3g} {UNITS[channel]}, more than the {b:.2g} that can be"
         if why.code == Reason.OFF:
             return f"{a:.3g} {UNITS[channel]} off the estimate, allowed {b:.2g}"
-        return _TEXTS[Reason(why.code).name.lower()].format(
-            a=a, b=b, component=f", component {b:.0f}" if b else ""
-        )
+        component = f", component {b:.0f}" if b else ""
+        text = _TEXTS[Reason(why.code).name.lower()]
+        return text.format(a=a, b=b, component=component)
