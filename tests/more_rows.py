@@ -22,24 +22,28 @@ def extended(task: Task, more: Callable[[Rows, Task], Rows]) -> Task:
         return more(kind.rows(self, symbols, parameters), self)
 
     wide = object.__new__(type(kind.__name__, (kind,), {"rows": rows}))
-    for one in fields(task):  # type: ignore[arg-type]
-        object.__setattr__(wide, one.name, getattr(task, one.name))
+    for field in fields(task):  # type: ignore[arg-type]
+        object.__setattr__(wide, field.name, getattr(task, field.name))
     return wide
 
 
 _ROWS = ("jacobian", "rate", "lower", "upper", "activation")
 
 
-def with_a_row_of_zeros(own: Rows, task: Task) -> Rows:
+def with_a_row_of_zeros(rows: Rows, task: Task) -> Rows:
     """Which no motion changes, and which asks for nothing."""
-    zero = {name: ca.SX(1, getattr(own, name).shape[1]) for name in _ROWS}
-    zero |= {"activation": ca.SX.ones(1)} if task.equality else {"upper": ca.SX.inf(1)}
-    return replace(
-        own, **{name: ca.vertcat(getattr(own, name), added) for name, added in zero.items()}
-    )
+    added = {name: ca.SX(1, getattr(rows, name).shape[1]) for name in _ROWS}
+    if task.equality:
+        added["activation"] = ca.SX.ones(1)
+    else:
+        added["upper"] = ca.SX.inf(1)
+    return _with_rows(rows, added)
 
 
-def with_its_last_row_twice(own: Rows, task: Task) -> Rows:
-    return replace(
-        own, **{name: ca.vertcat(getattr(own, name), getattr(own, name)[-1, :]) for name in _ROWS}
-    )
+def with_its_last_row_twice(rows: Rows, task: Task) -> Rows:
+    return _with_rows(rows, {name: getattr(rows, name)[-1, :] for name in _ROWS})
+
+
+def _with_rows(rows: Rows, added: dict[str, ca.SX]) -> Rows:
+    longer = {name: ca.vertcat(getattr(rows, name), row) for name, row in added.items()}
+    return replace(rows, **longer)

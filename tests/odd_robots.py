@@ -88,10 +88,10 @@ class Pair:
         if self.kind == "planar":
             x, y, c, s = q[PLANE]
             between = [x, y, np.arctan2(s, c)]
-        there = np.concatenate([q[:7], np.zeros(self.twin.n_joints)])
-        return self.twin.with_joint_values(
-            there, np.array([first, *(between if self.kind != "zero range" else ()), last])
-        )
+        if self.kind == "zero range":
+            between = []
+        vehicle_moved = np.concatenate([q[:7], np.zeros(self.twin.n_joints)])
+        return self.twin.with_joint_values(vehicle_moved, np.array([first, *between, last]))
 
     def velocities(self, q: np.ndarray) -> np.ndarray:
         """(n_v of the twin, n_v) from velocities of the odd robot at q (n_q,) to those of the
@@ -139,11 +139,10 @@ def reach_of(robot: Robot, **options: Any) -> uo.Scenario:
         ToolPosition(goal=uo.pose_at(tuple(tool))),
         vehicle,
     ]
-    there = uo.Transition(
-        to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=0.02),), hold=0.5
-    )
+    arrived = uo.Below(quantity="TP.position_error", limit=0.02)
+    end = uo.Transition(to=uo.DONE, when=(arrived,), hold=0.5)
     phase = uo.Phase(
-        name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(there,)
+        name="reach", activations={task.name: 1.0 for task in tasks}, transitions=(end,)
     )
     return uo.Scenario(
         name="odd",

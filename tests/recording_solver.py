@@ -35,17 +35,21 @@ class RecordingSolver:
             _recorded,
             self.solver.bind(levels_function, sizes),
             self.ticks,
-            {"gates": np.zeros(0), "left": 0},
+            {"gates": np.zeros(0), "remaining": 0},
         )
 
 
-def _recorded(tick: Tick, ticks: list[RecordedTick], seen: dict, *inputs: np.ndarray) -> TickResult:
+def _recorded(
+    tick: Tick, ticks: list[RecordedTick], memory: dict, *inputs: np.ndarray
+) -> TickResult:
     result = tick(*inputs)
     gates = np.sign(inputs[-1])
-    changed = not np.array_equal(gates, seen["gates"])
-    seen["gates"], seen["left"] = gates, _WINDOW if changed else seen["left"] - 1
-    if seen["left"] > 0:
-        ticks.append(
-            RecordedTick(inputs=tuple(np.array(value, dtype=float) for value in inputs), v=result.v)
-        )
+    if np.array_equal(gates, memory["gates"]):
+        memory["remaining"] -= 1
+    else:
+        memory["remaining"] = _WINDOW
+    memory["gates"] = gates
+    if memory["remaining"] > 0:
+        copies = tuple(np.array(value, dtype=float) for value in inputs)
+        ticks.append(RecordedTick(inputs=copies, v=result.v))
     return result

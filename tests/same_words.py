@@ -11,10 +11,9 @@ _SHOWN = 1e-2
 """of a number that is shown with three digits."""
 
 
-def require_same_words(found: str, wanted: str) -> None:
+def require_same_words(text: str, expected: str) -> None:
     """The same words, and numbers that are the same as far as they are shown."""
-    assert _NUMBER.split(found) == _NUMBER.split(wanted)
-    numbers, others = (
-        [float(number) for number in _NUMBER.findall(text)] for text in (found, wanted)
-    )
-    assert numbers == pytest.approx(others, rel=_SHOWN)
+    assert _NUMBER.split(text) == _NUMBER.split(expected)
+    numbers = [float(number) for number in _NUMBER.findall(text)]
+    expected_numbers = [float(number) for number in _NUMBER.findall(expected)]
+    assert numbers == pytest.approx(expected_numbers, rel=_SHOWN)

@@ -16,7 +16,7 @@ from uvms_ocp.interrupts import Stopped, raised_outside_casadi
 pytestmark = PYTHON_MAY_LOSE_IT
 
 
-class Thing:
+class Referent:
     """What a weak reference may be of."""
 
 
@@ -51,8 +51,8 @@ def test_a_press_within_what_garbage_collection_calls_ends_the_block() -> None:
 
 
 def test_a_press_within_a_callback_of_a_weak_reference_ends_the_block() -> None:
-    thing = Thing()
-    keeper = weakref.ref(thing, lambda _: press())
+    referent = Referent()
+    keeper = weakref.ref(referent, lambda _: press())
     with pytest.raises(Stopped), raised_outside_casadi():
-        del thing
+        del referent
     assert keeper() is None

@@ -31,7 +31,7 @@ def completer() -> Any:
 def found(completer: Any, text: str) -> set[str]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return {one.text for one in completer.completions(text, len(text))}
+        return {completion.text for completion in completer.completions(text, len(text))}
 
 
 def test_tab_finds_joints_and_varied_values_in_brackets(completer: Any) -> None:

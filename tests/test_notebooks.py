@@ -43,7 +43,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     pip = [*python, "pip", "install", "--quiet", "--no-deps", "--no-index", "--target", site, wheel]
     subprocess.run(pip, cwd=folder, check=True, capture_output=True)
     environment = os.environ | {"PYTHONPATH": str(site)}
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", WHERE],
         cwd=folder,
         env=environment,
@@ -51,7 +51,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         capture_output=True,
         text=True,
     )
-    assert Path(found.stdout.strip()).is_relative_to(site)
+    assert Path(process.stdout.strip()).is_relative_to(site)
     return environment
 
 

@@ -89,7 +89,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[str]
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    own = {
+    folders = {
         "JUPYTER_CONFIG_DIR": home / "config",
         "JUPYTER_DATA_DIR": home / "data",
         "JUPYTER_RUNTIME_DIR": home / "runtime",
@@ -109,7 +109,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Iterator[str]
     command = [sys.executable, "-m", "jupyterlab", *options]
     server = subprocess.Popen(
         command,
-        env=os.environ | {key: str(path) for key, path in own.items()},
+        env=os.environ | {key: str(path) for key, path in folders.items()},
         stdout=log,
         stderr=log,
     )
@@ -255,9 +255,9 @@ def test_scenes_share_a_viewer_and_tell_python_what_is_dragged(
     # scene.
     cells = [cell | {"source": f"{cell['source']}  # copied"} for cell in notebook.cells()]
     _write_notebook(folder / "copied.ipynb", cells)
-    other = page.context.browser.new_page(viewport={"width": 1400, "height": 1000})
-    copied = Notebook(other, lab, "copied")
-    shown = other.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output")
+    second_page = page.context.browser.new_page(viewport={"width": 1400, "height": 1000})
+    copied = Notebook(second_page, lab, "copied")
+    shown = second_page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-OutputArea-output")
     _until(lambda: shown.count() >= 3, copied.text)
     assert shown.nth(0).inner_text().startswith("A scene is drawn here by scripts")
     assert shown.nth(1).inner_text().startswith("A scene is drawn here by scripts")

@@ -73,7 +73,7 @@ def test_joints_that_all_turn_or_all_slide_have_one_unit_everywhere(name: str) -
     texts += [
         show(record, robot).html,
         str(record),
-        *(one.unit for one in available_parameters(scenario).values()),
+        *(parameter.unit for parameter in available_parameters(scenario).values()),
     ]
     assert any("rad" in text for text in texts)
     assert not [text[:200] for text in texts if re.search("(rad|rad/s|N m) or (m|N)", text)]
@@ -86,19 +86,17 @@ def test_each_joint_has_the_unit_of_its_kind() -> None:
     assert units[6:] == ["m/s", "rad/s"]
     row = summarize(record)["resources"][-1]
     limits = robot.limits
-    away = np.minimum(
-        record["q"][:, 7:] - limits.position_lower, limits.position_upper - record["q"][:, 7:]
-    ).min(axis=0)
-    np.testing.assert_allclose([row["joint_margin_m"], row["joint_margin_rad"]], away)
+    joints = record["q"][:, 7:]
+    margins = np.minimum(joints - limits.position_lower, limits.position_upper - joints)
+    smallest = margins.min(axis=0)
+    np.testing.assert_allclose([row["joint_margin_m"], row["joint_margin_rad"]], smallest)
     way = np.abs(record["v"][:-1, 6:]).sum(axis=0) * record.run_meta.dt
     np.testing.assert_allclose([row["joint_path_m"], row["joint_path_rad"]], way)
     old = record.meta.model_copy(update={"sliding": None})
     assert column_units("v", robot.n_v, old)[6:] == ["rad/s or m/s"] * 2
-    both = {
-        one["figure"]
-        for one in compare(record, scenario_of(robot_of(TINY["one wet link"]), "kinematic").run())
-    }
-    assert {"joint_path_m", "joint_path_rad"} <= both
+    turning = scenario_of(robot_of(TINY["one wet link"]), "kinematic").run()
+    figures = {row["figure"] for row in compare(record, turning)}
+    assert {"joint_path_m", "joint_path_rad"} <= figures
 
 
 def test_errors_of_joints_that_turn_and_that_slide_are_told_apart() -> None:
@@ -106,13 +104,12 @@ def test_errors_of_joints_that_turn_and_that_slide_are_told_apart() -> None:
     record = scenario.run()
     half = slice(len(record) // 2, None)
     errors = (record["q_estimated"] - record["q"])[half, 7:]
-    rms, spread = (
-        np.sqrt((values**2).mean(axis=0)) for values in (errors, record["q_std"][half, 6:])
-    )
-    found = {row["of"]: row for row in estimate_table(record)}
-    assert [*found] == ["position", "attitude", "joints", "sliding joints"]
+    rms = np.sqrt((errors**2).mean(axis=0))
+    spread = np.sqrt((record["q_std"][half, 6:] ** 2).mean(axis=0))
+    rows = {row["of"]: row for row in estimate_table(record)}
+    assert [*rows] == ["position", "attitude", "joints", "sliding joints"]
     for name, k in (("sliding joints", 0), ("joints", 1)):
-        assert (found[name]["rms"], found[name]["spread"]) == pytest.approx((rms[k], spread[k]))
+        assert (rows[name]["rms"], rows[name]["spread"]) == pytest.approx((rms[k], spread[k]))
 
 
 def test_a_robot_of_which_nothing_moves_is_refused() -> None:

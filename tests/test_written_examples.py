@@ -82,8 +82,10 @@ def unknown_words(command: Any, words: list[str]) -> list[str]:
         if name not in command.commands:
             return [name]
         command = command.commands[name]
-    known = {"--help", *(option for item in command.params for option in item.opts)}
-    return [word for word in words if word.startswith("--") and word not in known]
+    options = {"--help"}
+    for parameter in command.params:
+        options.update(parameter.opts)
+    return [word for word in words if word.startswith("--") and word not in options]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

@@ -37,11 +37,11 @@ class Call:
 
 def surface() -> list[Call]:
     """Everything public that takes arguments, by name."""
-    found: dict[str, Call] = {}
-    for thing in _exported():
-        for call in _calls(thing):
-            found.setdefault(call.title, call)
-    return sorted(found.values(), key=lambda call: call.title)
+    calls: dict[str, Call] = {}
+    for exported in _exported():
+        for call in _calls(exported):
+            calls.setdefault(call.title, call)
+    return sorted(calls.values(), key=lambda call: call.title)
 
 
 def _exported() -> Iterator[Any]:
@@ -52,37 +52,34 @@ def _exported() -> Iterator[Any]:
             yield from (getattr(package, name) for name in exported_names(init))
     yield Watchdog
     for module in OTHERS:
-        yield from (
-            item
-            for item in vars(module).values()
-            if inspect.isclass(item) and item.__module__ == module.__name__
-        )
+        for item in vars(module).values():
+            if inspect.isclass(item) and item.__module__ == module.__name__:
+                yield item
 
 
-def _calls(thing: Any) -> Iterator[Call]:
-    if inspect.isfunction(thing):
-        yield from _call(thing.__name__, thing, None)
+def _calls(exported: Any) -> Iterator[Call]:
+    if inspect.isfunction(exported):
+        yield from _call(exported.__name__, exported, None)
     if (
-        not inspect.isclass(thing)
-        or issubclass(thing, (BaseException, Enum))
-        or getattr(thing, "_is_protocol", False)
+        not inspect.isclass(exported)
+        or issubclass(exported, (BaseException, Enum))
+        or getattr(exported, "_is_protocol", False)
     ):
         return
-    if not inspect.isabstract(thing):
-        yield from _call(thing.__name__, thing, None)
-    for name, member in vars(thing).items():
+    if not inspect.isabstract(exported):
+        yield from _call(exported.__name__, exported, None)
+    for name, member in vars(exported).items():
         if name.startswith("_") and name != "__call__":
             continue
         if isinstance(member, (staticmethod, classmethod)):
-            yield from _call(f"{thing.__name__}.{name}", getattr(thing, name), None)
+            yield from _call(f"{exported.__name__}.{name}", getattr(exported, name), None)
         elif inspect.isfunction(member) and not getattr(member, "__isabstractmethod__", False):
-            yield from _call(f"{thing.__name__}.{name}", member, thing)
+            yield from _call(f"{exported.__name__}.{name}", member, exported)
 
 
 def _call(title: str, function: Callable[..., Any], owner: type | None) -> Iterator[Call]:
-    parameters = dict(
-        inspect.signature(inspect.unwrap(function)).parameters
-    )  # its own, without what completion is shown
+    signature = inspect.signature(inspect.unwrap(function))  # without what completion is shown
+    parameters = dict(signature.parameters)
     parameters.pop("self", None)
     if parameters:
         yield Call(title=title, function=function, owner=owner, parameters=parameters)

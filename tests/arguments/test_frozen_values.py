@@ -41,22 +41,19 @@ COPIES: list[Callable[[Any], Any]] = [
 
 
 def test_the_list_of_errors_is_complete() -> None:
-    known = {
-        cls
-        for cls in vars(exceptions).values()
-        if isinstance(cls, type) and issubclass(cls, UvmsError)
-    }
-    assert {type(error) for error in ERRORS} == known
+    classes = [value for value in vars(exceptions).values() if isinstance(value, type)]
+    errors = {cls for cls in classes if issubclass(cls, UvmsError)}
+    assert {type(error) for error in ERRORS} == errors
 
 
 @pytest.mark.parametrize("again", COPIES, ids=["pickle", "copy", "deepcopy"])
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_errors_survive(error: UvmsError, again: Callable[[Any], Any]) -> None:
-    found = again(error)
-    assert type(found) is type(error)
-    assert (str(found), found.args, vars(found)) == (str(error), error.args, vars(error))
+    survivor = again(error)
+    assert type(survivor) is type(error)
+    assert (str(survivor), survivor.args, vars(survivor)) == (str(error), error.args, vars(error))
     if isinstance(error, OSError):
-        assert (found.errno, found.filename) == (error.errno, error.filename)
+        assert (survivor.errno, survivor.filename) == (error.errno, error.filename)
 
 
 @pytest.mark.parametrize(
@@ -88,13 +85,13 @@ def test_values_do_not_change_with_what_they_were_made_of() -> None:
         name: getattr(scenario(), name)
         for name in ("name", "robot", "mission", "environment", "plant", "solver")
     }
-    made = Scenario(start=start, **options)
+    own_scenario = Scenario(start=start, **options)
     water = Water(velocity=u, acceleration=u)
     phase = Phase(name="A", activations=activations, transitions=transitions)
     record = Record(series={"t": t}, meta=run_record().meta)
     start[0], u[0], activations["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
     transitions.clear()
-    assert made.start[0] != 1e3
+    assert own_scenario.start[0] != 1e3
     assert not water.velocity.any()
     assert not water.acceleration.any()
     assert phase.activations == {"HA": 1.0}
@@ -143,15 +140,15 @@ def test_frozen_values_survive(again: Callable[[Any], Any]) -> None:
 def test_values_of_a_tick_are_copies_to_users_and_as_they_are_to_the_loop() -> None:
     q, v = np.zeros(5), np.zeros(5)
     copied = State(q=q, v=v)
-    taken = unchecked_constructor(State)(q=q, v=v)
+    uncopied = unchecked_constructor(State)(q=q, v=v)
     q[0] = 1.0
     assert copied.q[0] == 0.0
-    assert taken.q is q
-    assert type(taken) is State
+    assert uncopied.q is q
+    assert type(uncopied) is State
     with pytest.raises(FrozenInstanceError):
-        taken.q = q  # type: ignore[misc]
+        uncopied.q = q  # type: ignore[misc]
     with pytest.raises(FrozenInstanceError):
-        del taken.q
+        del uncopied.q
     assert unchecked_constructor(Reading)(value=q, t=0.0).value is q
     assert unchecked_constructor(StateEstimate)(q=q, v=v, altimeter_range=1.0).age == 0.0
     assert (

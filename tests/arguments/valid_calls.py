@@ -83,15 +83,12 @@ STARRED = (Parameter.VAR_POSITIONAL, Parameter.VAR_KEYWORD)
 
 def right_arguments(call: Call) -> dict[str, Any]:
     """Of one right call: what has no default, and what `ARGUMENTS` gives."""
-    given = dict(ARGUMENTS.get(call.title, dict)())
+    arguments = dict(ARGUMENTS.get(call.title, dict)())
     for name, parameter in call.parameters.items():
-        if (
-            name not in given
-            and parameter.default is parameter.empty
-            and parameter.kind not in STARRED
-        ):
-            given[name] = from_pool(str(parameter.annotation), name)
-    return given
+        is_required = parameter.default is parameter.empty and parameter.kind not in STARRED
+        if is_required and name not in arguments:
+            arguments[name] = from_pool(str(parameter.annotation), name)
+    return arguments
 
 
 def from_pool(annotation: str, name: str) -> Any:
@@ -965,8 +962,8 @@ def _campaign_folder() -> Path:
     """Of a campaign with one run that is finished; it has no rows of others."""
     campaign = _campaign()
     folder = Path(mkdtemp())
-    with opened(folder, campaign.identity(), {}) as kept:
-        kept.add(attempt_job(campaign.work, 0, "here"))
+    with opened(folder, campaign.identity(), {}) as store:
+        store.add(attempt_job(campaign.work, 0, "here"))
     return folder
 
 

@@ -57,41 +57,59 @@ def texts(node: ast.AST, docstrings: frozenset[int]) -> Iterator[str]:
 def said(path: Path, functions: Collection[str] = ()) -> Iterator[str]:
     """All strings of a module, or of some of its functions."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    docstrings = frozenset(id(one.value) for one in ast.walk(tree) if isinstance(one, ast.Expr))
-    for each in (
-        [one for one in tree.body if getattr(one, "name", None) in functions]
-        if functions
-        else [tree]
-    ):
-        yield from texts(each, docstrings)
+    statements = [node for node in ast.walk(tree) if isinstance(node, ast.Expr)]
+    docstrings = frozenset(id(statement.value) for statement in statements)
+    if not functions:
+        yield from texts(tree, docstrings)
+        return
+    for node in tree.body:
+        if getattr(node, "name", None) in functions:
+            yield from texts(node, docstrings)
 
 
-CODE = {text for path in Path(str(package.__file__)).parent.glob("*.py") for text in said(path)}
-DOUBTFUL = {
-    text
-    for module in (sample_checks, data_quality, *PARTLY)
-    for text in said(Path(str(module.__file__)), PARTLY.get(module, ()))
-    if text.count(" ") >= FEWEST
-}
+def all_texts() -> set[str]:
+    """Of all modules of identification."""
+    code = set()
+    for path in Path(str(package.__file__)).parent.glob("*.py"):
+        code.update(said(path))
+    return code
+
+
+def doubtful_texts() -> set[str]:
+    """Of the code that raises doubts."""
+    doubtful = set()
+    for module in (sample_checks, data_quality, *PARTLY):
+        for text in said(Path(str(module.__file__)), PARTLY.get(module, ())):
+            if text.count(" ") >= FEWEST:
+                doubtful.add(text)
+    return doubtful
+
+
+CODE = all_texts()
+DOUBTFUL = doubtful_texts()
 
 
 @pytest.mark.parametrize("text", sorted(DOUBTFUL))
 def test_every_doubt_of_the_code_is_listed(text: str) -> None:
-    listed = [one.says for one in DOUBTS if re.search(one.says, text)]
+    listed = [doubt.says for doubt in DOUBTS if re.search(doubt.says, text)]
     assert len(listed) == 1 or any(part in text for part in PARTS), (
         f"list it in benchmarks/spoiled/doubts.py: {text}"
     )
 
 
-@pytest.mark.parametrize("doubt", DOUBTS, ids=lambda one: one.looks_for)
+@pytest.mark.parametrize("doubt", DOUBTS, ids=lambda doubt: doubt.looks_for)
 def test_every_listed_doubt_is_raised_by_code_and_has_recordings_that_are_spoiled_for_it(
     doubt: object,
 ) -> None:
-    says, stated = doubt.says, doubt.stated  # type: ignore[attr-defined]
-    assert all(any(re.search(one, text) for text in CODE) for one in says.split("|"))
-    assert any(says in kind.meant for kind in KINDS) != stated
+    says = doubt.says  # type: ignore[attr-defined]
+    for pattern in says.split("|"):
+        assert any(re.search(pattern, text) for text in CODE)
+    is_spoiled_for = any(says in kind.meant for kind in KINDS)
+    assert is_spoiled_for != doubt.stated  # type: ignore[attr-defined]
 
 
 def test_every_kind_of_spoiling_is_meant_for_doubts_that_there_are() -> None:
-    assert {one for kind in KINDS for one in kind.meant} <= {one.says for one in DOUBTS}
+    patterns = {doubt.says for doubt in DOUBTS}
+    for kind in KINDS:
+        assert set(kind.meant) <= patterns
     assert len({kind.how for kind in KINDS}) == len(KINDS)

@@ -67,16 +67,18 @@ def test_every_change_changes_a_sound_robot(arms: int) -> None:
 
 
 _OF_ARMS = (
-    *(
-        "no tip",
-        "two ends",
-        "camera on the wrist",
-        "fingers",
-        "continuous joints",
-        "a prismatic joint",
-        "a planar joint",
-    ),
-    *("zero range", "range without 0", "no limits", "limits of 0", "a joint that mimics"),
+    "no tip",
+    "two ends",
+    "camera on the wrist",
+    "fingers",
+    "continuous joints",
+    "a prismatic joint",
+    "a planar joint",
+    "zero range",
+    "range without 0",
+    "no limits",
+    "limits of 0",
+    "a joint that mimics",
 )
 
 
@@ -87,9 +89,9 @@ def test_totals_count_each_file_under_both_of_its_changes() -> None:
         {"first": first, "second": second, "outcome": "through"},
         {"first": first, "second": "x", "outcome": "fault"},
     ]
-    found = {row["change"]: row for row in totals(rows)}
-    assert (found[first]["through"], found[first]["fault"], found[second]["files"]) == (1, 1, 1)
-    assert (found["all"]["files"], found["all"]["through"]) == (2, 1)
+    total = {row["change"]: row for row in totals(rows)}
+    assert (total[first]["through"], total[first]["fault"], total[second]["files"]) == (1, 1, 1)
+    assert (total["all"]["files"], total["all"]["through"]) == (2, 1)
 
 
 @pytest.mark.parametrize("reason", REASONS)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from itertools import product
 
 import numpy as np
 import pytest
 from compiler import long_without_compiler
+from recording.rows import column, known_values, rows_where
 from studies.fault_study import by_kind, faults, nominal, run_faults
 from studies.fault_table import GUSTY, KINDS, PAIR, PHASES, SIZES, STILL
 from studies.fault_truth import (
@@ -47,11 +49,8 @@ def _record(scenario: Scenario) -> Record:
 
 
 def test_every_channel_that_robots_have_by_default_fails_in_seven_ways() -> None:
-    channels = {
-        field.name
-        for field in fields(SensorSpecs)
-        if getattr(SensorSpecs(), field.name) is not None
-    }
+    names = [field.name for field in fields(SensorSpecs)]
+    channels = {name for name in names if getattr(SensorSpecs(), name) is not None}
     assert set(SIZES) >= channels
     for channel in channels:
         for word in ("frozen", "lost", "nan", "spikes", "bias", "drift", "late"):
@@ -61,25 +60,25 @@ def test_every_channel_that_robots_have_by_default_fails_in_seven_ways() -> None
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_kind_can_befall_the_mission(name: str, scenario: Scenario) -> None:
-    struck = KINDS[name].faults(12.3)
-    assert {fault.onset for fault in struck} == {12.3}
-    assert case1(noise=True, faults=struck).faults == struck
+    faults_of_kind = KINDS[name].faults(12.3)
+    assert {fault.onset for fault in faults_of_kind} == {12.3}
+    assert case1(noise=True, faults=faults_of_kind).faults == faults_of_kind
 
 
 def test_the_cases_cross_kinds_phases_and_seeds() -> None:
     cases = faults().cases
     assert len({repr(case) for case in cases}) == len(cases) == 20 * len(KINDS) + 200 + 2 * 100
-    assert {(case["kind"], case["phase"], case["seed"]) for case in cases} >= {
-        (kind, phase, seed) for kind in KINDS for phase in PHASES for seed in range(5)
-    }
+    crossed = {(case["kind"], case["phase"], case["seed"]) for case in cases}
+    assert crossed >= set(product(KINDS, PHASES, range(5)))
 
 
 def test_pairs_are_two_kinds_each_with_its_phase_and_the_same_every_time() -> None:
-    pairs = [case for case in faults(n=1, fault_free=0).cases if case["kind"] == PAIR]
-    assert pairs == [case for case in faults(n=2, fault_free=3).cases if case["kind"] == PAIR]
+    pairs = rows_where(faults(n=1, fault_free=0).cases, "kind", PAIR)
+    assert pairs == rows_where(faults(n=2, fault_free=3).cases, "kind", PAIR)
     assert all(len(set(case["pair"])) == len(case["phase"].split()) == 2 for case in pairs)
-    assert {name for case in pairs for name in case["pair"]} >= set(list(KINDS)[:10])
-    assert len({case["seed"] for case in pairs}) == len(pairs) == 200
+    kinds = set().union(*column(pairs, "pair"))
+    assert kinds >= set(list(KINDS)[:10])
+    assert len(set(column(pairs, "seed"))) == len(pairs) == 200
 
 
 def test_an_unknown_kind_or_phase_is_named() -> None:
@@ -105,13 +104,11 @@ def test_rows_are_judged_and_summed_up_by_kind() -> None:
         n=1, fault_free=1, pairs=1, kinds=["joint 2 jammed", "position bias"], phases=["A"], **QUICK
     )
     result = study.run()
-    jammed, biased, both, *sound = result.cases
-    assert (both["kind"], both["phase"], both["named"]) == (PAIR, "A A", True)
-    assert {part.partition("@")[0] for part in both["faults"].split()} == {
-        "joint2:jam",
-        "position:bias=5,0,0",
-    }
-    assert [row["kind"] for row in sound] == [STILL, GUSTY]
+    jammed, biased, pair, *sound = result.cases
+    assert (pair["kind"], pair["phase"], pair["named"]) == (PAIR, "A A", True)
+    faults_of_pair = {part.partition("@")[0] for part in pair["faults"].split()}
+    assert faults_of_pair == {"joint2:jam", "position:bias=5,0,0"}
+    assert column(sound, "kind") == [STILL, GUSTY]
     for row in sound:
         assert (row["end"], row["alarms_before"], row["faults"]) == ("completed", 0, "")
         assert row["astray_m"] < 0.1
@@ -119,16 +116,11 @@ def test_rows_are_judged_and_summed_up_by_kind() -> None:
     assert biased["astray_m"] < 1.0, (
         "fixes that jump by 5 m are refused, and it climbs by less than 1 m"
     )
-    assert all(row["to_detect_s"] is None or row["to_detect_s"] >= 0.0 for row in result.cases)
-    assert [row["kind"] for row in result.table] == [
-        "joint 2 jammed",
-        "position bias",
-        PAIR,
-        STILL,
-        GUSTY,
-    ]
+    assert all(seconds >= 0.0 for seconds in known_values(result.cases, "to_detect_s"))
+    kinds = ["joint 2 jammed", "position bias", PAIR, STILL, GUSTY]
+    assert column(result.table, "kind") == kinds
     assert result.table[0]["completed"] == (jammed["end"] == "completed")
-    assert {row["runs"] for row in result.table} == {1}
+    assert set(column(result.table, "runs")) == {1}
 
 
 def test_a_run_that_raises_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -157,23 +149,18 @@ def sunk(record: Record, rows: slice, depth: float) -> Record:
 
 
 def in_phase(record: Record, name: str) -> np.ndarray:
-    return np.flatnonzero(
-        record["phase"] == [phase.name for phase in record.meta.phases].index(name)
-    )
+    names = [phase.name for phase in record.meta.phases]
+    return np.flatnonzero(record["phase"] == names.index(name))
 
 
 def test_contact_on_the_way_is_none_of_the_landing(scenario: Scenario, record: Record) -> None:
     first = int(in_phase(record, "A")[10])
-    contact = contact_outside_landing(scenario, sunk(record, slice(first, first + 20), 0.03))
+    touching = sunk(record, slice(first, first + 20), 0.03)
+    contact = contact_outside_landing(scenario, touching)
     assert contact.seconds == pytest.approx(20 * scenario.dt)
     assert contact.depth == pytest.approx(0.03, abs=1e-3)
     assert not contact.at_the_end
-    assert (
-        contact_outside_landing(
-            scenario, sunk(record, slice(first, first + 20), 0.03), 0.05
-        ).seconds
-        == 0.0
-    )
+    assert contact_outside_landing(scenario, touching, 0.05).seconds == 0.0
 
 
 def test_contact_that_the_mission_goes_on_from_is_its_landing(
@@ -183,13 +170,17 @@ def test_contact_that_the_mission_goes_on_from_is_its_landing(
     assert contact_outside_landing(scenario, sunk(record, slice(touch, None), 0.03)).seconds == 0.0
 
 
+def beginning_of(record: Record, n: int) -> Record:
+    """The first rows of a record."""
+    series = {name: values[:n] for name, values in record.series.items()}
+    return Record(series=series, meta=record.meta)
+
+
 def test_pushing_into_the_floor_without_landing_is_contact_at_the_end(
     scenario: Scenario, record: Record
 ) -> None:
     cut = int(in_phase(record, "C")[-1])
-    short = Record(
-        series={name: values[:cut] for name, values in record.series.items()}, meta=record.meta
-    )
+    short = beginning_of(record, cut)
     contact = contact_outside_landing(scenario, sunk(short, slice(cut - 30, None), 0.03))
     assert contact.at_the_end
     assert contact.seconds == pytest.approx(30 * scenario.dt)
@@ -198,10 +189,7 @@ def test_pushing_into_the_floor_without_landing_is_contact_at_the_end(
 def test_what_is_no_number_is_as_bad_as_can_be(scenario: Scenario, record: Record) -> None:
     q = record["q"][:20].copy()
     q[5:] = np.nan
-    broken = Record(
-        series={**{name: values[:20] for name, values in record.series.items()}, "q": q},
-        meta=record.meta,
-    )
+    broken = Record(series={**beginning_of(record, 20).series, "q": q}, meta=record.meta)
     assert joint_excess(scenario.robot, q) == np.inf
     assert arm_height(scenario, q) == -np.inf
     assert astray(record["q"][:, :3], q) == np.inf

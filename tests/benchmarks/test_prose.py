@@ -17,8 +17,8 @@ NO_FIGURE = re.compile(r"\{[^{}]*\}|`[^`]*`|\^[23]\b|" + "|".join(NAMES))
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_no_figure_is_typed(script: str) -> None:
     prose: str = import_module(script).PROSE
-    left = NO_FIGURE.sub("", prose)
-    assert re.findall(r".{0,30}\d.{0,10}", left) == []
+    typed = NO_FIGURE.sub("", prose)
+    assert re.findall(r".{0,30}\d.{0,10}", typed) == []
 
 
 @pytest.mark.parametrize("script", SCRIPTS)

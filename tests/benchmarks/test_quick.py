@@ -18,19 +18,17 @@ RESULTS = SCRIPTS / "results"
 READY = [benchmark for benchmark in BENCHMARKS if not benchmark.missing]
 MISSING = sorted({benchmark.missing for benchmark in BENCHMARKS if benchmark.missing})
 LEFT_OUT = f"{len(BENCHMARKS) - len(READY)} benchmarks, see CONTRIBUTING: {'; '.join(MISSING)}"
-ELSEWHERE = (
-    [pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="elsewhere")] if MISSING else []
-)
+ELSEWHERE = []
+if MISSING:
+    ELSEWHERE.append(pytest.param(None, marks=pytest.mark.skip(reason=LEFT_OUT), id="elsewhere"))
 """One line for what cannot run here."""
 
 
 def paced(benchmark: Benchmark) -> Any:
     """With its mark: most are long, and one that is not shows the writer of all files at work."""
-    return (
-        benchmark
-        if benchmark.script == "calls"
-        else pytest.param(benchmark, marks=pytest.mark.slow)
-    )
+    if benchmark.script == "calls":
+        return benchmark
+    return pytest.param(benchmark, marks=pytest.mark.slow)
 
 
 def run(*words: str) -> subprocess.CompletedProcess[str]:
@@ -54,10 +52,8 @@ def test_a_benchmark_writes_its_files_with_one_head(benchmark: Benchmark, tmp_pa
     assert process.returncode == 0, process.stderr
     assert recorded() == before
     report = f"{benchmark.files[0]}.md"
-    assert {path.name for path in tmp_path.iterdir()} == {
-        report,
-        *(f"{name}.csv" for name in benchmark.files),
-    }
+    tables = {f"{name}.csv" for name in benchmark.files}
+    assert {path.name for path in tmp_path.iterdir()} == {report, *tables}
     head = [line.strip() for line in (tmp_path / report).read_text().splitlines()[2:6]]
     assert head[0].startswith(f"Written by `python benchmarks/{benchmark.script}.py ")
     assert "of the processors" in head[3]
@@ -92,26 +88,28 @@ def test_two_versions_can_be_compared(tmp_path: Path) -> None:
 
 
 def test_every_script_is_listed() -> None:
-    assert {path.stem for path in SCRIPTS.glob("*.py")} == {
-        *TOOLS,
-        *(benchmark.script for benchmark in BENCHMARKS),
-    }
+    listed = {benchmark.script for benchmark in BENCHMARKS}
+    assert {path.stem for path in SCRIPTS.glob("*.py")} == {*TOOLS, *listed}
 
 
 def test_every_recorded_file_has_a_benchmark_that_writes_it() -> None:
-    written = {f"{name}.csv" for benchmark in BENCHMARKS for name in benchmark.files}
-    written |= {f"{benchmark.files[0]}.md" for benchmark in BENCHMARKS}
+    written = set()
+    for benchmark in BENCHMARKS:
+        written.add(f"{benchmark.files[0]}.md")
+        written.update(f"{name}.csv" for name in benchmark.files)
     assert {path.name for path in RESULTS.iterdir()} <= written
 
 
 def test_a_recorded_file_states_the_command_of_its_benchmark() -> None:
     """Files that were recorded before there were heads have none."""
-    scripts = {name: benchmark.script for benchmark in BENCHMARKS for name in benchmark.files}
+    scripts = {}
+    for benchmark in BENCHMARKS:
+        scripts |= dict.fromkeys(benchmark.files, benchmark.script)
     for path in RESULTS.iterdir():
-        found = re.search(r"Written by `(.*?)` on ", path.read_text()[:400])
-        if found:
-            assert found[1].startswith(f"python benchmarks/{scripts[path.stem]}.py")
-            assert "--quick" not in found[1]
+        command = re.search(r"Written by `(.*?)` on ", path.read_text()[:400])
+        if command:
+            assert command[1].startswith(f"python benchmarks/{scripts[path.stem]}.py")
+            assert "--quick" not in command[1]
 
 
 def test_a_quick_run_must_say_where_to_write() -> None:

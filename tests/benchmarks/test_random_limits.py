@@ -65,25 +65,20 @@ def test_a_start_inside_all_limits_violates_none(scenario: Scenario) -> None:
 
 
 def test_the_altitude_is_that_of_the_true_configuration_above_the_floor(scenario: Scenario) -> None:
-    deep, deeper = (
-        limit_violations(scenario, at(lowered(scenario, depth)))["MAC_m"] for depth in (10.0, 11.0)
-    )
+    deep = limit_violations(scenario, at(lowered(scenario, 10.0)))["MAC_m"]
+    deeper = limit_violations(scenario, at(lowered(scenario, 11.0)))["MAC_m"]
     assert deep > 0.0
     assert deeper - deep == pytest.approx(1.0)
-    raised = replace(
-        scenario, environment=replace(scenario.environment, seafloor=FlatSeafloor(z=-3.5))
-    )
-    assert limit_violations(raised, at(lowered(scenario, 10.0)))["MAC_m"] - deep == pytest.approx(
-        0.5
-    )
+    environment = replace(scenario.environment, seafloor=FlatSeafloor(z=-3.5))
+    raised = replace(scenario, environment=environment)
+    above_raised = limit_violations(raised, at(lowered(scenario, 10.0)))["MAC_m"]
+    assert above_raised - deep == pytest.approx(0.5)
 
 
 def test_the_worst_tick_counts(scenario: Scenario) -> None:
     alone = limit_violations(scenario, at(lowered(scenario, 10.0)))
-    assert (
-        limit_violations(scenario, at(scenario.start, lowered(scenario, 10.0), scenario.start))
-        == alone
-    )
+    record = at(scenario.start, lowered(scenario, 10.0), scenario.start)
+    assert limit_violations(scenario, record) == alone
 
 
 @pytest.mark.parametrize("index", [2, -1])
@@ -97,16 +92,14 @@ def test_a_configuration_that_is_no_number_violates_limits(scenario: Scenario, i
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e-3])
 def test_a_run_with_a_value_that_is_no_number_counts_as_violated(value: float) -> None:
-    kept = {
+    row = {
         "joints_rad": 0.0,
         "MAC_m": 0.0,
         "largest_step": 1.0,
         "slowed_share": 0.0,
         "path_m": 1.0,
     }
-    (total,) = largest(
-        [{**kept, "seed": 0}, {**kept, "seed": 1, "MAC_m": value}, {**kept, "seed": 2}]
-    )
+    (total,) = largest([{**row, "seed": 0}, {**row, "seed": 1, "MAC_m": value}, {**row, "seed": 2}])
     assert (total["violated"], total["seeds"]) == (1, "1")
     assert not total["MAC_m"] <= 0.0
 

@@ -50,10 +50,8 @@ def test_the_boulder_would_be_hit_without_the_clearance_task() -> None:
     """
     scenarios = (random_mission(seed=seed, plant="kinematic") for seed in range(20))
     with_boulder = [scenario for scenario in scenarios if scenario.environment.obstacles][:3]
-    assert any(
-        boulder_clearance(blind(scenario), blind(scenario).run()) < 0.05
-        for scenario in with_boulder
-    )
+    missions = [blind(scenario) for scenario in with_boulder]
+    assert any(boulder_clearance(mission, mission.run()) < 0.05 for mission in missions)
 
 
 def blind(scenario: Scenario) -> Scenario:
@@ -104,10 +102,10 @@ def test_totals_tell_failures_by_seed_and_cause() -> None:
 def test_totals_count_contact_with_the_floor_and_with_the_boulder() -> None:
     common = {"accepted": True, "completed": True, "cause": "completed", "text": ""}
     clearances = ((1.0, None), (0.0, None), (0.3, -0.01), (0.3, 0.2))
-    rows = [
-        {**common, "seed": k, "clearance_m": floor, "boulder_clearance_m": boulder}
-        for k, (floor, boulder) in enumerate(clearances)
-    ]
+    rows = []
+    for k, (floor, boulder) in enumerate(clearances):
+        clearance = {"clearance_m": floor, "boulder_clearance_m": boulder}
+        rows.append({**common, "seed": k, **clearance})
     (total,) = totals(rows)
     assert total["collided"] == 2
     assert (total["smallest_clearance_m"], total["smallest_boulder_clearance_m"]) == (0.0, -0.01)

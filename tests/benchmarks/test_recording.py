@@ -64,12 +64,10 @@ def test_both_files_begin_with_the_same_head(tmp_path: Path) -> None:
     rows = [{"a": 1, "b": 0.123456}, {"a": 2, "c": "x|y"}]
     report = Report(name="some", title="Some", prose="Words.", tables=[Table(rows=rows)])
     assert [path.name for path in report.write(tmp_path, head(3.0))] == ["some.md", "some.csv"]
-    markdown, csv = ((tmp_path / f"some.{kind}").read_text().splitlines() for kind in ("md", "csv"))
-    assert (
-        [line.removeprefix("# ") for line in csv[:4]]
-        == [line.strip() for line in markdown[2:6]]
-        == head(3.0).lines()
-    )
+    markdown = (tmp_path / "some.md").read_text().splitlines()
+    csv = (tmp_path / "some.csv").read_text().splitlines()
+    assert [line.removeprefix("# ") for line in csv[:4]] == head(3.0).lines()
+    assert [line.strip() for line in markdown[2:6]] == head(3.0).lines()
     assert csv[4:] == ["a,b,c", "1,0.123456,", "2,,x|y"]
     assert markdown[-4:] == [
         "| a | b | c |",
@@ -81,11 +79,11 @@ def test_both_files_begin_with_the_same_head(tmp_path: Path) -> None:
 
 def test_a_head_names_the_date_the_versions_and_the_peers() -> None:
     beginning = Beginning("python benchmarks/x.py")
-    found = beginning.head({"peer": "1.2.3"})
-    assert found.date.startswith(f"{beginning.date:%Y-%m-%d}")
-    assert found.versions.startswith("Python ")
-    assert found.versions.endswith(", peer 1.2.3")
-    assert f"{os.cpu_count()} processors" in found.machine
+    run_head = beginning.head({"peer": "1.2.3"})
+    assert run_head.date.startswith(f"{beginning.date:%Y-%m-%d}")
+    assert run_head.versions.startswith("Python ")
+    assert run_head.versions.endswith(", peer 1.2.3")
+    assert f"{os.cpu_count()} processors" in run_head.machine
 
 
 def test_a_command_shows_no_folder_of_the_machine() -> None:
@@ -101,19 +99,19 @@ def test_everything_is_called_once_to_warm_up_and_then_as_often_as_told(
     cpus = iter([0.0, 2.0, 2.0, 5.0, 5.0, 6.0, 6.0, 10.0])
     monkeypatch.setattr("recording.timing.perf_counter", lambda: next(walls))
     monkeypatch.setattr("recording.timing.process_time", lambda: next(cpus))
-    found = timed(lambda: calls.append(len(calls)) or len(calls), 4)
+    timing = timed(lambda: calls.append(len(calls)) or len(calls), 4)
     assert len(calls) == 5
-    assert found.value == 5
-    assert (found.wall, found.cpu) == (3.0, 1.0)  # the least of each, the warming up aside
+    assert timing.value == 5
+    assert (timing.wall, timing.cpu) == (3.0, 1.0)  # the least of each, the warming up aside
 
 
 def test_a_cold_build_has_an_empty_cache_of_its_own(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
-    seen = built(lambda: Path(os.environ["UVMS_OCP_CACHE"]), cold=True).value
-    assert seen != tmp_path
-    assert not seen.exists()
+    cache = built(lambda: Path(os.environ["UVMS_OCP_CACHE"]), cold=True).value
+    assert cache != tmp_path
+    assert not cache.exists()
     assert built(lambda: os.environ["UVMS_OCP_CACHE"], cold=False).value == str(tmp_path)
     assert os.environ["UVMS_OCP_CACHE"] == str(tmp_path)
     monkeypatch.delenv("UVMS_OCP_CACHE")

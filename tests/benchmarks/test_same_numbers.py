@@ -15,18 +15,18 @@ GOLDEN = {"q": np.array([[1.0, -4.0], [np.nan, 2.0]]), "active": np.array([0, 1,
 
 
 def test_equal_arrays_have_the_same_bits() -> None:
-    found = judged(GOLDEN, {name: array.copy() for name, array in GOLDEN.items()})
-    assert found.difference == 0.0
-    assert found.text == "same bits (2 arrays)"
+    verdict = judged(GOLDEN, {name: array.copy() for name, array in GOLDEN.items()})
+    assert verdict.difference == 0.0
+    assert verdict.text == "same bits (2 arrays)"
 
 
 def test_a_difference_is_relative_to_the_largest_value_of_its_array() -> None:
-    other = GOLDEN["q"] + np.array([[1e-9, 0.0], [0.0, 0.0]])
-    assert judged(GOLDEN, GOLDEN | {"q": other}).difference == pytest.approx(1e-9 / 4.0, rel=1e-6)
+    shifted = GOLDEN["q"] + np.array([[1e-9, 0.0], [0.0, 0.0]])
+    assert judged(GOLDEN, GOLDEN | {"q": shifted}).difference == pytest.approx(1e-9 / 4.0, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    "other",
+    "changed",
     [
         {"active": np.array([0, 1, 2])},
         {"active": np.array([0.0, 1.0, 2.0])},
@@ -35,21 +35,21 @@ def test_a_difference_is_relative_to_the_largest_value_of_its_array() -> None:
     ],
 )
 def test_nothing_tolerates_other_counts_shapes_or_what_is_no_number(
-    other: dict[str, np.ndarray],
+    changed: dict[str, np.ndarray],
 ) -> None:
-    assert judged(GOLDEN, GOLDEN | other).difference == np.inf
+    assert judged(GOLDEN, GOLDEN | changed).difference == np.inf
 
 
 def test_what_is_missing_differs_and_what_is_new_does_not() -> None:
-    found = judged(GOLDEN, {"q": GOLDEN["q"]})
-    assert (found.difference, found.text.endswith("active is missing")) == (np.inf, True)
-    found = judged(GOLDEN, GOLDEN | {"more": np.zeros(1)})
-    assert (found.difference, found.text.endswith("new: more")) == (0.0, True)
+    verdict = judged(GOLDEN, {"q": GOLDEN["q"]})
+    assert (verdict.difference, verdict.text.endswith("active is missing")) == (np.inf, True)
+    verdict = judged(GOLDEN, GOLDEN | {"more": np.zeros(1)})
+    assert (verdict.difference, verdict.text.endswith("new: more")) == (0.0, True)
 
 
 def test_a_column_with_another_name_is_found_by_its_bits() -> None:
-    found = judged(GOLDEN, {"configuration": GOLDEN["q"], "active": GOLDEN["active"]})
-    assert (found.difference, found.text.endswith("q is now configuration")) == (0.0, True)
+    verdict = judged(GOLDEN, {"configuration": GOLDEN["q"], "active": GOLDEN["active"]})
+    assert (verdict.difference, verdict.text.endswith("q is now configuration")) == (0.0, True)
 
 
 def test_names_are_replaced_word_by_word_in_columns_and_sources(
@@ -57,13 +57,13 @@ def test_names_are_replaced_word_by_word_in_columns_and_sources(
 ) -> None:
     monkeypatch.setitem(same_numbers.RENAMED, "q", "configuration")
     golden = {"report/q/max": np.array(2.0), "controller.c": np.array("double q[3], q0[3];")}
-    now = {
+    computed = {
         "report/configuration/max": np.array(2.0 + 1e-15),
         "controller.c": np.array("double configuration[3], q0[3];"),
     }
-    found = judged(golden, now)
-    assert 0.0 < found.difference < 1e-15
-    assert "missing" not in found.text
+    verdict = judged(golden, computed)
+    assert 0.0 < verdict.difference < 1e-15
+    assert "missing" not in verdict.text
 
 
 def test_a_class_is_found_wherever_it_is_defined() -> None:

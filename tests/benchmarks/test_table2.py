@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from compiler import long_without_compiler
+from recording.rows import column, rows_where
 from studies.study import StudyResult
 from studies.table2 import FLOORS, PAPER, THRESHOLDS, run_transit, table2, verdict
 
@@ -30,22 +31,21 @@ def test_every_cell_of_the_paper_is_measured(result: StudyResult) -> None:
 
 @long_without_compiler
 def test_an_almost_flat_floor_is_safe_at_every_threshold(result: StudyResult) -> None:
-    flat = [row for row in result.table if row["floor"] == "almost flat"]
-    assert [row["verdict"] for row in flat] == [row["paper"] for row in flat] == ["safe"] * 3
+    flat = rows_where(result.table, "floor", "almost flat")
+    assert column(flat, "verdict") == column(flat, "paper") == ["safe"] * 3
 
 
 @long_without_compiler
 def test_a_higher_threshold_never_comes_nearer_to_the_floor(result: StudyResult) -> None:
     for floor in FLOORS.values():
-        cells = [row["smallest_clearance_m"] for row in result.table if row["floor"] == floor]
+        cells = column(rows_where(result.table, "floor", floor), "smallest_clearance_m")
         assert cells == sorted(cells)
 
 
 def test_the_dynamic_plant_keeps_the_same_clearance() -> None:
     case = {"floor": "small", "threshold_m": 1.0, "seed": 1, "length_m": 10.0}
-    kinematic, dynamic = (
-        run_transit({**case, "plant": plant})["clearance_m"] for plant in ("kinematic", "dynamic")
-    )
+    kinematic = run_transit({**case, "plant": "kinematic"})["clearance_m"]
+    dynamic = run_transit({**case, "plant": "dynamic"})["clearance_m"]
     assert dynamic == pytest.approx(kinematic, abs=0.01)
 
 

@@ -37,12 +37,13 @@ _LAST_LETTER = 0x10FFFF
 _SURROGATES = range(0xD800, 0xE000)
 
 
-def integers(most: int, least: int = 0) -> st.SearchStrategy[int]:
-    """Whole numbers from `least` to `most`, about evenly; the simplest is `least`."""
-    n = most - least + 1
-    bits = (most - least).bit_length()
-    bits += _EVEN if n != 1 << bits else 0
-    return _bits(bits).map(lambda drawn: least + (drawn * n >> bits))
+def integers(largest: int, smallest: int = 0) -> st.SearchStrategy[int]:
+    """Whole numbers from `smallest` to `largest`, about evenly; the simplest is `smallest`."""
+    n = largest - smallest + 1
+    bits = (largest - smallest).bit_length()
+    if n != 1 << bits:
+        bits += _EVEN
+    return _bits(bits).map(lambda drawn: smallest + (drawn * n >> bits))
 
 
 def _bits(n: int) -> st.SearchStrategy[int]:
@@ -94,13 +95,12 @@ def letters() -> st.SearchStrategy[str]:
     )
 
 
-def texts(alphabet: str = "", *, least: int = 0, most: int) -> st.SearchStrategy[str]:
-    """From `least` to `most` letters of an alphabet, or of any."""
-    return st.lists(chosen(alphabet) if alphabet else letters(), min_size=least, max_size=most).map(
-        "".join
-    )
+def texts(alphabet: str = "", *, min_size: int = 0, max_size: int) -> st.SearchStrategy[str]:
+    """From `min_size` to `max_size` letters of an alphabet, or of any."""
+    letter = chosen(alphabet) if alphabet else letters()
+    return st.lists(letter, min_size=min_size, max_size=max_size).map("".join)
 
 
-def binary(*, least: int = 0, most: int) -> st.SearchStrategy[bytes]:
-    """From `least` to `most` bytes."""
-    return st.lists(integers(255), min_size=least, max_size=most).map(bytes)
+def binary(*, min_size: int = 0, max_size: int) -> st.SearchStrategy[bytes]:
+    """From `min_size` to `max_size` bytes."""
+    return st.lists(integers(255), min_size=min_size, max_size=max_size).map(bytes)

@@ -86,13 +86,18 @@ ODD: tuple[Any, ...] = (
 """Values that somebody will write where something else belongs."""
 
 
-def paths(value: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """Where something stands in nested lists and mappings."""
+def paths(value: Any, start: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Where something stands in nested lists and mappings, below `start`."""
     if isinstance(value, dict):
-        return [here, *(path for key in value for path in paths(value[key], (*here, key)))]
-    if isinstance(value, list):
-        return [here, *(path for i, item in enumerate(value) for path in paths(item, (*here, i)))]
-    return [here]
+        items = list(value.items())
+    elif isinstance(value, list):
+        items = list(enumerate(value))
+    else:
+        return [start]
+    below = [start]
+    for key, item in items:
+        below += paths(item, (*start, key))
+    return below
 
 
 def changed(value: Any, path: tuple[Any, ...], change: Callable[[Any, Any], None]) -> Any:
@@ -136,16 +141,16 @@ def _rename(container: Any, key: Any) -> None:
 CHANGES: st.SearchStrategy[Callable[[Any, Any], None]] = either(
     chosen(ODD).map(_replace),
     floats().map(_replace),
-    texts(most=8).map(_replace),
+    texts(max_size=8).map(_replace),
     chosen([_remove, _repeat, _rename]),
 )
 
 
 @st.composite
-def damaged(draw: st.DrawFn, whole: Any, most: int = 3) -> Any:
-    """Nested lists and mappings with one to `most` changes."""
+def damaged(draw: st.DrawFn, whole: Any, max_changes: int = 3) -> Any:
+    """Nested lists and mappings with one to `max_changes` changes."""
     value = whole
-    for _ in range(draw(integers(most, 1))):
+    for _ in range(draw(integers(max_changes, 1))):
         places = [path for path in paths(value) if path]
         if not places:
             break
@@ -161,21 +166,19 @@ DAMAGES: st.SearchStrategy[Damage] = st.tuples(
     chosen(["cut", "overwrite", "flip", "twice", "without", "nothing"]),
     shares(),
     shares(),
-    binary(least=1, most=6),
+    binary(min_size=1, max_size=6),
 )
 
 
 def damaged_bytes(whole: bytes, damage: Damage) -> bytes:
     """Cut off, overwritten, changed by a bit, repeated or shortened."""
-    kind, new = damage[0], damage[3]
-    start, end = sorted(round(share * len(whole)) for share in damage[1:3])
-    here = whole[start : start + 1]
+    kind, *shares_of_length, new = damage
+    start, end = sorted(round(share * len(whole)) for share in shares_of_length)
+    flipped = bytes(byte ^ (1 << new[0] % 8) for byte in whole[start : start + 1])
     results = {
         "cut": whole[:start],
         "overwrite": whole[:start] + new + whole[start + len(new) :],
-        "flip": whole[:start]
-        + bytes(byte ^ (1 << new[0] % 8) for byte in here)
-        + whole[start + 1 :],
+        "flip": whole[:start] + flipped + whole[start + 1 :],
         "twice": whole[:end] + whole[start:],
         "without": whole[:start] + whole[end:],
         "nothing": whole,

@@ -119,10 +119,10 @@ def test_what_has_no_end_is_refused_with_a_reason(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    code, said = called(words, monkeypatch, capsys)
+    code, printed = called(words, monkeypatch, capsys)
     assert code == 2
-    assert message in said
-    assert len(said.strip().splitlines()) == 1
+    assert message in printed
+    assert len(printed.strip().splitlines()) == 1
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ _ODD_NUMBERS = (
 )
 _ODD_WORDS = ("", "planar5", "[/]", "$\\frac{$", "a\nb", "../x")
 _number = either(floats().map(repr), integers(10**12, -(10**12)).map(str), chosen(_ODD_NUMBERS))
-_words = either(texts(most=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))
+_words = either(texts(max_size=6).filter(lambda text: "\0" not in text), chosen(_ODD_WORDS))
 _NUMBERS = {
     "run": {"--duration": 1, "--seabed": 1, "--seed": 1, "--current": 3},
     "plan curve": {
@@ -207,13 +207,13 @@ def test_any_options_begin_or_are_refused(
     @settings(max_examples=450)
     @given(options())
     def holds(words: list[str]) -> None:
-        code, said = called(words, monkeypatch, capsys)
-        assert code in (0, 2, 3), said
-        assert "Traceback" not in said
+        code, printed = called(words, monkeypatch, capsys)
+        assert code in (0, 2, 3), printed
+        assert "Traceback" not in printed
         if code:
-            assert said.strip()
-        if said.startswith("error: "):
-            assert len(said.strip().splitlines()) == 1
+            assert printed.strip()
+        if printed.startswith("error: "):
+            assert len(printed.strip().splitlines()) == 1
         tally.bad = tally.bad + (code == 2)
         tally.good = tally.good + (code == 0)
 

@@ -59,8 +59,8 @@ def test_any_arguments_make_a_level_or_are_refused_in_one_line() -> None:
 
     @settings(max_examples=900)
     @given(arguments())
-    def holds(given: dict[str, Any]) -> None:
-        level = tally.outcome(lambda: Level(**given))
+    def holds(drawn: dict[str, Any]) -> None:
+        level = tally.outcome(lambda: Level(**drawn))
         if level is None:
             return
         assert level.jacobian.ndim == 2
@@ -109,22 +109,22 @@ def _levels(sizes: list[int], seed: int, dependent: bool) -> list[Level]:
 def test_any_hierarchy_has_a_finite_velocity_and_a_status_that_its_residuals_bear_out(
     solver: Any, usual: Status
 ) -> None:
-    seen: set[Status] = set()
+    statuses: set[Status] = set()
 
     @settings(max_examples=120)
     @given(chosen(SIZES), integers(10**6), st.booleans())
     def holds(sizes: list[int], seed: int, dependent: bool) -> None:
         levels = _levels(sizes, seed, dependent)
         solution = solver.solve(levels)
-        seen.add(solution.status)
+        statuses.add(solution.status)
         assert np.isfinite(solution.v).all()
         assert solution.status.usable
         for level, residual in zip(levels, solution.residuals, strict=True):
             rates = level.jacobian @ solution.v
-            wanted = (rates - np.clip(rates, level.lower, level.upper)) * (level.gate > 0.0)
+            missed = (rates - np.clip(rates, level.lower, level.upper)) * (level.gate > 0.0)
             np.testing.assert_allclose(
-                residual, wanted, atol=1e-9 * (1.0 + np.abs(rates).max(initial=0.0))
+                residual, missed, atol=1e-9 * (1.0 + np.abs(rates).max(initial=0.0))
             )
 
     holds()
-    assert usual in seen
+    assert usual in statuses

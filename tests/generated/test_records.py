@@ -143,9 +143,9 @@ def test_any_change_of_a_record_is_as_promised_or_refused_in_one_line(tmp_path: 
 
         @settings(max_examples=150)
         @given(chosen(sorted(series)), integers(len(ARRAYS) - 1))
-        def other(name: str, which: int) -> None:
+        def other(name: str, index: int) -> None:
             # B023: it is called in this round of the loop
-            holds(written(meta, {**series, name: ARRAYS[which]}))  # noqa: B023
+            holds(written(meta, {**series, name: ARRAYS[index]}))  # noqa: B023
 
         other()
     tally.check()
@@ -218,12 +218,14 @@ def test_any_record_that_is_read_can_be_reported_or_is_refused(tmp_path: Path) -
             # B023: it is called in this round of the loop
             tally.outcome(lambda: json.dumps(report(record)))  # noqa: B023
 
-    settings(max_examples=250)(given(damaged(meta, most=1))(lambda lie: holds(lie, series)))()
+    settings(max_examples=250)(
+        given(damaged(meta, max_changes=1))(lambda lie: holds(lie, series))
+    )()
 
     @settings(max_examples=250)
     @given(chosen(sorted(series)), integers(len(ODD_SERIES) - 1))
-    def odd(name: str, which: int) -> None:
-        holds(meta, {**series, name: ODD_SERIES[which](series[name])})
+    def odd(name: str, index: int) -> None:
+        holds(meta, {**series, name: ODD_SERIES[index](series[name])})
 
     odd()
 
@@ -259,10 +261,10 @@ def test_any_change_of_a_trajectory_is_as_promised_or_refused_in_one_line(tmp_pa
 
     @settings(max_examples=150)
     @given(chosen(["breaks", "coefficients", "more"]), integers(len(ARRAYS) - 1))
-    def other(name: str, which: int) -> None:
+    def other(name: str, index: int) -> None:
         good = {"breaks": np.arange(3.0), "coefficients": np.ones((4, 2, 3))}
         file = io.BytesIO()
-        np.savez(file, **{**good, name: ARRAYS[which]})
+        np.savez(file, **{**good, name: ARRAYS[index]})
         holds(file.getvalue())
 
     other()
@@ -276,7 +278,7 @@ def test_members_of_archives_may_be_called_anything(tmp_path: Path) -> None:
     @settings(max_examples=60)
     @given(
         st.lists(
-            st.tuples(texts(least=1, most=6), binary(most=20)),
+            st.tuples(texts(min_size=1, max_size=6), binary(max_size=20)),
             max_size=4,
             unique_by=lambda m: zipfile.ZipInfo(m[0]).filename,
         )
@@ -305,12 +307,12 @@ def test_any_change_of_a_plan_is_as_promised_or_refused_in_one_line(tmp_path: Pa
 
         def holds(content: bytes, path: Path = path) -> None:
             path.write_bytes(content)
-            found = tally.outcome(lambda: Plan.load(path))
-            if found is not None:
-                assert found.trajectory.q.shape == plan.trajectory.q.shape
-                assert np.isfinite(found.trajectory.q).all()
-                assert (np.diff(found.trajectory.t) > 0.0).all()
-                found.to_record()
+            loaded = tally.outcome(lambda: Plan.load(path))
+            if loaded is not None:
+                assert loaded.trajectory.q.shape == plan.trajectory.q.shape
+                assert np.isfinite(loaded.trajectory.q).all()
+                assert (np.diff(loaded.trajectory.t) > 0.0).all()
+                loaded.to_record()
 
         settings(max_examples=300)(
             given(DAMAGES.map(lambda damage, whole=whole: damaged_bytes(whole, damage)))(

@@ -136,10 +136,12 @@ def test_any_text_is_read_or_refused_in_one_line(tmp_path: Path) -> None:
     tally = Tally(bad=300)
     path = tmp_path / "file.yaml"
     whole = (robot_folder("planar5") / "hydrodynamics.yaml").read_bytes()
-    marks = texts("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", most=40).map(str.encode)
+    marks = texts("{}[]:,-&*!|>'\"%@`?# \n\tab01.e", max_size=40).map(str.encode)
 
     @settings(max_examples=600)
-    @given(either(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)), marks, binary(most=30)))
+    @given(
+        either(DAMAGES.map(lambda damage: damaged_bytes(whole, damage)), marks, binary(max_size=30))
+    )
     def holds(content: bytes) -> None:
         path.write_bytes(content)
         description = tally.outcome(lambda: read_description(path))
@@ -160,7 +162,7 @@ def test_any_words_are_an_obstacle_or_refused_in_one_line() -> None:
     words = st.lists(number, max_size=8).map(",".join)
 
     @settings(max_examples=500)
-    @given(chosen(["sphere", "box"]), either(words, texts(most=12)))
+    @given(chosen(["sphere", "box"]), either(words, texts(max_size=12)))
     def holds(shape: str, text: str) -> None:
         item = tally.outcome(lambda: parse_obstacle(shape, text, "a"))
         if item is not None:

@@ -58,9 +58,10 @@ def public_functions() -> Iterator[Place]:
                 yield Place(module=path, node=node)
     for place in public_classes():
         for node in place.node.body:
-            if isinstance(node, ast.FunctionDef) and (
-                not node.name.startswith("_") or node.name.startswith("__")
-            ):
+            if not isinstance(node, ast.FunctionDef):
+                continue
+            is_private = node.name.startswith("_") and not node.name.startswith("__")
+            if not is_private:
                 yield Place(module=place.module, node=node, owner=place.node)  # type: ignore[arg-type]
 
 
@@ -68,28 +69,28 @@ def fields() -> Iterator[tuple[Place, ast.AnnAssign, str]]:
     """Annotated fields of public classes with the text below them."""
     for place in public_classes():
         body = place.node.body
-        for here, after in zip(body, [*body[1:], None], strict=True):
-            if isinstance(here, ast.AnnAssign) and isinstance(here.target, ast.Name):
-                yield place, here, _text(after) or _described(here)
+        for statement, after in zip(body, [*body[1:], None], strict=True):
+            if isinstance(statement, ast.AnnAssign) and isinstance(statement.target, ast.Name):
+                yield place, statement, _text(after) or _described(statement)
 
 
 def parameters(function: ast.FunctionDef) -> Iterator[tuple[str, str]]:
     """Names and annotations."""
-    given = function.args
-    for argument in (*given.posonlyargs, *given.args, *given.kwonlyargs):
+    arguments = function.args
+    for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
         if argument.annotation is not None:
             yield argument.arg, ast.unparse(argument.annotation)
 
 
 def documentation(place: Place) -> str:
     """What stands at the function, at its class, or at the method it overrides."""
-    own = ast.get_docstring(place.node) or ""
+    docstring = ast.get_docstring(place.node) or ""
     if place.owner is None:
-        return own
+        return docstring
     above = ast.get_docstring(place.owner) or ""
     if place.node.name in ("__init__", "__post_init__", "__call__"):
-        return f"{own}\n\n{above}"
-    return own or _inherited(place)
+        return f"{docstring}\n\n{above}"
+    return docstring or _inherited(place)
 
 
 def raised(place: Place) -> set[str]:
@@ -97,30 +98,27 @@ def raised(place: Place) -> set[str]:
     module and class.
     """
     helpers = {n.name: n for n in ast.walk(tree_of(place.module)) if isinstance(n, ast.FunctionDef)}
-    found: set[str] = set()
-    seen: set[str] = set()
-    _collect(place.node, helpers, found, seen)
-    return found
+    errors: set[str] = set()
+    visited: set[str] = set()
+    _collect(place.node, helpers, errors, visited)
+    return errors
 
 
 def _collect(
-    node: ast.AST, helpers: dict[str, ast.FunctionDef], found: set[str], seen: set[str]
+    node: ast.AST, helpers: dict[str, ast.FunctionDef], errors: set[str], visited: set[str]
 ) -> None:
     for item in ast.walk(node):
         if isinstance(item, ast.Raise) and isinstance(item.exc, ast.Call):
-            found.add(ast.unparse(item.exc.func).rpartition(".")[2])
+            errors.add(ast.unparse(item.exc.func).rpartition(".")[2])
         if isinstance(item, ast.Call):
             name = ast.unparse(item.func).rpartition(".")[2]
-            found |= {"NameNotFound"} if name == "require_known" else set()
+            if name == "require_known":
+                errors.add("NameNotFound")
             # A constructor is that of another class, whose own docstring says what it raises.
-            if (
-                name.startswith("_")
-                and not name.startswith("__")
-                and name in helpers
-                and name not in seen
-            ):
-                seen.add(name)
-                _collect(helpers[name], helpers, found, seen)
+            is_helper = name.startswith("_") and not name.startswith("__") and name in helpers
+            if is_helper and name not in visited:
+                visited.add(name)
+                _collect(helpers[name], helpers, errors, visited)
 
 
 def _inherited(place: Place) -> str:

@@ -42,10 +42,10 @@ except NotInstalled as error:
 
 @pytest.fixture(scope="module")
 def imported() -> set[str]:
-    loaded = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", _CODE], check=True, capture_output=True, text=True
-    ).stdout
-    return set(loaded.split())
+    )
+    return set(process.stdout.split())
 
 
 @pytest.mark.parametrize("library", RARE)
@@ -57,12 +57,9 @@ def test_packages_are_plain_modules_which_code_that_is_sent_to_workers_may_name(
     """What loads names lazily guards those that are also modules by a class of its own, which no
     pickle takes.
     """
-    packages = [
-        module.name
-        for module in pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp.")
-        if module.ispkg
-    ]
-    assert {type(importlib.import_module(name)) for name in ("uvms_ocp", *packages)} == {ModuleType}
+    modules = pkgutil.walk_packages(uvms_ocp.__path__, "uvms_ocp.")
+    packages = ["uvms_ocp", *(module.name for module in modules if module.ispkg)]
+    assert {type(importlib.import_module(name)) for name in packages} == {ModuleType}
 
 
 def test_commands_import_without_the_extras_and_a_campaign_says_which_it_needs(

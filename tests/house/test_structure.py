@@ -25,23 +25,26 @@ def test_a_package_says_what_it_is_for(folder: Path) -> None:
 def test_attributes_are_first_set_in_the_constructor() -> None:
     wrong = []
     for path in house.modules():
-        for cls in (
-            node for node in ast.walk(house.tree_of(path)) if isinstance(node, ast.ClassDef)
-        ):
-            known = set().union(
-                *(_assigned(m) for m in _methods(cls) if m.name in ("__init__", "__post_init__")),
-                set(),
-            )
-            declared = {
-                n.target.id
-                for n in cls.body
-                if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)
-            }
-            for method in _methods(cls):
-                wrong += [
-                    f"{path.name}: {cls.name}.{a}" for a in _assigned(method) - known - declared
-                ]
+        for node in ast.walk(house.tree_of(path)):
+            if isinstance(node, ast.ClassDef):
+                late = _set_late(node)
+                wrong += [f"{path.name}: {node.name}.{attribute}" for attribute in late]
     assert wrong == []
+
+
+def _set_late(cls: ast.ClassDef) -> set[str]:
+    """Attributes that a method other than the constructor sets first."""
+    declared = set()
+    for node in cls.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            declared.add(node.target.id)
+    assigned = set()
+    for method in _methods(cls):
+        if method.name in ("__init__", "__post_init__"):
+            declared |= _assigned(method)
+        else:
+            assigned |= _assigned(method)
+    return assigned - declared
 
 
 def _methods(cls: ast.ClassDef) -> list[ast.FunctionDef]:
@@ -49,11 +52,10 @@ def _methods(cls: ast.ClassDef) -> list[ast.FunctionDef]:
 
 
 def _assigned(method: ast.FunctionDef) -> set[str]:
-    return {
-        node.attr
-        for node in ast.walk(method)
-        if isinstance(node, ast.Attribute)
-        and isinstance(node.ctx, ast.Store)
-        and isinstance(node.value, ast.Name)
-        and node.value.id == "self"
-    }
+    attributes = set()
+    for node in ast.walk(method):
+        if not isinstance(node, ast.Attribute) or not isinstance(node.ctx, ast.Store):
+            continue
+        if isinstance(node.value, ast.Name) and node.value.id == "self":
+            attributes.add(node.attr)
+    return attributes

@@ -46,29 +46,32 @@ def plan(command: str) -> dict[str, Any]:
         words = [*command.split(), *GOAL, *PLANS[command], "--out", str(out)]
         CliRunner().invoke(app, words, catch_exceptions=False)
         report = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    found = {name: report[name] for name in PLANNED if name in report}
-    return found | {"position_error_m": report["tool_error"]["position_m"]}
+    figures = {name: report[name] for name in PLANNED if name in report}
+    return figures | {"position_error_m": report["tool_error"]["position_m"]}
 
 
-OUTLINES: dict[str, Callable[[], dict[str, Any]]] = {
-    **{
-        f"{plant} {name}": partial(mission, plant, name)
-        for plant in PLANTS
-        for name in ("active_set", "lexqp", "icat")
-    },
-    **{command: partial(plan, command) for command in PLANS},
-}
+def _outlines() -> dict[str, Callable[[], dict[str, Any]]]:
+    outlines = {}
+    for plant in PLANTS:
+        for solver in ("active_set", "lexqp", "icat"):
+            outlines[f"{plant} {solver}"] = partial(mission, plant, solver)
+    for command in PLANS:
+        outlines[command] = partial(plan, command)
+    return outlines
+
+
+OUTLINES = _outlines()
+"""Functions that compute the numbers, by what they are of."""
 
 
 def main() -> None:
     """Record all of them."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--reason", required=True, help="why the numbers move")
-    given = parser.parse_args()
-    found = {name: outline() for name, outline in OUTLINES.items()}
-    RECORDED.write_text(
-        json.dumps({"reason": given.reason, "outlines": found}, indent=2) + "\n", encoding="utf-8"
-    )
+    arguments = parser.parse_args()
+    outlines = {name: outline() for name, outline in OUTLINES.items()}
+    content = json.dumps({"reason": arguments.reason, "outlines": outlines}, indent=2)
+    RECORDED.write_text(content + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

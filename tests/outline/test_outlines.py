@@ -22,7 +22,7 @@ TOLERANCES = {
 """Absolute and relative, by unit: last bits differ from one processor to the next, and what follows
 from them a little.
 """
-KEPT = json.loads(RECORDED.read_text(encoding="utf-8"))
+OUTLINES_ON_RECORD = json.loads(RECORDED.read_text(encoding="utf-8"))
 
 
 def near(name: str, value: Any) -> Any:
@@ -36,13 +36,14 @@ def near(name: str, value: Any) -> Any:
 
 @pytest.mark.parametrize("name", OUTLINES)
 def test_numbers_stay_unless_they_are_recorded_anew_with_a_reason(name: str) -> None:
-    found = OUTLINES[name]()
-    kept = KEPT["outlines"][name]
-    phases = kept.pop("phases", {})
-    assert found.pop("phases", {}) == {phase: near("end_s", end) for phase, end in phases.items()}
-    assert found == {key: near(key, value) for key, value in kept.items()}
+    computed = OUTLINES[name]()
+    recorded = OUTLINES_ON_RECORD["outlines"][name]
+    phases = recorded.pop("phases", {})
+    ends = {phase: near("end_s", end) for phase, end in phases.items()}
+    assert computed.pop("phases", {}) == ends
+    assert computed == {key: near(key, value) for key, value in recorded.items()}
 
 
 def test_what_moved_the_numbers_is_told() -> None:
-    assert len(KEPT["reason"].split()) > 3
-    assert list(KEPT["outlines"]) == list(OUTLINES)
+    assert len(OUTLINES_ON_RECORD["reason"].split()) > 3
+    assert list(OUTLINES_ON_RECORD["outlines"]) == list(OUTLINES)

@@ -66,10 +66,10 @@ def test_a_new_status_is_noticed() -> None:
     """The search finds members of all statuses that there are when everything is imported."""
     for name in NAMES:
         import_module(name.partition(":")[0])
-    found = words_given()
+    words = words_given()
     for status in AdvisedStatus.__subclasses__():
         for member in status:
-            assert f"{status.__module__}:{status.__qualname__}.{member.name}" in found
+            assert f"{status.__module__}:{status.__qualname__}.{member.name}" in words
 
 
 @pytest.mark.parametrize("name", sorted(set(NAMES)))

@@ -70,13 +70,13 @@ def test_a_goal_is_reached_by_the_posture_that_is_given_whatever_the_search_says
         q[:7] = pin.SE3ToXYZQUAT(X_WB)
         data = robot.model.createData()
         pin.framesForwardKinematics(robot.model, data, from_joint_values(robot.model, posture, q))
-        found: ReachResult = reach.solve(X_WB, data.oMf[robot.frame_id("tool")].copy())
+        result: ReachResult = reach.solve(X_WB, data.oMf[robot.frame_id("tool")].copy())
         goal = data.oMf[robot.frame_id("tool")].copy()
-        is_inside = bool(((lower <= found.joints) & (found.joints <= upper)).all())
-        if found.reached:
+        is_inside = bool(((lower <= result.joints) & (result.joints <= upper)).all())
+        if result.reached:
             n_reached += 1
             assert is_inside
-            assert missing(robot, X_WB, goal, found.joints) < 1.5 * REACHED
+            assert missing(robot, X_WB, goal, result.joints) < 1.5 * REACHED
     assert n_reached == 0 if lies else n_reached > 10
 
 
@@ -87,9 +87,9 @@ def changed(
     copy = folder / "robot"
     shutil.copytree(robot_folder(ROBOT), copy)
     text = (copy / file).read_text(encoding="utf-8")
-    other = re.sub(pattern, new, text)
-    assert other != text
-    (copy / file).write_text(other, encoding="utf-8")
+    new_text = re.sub(pattern, new, text)
+    assert new_text != text
+    (copy / file).write_text(new_text, encoding="utf-8")
     return copy
 
 
@@ -114,19 +114,20 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize("fault", WRONG)
 def test_a_robot_file_with_one_thing_wrong_is_not_called_ok_for_it(
-    what: str, tmp_path: Path
+    fault: str, tmp_path: Path
 ) -> None:
-    file, pattern, new, subject = WRONG[what]
+    file, pattern, new, subject = WRONG[fault]
     sound = check_robot_files(robot_folder(ROBOT))
     broken = check_robot_files(changed(tmp_path, file, pattern, new))
 
     def doubts(report: object) -> int:
-        findings = report.findings  # type: ignore[attr-defined]
-        return sum(
-            one.subject == subject and one.verdict is not RobotVerdict.GOOD for one in findings
-        )
+        n_doubts = 0
+        for finding in report.findings:  # type: ignore[attr-defined]
+            is_good = finding.verdict is RobotVerdict.GOOD
+            n_doubts += finding.subject == subject and not is_good
+        return n_doubts
 
     assert sound.usable
     assert doubts(broken) > doubts(sound)

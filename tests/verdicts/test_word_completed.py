@@ -187,10 +187,10 @@ def test_a_condition_that_held_is_judged_by_its_release() -> None:
 def test_a_back_step_is_no_goal() -> None:
     """What a phase was left for to try again says nothing of how the mission ended."""
     scenario = reach()
-    first, second, *others = scenario.mission.phases
+    first, second, *later = scenario.mission.phases
     again = Transition(to=first.name, when=(Above(quantity="PC.position_error", limit=1e-4),))
     loop = replace(second, transitions=(replace(again, retries=1), *second.transitions))
-    mission = replace(scenario.mission, phases=(first, loop, *others))
+    mission = replace(scenario.mission, phases=(first, loop, *later))
     record = replace(scenario, mission=mission, duration=40.0).run()
     steps = [(event.source, event.target) for event in record.run_meta.events]
     assert (second.name, first.name) in steps

@@ -75,8 +75,8 @@ def test_so_is_one_that_a_wrong_quadratic_program_gives(
     solve = _Qp.solve
 
     def lying(qp: _Qp, problem: Any, axis: int, lower: Any, upper: Any) -> np.ndarray:
-        found = solve(qp, problem, axis, lower, upper)
-        return wrong(found[:, :, None], problem.fixed[:, :, [axis]])[:, :, 0]
+        derivatives = solve(qp, problem, axis, lower, upper)
+        return wrong(derivatives[:, :, None], problem.fixed[:, :, [axis]])[:, :, 0]
 
     min_snap_qp(WAYPOINTS, TIMES)
     monkeypatch.setattr(_Qp, "solve", lying)
@@ -96,9 +96,9 @@ def test_a_bound_that_is_broken_or_held_in_vain_is_seen(
     solve = _Qp.solve
 
     def lying(qp: _Qp, problem: Any, axis: int, lower: Any, upper: Any) -> np.ndarray:
-        found = solve(qp, problem, axis, lower, upper).copy()
-        found[1, 2] += beyond
-        return found
+        derivatives = solve(qp, problem, axis, lower, upper).copy()
+        derivatives[1, 2] += beyond
+        return derivatives
 
     monkeypatch.setattr(_Qp, "solve", lying)
     with pytest.raises(InvalidInput, match="rounding decides the curve"):
@@ -109,13 +109,13 @@ def test_a_bound_that_is_broken_or_held_in_vain_is_seen(
 def test_both_solvers_give_the_least_cost_or_none(short: float) -> None:
     waypoints = np.array([0.0, 5.0, 5.0 + 0.05 * short**2, 10.0])
     times = np.cumsum([0.0, 12.0, short, 12.0])
-    given: list[MinSnap] = []
+    curves: list[MinSnap] = []
     for solver in (min_snap, min_snap_qp):
         with suppress(InvalidInput):
-            given.append(solver(waypoints, times))
-    least = 0.0789  # that of rational numbers where the short piece is as short as it can be
-    for curve in given:
-        assert 0.05 < curve.cost <= least
+            curves.append(solver(waypoints, times))
+    lowest_cost = 0.0789  # that of rational numbers where the short piece is as short as it can be
+    for curve in curves:
+        assert 0.05 < curve.cost <= lowest_cost
 
 
 def test_how_far_a_curve_leaves_its_limits_is_what_dense_samples_find() -> None:
@@ -124,13 +124,14 @@ def test_how_far_a_curve_leaves_its_limits_is_what_dense_samples_find() -> None:
         curve = PiecewisePolynomial(
             breaks=[0.0, rng.uniform(0.1, 2.0)], coefficients=rng.normal(size=(8, 1, 3))
         )
-        lower, upper = rng.uniform(-3.0, 0.0, 3), rng.uniform(0.0, 3.0, 3)
+        lower = rng.uniform(-3.0, 0.0, 3)
+        upper = rng.uniform(0.0, 3.0, 3)
         upper[2] = np.inf
         x = curve.evaluate(np.linspace(curve.start, curve.end, 20_001))
         sampled = np.maximum(np.maximum(lower - x, x - upper).max(axis=0), 0.0)
-        found = excess_over_limits(curve, lower, upper)
-        assert (found >= sampled - 1e-12).all()
-        np.testing.assert_allclose(found, sampled, atol=1e-6)
+        excess = excess_over_limits(curve, lower, upper)
+        assert (excess >= sampled - 1e-12).all()
+        np.testing.assert_allclose(excess, sampled, atol=1e-6)
 
 
 def test_times_are_optimal_or_none_are_given() -> None:
@@ -213,8 +214,8 @@ def test_a_curve_through_a_wall_is_not_called_free_whatever_the_optimiser_says(
 
     def content(problem: Any, start: np.ndarray, options: Any) -> Any:
         """Says that the straight curve is converged and costs nothing."""
-        found = solve(problem, problem.start, options)
-        return replace(found, variables=problem.start, converged=True)
+        result = solve(problem, problem.start, options)
+        return replace(result, variables=problem.start, converged=True)
 
     monkeypatch.setattr(problem_class, "solve", content)
     monkeypatch.setattr(soft_collision, "sampled_waypoints", lambda *_: None)

@@ -37,12 +37,13 @@ PACKAGE = Path(uvms_ocp.__file__).parent
 @cache
 def words_given() -> frozenset[str]:
     """Names ``module:Class.member`` of all of them."""
-    found: set[str] = set()
+    names: set[str] = set()
     for path in sorted(PACKAGE.rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts)
-        found.update(f"{module.removesuffix('.__init__')}:{name}" for name in _names(tree.body))
-    return frozenset(found)
+        module = module.removesuffix(".__init__")
+        names.update(f"{module}:{name}" for name in _names(tree.body))
+    return frozenset(names)
 
 
 def _names(body: list[ast.stmt], owner: str = "") -> Iterator[str]:
