@@ -14,8 +14,9 @@ import pytest
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
-from uvms_ocp.robot.urdf import UrdfModels, check_agreement, read_urdf
-from uvms_ocp.robot.urdf_checks import to_float
+from uvms_ocp.robot.urdf import UrdfModels, read_urdf
+from uvms_ocp.robot.urdf_agreement import check_agreement
+from uvms_ocp.robot.urdf_elements import to_float
 
 READ = (
     "5",

@@ -11,7 +11,7 @@ import pytest
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, list_robots, robot_folder
 from uvms_ocp.robot.urdf import read_urdf
-from uvms_ocp.robot.urdf_checks import unread_words
+from uvms_ocp.robot.urdf_words import unread_words
 
 MINE = Path("mine.urdf")
 SOUND = """<robot name='mine' version='1.0'><link name='a'><inertial><mass value='1'/>

@@ -13,7 +13,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot.urdf_checks import Findings, read_number
+from uvms_ocp.robot.urdf_elements import read_number
+from uvms_ocp.robot.urdf_findings import Findings
 
 Element = ElementTree.Element
 Groups = dict[str, dict[str, tuple[float, float]]]

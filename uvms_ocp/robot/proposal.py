@@ -25,7 +25,8 @@ from uvms_ocp.robot.proposal_text import proposal_lines
 from uvms_ocp.robot.proposed_water import hull_of, links_by_shape, trimmed
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import Roles, find_roles, is_called
-from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf, read_urdf_xml
+from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
+from uvms_ocp.robot.urdf_elements import read_urdf_xml
 
 _FIXED_ROOTS = ("world", "map", "odom", "ground")  # names of roots that do not move
 _MIN_VEHICLE_SHARE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle

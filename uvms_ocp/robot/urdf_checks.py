@@ -1,60 +1,47 @@
-"""Check the XML of a URDF: numbers as strictly as urdfdom reads them, one line per mistake, words
-that nobody reads.
-
-urdfdom hands the whole text to a C++ stream in the classic locale: blanks may come before a number,
-nothing after it. Where that fails Pinocchio leaves the inertia or the shape out without a word, so
-what urdfdom does not read is refused here. Python's `float` takes more: blanks behind, ``1_0``,
-digits of other scripts, ``nan`` and ``inf``.
+"""Check the XML of a URDF: links, joints and the tree they form, one line per mistake that names the
+element.
 
 Pinocchio's parser writes to stderr, ignores what it does not understand and does not say which
 element is wrong.
-
-A word that can only be a mistake is refused: one that is nearly a known word, or any unknown one
-where nothing but numbers of the robot stands, unless it is one of another element whose numbers are
-all 0. Others, such as what a simulator adds to links, are named in one warning. The known words are
-those of urdfdom's parsers and of Pinocchio's ``<collision_checking>``.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
-from difflib import get_close_matches
-from importlib.resources import files
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
 
-from uvms_ocp.errors import RobotDataError, plain_line
-from uvms_ocp.record.meta_values import LARGEST
-
-# Numbers of a URDF, read as strictly as urdfdom reads them.
-
-Element = ElementTree.Element
-_T = TypeVar("_T")
-
-_DECIMAL = re.compile(r"[ \t\n\v\f\r]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-SHAPES = {"box": (), "sphere": ("radius",), "cylinder": ("radius", "length"), "mesh": ()}
-"""The scalar attributes of the shapes of a URDF."""
-
-_LONGEST_NUMBER = 60  # characters of a mistake that a message repeats
-
-_LIMITS = ("lower", "upper", "velocity", "effort")  # where a huge number says that there is none
+from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.urdf_elements import (
+    SHAPES,
+    Element,
+    quoted,
+    read_number,
+    read_sizes,
+    read_vector,
+    to_float,
+    to_floats,
+)
+from uvms_ocp.robot.urdf_findings import Findings
+from uvms_ocp.robot.urdf_words import PLACES
 
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "planar", "floating", "fixed")
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SHOWN_NAMES = 10  # names in a message
 # a humanoid with hands has 150; Pinocchio's recursion ends the process at some thousands in a row
-_MOST_LINKS = 1000
+_MAX_LINKS = 1000
 _SCALES = (1e-6, 1e6)  # of meshes, from micrometres to metres and back; beyond it numbers get lost
 _LOCK = "--lock JOINT, or `lock: {JOINT: 0}` in loading of hydrodynamics.yaml"
-_SOFT_LIMIT = ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity")
+_UNUSED = {
+    "mimic": ("multiplier", "offset"),
+    "calibration": ("rising", "falling"),
+    "safety_controller": ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"),
+}
+"""Attributes of elements of a joint that are numbers, though nothing here uses them."""
 
 _NOT_KEPT = (
     ("continuous", "limit", ("lower", "upper"), "make it revolute to keep them"),
@@ -68,113 +55,6 @@ _NOT_KEPT = (
 """Type of the joints, tag and words of limits that nothing here keeps, and what to do; no type:
 all.
 """
-
-_LIKENESS = 0.66  # of difflib: "dampning" to "damping" is 0.93, "xzy" to "xyz" 0.67
-_SHOWN_WORDS = 8  # words in a warning
-_LONGEST_WORD = 40  # characters of a word
-_XACRO = re.compile(r"\{[^}]*xacro[^}]*\}")
-
-
-def to_float(text: str | None) -> float:
-    """Return the number of one text, NaN for what urdfdom would not read or a float cannot hold."""
-    if text is None or _DECIMAL.fullmatch(text) is None:
-        return math.nan
-    value = float(text)
-    if math.isfinite(value):
-        return value
-    return math.nan
-
-
-def to_floats(text: str) -> tuple[float, ...]:
-    """Return the numbers between the spaces of a text, NaN in the places of `to_float`; a tab
-    separates nothing.
-    """
-    return tuple(to_float(word) for word in text.split(" ") if word)
-
-
-def read_number(
-    path: Path, element: Element | None, key: str, where: str, default: float | None = None
-) -> float:
-    """Return the number of an attribute, or ``default`` [in its unit] where it is left out.
-
-    Raises ``RobotDataError`` where it is no number, or left out without a default.
-    """
-    if element is None:
-        text = None
-    else:
-        text = element.get(key)
-    if text is None and default is not None:
-        return default
-    value = to_float(text)
-    if math.isnan(value) or (abs(value) > LARGEST and key not in _LIMITS):
-        if text is None:
-            written = "nothing"
-        else:
-            written = quoted(text)
-        problem = (
-            f"{where}: given {written}; allowed: a finite number in plain digits, nothing after it,"
-            f" <= {LARGEST:g}"
-        )
-        raise RobotDataError(path, problem)
-    return value
-
-
-def read_vector(
-    path: Path, element: Element, key: str, where: str, largest: float = LARGEST
-) -> tuple[float, ...]:
-    """Return the three numbers of an attribute. Raises ``RobotDataError`` where they are not."""
-    text = element.get(key, "")
-    values = to_floats(text)
-    if len(values) != 3 or not all(abs(value) <= largest for value in values):
-        problem = (
-            f"{where} {key}: given {quoted(text)}; allowed: three finite numbers with spaces"
-            f" between them, <= {largest:g}"
-        )
-        raise RobotDataError(path, problem)
-    return values
-
-
-def read_sizes(path: Path, shape: Element, where: str) -> tuple[float, ...]:
-    """Return the sizes [m] of a shape, or the scale of a mesh. Raises ``RobotDataError``."""
-    if shape.tag == "box":
-        return read_vector(path, shape, "size", where)
-    if shape.tag == "mesh":
-        if "scale" in shape.attrib:
-            return read_vector(path, shape, "scale", where)
-        return (1.0, 1.0, 1.0)
-    return tuple(read_number(path, shape, key, f"{where} {key}") for key in SHAPES[shape.tag])
-
-
-def quoted(text: str) -> str:
-    """Return a text in quotes on one line, shortened."""
-    return repr(text if len(text) <= _LONGEST_NUMBER else text[:_LONGEST_NUMBER] + "...")
-
-
-# Checks of a URDF's XML, each mistake one line that names the element.
-
-
-class Findings:
-    """All faults of one file, and the parts of it that are left out without harm."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.faults: list[str] = []
-        self.notes: list[str] = []
-
-    def attempt(self, check: Callable[..., _T], *args: Any) -> _T | None:
-        """The result of a check, `None` where it raises: what it raises becomes a fault of the
-        file.
-        """
-        try:
-            return check(*args)
-        except RobotDataError as error:
-            self.faults += error.problems
-            return None
-
-    def refuse(self) -> None:
-        """Raise ``RobotDataError`` with all faults, if there are any."""
-        if self.faults:
-            raise RobotDataError(self.path, *dict.fromkeys(self.faults))
 
 
 def check_urdf(path: Path, root: Element, *, locked: Collection[str] = ()) -> list[str]:
@@ -219,14 +99,16 @@ def _settle_materials(findings: Findings, root: Element) -> None:
     # elsewhere it is a simulator's
     shared_materials = root.findall("material")
     used_materials = root.findall("link/visual/material")
-    colours = {
-        m.get("name", ""): m for m in reversed([*shared_materials, *used_materials]) if _is_drawn(m)
-    }
+    colours = dict[str, Element]()
+    for material in reversed([*shared_materials, *used_materials]):
+        if _is_drawn(material):
+            colours[material.get("name", "")] = material
     colours.pop("", None)
     for parent in (root, *root.findall("link/visual")):
         for material in parent.findall("material"):
             name = material.get("name", "")
-            if name in colours and not (parent is root and material is not colours[name]):
+            is_another_of_root = parent is root and material is not colours.get(name)
+            if name in colours and not is_another_of_root:
                 material[:] = list(colours[name])  # urdfdom knows what stands in the <robot> alone
                 continue
             parent.remove(material)
@@ -250,9 +132,9 @@ def _is_drawn(material: Element) -> bool:
 def _check_repeats(findings: Findings, root: Element) -> None:
     for part in (*root.findall("link"), *root.findall("joint")):
         for element in part.iter():
-            where = f"{part.tag} {part.get('name')!r}" + (
-                "" if element is part else f" {element.tag}"
-            )
+            where = f"{part.tag} {part.get('name')!r}"
+            if element is not part:
+                where = f"{where} {element.tag}"
             findings.attempt(_drop_twins, findings, element, where)
 
 
@@ -261,16 +143,12 @@ def _drop_twins(findings: Findings, element: Element, where: str) -> None:
     parsers take the first.
     """
     first: dict[str, Element] = {}
-    once = _PLACES[element.tag].once if element.tag in _PLACES else ()
+    once = PLACES[element.tag].once if element.tag in PLACES else ()
     for child in [child for child in element if child.tag in once]:
         twin = first.setdefault(child.tag, child)
         if twin is child:
             continue
-        texts = {
-            ElementTree.canonicalize(ElementTree.tostring(element_of_tag), strip_text=True)
-            for element_of_tag in (twin, child)
-        }
-        if len(texts) > 1:
+        if _canonical_text(twin) != _canonical_text(child):
             times = len(element.findall(child.tag))
             raise RobotDataError(
                 findings.path, f"{where}: given <{child.tag}> {times} times; allowed: once"
@@ -279,18 +157,29 @@ def _drop_twins(findings: Findings, element: Element, where: str) -> None:
         findings.notes.append(f"{where}: <{child.tag}> stands there twice, and is the same")
 
 
+def _canonical_text(element: Element) -> str:
+    return ElementTree.canonicalize(ElementTree.tostring(element), strip_text=True)
+
+
 def _check_links(findings: Findings, root: Element) -> None:
     path = findings.path
     names = findings.attempt(_names, path, root, "link")
     if names == []:
         findings.faults.append("no <link>; a robot needs at least one")
-    if names and len(names) > _MOST_LINKS:
-        findings.faults.append(f"{len(names)} links; at most {_MOST_LINKS} are read")
+    if names and len(names) > _MAX_LINKS:
+        findings.faults.append(f"{len(names)} links; at most {_MAX_LINKS} are read")
     for link in root.findall("link"):
         for collision in link.findall("collision"):
             findings.attempt(_check_collision, findings, link, collision)
-    masses = [findings.attempt(_check_inertial, path, link) for link in root.findall("link")]
-    if names and None not in masses and sum(filter(None, masses)) <= 0.0:
+    total_mass = 0.0  # [kg]
+    are_all_read = True
+    for link in root.findall("link"):
+        mass = findings.attempt(_check_inertial, path, link)
+        if mass is None:
+            are_all_read = False
+        else:
+            total_mass += mass
+    if names and are_all_read and total_mass <= 0.0:
         findings.faults.append(
             "no link has a mass; give an <inertial> with mass > 0 kg to the moving links"
         )
@@ -309,11 +198,9 @@ def _check_collision(findings: Findings, link: Element, collision: Element) -> N
 
 def _is_flat(path: Path, shape: Element, where: str) -> bool:
     """Check for a placeholder: no size below 0, and all of them 0."""
-    return (
-        shape.tag in SHAPES
-        and shape.tag != "mesh"
-        and not any(read_sizes(path, shape, f"{where} {shape.tag}"))
-    )
+    if shape.tag not in SHAPES or shape.tag == "mesh":
+        return False
+    return not any(read_sizes(path, shape, f"{where} {shape.tag}"))
 
 
 def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
@@ -326,10 +213,7 @@ def _check_shape(path: Path, shapes: Sequence[Element], where: str) -> None:
         )
     shape = shapes[0] if shapes else None
     if shape is None or shape.tag not in SHAPES:
-        if shape is None:
-            written = "nothing"
-        else:
-            written = f"<{shape.tag}>"
+        written = "nothing" if shape is None else f"<{shape.tag}>"
         raise RobotDataError(
             path, f"{where} geometry: given {written}; allowed: {', '.join(SHAPES)}"
         )
@@ -381,14 +265,7 @@ def _check_joints(findings: Findings, root: Element, locked: Collection[str]) ->
         _settle_limit(findings, joint, where)
         findings.attempt(_check_origin, path, joint, where)
         findings.attempt(_check_axis, path, joint, where)
-        findings.attempt(
-            _check_not_negative,
-            path,
-            joint.find("dynamics"),
-            ("damping", "friction"),
-            f"{where} dynamics",
-            0.0,
-        )
+        findings.attempt(_check_dynamics, path, joint, where)
         if joint.get("name") not in locked:
             findings.attempt(_check_limit, path, joint, f"{where} limit")
         findings.attempt(_check_unused, path, joint, where)
@@ -406,36 +283,37 @@ def _settle_limit(findings: Findings, joint: Element, where: str) -> None:
 
 
 def _name_limits_not_kept(findings: Findings, root: Element) -> None:
+    """Note the limits in a file that nothing here keeps."""
     for kind, tag, words, advice in _NOT_KEPT:
-        stated = [
-            quoted(joint.get("name", ""))
-            for joint in root.findall("joint")
-            for element in joint.findall(tag)
-            if kind in ("", joint.get("type"))
-            and any(to_float(element.get(word, "0")) for word in words)
-        ]
+        stated = list[str]()
+        for joint in root.findall("joint"):
+            if kind not in ("", joint.get("type")):
+                continue
+            for element in joint.findall(tag):
+                if any(to_float(element.get(word, "0")) for word in words):
+                    stated.append(quoted(joint.get("name", "")))
         if stated:
-            names = ", ".join(stated[:_SHOWN_NAMES]) + (
-                ", ..." if len(stated) > _SHOWN_NAMES else ""
-            )
+            names = ", ".join(stated[:_SHOWN_NAMES])
+            if len(stated) > _SHOWN_NAMES:
+                names += ", ..."
             findings.notes.append(
                 f"{kind} <{tag}> {' and '.join(words)} not kept of joint {names}; {advice}".lstrip()
             )
 
 
 def _check_unused(path: Path, joint: Element, where: str) -> None:
-    """Numbers that nothing here uses, but for which urdfdom gives up the whole file."""
-    read = {
-        "mimic": ("multiplier", "offset"),
-        "calibration": ("rising", "falling"),
-        "safety_controller": _SOFT_LIMIT,
-    }
-    for tag, keys in read.items():
+    """Check numbers that nothing here uses, but for which urdfdom gives up the whole file."""
+    for tag, keys in _UNUSED.items():
+        element = joint.find(tag)
         for key in keys:
-            needed = key == "k_velocity" and joint.find(tag) is not None
-            read_number(
-                path, joint.find(tag), key, f"{where} {tag} {key}", default=None if needed else 0.0
-            )
+            is_required = key == "k_velocity" and element is not None
+            default = None if is_required else 0.0
+            read_number(path, element, key, f"{where} {tag} {key}", default=default)
+
+
+def _check_dynamics(path: Path, joint: Element, where: str) -> None:
+    dynamics = joint.find("dynamics")
+    _check_not_negative(path, dynamics, ("damping", "friction"), f"{where} dynamics", 0.0)
 
 
 def _check_not_negative(
@@ -451,7 +329,8 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
     axis = joint.find("axis")
     if axis is None or joint.get("type") in ("fixed", "floating"):
         return
-    if not 1e-9 <= math.hypot(*read_vector(path, axis, "xyz", f"{where} axis", math.inf)) <= 1e9:
+    vector = read_vector(path, axis, "xyz", f"{where} axis", math.inf)
+    if not 1e-9 <= math.hypot(*vector) <= 1e9:
         raise RobotDataError(
             path, f"{where} axis: given {axis.get('xyz')!r}; allowed: a length from 1e-9 to 1e9"
         )
@@ -459,19 +338,18 @@ def _check_axis(path: Path, joint: Element, where: str) -> None:
 
 def _check_limit(path: Path, joint: Element, where: str) -> None:
     element = joint.find("limit")
-    bounded = joint.get("type") in ("revolute", "prismatic")
+    is_bounded = joint.get("type") in ("revolute", "prismatic")
     if element is None:
-        if bounded:
+        if is_bounded:
             raise RobotDataError(
                 path,
                 f"{where} is missing; give lower, upper, velocity and effort, or fix the joint:"
                 f" {_LOCK}",
             )
         return
-    lower, upper = (
-        read_number(path, element, key, f"{where} {key}", default=0.0) for key in ("lower", "upper")
-    )
-    if bounded and lower > upper:
+    lower = read_number(path, element, "lower", f"{where} lower", default=0.0)
+    upper = read_number(path, element, "upper", f"{where} upper", default=0.0)
+    if is_bounded and lower > upper:
         raise RobotDataError(
             path, f"{where}: lower {lower} > upper {upper}; allowed: lower <= upper"
         )
@@ -482,7 +360,8 @@ def _check_tree(path: Path, root: Element) -> None:
     links = dict.fromkeys(link.get("name") for link in root.findall("link"))
     parent_of: dict[str | None, str | None] = {}
     for joint in root.findall("joint"):
-        parent, child = (_linked(path, joint, end, links) for end in ("parent", "child"))
+        parent = _linked(path, joint, "parent", links)
+        child = _linked(path, joint, "child", links)
         if child in parent_of:
             raise RobotDataError(path, f"link {child!r} has two parents; allowed: one (a tree)")
         parent_of[child] = parent
@@ -496,24 +375,24 @@ def _check_tree(path: Path, root: Element) -> None:
 def _check_acyclic(path: Path, parent_of: dict[str | None, str | None]) -> None:
     rooted: set[str | None] = set()  # links from which the way up is known to end
     for start in parent_of:
-        way = set[str | None]()
+        passed = set[str | None]()
         link = start
         while link in parent_of and link not in rooted:
-            if link in way:
+            if link in passed:
                 raise RobotDataError(
                     path, f"the joints form a loop through link {link!r}; allowed: a tree"
                 )
-            way.add(link)
+            passed.add(link)
             link = parent_of[link]
-        rooted |= way
+        rooted |= passed
 
 
 def _linked(path: Path, joint: Element, end: str, links: Collection[str | None]) -> str:
+    """Return the name of the ``parent`` or ``child`` link of a joint. Raises ``RobotDataError``
+    where there is no such link.
+    """
     element = joint.find(end)
-    if element is None:
-        name = None
-    else:
-        name = element.get("link")
+    name = None if element is None else element.get("link")
     if name is None or name not in links:
         raise RobotDataError(
             path, f"joint {joint.get('name')!r}: {end} link {name!r} does not exist"
@@ -538,156 +417,3 @@ def _check_origin(path: Path, element: Element, where: str) -> None:
     for key in ("xyz", "rpy"):
         if origin is not None and key in origin.attrib:
             read_vector(path, origin, key, f"{where} origin")
-
-
-# Elements and attributes of a URDF that nobody reads: urdfdom and Pinocchio skip a word that they
-# do not know.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Place:
-    """Attributes and elements that one element may hold."""
-
-    children: frozenset[str] = frozenset()
-    attributes: frozenset[str] = frozenset()
-    others: frozenset[str] = frozenset()
-    """Elements for other programs, which change nothing here."""
-    once: frozenset[str] = frozenset()
-    """Children that may stand once. Of two, parsers take the first without a word."""
-    closed: bool = True
-    """True where nobody adds attributes of their own."""
-
-
-def _places() -> dict[str, _Place]:
-    """Read the table ``urdf_words.csv``: attributes and children that each element may have, and
-    how often, by its name.
-    """
-    rows = csv.DictReader(
-        (files("uvms_ocp.robot") / "urdf_words.csv").read_text(encoding="utf-8").splitlines()
-    )
-    words = ("children", "attributes", "others", "once")
-    return {
-        row["element"]: _Place(
-            **{key: frozenset(row[key].split()) for key in words}, closed=row["closed"] == "yes"
-        )
-        for row in rows
-    }
-
-
-_PLACES = _places()
-_WORDS = frozenset().union(*(place.attributes for place in _PLACES.values()))
-
-
-def unread_words(path: Path, root: Element) -> str:
-    """Describe the content of the file that is not read, for a warning; "" for none.
-
-    Raises ``RobotDataError`` for all words that are misspelt.
-    """
-    findings = Findings(path)
-    unread = Counter(_unread(findings, root, "robot"))
-    for part in root:
-        if part.tag in _PLACES["robot"].children:
-            unread.update(
-                _unread_below(findings, part, f"{part.tag} {quoted(part.get('name', ''))}")
-            )
-    findings.refuse()
-    words = [
-        word if n == 1 else f"{word} ({n} times)" for word, n in unread.most_common(_SHOWN_WORDS)
-    ]
-    return ", ".join(words) + (
-        f" and {len(unread) - _SHOWN_WORDS} more" if len(unread) > _SHOWN_WORDS else ""
-    )
-
-
-def _unread_below(findings: Findings, element: Element, where: str) -> Iterator[str]:
-    yield from _unread(findings, element, where)
-    for child in element:
-        if child.tag in _PLACES[element.tag].children:
-            yield from _unread_below(findings, child, f"{where} {child.tag}")
-
-
-def _unread(findings: Findings, element: Element, where: str) -> Iterator[str]:
-    """The words of one element, without those below, that nothing reads."""
-    place = _PLACES[element.tag]
-    for word, value in element.attrib.items():
-        if word not in place.attributes:
-            if word not in _WORDS or set(to_floats(value)) != {
-                0.0
-            }:  # a rpy of an axis, as of Gazebo, turns it by nothing
-                findings.attempt(
-                    _check_attribute, findings.path, word, place, element.attrib, where
-                )
-            yield f"attribute {_shown(word)} of <{element.tag}>"
-    for child in element:
-        if child.tag not in place.children | place.others:
-            if not _is_limit_of_none(element, child):
-                findings.attempt(_check_element, findings.path, child.tag, place, where)
-            yield f"<{_shown(child.tag)}> in <{element.tag}>"
-    if any(
-        text and not text.isspace() for text in (element.text, *(child.tail for child in element))
-    ):
-        yield f"text in <{element.tag}>"
-
-
-def _is_limit_of_none(element: Element, child: Element) -> bool:
-    """Check for <limits> of a joint that turns without end, such as a propeller: it would limit
-    nothing that is used.
-    """
-    return (
-        child.tag == "limits"
-        and element.tag == "joint"
-        and element.get("type") in ("continuous", "fixed")
-    )
-
-
-def _check_attribute(
-    path: Path, word: str, place: _Place, present: Collection[str], where: str
-) -> None:
-    parts = re.split("[_-]", word.lower())
-    replaced = [part for part in parts if part in place.attributes and part not in present]
-    meant = replaced or _meant(word, place.attributes)
-    if meant or (place.closed and not _is_foreign(word)):
-        raise RobotDataError(
-            path, _unknown(f"{where}: unknown attribute {_shown(word)}", meant, place.attributes)
-        )
-
-
-def _check_element(path: Path, word: str, place: _Place, where: str) -> None:
-    if _XACRO.match(word):
-        raise RobotDataError(
-            path,
-            f"{where}: <{_shown(word)}> is of xacro; give the URDF that xacro makes of the file",
-        )
-    meant = _meant(word, place.children)
-    if meant:
-        raise RobotDataError(
-            path, _unknown(f"{where}: unknown element <{_shown(word)}>", meant, place.children)
-        )
-
-
-def _meant(word: str, allowed: Collection[str]) -> list[str]:
-    parts = re.split("[_-]", word.lower())
-    # A longer word that contains a known one is somebody's own: gear_velocity, loop_joint.
-    candidates = sorted(set(allowed).difference(parts[1:] and parts))
-    if _is_foreign(word):
-        return []
-    return get_close_matches(word.lower(), candidates, n=1, cutoff=_LIKENESS)
-
-
-def _is_foreign(word: str) -> bool:
-    """Check for a word of another namespace, written by someone who knows that URDF does not have
-    it.
-    """
-    return word.startswith("{")
-
-
-def _unknown(problem: str, meant: list[str], attributes: Collection[str]) -> str:
-    allowed = f"allowed: {', '.join(sorted(attributes)) or 'none'}"
-    if meant:
-        return f"{problem}; did you mean {meant[0]!r}? {allowed}"
-    return f"{problem}; {allowed}"
-
-
-def _shown(word: str) -> str:
-    """A word of anybody's, without the address of its namespace."""
-    return plain_line(word.rpartition("}")[2], _LONGEST_WORD)
