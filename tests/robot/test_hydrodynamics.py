@@ -12,7 +12,8 @@ from scipy.optimize import minimize
 from wet_machines import random_link
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench, overload
+from uvms_ocp.robot.drag_passivity import overload
+from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, added_mass_wrench, drag_wrench
 
 RNG = np.random.default_rng(6)
 

@@ -173,7 +173,7 @@ def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
 # Drag that takes energy out of every motion, whatever the coordinates.
 #
 # Linear drag is a positive definite matrix plus a skew one, whose power is zero. Quadratic drag
-# obeys the condition of `uvms_ocp.robot.hydrodynamics` by construction: the diagonal is what the
+# obeys the condition of `uvms_ocp.robot.drag_passivity` by construction: the diagonal is what the
 # couplings ask for, and a positive number more.
 
 

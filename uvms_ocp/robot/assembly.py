@@ -45,12 +45,10 @@ def mount(
         prefix = f"{arm.name}_"
     joined = _joined(vehicle, _prefixed(arm, prefix), X_BA)
     if flange is not None:
-        _add_tool(vehicle, joined.model, prefix + arm.model.frames[arm.frame_id(flange)].name)
-    return joining.robot_of(
-        joined,
-        _joined_description(vehicle.description, arm, links, prefix),
-        f"{vehicle.name}+{arm.name}",
-    )
+        flange_name = arm.model.frames[arm.frame_id(flange)].name
+        _add_tool(vehicle, joined.model, prefix + flange_name)
+    description = _joined_description(vehicle.description, arm, links, prefix)
+    return joining.robot_of(joined, description, f"{vehicle.name}+{arm.name}")
 
 
 @checked
@@ -64,15 +62,17 @@ def without_arm(robot: Robot) -> Robot:
             f"robot {robot.name!r} has a fixed base; only a free-flyer has a vehicle"
         )
     vehicle_links = {frame.name for frame in robot.model.frames if frame.parentJoint <= 1}
-    before = robot.description
-    links = {name: link for name, link in before.links.items() if name in vehicle_links}
-    trim = tuple(body for body in before.trim if body.link in vehicle_links)
-    sensors: dict[str, str | None] = {"altimeter": before.altimeter, "dvl": before.dvl}
-    for key, link in sensors.items():
-        if link not in vehicle_links:
-            sensors[key] = None
-    alone = checked_copy(before, joints={}, links=links, trim=trim, tool=None, **sensors)
-    return joining.robot_of(_base_only(robot), alone, robot.name)
+    description = robot.description
+    vehicle_description = checked_copy(
+        description,
+        joints={},
+        links={name: link for name, link in description.links.items() if name in vehicle_links},
+        trim=tuple(body for body in description.trim if body.link in vehicle_links),
+        tool=None,
+        altimeter=description.altimeter if description.altimeter in vehicle_links else None,
+        dvl=description.dvl if description.dvl in vehicle_links else None,
+    )
+    return joining.robot_of(_base_only(robot), vehicle_description, robot.name)
 
 
 def _prefixed(arm: Robot, prefix: str) -> UrdfModels:
@@ -123,22 +123,22 @@ def _add_tool(vehicle: Robot, model: pin.Model, at: str) -> None:
 def _joined_description(
     vehicle: RobotDescription, arm: Robot, links: Mapping[str, LinkDescription] | None, prefix: str
 ) -> RobotDescription:
-    before = arm.description
-    water = links or before.links or cylinders_around_links(arm)
-    trim = (
-        body.model_copy(update={"name": prefix + body.name, "link": prefix + body.link})
-        for body in before.trim
-    )
+    """Return the vehicle's description with that of the arm, whose names get a prefix."""
+    joints = dict(vehicle.joints)
+    for name, joint in arm.description.joints.items():
+        joints[prefix + name] = joint
+    arm_links = links or arm.description.links or cylinders_around_links(arm)
+    all_links = dict(vehicle.links)
+    for name, link in arm_links.items():
+        all_links[prefix + name] = link
+    trim = [*vehicle.trim]
+    for body in arm.description.trim:
+        names = {"name": prefix + body.name, "link": prefix + body.link}
+        trim.append(body.model_copy(update=names))
+    arm_tools = [prefix + tool for tool in roles.tools_of(arm.description)]
+    tools = (*roles.tools_of(vehicle), *arm_tools)
     return checked_copy(
-        vehicle,
-        joints={
-            **vehicle.joints,
-            **{prefix + name: joint for name, joint in before.joints.items()},
-        },
-        links={**vehicle.links, **{prefix + name: link for name, link in water.items()}},
-        trim=(*vehicle.trim, *trim),
-        tool=(*roles.tools_of(vehicle), *(prefix + tool for tool in roles.tools_of(before)))
-        or None,
+        vehicle, joints=joints, links=all_links, trim=tuple(trim), tool=tools or None
     )
 
 
@@ -160,10 +160,12 @@ def _base_only(robot: Robot) -> UrdfModels:
                 frame.type,
             )
             old_to_new[i] = model.addFrame(copy, False)
-    visual, collision = (
-        _shapes_on(shapes, old_to_new) for shapes in (robot.visual_model, robot.collision_model)
+    return UrdfModels(
+        name=robot.name,
+        model=model,
+        visual=_shapes_on(robot.visual_model, old_to_new),
+        collision=_shapes_on(robot.collision_model, old_to_new),
     )
-    return UrdfModels(name=robot.name, model=model, visual=visual, collision=collision)
 
 
 def _shapes_on(shapes: pin.GeometryModel, old_to_new: Mapping[int, int]) -> pin.GeometryModel:

@@ -35,9 +35,8 @@ _log = logging.getLogger(__name__)
 
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
-Coordinate = Annotated[
-    float, Field(ge=-50.0, le=50.0)
-]  # [m]; larger numbers are millimetres by mistake
+# [m]; larger numbers are millimetres by mistake
+Coordinate = Annotated[float, Field(ge=-50.0, le=50.0)]
 Point = tuple[Coordinate, Coordinate, Coordinate]
 Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
@@ -379,8 +378,8 @@ def as_matrix6(value: Vector6 | Matrix6) -> np.ndarray:
 
 
 def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
-    """The mean of both halves of a matrix whose entries differ by one unit of their last written
-    digit at most.
+    """Return the mean of both halves of a matrix whose entries differ by one unit of their last
+    written digit at most.
 
     Other differences are left as they are.
     """
@@ -396,8 +395,9 @@ def symmetric_within_rounding(value: Vector6 | Matrix6) -> Vector6 | Matrix6:
 
 
 def _last_digit(number: float) -> float:
-    """The unit of the last digit of a number as it is written, 0.01 of 55.12."""
-    return 10.0 ** min(int(Decimal(repr(number)).normalize().as_tuple().exponent), 0)
+    """Return the unit of the last digit of a number as it is written, 0.01 of 55.12."""
+    exponent = int(Decimal(repr(number)).normalize().as_tuple().exponent)
+    return 10.0 ** min(exponent, 0)
 
 
 def checked_copy(description: RobotDescription, **changes: object) -> RobotDescription:
@@ -406,9 +406,6 @@ def checked_copy(description: RobotDescription, **changes: object) -> RobotDescr
         return RobotDescription.model_validate({**dict(description), **changes})
     except ValidationError as error:
         raise InvalidInput(one_line(error, RobotDescription)) from None
-
-
-# From ``hydrodynamics.yaml`` to a checked `RobotDescription`; a variant replaces some of its keys.
 
 
 def read_description(path: Path, variant: Path | None = None) -> RobotDescription:
@@ -425,10 +422,11 @@ def read_description(path: Path, variant: Path | None = None) -> RobotDescriptio
     except ValidationError as error:
         raise RobotDataError(variant or path, *problems_of(error, RobotDescription)) from None
     for name, link in description.links.items():
+        if not link.coefficients:
+            continue
         written = content["links"][name].get("coefficients", {}) or {}
-        if link.coefficients and not np.array_equal(
-            written.get("added_mass", (0.0,) * 6), link.coefficients.added_mass
-        ):
+        written_mass = written.get("added_mass", (0.0,) * 6)
+        if not np.array_equal(written_mass, link.coefficients.added_mass):
             _log.warning(
                 "%s: links.%s.coefficients.added_mass: symmetric but for a last digit; the mean of"
                 " both is taken",
@@ -453,6 +451,7 @@ def _read_mapping(path: Path) -> dict[str, Any]:
 
 
 def _overlaid(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Return the keys of both, those of `above` in place of those of `below`, section by section."""
     merged = dict(below)
     for key, value in above.items():
         if isinstance(value, dict) and isinstance(below.get(key), dict):
@@ -492,23 +491,21 @@ _RobotFile.add_constructor(
 )
 
 
-# North-east-down data to forward-left-up, once, when a file is read; nothing after it knows of the
-# other axes.
-
-
 def forward_left_up(description: RobotDescription) -> RobotDescription:
-    """Return the same robot with ``convention: FLU``."""
+    """Return the same robot with ``convention: FLU``: north-east-down data are turned once, and
+    nothing after it knows of the other axes.
+    """
     if description.convention == "FLU":
         return description
-    parts = ("links", "trim", "thrusters")
-    return description.model_copy(
-        update={"convention": "FLU"} | {name: _turned(getattr(description, name)) for name in parts}
-    )
+    turned: dict[str, Any] = {"convention": "FLU"}
+    for name in ("links", "trim", "thrusters"):
+        turned[name] = _turned(getattr(description, name))
+    return description.model_copy(update=turned)
 
 
 def _turned(value: Any, name: str = "") -> Any:
-    """The value of a key of that name in forward-left-up axes: vectors, matrices, and sections and
-    entries that have some.
+    """Return the value of a key of that name in forward-left-up axes: vectors, matrices, and
+    sections and entries that have some.
     """
     if isinstance(value, _Section):
         return value.model_copy(update={key: _turned(part, key) for key, part in value})

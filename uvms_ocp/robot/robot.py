@@ -20,149 +20,16 @@ from uvms_ocp.robot import coefficients, roles
 from uvms_ocp.robot.description import RobotDescription, checked_copy
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.limits import Joint, Limits, from_joint_values
+from uvms_ocp.robot.moved_frames import (
+    check_movable,
+    frames_fixed_to,
+    shifted_frames,
+    shifted_shapes,
+)
 from uvms_ocp.types import Range, Shape
 
-# Building and checking the configuration q of a robot.
-
-_LIMIT_TOLERANCE = 1e-9
-_UNIT_TOLERANCE = 1e-6
-
-
-def _vehicle_part(
-    robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
-) -> np.ndarray:
-    """[p_WB, quaternion] (7,), or (0,) for a fixed base.
-
-    position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of
-    them, a wrong shape, or any of the three with a fixed base.
-    """
-    if not robot.n_vehicle:
-        if position is not None or rpy is not None or quaternion is not None:
-            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
-        return np.zeros(0)
-    if position is None:
-        p = np.zeros(3)
-    else:
-        p = finite_array("position", position, (3,))
-    return np.concatenate([p, _orientation(rpy, quaternion)])
-
-
-def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
-    """The joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or m], or
-    by name on ``home``.
-
-    Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
-    """
-    values = robot.home.copy()
-    if isinstance(joints, Mapping):
-        for name, value in joints.items():
-            joint = robot.joint(name)
-            values[joint.idx_v - robot.n_vehicle : joint.idx_v - robot.n_vehicle + joint.n_v] = (
-                value
-            )
-    elif joints is not None:
-        values = finite_array("joints", joints, (robot.n_joints,))
-    return from_joint_values(robot.model, values)[robot.joint_q]
-
-
-def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
-    """Q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
-    array = finite_array("q", q, (robot.n_q,))
-    if robot.n_vehicle:
-        _check_unit("q: its quaternion", array[3:7])
-    for joint in robot.joints:
-        values = array[joint.q]
-        if joint.n_q != joint.n_v:
-            _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
-            continue
-        for i, value in enumerate(values, start=joint.idx_v - robot.n_vehicle):
-            low = robot.limits.position_lower[i]
-            high = robot.limits.position_upper[i]
-            if not low - _LIMIT_TOLERANCE <= value <= high + _LIMIT_TOLERANCE:
-                raise InvalidInput(
-                    f"joint {joint.name!r}: given {value:.6g}; allowed: {low:.6g} to {high:.6g}"
-                )
-    return array
-
-
-def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
-    if rpy is not None and quaternion is not None:
-        raise InvalidInput("give either rpy or quaternion, not both")
-    if quaternion is not None:
-        return finite_array("quaternion", quaternion, (4,))
-    if rpy is None:
-        angles = np.zeros(3)
-    else:
-        angles = finite_array("rpy", rpy, (3,))
-    return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
-
-
-def _check_unit(what: str, values: np.ndarray) -> None:
-    norm = float(np.linalg.norm(values))
-    if abs(norm - 1.0) > _UNIT_TOLERANCE:
-        raise InvalidInput(f"{what} has norm {norm:.6g}; allowed: 1, divide it by its norm")
-
-
-def require_normalized(model: pin.Model, q: ArrayLike) -> None:
-    """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is
-    not 1, but for NaN.
-    """
-    for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
-        if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
-            raise InvalidInput(
-                "q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by"
-                " its norm"
-            )
-
-
-# Moving fixed frames (sensors, tools) of a Pinocchio model without touching the original.
-
-
-def check_movable(model: pin.Model, index: int) -> None:
-    """Raise ``InvalidInput`` for a frame that is itself a moving link."""
-    frame = model.frames[index]
-    carrier = model.frames[frame.parentFrame] if frame.type == pin.FrameType.BODY else frame
-    if carrier.type == pin.FrameType.JOINT:
-        raise InvalidInput(
-            f"frame {frame.name!r} is a moving link; only frames fixed to a link can be moved"
-        )
-
-
-def frames_fixed_to(model: pin.Model, index: int) -> frozenset[int]:
-    """Return the frame and all frames rigidly attached to it."""
-    fixed = {index}
-    # Pinocchio appends children after their parents, so one pass finds all descendants.
-    for i, frame in enumerate(model.frames[index + 1 :], start=index + 1):
-        if frame.parentFrame in fixed and frame.type != pin.FrameType.JOINT:
-            fixed.add(i)
-    return frozenset(fixed)
-
-
-def shifted_frames(model: pin.Model, moved: frozenset[int], shift: pin.SE3) -> pin.Model:
-    """Return a copy of the model with the frames, and the joints they carry, moved by ``shift``."""
-    model = model.copy()
-    for i in moved:
-        model.frames[i].placement = shift * model.frames[i].placement
-    for frame in model.frames:
-        if frame.type == pin.FrameType.JOINT and frame.parentFrame in moved:
-            model.jointPlacements[frame.parentJoint] = (
-                shift * model.jointPlacements[frame.parentJoint]
-            )
-    return model
-
-
-def shifted_shapes(
-    shapes: pin.GeometryModel, moved: frozenset[int], shift: pin.SE3
-) -> pin.GeometryModel:
-    """Return a copy of the shapes with those on the given frames moved by ``shift``."""
-    shapes = shapes.copy()
-    for shape in shapes.geometryObjects:
-        if shape.parentFrame in moved:
-            shape.placement = shift * shape.placement
-    return shapes
-
-
-# The robot as a value: mechanism, shapes, limits and the description of the water on it.
+_LIMIT_TOLERANCE = 1e-9  # [rad or m]
+_UNIT_TOLERANCE = 1e-6  # of a norm
 
 
 @checked_dataclass(weakref_slot=True, eq=False, repr=False)
@@ -183,7 +50,7 @@ class Robot:
     """Arm joints of a free-flyer, all joints otherwise."""
     limits: Limits
     home: Annotated[np.ndarray, Range(open=True)]
-    """(n_joints,) [rad or m] stowed posture, one number per degree of freedom."""
+    """Stowed posture (n_joints,) [rad or m], one number per degree of freedom."""
     hydrodynamics: tuple[LinkHydrodynamics, ...]
     """Links in water; floats and ballast add their volume."""
     urdf: Path | None = None
@@ -199,14 +66,12 @@ class Robot:
         )
 
     def _repr_html_(self) -> str:
+        rows = list[tuple[str, ...]]()
         limits = zip(self.limits.position_lower, self.limits.position_upper, strict=True)
-        rows = [
-            (joint.name, f"{low:.4g}", f"{high:.4g}")
-            for joint, (low, high) in zip(self.joints, limits, strict=False)
-        ]
-        return SmallTable(
-            title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows)
-        ).html()
+        for joint, (lower, upper) in zip(self.joints, limits, strict=False):
+            rows.append((joint.name, f"{lower:.4g}", f"{upper:.4g}"))
+        table = SmallTable(title=repr(self), head=("joint", "lower", "upper"), rows=tuple(rows))
+        return table.html()
 
     @property
     def n_q(self) -> int:
@@ -243,18 +108,21 @@ class Robot:
     @property
     def leading_joints(self) -> tuple[str, ...]:
         """Names of the joints that others mimic: they move as one."""
-        led = {joint.idx_v for joint in list(self.model.joints)[1:] if not joint.nv}
-        return tuple(joint.name for joint in self.joints if joint.idx_v in led)
+        followed = {joint.idx_v for joint in list(self.model.joints)[1:] if not joint.nv}
+        return tuple(joint.name for joint in self.joints if joint.idx_v in followed)
 
     @property
     def drawn_shapes(self) -> tuple[pin.GeometryObject, ...]:
         """Visual shapes, and the collision shapes of links without any, such as those whose meshes
         are missing.
         """
-        shapes = self.visual_model.geometryObjects
-        solid = self.collision_model.geometryObjects
-        drawn_frames = {shape.parentFrame for shape in shapes}
-        return (*shapes, *(shape for shape in solid if shape.parentFrame not in drawn_frames))
+        visual = self.visual_model.geometryObjects
+        drawn_frames = {shape.parentFrame for shape in visual}
+        drawn = [*visual]
+        for shape in self.collision_model.geometryObjects:
+            if shape.parentFrame not in drawn_frames:
+                drawn.append(shape)
+        return tuple(drawn)
 
     @property
     def thruster_names(self) -> tuple[str, ...]:
@@ -264,23 +132,21 @@ class Robot:
     @property
     def tools(self) -> tuple[str, ...]:
         """Frames of the tools, of several arms one each; the first is the frame ``tool``."""
-        return roles.tools_of(self.description) or (
-            (roles.TOOL,) if self.has_frame(roles.TOOL) else ()
-        )
+        tools = roles.tools_of(self.description)
+        if not tools and self.has_frame(roles.TOOL):
+            return (roles.TOOL,)
+        return tools
 
     @checked_on_failure
     def arm_shapes(self, tool: str) -> tuple[str, ...]:
-        """Names of the collision shapes on the joints that move a tool, a frame. Raises
+        """Return names of the collision shapes on the joints that move a tool, a frame. Raises
         `FrameNotFound`.
         """
-        joints = [*self.model.supports[self.model.frames[self.frame_id(tool)].parentJoint]][
-            2 if self.n_vehicle else 1 :
-        ]
-        return tuple(
-            shape.name
-            for shape in self.collision_model.geometryObjects
-            if shape.parentJoint in joints
-        )
+        carrier = self.model.frames[self.frame_id(tool)].parentJoint
+        first_joint = 2 if self.n_vehicle else 1
+        joints = [*self.model.supports[carrier]][first_joint:]
+        shapes = self.collision_model.geometryObjects
+        return tuple(shape.name for shape in shapes if shape.parentJoint in joints)
 
     @property
     def vehicle_v(self) -> slice:
@@ -296,17 +162,21 @@ class Robot:
         upper = np.full(self.n_q, np.inf)
         for joint in self.joints:
             if joint.n_q == joint.n_v:
-                axes = slice(joint.idx_v - self.n_vehicle, joint.idx_v - self.n_vehicle + joint.n_v)
+                first = joint.idx_v - self.n_vehicle
+                axes = slice(first, first + joint.n_v)
                 lower[joint.q] = self.limits.position_lower[axes]
                 upper[joint.q] = self.limits.position_upper[axes]
         return lower, upper
 
     @property
     def limited_positions(self) -> np.ndarray:
-        """(n,) places in q of the joints that `configuration_bounds` may limit."""
-        own = [joint.q for joint in self.joints if joint.n_q == joint.n_v]
-        places = np.arange(self.n_q)
-        return np.concatenate([np.zeros(0, dtype=int), *(places[part] for part in own)])
+        """Places (n,) in q of the joints that `configuration_bounds` may limit."""
+        all_places = np.arange(self.n_q)
+        places = [np.zeros(0, dtype=int)]
+        for joint in self.joints:
+            if joint.n_q == joint.n_v:
+                places.append(all_places[joint.q])
+        return np.concatenate(places)
 
     @property
     def joint_v(self) -> slice:
@@ -356,12 +226,13 @@ class Robot:
         frame that is itself a moving link, and ``FrameNotFound``.
         """
         moved = with_moved_frame(self, frame, X_parent)
-        place = {
+        frame_pose = {
+            "frame": frame,
             "position": X_parent.translation.tolist(),
             "rpy": pin.rpy.matrixToRpy(X_parent.rotation).tolist(),
         }
-        before = self.description.loading.model_dump()
-        loading = before | {"frames": (*before["frames"], {"frame": frame, **place})}
+        loading = self.description.loading.model_dump()
+        loading["frames"] = (*loading["frames"], frame_pose)
         return replace(moved, description=checked_copy(self.description, loading=loading))
 
     def with_water_density(self, density: float) -> Robot:
@@ -390,12 +261,9 @@ class Robot:
         ``InvalidInput`` for a wrong shape or what `check_configuration` refuses, and
         ``NameNotFound`` for an unknown joint.
         """
-        return _checked(
-            self,
-            np.concatenate(
-                [_vehicle_part(self, position, rpy, quaternion), _joint_part(self, joints)]
-            ),
-        )
+        vehicle_part = _vehicle_part(self, position, rpy, quaternion)
+        joint_part = _joint_part(self, joints)
+        return _checked(self, np.concatenate([vehicle_part, joint_part]))
 
     @checked_on_failure
     def joint_values(self, q: Annotated[np.ndarray, Shape("self.n_q")]) -> np.ndarray:
@@ -404,11 +272,9 @@ class Robot:
 
         Those of joints that turn without end are from -pi to pi.
         """
-        return np.asarray(
-            pin.difference(self.model, pin.neutral(self.model), np.asarray(q, dtype=float))[
-                self.n_vehicle :
-            ]
-        )
+        q = np.asarray(q, dtype=float)
+        motion = pin.difference(self.model, pin.neutral(self.model), q)
+        return np.asarray(motion[self.n_vehicle :])
 
     @checked_on_failure
     def with_joint_values(
@@ -430,7 +296,7 @@ class Robot:
 
 
 def with_moved_frame(robot: Robot, frame: str, X_parent: pin.SE3) -> Robot:
-    """`Robot.with_frame_pose` of a robot whose description says so already."""
+    """Return `Robot.with_frame_pose` of a robot whose description says so already."""
     index = robot.frame_id(frame)
     check_movable(robot.model, index)
     moved = frames_fixed_to(robot.model, index)
@@ -441,3 +307,83 @@ def with_moved_frame(robot: Robot, frame: str, X_parent: pin.SE3) -> Robot:
         visual_model=shifted_shapes(robot.visual_model, moved, shift),
         collision_model=shifted_shapes(robot.collision_model, moved, shift),
     )
+
+
+def _vehicle_part(
+    robot: Robot, position: ArrayLike | None, rpy: ArrayLike | None, quaternion: ArrayLike | None
+) -> np.ndarray:
+    """Return [p_WB, quaternion] (7,), or (0,) for a fixed base.
+
+    position (3,) [m]; rpy (3,) [rad] or quaternion (4,) xyzw. Raises `InvalidInput` for both of
+    them, a wrong shape, or any of the three with a fixed base.
+    """
+    if not robot.n_vehicle:
+        if position is not None or rpy is not None or quaternion is not None:
+            raise InvalidInput(f"robot {robot.name!r} has a fixed base; give joints only")
+        return np.zeros(0)
+    p_WB = np.zeros(3) if position is None else finite_array("position", position, (3,))
+    return np.concatenate([p_WB, _orientation(rpy, quaternion)])
+
+
+def _joint_part(robot: Robot, joints: ArrayLike | Mapping[str, float] | None) -> np.ndarray:
+    """Return the joint part of q from `joints`: one value per degree of freedom (n_joints,) [rad or
+    m], or by name on ``home``.
+
+    Raises `InvalidInput` for a wrong shape and `NameNotFound` for an unknown joint.
+    """
+    values = robot.home.copy()
+    if isinstance(joints, Mapping):
+        for name, value in joints.items():
+            joint = robot.joint(name)
+            first = joint.idx_v - robot.n_vehicle
+            values[first : first + joint.n_v] = value
+    elif joints is not None:
+        values = finite_array("joints", joints, (robot.n_joints,))
+    return from_joint_values(robot.model, values)[robot.joint_q]
+
+
+def _checked(robot: Robot, q: ArrayLike) -> np.ndarray:
+    """Return q (n_q,) [m, rad] read-only. Raises `InvalidInput` naming what is wrong with it."""
+    array = finite_array("q", q, (robot.n_q,))
+    if robot.n_vehicle:
+        _check_unit("q: its quaternion", array[3:7])
+    for joint in robot.joints:
+        values = array[joint.q]
+        if joint.n_q != joint.n_v:
+            _check_unit(f"(cos, sin) of joint {joint.name!r}", values[-2:])
+            continue
+        for i, value in enumerate(values, start=joint.idx_v - robot.n_vehicle):
+            lower = robot.limits.position_lower[i]
+            upper = robot.limits.position_upper[i]
+            if not lower - _LIMIT_TOLERANCE <= value <= upper + _LIMIT_TOLERANCE:
+                raise InvalidInput(
+                    f"joint {joint.name!r}: given {value:.6g}; allowed: {lower:.6g} to {upper:.6g}"
+                )
+    return array
+
+
+def _orientation(rpy: ArrayLike | None, quaternion: ArrayLike | None) -> np.ndarray:
+    if rpy is not None and quaternion is not None:
+        raise InvalidInput("give either rpy or quaternion, not both")
+    if quaternion is not None:
+        return finite_array("quaternion", quaternion, (4,))
+    angles = np.zeros(3) if rpy is None else finite_array("rpy", rpy, (3,))
+    return np.asarray(pin.Quaternion(pin.rpy.rpyToMatrix(angles)).coeffs())
+
+
+def _check_unit(what: str, values: np.ndarray) -> None:
+    norm = float(np.linalg.norm(values))
+    if abs(norm - 1.0) > _UNIT_TOLERANCE:
+        raise InvalidInput(f"{what} has norm {norm:.6g}; allowed: 1, divide it by its norm")
+
+
+def require_normalized(model: pin.Model, q: ArrayLike) -> None:
+    """Raise `InvalidInput` where q (..., n_q) [m, rad] has a quaternion or (cos, sin) whose norm is
+    not 1, but for NaN.
+    """
+    for row in np.reshape(np.asarray(q, dtype=float), (-1, model.nq)):
+        if not pin.isNormalized(model, row, _UNIT_TOLERANCE) and np.isfinite(row).all():
+            raise InvalidInput(
+                "q has a quaternion, or (cos, sin) of a joint, whose norm is not 1; divide it by"
+                " its norm"
+            )

@@ -24,8 +24,6 @@ from uvms_ocp.robot import hydrodynamics as water
 from uvms_ocp.robot.symbolic_bodies import SymbolicPose, Wrench, inertial_wrench, sparse
 from uvms_ocp.robot.symbolic_model import BodyMotions, SymbolicModel, find_frame, function
 
-# Links in water on the joint bodies that carry them, with numbers or expressions for coefficients.
-
 Coefficient: TypeAlias = float | np.ndarray | ca.DM | ca.SX
 """A number or an expression."""
 
@@ -35,17 +33,17 @@ class WaterCoefficients:
     """Hydrodynamic coefficients of one link, in its frame L."""
 
     added_mass: Coefficient
-    """(6, 6) [kg, kg m, kg m2]"""
+    """Added mass (6, 6) [kg, kg m, kg m2]."""
     linear_drag: Coefficient
-    """(6, 6) [N/(m/s), N m/(rad/s)]"""
+    """Wrench per velocity (6, 6) [N/(m/s), N m/(rad/s)]."""
     quadratic_drag: Coefficient
-    """(6, 6) [N/(m/s)^2, N m/(rad/s)^2]"""
+    """Wrench per squared velocity (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
     by_flow: bool = False
     """Drag acts along the flow, not axis by axis; see `LinkHydrodynamics`."""
     displaced_mass: Coefficient
-    """[kg]"""
+    """Density times volume [kg]."""
     p_LB: Coefficient
-    """(3,) [m]"""
+    """Centre of buoyancy (3,) [m] in L."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,12 +51,15 @@ class WetLink:
     """A link's coefficients with its placement on the joint body that carries it."""
 
     joint: int
+    """Index of the joint."""
     R_JL: ca.DM
-    """(3, 3) """
+    """Rotation (3, 3) of L in J."""
     p_JL: ca.DM
-    """(3,) [m]"""
+    """Position (3,) [m] of L in J."""
     motion_LJ: ca.DM
-    """(6, 6) [-, m] twist of the joint body at J -> at L; transposed, wrench at L -> at J."""
+    """Motion transform (6, 6) [-, m]: twist of the joint body at J to that at L; transposed, wrench
+    at L to that at J.
+    """
     water: WaterCoefficients
 
     def point(self, poses: tuple[SymbolicPose, ...], p_L: Coefficient) -> ca.SX:
@@ -87,14 +88,6 @@ def wet_link(model: pin.Model, link: water.LinkHydrodynamics, density: float) ->
     )
 
 
-# Equations of motion of a robot in water as CasADi SX expressions.
-#
-#     M(q) a + C(q, v_r) v_r + D(q, v_r) v_r + g(q) = tau
-#
-# M is rigid body plus added mass of every link; velocity and acceleration of the water enter link
-# by link.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False, repr=False)
 class SymbolicDynamics(FieldTable):
     """Dynamics of a kinematic tree with water on some of its links.
@@ -112,7 +105,7 @@ class SymbolicDynamics(FieldTable):
     symbolic: SymbolicModel = field(init=False, repr=False)
     _wet: tuple[WetLink, ...] = field(init=False, repr=False)
     _rigid: tuple[ca.DM | ca.SX, ...] = field(init=False, repr=False)
-    """(6, 6) of every joint body, universe included."""
+    """Inertia (6, 6) [kg, kg m, kg m2] of every joint body, universe included."""
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.density) and self.density >= 0.0):
@@ -149,15 +142,13 @@ class SymbolicDynamics(FieldTable):
         changed = copy(self)
         bodies = dict(enumerate(self._rigid)) | dict(rigid or {})
         wet = dict(enumerate(self._wet))
-        wet |= {
-            index: replace(wet[index], water=coefficients)
-            for index, coefficients in (links or {}).items()
-        }
+        for index, coefficients in (links or {}).items():
+            wet[index] = replace(wet[index], water=coefficients)
         changed._set(_rigid=tuple(bodies.values()), _wet=tuple(wet.values()))
         return changed
 
     def joint_of(self, link: int) -> int:
-        """Which joint body carries a link, given by its place in ``links``."""
+        """Return the joint body that carries a link, given by its place in ``links``."""
         return self._wet[link].joint
 
     # --- expressions ------------------------------------------------------------------------------
@@ -168,12 +159,8 @@ class SymbolicDynamics(FieldTable):
         """
         local = self.symbolic.local_poses(q)
         motions = self.symbolic.body_motions(local, v, a)
-        wrenches = [
-            inertial_wrench(inertia, velocity, acceleration)
-            for inertia, velocity, acceleration in zip(
-                self._rigid, motions.velocities, motions.accelerations, strict=True
-            )
-        ]
+        bodies = zip(self._rigid, motions.velocities, motions.accelerations, strict=True)
+        wrenches = [inertial_wrench(inertia, twist, rate) for inertia, twist, rate in bodies]
         for index, link in enumerate(self._wet):
             wrenches[link.joint] += self._water_wrench(link, motions, u[:, index], Du_Dt[:, index])
         tau = self.symbolic.generalized_force(local, wrenches) + self.model.armature * a
@@ -222,12 +209,12 @@ class SymbolicDynamics(FieldTable):
 
     def kinetic_energy(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """``1/2 v.T M v`` [J], of the bodies and the water they carry along."""
-        motions = self.symbolic.body_motions(
-            self.symbolic.local_poses(q), v, ca.SX(self.model.nv, 1)
-        )
+        local = self.symbolic.local_poses(q)
+        motions = self.symbolic.body_motions(local, v, ca.SX(self.model.nv, 1))
+        bodies = zip(self._total_inertias(), motions.velocities, strict=True)
         twice = sum(
             ca.bilin(ca.SX(inertia), velocity.stacked(), velocity.stacked())
-            for inertia, velocity in zip(self._total_inertias(), motions.velocities, strict=True)
+            for inertia, velocity in bodies
         )
         return (twice + ca.dot(sparse(np.asarray(self.model.armature)), v * v)) / 2
 
@@ -236,10 +223,9 @@ class SymbolicDynamics(FieldTable):
         poses = self.symbolic.joint_poses(self.symbolic.local_poses(q))
         moment = ca.SX(3, 1)  # sum of mass times position, displaced mass counting negative
         for pose, inertia in zip(poses[1:], self._rigid[1:], strict=True):
-            first = ca.vertcat(
-                inertia[5, 1], inertia[3, 2], inertia[4, 0]
-            )  # mass times lever, in the coupling block
-            moment += inertia[0, 0] * pose.p + pose.R @ first
+            # in the coupling block
+            mass_times_lever = ca.vertcat(inertia[5, 1], inertia[3, 2], inertia[4, 0])
+            moment += inertia[0, 0] * pose.p + pose.R @ mass_times_lever
         for link in self._wet:
             moment -= link.water.displaced_mass * link.point(poses, link.water.p_LB)
         return -ca.dot(sparse(self.model.gravity.linear), moment)

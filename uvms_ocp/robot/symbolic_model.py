@@ -90,11 +90,8 @@ class SymbolicModel:
     """Joint i of Pinocchio is ``joints[i - 1]``; the universe has no entry."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self,
-            "joints",
-            tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints)),
-        )
+        joints = tuple(symbolic_joint(self.model, i) for i in range(1, self.model.njoints))
+        object.__setattr__(self, "joints", joints)
 
     # --- kinematics -------------------------------------------------------------------------------
 
@@ -118,8 +115,11 @@ class SymbolicModel:
         for a q of another size.
         """
         self._check_rows("q", q, self.model.nq)
-        across = (joint.pose(q) for joint in self.joints)
-        return (SymbolicPose.identity(), *(SymbolicPose(R=R, p=p) for R, p in across))
+        poses = [SymbolicPose.identity()]
+        for joint in self.joints:
+            R, p = joint.pose(q)
+            poses.append(SymbolicPose(R=R, p=p))
+        return tuple(poses)
 
     def joint_poses(self, local_poses: Sequence[SymbolicPose]) -> tuple[SymbolicPose, ...]:
         """Pose X_WJ of every joint body; index 0 is the universe. Raises InvalidInput for another
@@ -138,9 +138,8 @@ class SymbolicModel:
         """
         self._check_rows("q", q, self.model.nq)
         self._check_rows("v", v, self.model.nv)
-        return ca.vertcat(
-            ca.SX(0, 1), *[joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints]
-        )
+        parts = [joint.kind.integrate(q[joint.q], v[joint.v]) for joint in self.joints]
+        return ca.vertcat(ca.SX(0, 1), *parts)
 
     def difference(self, q0: ca.SX, q1: ca.SX) -> ca.SX:
         """Velocity (n_v,) that moves q0 to q1 in one second; rotations by at most pi.
@@ -149,9 +148,8 @@ class SymbolicModel:
         """
         self._check_rows("q0", q0, self.model.nq)
         self._check_rows("q1", q1, self.model.nq)
-        return ca.vertcat(
-            ca.SX(0, 1), *[joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
-        )
+        parts = [joint.kind.difference(q0[joint.q], q1[joint.q]) for joint in self.joints]
+        return ca.vertcat(ca.SX(0, 1), *parts)
 
     # --- dynamics ---------------------------------------------------------------------------------
 
@@ -230,12 +228,11 @@ class SymbolicModel:
         while at:
             joint = self.joints[at - 1]
             block = joint.S_linear.T @ wrench.force + joint.S_angular.T @ wrench.moment
-            if (
-                joint.v.start <= columns.start
-            ):  # the upper triangle alone; of joints that move as one both halves count
-                total[joint.v, columns] += (
-                    block + block.T if at != index and joint.v == columns else block
-                )
+            # The upper triangle alone; of joints that move as one both halves count.
+            if at != index and joint.v == columns:
+                total[joint.v, columns] += block + block.T
+            elif joint.v.start <= columns.start:
+                total[joint.v, columns] += block
             else:
                 total[columns, joint.v] += block.T
             wrench = wrench.onto_parent(local[at])
@@ -249,13 +246,16 @@ class SymbolicModel:
 
 
 def find_frame(model: pin.Model, name: str) -> pin.Frame:
-    """Frame of a model by name; a body is preferred to a joint of the same name. Raises
+    """Return the frame of a model by name; a body is preferred to a joint of the same name. Raises
     FrameNotFound.
     """
-    named = [frame for frame in model.frames if frame.name == name]
-    if not named:
+    candidates = [frame for frame in model.frames if frame.name == name]
+    if not candidates:
         raise FrameNotFound(name, dict.fromkeys(frame.name for frame in model.frames))
-    return next((frame for frame in named if frame.type == pin.FrameType.BODY), named[0])
+    for frame in candidates:
+        if frame.type == pin.FrameType.BODY:
+            return frame
+    return candidates[0]
 
 
 def function(name: str, inputs: dict[str, ca.SX], outputs: dict[str, ca.SX]) -> ca.Function:
