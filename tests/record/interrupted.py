@@ -111,7 +111,7 @@ def fill(folder: Path, contents: State) -> None:
 
 def state(folder: Path) -> State:
     """Every file with its contents, but of the store only that nothing is left over in it."""
-    kept = {".uvms_ocp/lock", ".uvms_ocp/manifest.json"}
+    store_files = {".uvms_ocp/lock", ".uvms_ocp/manifest.json"}
     running = f"{RUNNING}/"  # rows of a run that goes on, which are there beside all else
     files = {
         path.relative_to(folder).as_posix(): path for path in folder.rglob("*") if path.is_file()
@@ -119,7 +119,7 @@ def state(folder: Path) -> State:
     return {
         name: hashlib.sha256(path.read_bytes()).hexdigest()
         for name, path in files.items()
-        if name not in kept and not name.startswith(running)
+        if name not in store_files and not name.startswith(running)
     }
 
 
@@ -128,9 +128,10 @@ def recovered(folder: Path) -> State:
     return state(folder)
 
 
-def name_of(found: State, states: dict[str, State]) -> str:
+def name_of(files: State, states: dict[str, State]) -> str:
     return next(
-        (name for name, known in states.items() if found == known), f"neither: {sorted(found)}"
+        (name for name, known_files in states.items() if files == known_files),
+        f"neither: {sorted(files)}",
     )
 
 
@@ -178,22 +179,24 @@ def killed_at(folder: Path, k: int, work: Callable[[], None]) -> bool:
 def killed(folder: Path) -> Any:
     """A kill at every operation, and at every operation of the recovery from it."""
     before, states = small_states(folder)
-    found = []
-    again = []
+    recovered_states = []
+    twice_recovered_states = []
     k = 1
     while killed_at(work := copy_of(before, folder / "work"), k, lambda: write(work, NEW)):
-        left = copy_of(work, folder / "left")
+        after_kill = copy_of(work, folder / "left")
         j = 1
         while k % 9 == 0 and killed_at(
-            second := copy_of(left, folder / "second"), j, lambda: recover_folder(second)
+            second_copy := copy_of(after_kill, folder / "second"),
+            j,
+            lambda: recover_folder(second_copy),
         ):
-            again.append(name_of(recovered(second), states))
+            twice_recovered_states.append(name_of(recovered(second_copy), states))
             j += 1
-        found.append(name_of(recovered(work), states))
+        recovered_states.append(name_of(recovered(work), states))
         write(work, NEW)
         assert state(work) == states["new"]
         k += 1
-    return {"found": found, "again": again}
+    return {"found": recovered_states, "again": twice_recovered_states}
 
 
 def copy_of(folder: Path, target: Path) -> Path:
@@ -216,22 +219,24 @@ def refused_at(k: int, *, stays: bool) -> Callable[[int, str], None]:
 def refused(folder: Path, *, stays: bool) -> Any:
     """What is there after the disk refused operation k, before any recovery, and what was said."""
     before, states = small_states(folder)
-    found = []
+    outcomes = []
     k = 1
     while k == 1 or k - 1 <= WATCH.n:  # until no operation k is left
         work = copy_of(before, folder / "work")
-        said = None
+        message = None
         try:
             with WATCH.on(work, refused_at(k, stays=stays)):
                 write(work, NEW)
         except OutputError as error:
-            said = str(error)
-        settled = {
+            message = str(error)
+        files_before_recovery = {
             name: text for name, text in state(work).items() if not name.startswith(".uvms_ocp/")
         }
-        found.append((name_of(settled, states), name_of(recovered(work), states), said))
+        outcomes.append(
+            (name_of(files_before_recovery, states), name_of(recovered(work), states), message)
+        )
         k += 1
-    return found
+    return outcomes
 
 
 def commands(folder: Path) -> Any:
@@ -257,11 +262,11 @@ def command(folder: Path, arguments: list[str]) -> Any:
     }
     target = prepared(folder, written)
     old = state(target)
-    seen = []
+    recovered_states = []
 
     def copy_and_recover(n: int, event: str) -> None:
         WATCH.watching = False
-        seen.append(recovered(copy_of(target, folder.with_suffix(".copy"))))
+        recovered_states.append(recovered(copy_of(target, folder.with_suffix(".copy"))))
         WATCH.watching = True
 
     place = [str(target)] if arguments[0] == "export" else ["--out", str(target)]
@@ -269,11 +274,11 @@ def command(folder: Path, arguments: list[str]) -> Any:
         app([*arguments, *place], standalone_mode=False)
     new = state(target)
     moves = []
-    known = {"old": old, "new": new}
+    known_states = {"old": old, "new": new}
     if arguments[0] != "export":  # what is safe before anything is drawn of it
         drawn = [name for name in new if name.startswith("figures/") or name == "scene.html"]
-        own = {"record.npz"} if arguments[0] == "run" else new.keys() - drawn
-        known["record"] = {name: new[name] for name in own.union(FOREIGN)}
+        safe_names = {"record.npz"} if arguments[0] == "run" else new.keys() - drawn
+        known_states["record"] = {name: new[name] for name in safe_names.union(FOREIGN)}
 
     def kill(n: int, event: str) -> None:
         moves.extend([n] if event == "os.link" else [])
@@ -285,12 +290,12 @@ def command(folder: Path, arguments: list[str]) -> Any:
             app([*arguments, *place], standalone_mode=False)
 
     return {
-        "found": [name_of(one, known) for one in seen],
+        "found": [name_of(recovered_state, known_states) for recovered_state in recovered_states],
         "killed": in_child(again),
         "is_mixed": (target / ".uvms_ocp" / "journal.json").exists(),
         "left": sorted(recovered(target)),
         "as_in_manifest": all(
-            is_same(target / name, known) for name, known in manifest_in(target).files.items()
+            is_same(target / name, digest) for name, digest in manifest_in(target).files.items()
         ),
         "files": sorted([*manifest_in(target).files, *FOREIGN]),
     }
@@ -301,12 +306,12 @@ def manifest_in(folder: Path) -> Manifest:
 
 
 if __name__ == "__main__":
-    where = Path(sys.argv[2]).resolve()
-    what = {
-        "killed": lambda: killed(where),
-        "refused": lambda: refused(where, stays=False),
-        "full": lambda: refused(where, stays=True),
-        "commands": lambda: commands(where),
+    root_folder = Path(sys.argv[2]).resolve()
+    answers = {
+        "killed": lambda: killed(root_folder),
+        "refused": lambda: refused(root_folder, stays=False),
+        "full": lambda: refused(root_folder, stays=True),
+        "commands": lambda: commands(root_folder),
     }[sys.argv[1]]
-    answer = what()
+    answer = answers()
     sys.stdout.write("\n" + json.dumps(answer) + "\n")

@@ -23,8 +23,13 @@ from uvms_ocp.record.array_file import read_arrays
 def npy(array: np.ndarray, **header: object) -> bytes:
     """An array as a file; header: what to say of it instead of the truth."""
     file = io.BytesIO()
-    said = {"descr": array.dtype.str, "fortran_order": False, "shape": array.shape, **header}
-    np.lib.format.write_array_header_1_0(file, said)
+    stated_header = {
+        "descr": array.dtype.str,
+        "fortran_order": False,
+        "shape": array.shape,
+        **header,
+    }
+    np.lib.format.write_array_header_1_0(file, stated_header)
     return file.getvalue() + array.tobytes()
 
 
@@ -71,9 +76,9 @@ def test_a_header_that_lies_is_refused_before_memory_is_taken(lie: str, tmp_path
     tracemalloc.start()
     with pytest.raises(InvalidInput, match=message) as caught:
         read_arrays(path)
-    _, most = tracemalloc.get_traced_memory()
+    _, peak_bytes = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert most < 1 << 20
+    assert peak_bytes < 1 << 20
     assert "\n" not in str(caught.value)
 
 
@@ -101,13 +106,13 @@ def test_what_a_file_may_unpack_to_grows_with_it(more: int, refused: bool, tmp_p
     path = archive(
         tmp_path / "a.npz", a__npy=npy(ONE), b__npy=np.random.default_rng(0).bytes(1 << 18)
     )
-    said = array_file.DENSEST * path.stat().st_size - (1 << 18) + more
-    assert said > array_file.SMALL
+    stated_size = array_file.DENSEST * path.stat().st_size - (1 << 18) + more
+    assert stated_size > array_file.SMALL
     content = path.read_bytes()
     place = (
         content.rindex(b"PK\x01\x02", 0, content.rindex(b"PK\x01\x02")) + 24
     )  # the size in the list of members
-    path.write_bytes(content[:place] + said.to_bytes(4, "little") + content[place + 4 :])
+    path.write_bytes(content[:place] + stated_size.to_bytes(4, "little") + content[place + 4 :])
     with pytest.raises(
         InvalidInput, match=r"at most 400 times a file are read" if refused else r"'a' declares"
     ):
@@ -157,9 +162,9 @@ def test_arrays_are_what_was_saved(tmp_path: Path) -> None:
         "counts": np.arange(5, dtype=np.int32),
     }
     np.savez_compressed(tmp_path / "a.npz", **saved)
-    found = read_arrays(tmp_path / "a.npz")
-    assert list(found) == list(saved)
+    loaded = read_arrays(tmp_path / "a.npz")
+    assert list(loaded) == list(saved)
     for name, array in saved.items():
-        assert found[name].dtype == array.dtype
-        np.testing.assert_array_equal(found[name], array)
-        assert not found[name].flags.writeable
+        assert loaded[name].dtype == array.dtype
+        np.testing.assert_array_equal(loaded[name], array)
+        assert not loaded[name].flags.writeable

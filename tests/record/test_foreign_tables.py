@@ -24,12 +24,12 @@ LARGE = 8 << 20
 
 
 @contextmanager
-def little_memory(most: int = 4 << 20) -> Iterator[None]:
+def little_memory(allowed_bytes: int = 4 << 20) -> Iterator[None]:
     tracemalloc.start()
     yield
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < most
+    assert peak < allowed_bytes
 
 
 def parquet_of(path: Path, columns: dict[str, Any]) -> Path:
@@ -92,13 +92,13 @@ def mcap_of(
     """One message; uncompressed: what its chunk says of its size [B], instead of the truth."""
     writer = pytest.importorskip("mcap.writer", reason='needs pip install "uvms-ocp[mcap]"')
     with path.open("wb") as file:
-        made = writer.Writer(
+        mcap_writer = writer.Writer(
             file, compression=getattr(writer.CompressionType, compression), chunk_size=1 << 30
         )
-        made.start()
-        channel = made.register_channel("/a", "json", 0)
-        made.add_message(channel, 0, data, 0)
-        made.finish()
+        mcap_writer.start()
+        channel = mcap_writer.register_channel("/a", "json", 0)
+        mcap_writer.add_message(channel, 0, data, 0)
+        mcap_writer.finish()
     if uncompressed is not None:
         content = bytearray(path.read_bytes())
         place = content.index(b"\x06", 9 + 8 + 4)  # the chunk follows the header

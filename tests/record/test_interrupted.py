@@ -17,16 +17,16 @@ SCRIPT = Path(__file__).with_name("interrupted.py")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kills by signal")
 
 
-def answer(what: str, folder: Path) -> Any:
-    command = [sys.executable, str(SCRIPT), what, str(folder)]
+def answer(experiment: str, folder: Path) -> Any:
+    command = [sys.executable, str(SCRIPT), experiment, str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def in_turn(found: list[str]) -> list[str]:
+def in_turn(states: list[str]) -> list[str]:
     """The states, each once where it lasts."""
-    return [state for state, _ in groupby(found)]
+    return [state for state, _ in groupby(states)]
 
 
 @pytest.mark.slow
@@ -55,13 +55,13 @@ def test_so_does_one_at_any_operation_of_run_plan_and_export(tmp_path: Path) -> 
         assert command["as_in_manifest"], name
 
 
-@pytest.mark.parametrize("what", ["refused", "full"])
+@pytest.mark.parametrize("experiment", ["refused", "full"])
 def test_an_operation_that_the_disk_refuses_changes_nothing_and_is_one_line(
-    what: str, tmp_path: Path
+    experiment: str, tmp_path: Path
 ) -> None:
     """Once, or from then on; without the help of another command."""
-    for k, (found, recovered, said) in enumerate(answer(what, tmp_path), 1):
-        assert found == recovered == ("old" if said else "new"), (k, found, recovered, said)
-        if said:
-            assert "No space left on device); choose another folder" in said
-            assert "\n" not in said
+    for k, (state, recovered, message) in enumerate(answer(experiment, tmp_path), 1):
+        assert state == recovered == ("old" if message else "new"), (k, state, recovered, message)
+        if message:
+            assert "No space left on device); choose another folder" in message
+            assert "\n" not in message

@@ -64,11 +64,11 @@ def test_every_series_keeps_its_type_its_shape_and_its_place(capacity: int) -> N
     series = recorder.series()
     assert list(series) == list(ROWS[0])
     for name in ROWS[0]:
-        wanted = np.array([row[name] for row in ROWS])
-        np.testing.assert_array_equal(series[name], wanted)
-        assert series[name].dtype == wanted.dtype
+        expected = np.array([row[name] for row in ROWS])
+        np.testing.assert_array_equal(series[name], expected)
+        assert series[name].dtype == expected.dtype
         assert name in recorder
-        np.testing.assert_array_equal(recorder.last(name), wanted[-1])
+        np.testing.assert_array_equal(recorder.last(name), expected[-1])
     assert "other" not in recorder
 
 
@@ -95,23 +95,23 @@ def test_one_number_stands_for_a_whole_column() -> None:
 
 
 @pytest.mark.parametrize(
-    "other", [{"q": np.zeros(2), "v": np.zeros(3)}, {"q": np.zeros(3), "v": np.zeros(3)}]
+    "misfit", [{"q": np.zeros(2), "v": np.zeros(3)}, {"q": np.zeros(3), "v": np.zeros(3)}]
 )
-def test_columns_that_only_fit_together_are_refused(other: dict[str, np.ndarray]) -> None:
+def test_columns_that_only_fit_together_are_refused(misfit: dict[str, np.ndarray]) -> None:
     recorder = Recorder()
     recorder.append({"q": np.zeros(3), "v": np.zeros(2)})
     with pytest.raises(ValueError, match="broadcast"):
-        recorder.append(other)
+        recorder.append(misfit)
 
 
 @pytest.mark.parametrize(
-    "other", [{"t": 0.1}, {"t": 0.1, "v": 0.0}, {"t": 0.1, "q": 0.0, "v": 0.0}]
+    "misfit", [{"t": 0.1}, {"t": 0.1, "v": 0.0}, {"t": 0.1, "q": 0.0, "v": 0.0}]
 )
-def test_a_row_of_other_series_is_refused(other: dict[str, float]) -> None:
+def test_a_row_of_other_series_is_refused(misfit: dict[str, float]) -> None:
     recorder = Recorder()
     recorder.append({"t": 0.0, "q": 0.0})
     with pytest.raises(InvalidInput, match=r"row of t.*; give t, q, as in the first one"):
-        recorder.append(other)
+        recorder.append(misfit)
     assert list(recorder.series()["t"]) == [0.0]
 
 
@@ -145,7 +145,9 @@ def test_what_packing_makes_hardly_smaller_is_not_packed(tmp_path: Path) -> None
     mixed = Record(series={"t": 0.005 * np.arange(n), "q": q, "spare": np.ones((n, 7))}, meta=META)
     mixed.save(tmp_path / "r.npz")
     with ZipFile(tmp_path / "r.npz") as archive:
-        packed = {one.filename: one.compress_type == ZIP_DEFLATED for one in archive.infolist()}
+        packed = {
+            member.filename: member.compress_type == ZIP_DEFLATED for member in archive.infolist()
+        }
     assert packed == {"__meta__.npy": True, "t.npy": True, "q.npy": False, "spare.npy": True}
     loaded = Record.load(tmp_path / "r.npz")
     for name, array in mixed.series.items():

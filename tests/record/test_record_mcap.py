@@ -52,13 +52,13 @@ def read(record: Record, path: Path, **options: Any) -> dict[str, list[Any]]:
         "rosbags.highlevel", reason='needs pip install "uvms-ocp[rosbags]"'
     )
     record.to_mcap(path, **options)
-    found: dict[str, list[Any]] = defaultdict(list)
+    messages: dict[str, list[Any]] = defaultdict(list)
     with highlevel.AnyReader([path]) as reader:
-        for connection, when, data in reader.messages():
-            found[connection.topic].append(
-                (when, connection.msgtype, reader.deserialize(data, connection.msgtype))
+        for connection, stamp, data in reader.messages():
+            messages[connection.topic].append(
+                (stamp, connection.msgtype, reader.deserialize(data, connection.msgtype))
             )
-    return found
+    return messages
 
 
 def numbers(message: Any, *fields: str) -> list[float]:
@@ -76,12 +76,12 @@ def nanoseconds(stamp: Any) -> int:
 def test_types_are_those_that_ros_2_has(topics: dict[str, list[Any]]) -> None:
     """By the definitions of a library that keeps those of ROS 2."""
     typesys = pytest.importorskip("rosbags.typesys")
-    known = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE).fielddefs
-    own = typesys.get_typestore(typesys.Stores.EMPTY)
+    ros_definitions = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE).fielddefs
+    typestore = typesys.get_typestore(typesys.Stores.EMPTY)
     for name in ROS_MESSAGES:
         kind = name.replace("/", "/msg/")
-        own.register(typesys.get_types_from_msg(ros_definition(name), kind))
-        assert own.fielddefs[kind][1] == known[kind][1]
+        typestore.register(typesys.get_types_from_msg(ros_definition(name), kind))
+        assert typestore.fielddefs[kind][1] == ros_definitions[kind][1]
     kinds = {name: rows[0][1] for name, rows in topics.items() if not name.startswith("/series/")}
     assert (
         kinds.items()
@@ -109,18 +109,25 @@ def test_the_robot_is_described_by_its_file(
 def test_poses_are_transforms_at_their_times(record: Record, topics: dict[str, list[Any]]) -> None:
     times = np.rint(1e9 * record["t"]).astype(int).tolist()
     assert [when for when, _, _ in topics["/tf"]] == times
-    for (_, _, told), q, estimated, now in zip(
+    for (_, _, message), q, estimated, time in zip(
         topics["/tf"], record["q"], record["q_estimated"], times, strict=True
     ):
-        for one, frame, row in zip(
-            told.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True
+        for transform, frame, row in zip(
+            message.transforms, ("base_link", "base_link_estimated"), (q, estimated), strict=True
         ):
-            assert (one.header.frame_id, one.child_frame_id, nanoseconds(one.header.stamp)) == (
+            assert (
+                transform.header.frame_id,
+                transform.child_frame_id,
+                nanoseconds(transform.header.stamp),
+            ) == (
                 "world",
                 frame,
-                now,
+                time,
             )
-            assert pose_of(one.transform.translation, one.transform.rotation) == row[:7].tolist()
+            assert (
+                pose_of(transform.transform.translation, transform.transform.rotation)
+                == row[:7].tolist()
+            )
     ((_, _, goals),) = topics["/tf_static"]
     assert [goal.child_frame_id for goal in goals.transforms] == [
         frame.name for frame in record.meta.surroundings.frames
@@ -183,11 +190,13 @@ def test_series_have_fields_with_the_names_of_their_columns(
 
 
 def test_what_was_said_is_a_log(record: Record, topics: dict[str, list[Any]]) -> None:
-    told = [(nanoseconds(one.stamp), one.level, one.msg) for _, _, one in topics["/log"]]
-    wanted = [(alarm.t, 30, alarm.text) for alarm in record.run_meta.alarms]
-    wanted += [(fault.t, 40, fault.text) for fault in record.run_meta.faults]
-    assert sorted(told) == sorted((round(1e9 * t), level, text) for t, level, text in wanted)
-    assert told
+    logged = [
+        (nanoseconds(message.stamp), message.level, message.msg) for _, _, message in topics["/log"]
+    ]
+    entries = [(alarm.t, 30, alarm.text) for alarm in record.run_meta.alarms]
+    entries += [(fault.t, 40, fault.text) for fault in record.run_meta.faults]
+    assert sorted(logged) == sorted((round(1e9 * t), level, text) for t, level, text in entries)
+    assert logged
 
 
 def test_channels_say_what_their_columns_are(record: Record, tmp_path: Path) -> None:
@@ -284,19 +293,22 @@ def test_fewer_rows_have_the_figures_of_all_and_every_newest_reading(
     record.to_mcap(tmp_path / "thin.mcap", rate=10.0)
     part = Record.from_mcap(tmp_path / "thin.mcap")
     t = record["t"]
-    kept = part["t"]
+    part_times = part["t"]
     assert part.run_meta.dt == pytest.approx(t[-1] / (len(part) - 1))
-    ways = [figures_between(one, 0.0, t[-1])["joint_path_rad"] for one in (record, part)]
-    assert ways[1] == pytest.approx(ways[0])
+    path_lengths = [
+        figures_between(any_record, 0.0, t[-1])["joint_path_rad"] for any_record in (record, part)
+    ]
+    assert path_lengths[1] == pytest.approx(path_lengths[0])
     assert len(summarize(part)["phases"]) == len(summarize(record)["phases"])
     readings = 0
     for name in record.series.keys() & {*MEASURED}:
-        for row, (before, end) in enumerate(zip([-1.0, *kept[:-1]], kept, strict=True)):
+        for row, (before, end) in enumerate(zip([-1.0, *part_times[:-1]], part_times, strict=True)):
             between = record[name][(t > before) & (t <= end)]
-            known = between[np.isfinite(between[:, -1])]
-            readings += len(known) > 0
+            finite = between[np.isfinite(between[:, -1])]
+            readings += len(finite) > 0
             np.testing.assert_array_equal(
-                part[name][row], known[-1] if len(known) else np.full(record[name].shape[1], np.nan)
+                part[name][row],
+                finite[-1] if len(finite) else np.full(record[name].shape[1], np.nan),
             )
     assert readings > len(part)
     record.to_mcap(tmp_path / "all.mcap", rate=1e3)

@@ -25,8 +25,8 @@ PLANS = [Record.load(RECORDS / f"{name}.npz") for name in ("plan_curve_v0_1", "p
 
 
 def test_every_series_that_is_recorded_is_in_the_table(record: Record) -> None:
-    for one in (record, *PLANS):
-        assert set(one.series) <= set(SERIES)
+    for any_record in (record, *PLANS):
+        assert set(any_record.series) <= set(SERIES)
     assert all(
         kind.meaning and kind.unit and kind.shape.startswith("(") for kind in SERIES.values()
     )
@@ -48,20 +48,20 @@ def test_every_column_has_its_unit(record: Record) -> None:
             strict=True,
         )
     }
-    wanted = {
+    expected = {
         "q.x": "m",
         "q.qw": "-",
         "q.joint3": "rad",
         "v.yaw_rate": "rad/s",
         "wrench.yaw_rate": "N m",
     }
-    wanted |= {
+    expected |= {
         "q_std.yaw_rate": "rad",
         "torque.joint1": "N m",
         "T.position_error": "m",
         "HA.tilt": "rad",
     }
-    assert {name: units[name] for name in wanted} == wanted
+    assert {name: units[name] for name in expected} == expected
     of_plan = column_units("x_rate", len(PLANS[1].plan_meta.axes), PLANS[1].meta)
     assert dict(zip(PLANS[1].plan_meta.axes, of_plan, strict=True))["yaw"] == "rad/s"
 

@@ -50,13 +50,13 @@ CLOCKS = ("tick_time", "solve_time", "controller_time")
 
 def row(k: int) -> dict[str, object]:
     """Row k of a record, of every type and shape that there is."""
-    own = {
+    further_series = {
         "own/table é": np.arange(3.0) + k,
         "codes": np.full(2, k % 3, np.int8),
         "none": np.zeros(0),
         "late": k > 3,
     }
-    return {"t": 0.1 * k, "q": np.full(1, float(k)), **own}
+    return {"t": 0.1 * k, "q": np.full(1, float(k)), **further_series}
 
 
 def filled(recorder: Recorder, rows: int) -> Recorder:
@@ -65,11 +65,11 @@ def filled(recorder: Recorder, rows: int) -> Recorder:
     return recorder
 
 
-def require_same(found: Record, whole: Record, rows: int) -> None:
-    assert list(found.series) == list(whole.series)
+def require_same(actual: Record, whole: Record, rows: int) -> None:
+    assert list(actual.series) == list(whole.series)
     for name in set(whole.series) - set(CLOCKS):
-        np.testing.assert_array_equal(found[name], whole[name][:rows])
-        assert found[name].dtype == whole[name].dtype
+        np.testing.assert_array_equal(actual[name], whole[name][:rows])
+        assert actual[name].dtype == whole[name].dtype
 
 
 @pytest.mark.parametrize("rows", [1, 3, 7, 12])
@@ -135,10 +135,10 @@ def test_a_run_that_is_killed_leaves_all_but_its_last_seconds(
     if seconds < 2.0:
         assert not folder.exists()
         return
-    found = Record.load(folder)
-    assert seconds - 2.0 - scenario.dt <= found["t"][-1] <= seconds
-    require_same(found, whole, len(found))
-    assert found.run_meta.stopped == summarize(found)["cause"]["kind"] == "cut off"
+    loaded = Record.load(folder)
+    assert seconds - 2.0 - scenario.dt <= loaded["t"][-1] <= seconds
+    require_same(loaded, whole, len(loaded))
+    assert loaded.run_meta.stopped == summarize(loaded)["cause"]["kind"] == "cut off"
 
 
 @contextmanager
@@ -160,9 +160,9 @@ def test_a_full_disk_ends_a_run_and_leaves_what_was_written(tmp_path: Path) -> N
         pytest.raises(OutputError, match="make room; what was written before can be read"),
     ):
         filled(recorder, 200)
-    found = Record.load(tmp_path / "rows")
-    assert len(found) == 160  # of the largest row, 24 B, as many blocks as fit beside the header
-    require_same(found, filled(Recorder(), 200).freeze(META), len(found))
+    loaded = Record.load(tmp_path / "rows")
+    assert len(loaded) == 160  # of the largest row, 24 B, as many blocks as fit beside the header
+    require_same(loaded, filled(Recorder(), 200).freeze(META), len(loaded))
 
 
 def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(
@@ -170,7 +170,7 @@ def test_what_a_run_was_cut_off_with_is_shown_and_kept_by_the_next(
 ) -> None:
     whole = filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     assert _file_at(tmp_path, ("record.npz",), "") == tmp_path / RUNNING
-    monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
+    monkeypatch.setattr(run, "_simulate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     require_same(Record.load(tmp_path / "cut_off.npz"), whole, 9)
@@ -192,7 +192,7 @@ def test_rows_that_are_damaged_are_moved_aside_and_the_run_goes_on(
 ) -> None:
     filled(Recorder(3, tmp_path / RUNNING, lambda: META), 9).freeze(META)
     next((tmp_path / RUNNING).glob("*.npy")).write_bytes(b"")
-    monkeypatch.setattr(run, "_simulate", lambda *given: 1 / 0)
+    monkeypatch.setattr(run, "_simulate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.run_and_write(_tiny(), tmp_path, Console(quiet=True))
     assert any((tmp_path / RUNNING).with_name("damaged").iterdir())
@@ -216,9 +216,9 @@ def peak(work: object, *args: object) -> int:
     """[B] of memory that a call takes at most, beyond what there was."""
     tracemalloc.start()
     work(*args)  # type: ignore[operator]
-    most = tracemalloc.get_traced_memory()[1]
+    peak_bytes = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    return most
+    return peak_bytes
 
 
 def test_memory_of_a_run_does_not_grow_with_its_length(
@@ -234,9 +234,9 @@ def test_memory_of_a_run_does_not_grow_with_its_length(
         return Record.load(tmp_path / f"{rows}")
 
     record(10)
-    few, many = (peak(record, rows) for rows in (600, 6000))
-    assert many < 1.2 * few
-    assert many < 0.8 * 6000 * 500 * 8
+    peak_of_short, peak_of_long = (peak(record, rows) for rows in (600, 6000))
+    assert peak_of_long < 1.2 * peak_of_short
+    assert peak_of_long < 0.8 * 6000 * 500 * 8
 
 
 def test_large_series_are_mapped_and_what_is_damaged_is_found(
@@ -246,10 +246,10 @@ def test_large_series_are_mapped_and_what_is_damaged_is_found(
     monkeypatch.setattr(records, "SMALL", 0)
     monkeypatch.setattr(array_file, "_LARGE", 16)
     whole.save(tmp_path / "r.npz")
-    found = Record.load(tmp_path / "r.npz")
-    require_same(found, whole, 9)
-    assert isinstance(memory_of(found["own/table é"]), mmap)
-    assert not found["q"].flags.writeable
+    loaded = Record.load(tmp_path / "r.npz")
+    require_same(loaded, whole, 9)
+    assert isinstance(memory_of(loaded["own/table é"]), mmap)
+    assert not loaded["q"].flags.writeable
     np.testing.assert_array_equal(np.load(tmp_path / "r.npz")["q"], whole["q"])
     content = (tmp_path / "r.npz").read_bytes()
     place = content.index(whole["q"].tobytes())
@@ -261,30 +261,36 @@ def test_large_series_are_mapped_and_what_is_damaged_is_found(
 @pytest.mark.parametrize("rows", [0, 1, 4, 100])
 def test_parts_are_all_rows_in_their_order(rows: int) -> None:
     arrays = np.arange(10.0), np.arange(20).reshape(10, 2)
-    found = [*parts(*arrays, rows=rows)]
-    assert len(found) == (-(-10 // rows) if rows else 1)
+    all_parts = [*parts(*arrays, rows=rows)]
+    assert len(all_parts) == (-(-10 // rows) if rows else 1)
     for k, array in enumerate(arrays):
-        np.testing.assert_array_equal(np.concatenate([part[k] for part in found]), array)
+        np.testing.assert_array_equal(np.concatenate([part[k] for part in all_parts]), array)
 
 
 @pytest.mark.parametrize("rows", [50_000, 50_001, 81_920, 123_457])
 def test_what_is_drawn_of_a_long_record_has_its_extremes_and_its_ends(rows: int) -> None:
     rng = np.random.default_rng(rows)
-    known = rng.standard_normal((rows, 2))
-    known[rng.random(rows) < 0.1] = np.nan
+    thrust = rng.standard_normal((rows, 2))
+    thrust[rng.random(rows) < 0.1] = np.nan
     series = {
         "t": 0.005 * np.arange(rows),
-        "thrust": known,
+        "thrust": thrust,
         "q": rng.standard_normal((rows, 1)),
-        "late": known[:, 0] > 3.0,
+        "late": thrust[:, 0] > 3.0,
     }
-    few = thinned(Record(series=series, meta=META))
+    thinned_record = thinned(Record(series=series, meta=META))
     whole = Record(series=series, meta=META)
-    assert len(few) == rows if rows <= 50_000 else len(few) <= 8192
-    assert {len(array) for array in few.series.values()} == {len(few)}
-    assert [few["t"][0], few["t"][-1]] == [whole["t"][0], whole["t"][-1]]
-    assert (np.diff(few["t"]) > 0).all()
+    assert len(thinned_record) == rows if rows <= 50_000 else len(thinned_record) <= 8192
+    assert {len(array) for array in thinned_record.series.values()} == {len(thinned_record)}
+    assert [thinned_record["t"][0], thinned_record["t"][-1]] == [whole["t"][0], whole["t"][-1]]
+    assert (np.diff(thinned_record["t"]) > 0).all()
     for name in ("thrust", "late"):
-        np.testing.assert_array_equal(np.fmin.reduce(few[name]), np.fmin.reduce(whole[name]))
-        np.testing.assert_array_equal(np.fmax.reduce(few[name]), np.fmax.reduce(whole[name]))
-    np.testing.assert_array_equal(few["q"], whole["q"][np.searchsorted(whole["t"], few["t"])])
+        np.testing.assert_array_equal(
+            np.fmin.reduce(thinned_record[name]), np.fmin.reduce(whole[name])
+        )
+        np.testing.assert_array_equal(
+            np.fmax.reduce(thinned_record[name]), np.fmax.reduce(whole[name])
+        )
+    np.testing.assert_array_equal(
+        thinned_record["q"], whole["q"][np.searchsorted(whole["t"], thinned_record["t"])]
+    )

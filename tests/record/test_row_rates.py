@@ -45,44 +45,44 @@ def test_what_is_kept_of_any_row_is_that_of_its_ticks(
         "measured_depth": reading,
         "command": rng.standard_normal((200, 3)),
     }
-    kept = []
+    recorded = []
     for folder in (None, tmp_path / "rows"):
         recorder = Recorder(capacity, folder, every=every)
         for k in range(200):
             recorder.append({name: values[k] for name, values in series.items()})
         recorder.series()  # and once more, when there is nothing new
-        kept.append(recorder.series())
-    few, written = kept
-    assert few.keys() == written.keys()
-    for name, values in few.items():
+        recorded.append(recorder.series())
+    in_memory, written = recorded
+    assert in_memory.keys() == written.keys()
+    for name, values in in_memory.items():
         np.testing.assert_array_equal(written[name], values, err_msg=name)
     if every == 1:
-        assert few.keys() == series.keys()
+        assert in_memory.keys() == series.keys()
         return
-    last = np.round(few["t"] / 0.01).astype(int)
+    last = np.round(in_memory["t"] / 0.01).astype(int)
     assert {0, 56, 136, 199, *range(0, 200, every)} <= set(last)
     spans = [slice(first, end + 1) for first, end in zip([0, *(last[:-1] + 1)], last, strict=True)]
-    for name, of in (
+    for name, statistic in (
         ("v_least", np.min),
         ("v_most", np.max),
         ("v_mean", lambda x, axis: np.abs(x).mean(axis=axis)),
     ):
         np.testing.assert_allclose(
-            few[name], [of(series["v"][span], axis=0) for span in spans], rtol=1e-12
+            in_memory[name], [statistic(series["v"][span], axis=0) for span in spans], rtol=1e-12
         )
     np.testing.assert_allclose(
-        few["saturated_mean"] @ np.diff(last, prepend=-1), series["saturated"].sum()
+        in_memory["saturated_mean"] @ np.diff(last, prepend=-1), series["saturated"].sum()
     )
     np.testing.assert_array_equal(
-        few["saturated"], [series["saturated"][span].any() for span in spans]
+        in_memory["saturated"], [series["saturated"][span].any() for span in spans]
     )
-    np.testing.assert_array_equal(few["command"], series["command"][last])
+    np.testing.assert_array_equal(in_memory["command"], series["command"][last])
     newest = [np.flatnonzero(np.isfinite(reading[span, -1])) for span in spans]
-    wanted = [
-        reading[span][some[-1]] if some.size else np.full(2, np.nan)
-        for span, some in zip(spans, newest, strict=True)
+    expected = [
+        reading[span][rows[-1]] if rows.size else np.full(2, np.nan)
+        for span, rows in zip(spans, newest, strict=True)
     ]
-    np.testing.assert_array_equal(few["measured_depth"], wanted)
+    np.testing.assert_array_equal(in_memory["measured_depth"], expected)
 
 
 def test_series_that_are_reduced_are_described_and_so_are_those_that_come_of_it() -> None:
@@ -96,21 +96,21 @@ def test_series_that_are_reduced_are_described_and_so_are_those_that_come_of_it(
 
 
 @pytest.fixture(scope="module")
-def both() -> tuple[Record, Record]:
+def record_pair() -> tuple[Record, Record]:
     scenario = case1(noise=True, duration=12.0, dt=0.02, current=(0.2, 0.1, 0.0))
     return scenario.run(), dataclasses.replace(scenario, record_rate=RATE).run()
 
 
-def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) -> None:
-    whole, few = both
-    assert len(few) == pytest.approx(len(whole) / 5, abs=5)
-    ours, theirs = (figures_between(record, 0.0, record["t"][-1]) for record in both)
+def test_no_peak_and_no_sum_is_lost_between_rows(record_pair: tuple[Record, Record]) -> None:
+    whole, thinned = record_pair
+    assert len(thinned) == pytest.approx(len(whole) / 5, abs=5)
+    ours, theirs = (figures_between(record, 0.0, record["t"][-1]) for record in record_pair)
     for name, figure in theirs.items():
         assert ours[name] == pytest.approx(
             figure, rel=1e-2 if name.startswith(("path", "joint_path")) else 1e-9, abs=1e-12
         ), name
-    report = summarize(few)
-    wanted = summarize(whole)
+    report = summarize(thinned)
+    expected = summarize(whole)
     for name in (
         "largest_tilt_rad",
         "min_altimeter_m",
@@ -119,14 +119,14 @@ def test_no_peak_and_no_sum_is_lost_between_rows(both: tuple[Record, Record]) ->
         "energy_j",
         "events",
     ):
-        assert report.get(name) == wanted.get(name), name
-    assert max_velocity_step(few) is None
+        assert report.get(name) == expected.get(name), name
+    assert max_velocity_step(thinned) is None
     assert report["energy_of_quick_thrust_j"] is None
     for name in {*MEASURED} & whole.series.keys():
-        found = few[name]
-        known = whole[name]
-        assert set(found[np.isfinite(found[:, -1]), -1]) <= set(
-            known[np.isfinite(known[:, -1]), -1]
+        thinned_readings = thinned[name]
+        all_readings = whole[name]
+        assert set(thinned_readings[np.isfinite(thinned_readings[:, -1]), -1]) <= set(
+            all_readings[np.isfinite(all_readings[:, -1]), -1]
         )
 
 
@@ -150,17 +150,17 @@ def test_paths_and_times_at_limits_of_every_phase_are_those_of_all_ticks_however
 
 
 def test_a_campaign_has_the_peaks_of_all_ticks_and_no_count_of_rows_for_one_of_ticks(
-    both: tuple[Record, Record],
+    record_pair: tuple[Record, Record],
 ) -> None:
-    whole, few = both
+    whole, thinned = record_pair
     scenario = case1()
-    ours, theirs = (run_metrics(scenario, record) for record in both)
+    ours, theirs = (run_metrics(scenario, record) for record in record_pair)
     for name in ("min_altimeter_m", "tilt_rad", "failed_ticks", "peak_thrust_n"):
         assert ours[name] == theirs[name], name
     assert whole.run_meta.statuses[0] == "solved"
     inexact = whole.run_meta.statuses.index("inexact")
     failing = dataclasses.replace(
-        few, series=dict(few.series) | {"status": np.full_like(few["status"], inexact)}
+        thinned, series=dict(thinned.series) | {"status": np.full_like(thinned["status"], inexact)}
     )
     assert (
         run_metrics(scenario, failing)["failed_ticks"] is summarize(failing)["failed_ticks"] is None
@@ -168,35 +168,39 @@ def test_a_campaign_has_the_peaks_of_all_ticks_and_no_count_of_rows_for_one_of_t
 
 
 def test_a_summary_has_the_largest_times_of_all_ticks_and_no_drift_between_rows(
-    both: tuple[Record, Record],
+    record_pair: tuple[Record, Record],
 ) -> None:
-    whole, few = both
-    report = summarize(few)
-    assert report["tick_us"]["max"] == pytest.approx(1e6 * few["tick_time_most"].max())
-    assert report["controller_us"]["max"] == pytest.approx(1e6 * few["controller_time_most"].max())
+    whole, thinned = record_pair
+    report = summarize(thinned)
+    assert report["tick_us"]["max"] == pytest.approx(1e6 * thinned["tick_time_most"].max())
+    assert report["controller_us"]["max"] == pytest.approx(
+        1e6 * thinned["controller_time_most"].max()
+    )
     assert report["vehicle_drift_in_last_phase_m"] is None
     assert summarize(whole)["vehicle_drift_in_last_phase_m"] > 0.0
 
 
-def test_what_compares_ticks_refuses_a_record_of_fewer_rows(both: tuple[Record, Record]) -> None:
+def test_what_compares_ticks_refuses_a_record_of_fewer_rows(
+    record_pair: tuple[Record, Record],
+) -> None:
     for refuses in (
         transition_series,
-        lambda few: run_recording(few, "few"),
-        lambda few: estimate_recording(few, case1().robot),
+        lambda record: run_recording(record, "few"),
+        lambda record: estimate_recording(record, case1().robot),
     ):
         with pytest.raises(InvalidInput, match="fewer rows than ticks; record it with every tick"):
-            refuses(both[1])
+            refuses(record_pair[1])
 
 
 def test_a_record_of_fewer_rows_is_saved_and_read_as_any(
-    both: tuple[Record, Record], tmp_path: Path
+    record_pair: tuple[Record, Record], tmp_path: Path
 ) -> None:
-    _, few = both
-    few.save(tmp_path / "few.npz")
+    _, thinned = record_pair
+    thinned.save(tmp_path / "few.npz")
     loaded = Record.load(tmp_path / "few.npz")
-    assert list(loaded.series) == list(few.series)
+    assert list(loaded.series) == list(thinned.series)
     assert loaded.run_meta.dt == pytest.approx(1.0 / RATE)
-    assert column_names("v_most", few["v"].shape[1], few.meta)[0] == "v_most.surge"
+    assert column_names("v_most", thinned["v"].shape[1], thinned.meta)[0] == "v_most.surge"
 
 
 def _tiny(**options: float) -> Scenario:

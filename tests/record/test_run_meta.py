@@ -169,8 +169,8 @@ def test_a_plan_of_0_1_that_can_meet_nothing_has_no_smallest_distance() -> None:
 def test_every_figure_report_and_scene_works_from_a_run_of_0_1(tmp_path: Path) -> None:
     record = Record.load(RECORDS / RUN)
     robot = load_robot("girona_maris7_full")
-    known = [name for name in FIGURES if name not in ("health", "estimate")]
-    assert [path.stem for path in write_figures(record, tmp_path)] == known
+    expected_figures = [name for name in FIGURES if name not in ("health", "estimate")]
+    assert [path.stem for path in write_figures(record, tmp_path)] == expected_figures
     assert write_plan_figures(record, tmp_path / "plan") == (tmp_path / "plan" / "efforts.png",)
     assert figure_row_activations(record) is not None
     assert figure_joint_comparison({"one": record}) is not None
@@ -287,7 +287,7 @@ def test_damaged_metadata_are_told_in_one_line_that_names_the_file(
 
 def test_no_code_looks_up_metadata_by_a_string() -> None:
     """`meta[...]` and `meta.get(...)`, of any object called so."""
-    found = []
+    lookups = []
     for path in Path(uvms_ocp.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             inner = node.value if isinstance(node, ast.Subscript | ast.Attribute) else None
@@ -295,5 +295,5 @@ def test_no_code_looks_up_metadata_by_a_string() -> None:
             if name.endswith("meta") and (
                 isinstance(node, ast.Subscript) or getattr(node, "attr", "") in ("get", "items")
             ):
-                found.append(f"{path.name}:{node.lineno}")
-    assert not found
+                lookups.append(f"{path.name}:{node.lineno}")
+    assert not lookups
