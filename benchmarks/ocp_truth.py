@@ -17,6 +17,7 @@ from pathlib import Path
 
 from recording.kept_rows import add_study_options, kept_rows
 from recording.report import Report, Row, Table, begin, parser_of
+from recording.rows import column
 from truth.dense_check import LOOKS
 from truth.drawing import FEWEST_STEPS, MOST_STEPS
 from truth.study import (
@@ -35,27 +36,32 @@ from truth.study import (
 
 PROBLEMS = 400
 PROSE = """
-{problems} problems with seeds from {first} to {last}, one row each in `ocp_truth.csv`; `python benchmarks/ocp_truth.py --seed K`
-runs one again. Robots are the shipped ones and drawn ones, of {fewest_dof} to {most_dof} degrees of freedom; there are {fewest}
-to {most} steps or so, in one to three phases of uneven steps. Guesses are the planner's own, the start held, a way to somewhere
-else, or noise. Around the robots are open water, still and moving shapes and balls, their own links, or a user's own rows.
-Goals are of one or several strict levels, durations fixed or free. Start and goal keep everything, so most problems have a way.
+{problems} problems with seeds from {first} to {last}, one row each in `ocp_truth.csv`; `python
+benchmarks/ocp_truth.py --seed K` runs one again. Robots are the shipped ones and drawn ones, of
+{fewest_dof} to {most_dof} degrees of freedom; there are {fewest} to {most} steps or so, in one to
+three phases of uneven steps. Guesses are the planner's own, the start held, a way to somewhere
+else, or noise. Around the robots are open water, still and moving shapes and balls, their own
+links, or a user's own rows. Goals are of one or several strict levels, durations fixed or free.
+Start and goal keep everything, so most problems have a way.
 
-Of every plan the motion is looked at in {looks} places and more, by coal and by rows written for this benchmark: it may break a
-limit by {nodes:g} (m, rad, shares of limits) at a node and by {between:g} between them, that of a force by {forces:g} inside
-a step, a little more than plans state. IPOPT solves a transcription written for this benchmark from the straight way, the
-start held and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
+Of every plan the motion is looked at in {looks} places and more, by coal and by rows written for
+this benchmark: it may break a limit by {nodes:g} (m, rad, shares of limits) at a node and by
+{between:g} between them, that of a force by {forces:g} inside a step, a little more than plans
+state. IPOPT solves a transcription written for this benchmark from the straight way, the start held
+and the plan's own result. Costs within {near:.0%} are one. A plan has {limit:g} s.
 
-{solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them finds; {nodes_broken} are
-broken at nodes, {between_broken} between them; {touching} are certified and touch; {faults} raise something that is no
-message. Of all plans that the dense look finds broken `judge_motion` overlooks {unseen}. None of these may be. Seeds:
-{seeds}.
+{solved} are solved ({share:.1%}). Of these {dearer} are dearer than what planning again from them
+finds; {nodes_broken} are broken at nodes, {between_broken} between them; {touching} are certified
+and touch; {faults} raise something that is no message. Of all plans that the dense look finds
+broken `judge_motion` overlooks {unseen}. None of these may be. Seeds: {seeds}.
 
-From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it comes to another, cheaper
-minimum in {another}: local minima exist, and which one is found depends on the guess. Seeds of the first: {seeds_first}.
+From {no_minimum} of the solved plans IPOPT goes on to more than {near:.0%} less, from elsewhere it
+comes to another, cheaper minimum in {another}: local minima exist, and which one is found depends
+on the guess. Seeds of the first: {seeds_first}.
 
-Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more one that keeps everything at
-the nodes alone; {good} keep everything themselves, and nothing cheaper is known. Seeds: {seeds_known}.
+Of {unsolved} that are not solved ({statuses}) a way is known to {known}, to {known_at_nodes} more
+one that keeps everything at the nodes alone; {good} keep everything themselves, and nothing cheaper
+is known. Seeds: {seeds_known}.
 """
 
 
@@ -66,13 +72,14 @@ def prose(rows: list[Row]) -> str:
     statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)
     solved = len(rows) - sum(statuses.values())
     dearer, nodes, between, touching, unseen, faults = (len(wrong[kind]) for kind in WRONGS)
-    no_minimum, another, known, known_at_nodes, good = (len(notes[kind]) for kind in NOTES)
+    no_minimum, another, way_known, way_at_nodes, good = (len(notes[kind]) for kind in NOTES)
+    dofs = column(rows, "dof")
     return PROSE.format(
         problems=len(rows),
         first=rows[0]["seed"],
         last=rows[-1]["seed"],
-        fewest_dof=min(row["dof"] for row in rows),
-        most_dof=max(row["dof"] for row in rows),
+        fewest_dof=min(dofs),
+        most_dof=max(dofs),
         fewest=FEWEST_STEPS,
         most=MOST_STEPS,
         looks=LOOKS,
@@ -89,25 +96,28 @@ def prose(rows: list[Row]) -> str:
         touching=touching,
         unseen=unseen,
         faults=faults,
-        seeds=_listed({kind: seeds for kind, seeds in wrong.items() if seeds}),
+        seeds=_listed(wrong),
         no_minimum=no_minimum,
         another=another,
-        seeds_first=_listed({kind: notes[kind] for kind in NOTES[:1] if notes[kind]}),
+        seeds_first=_listed({kind: notes[kind] for kind in NOTES[:1]}),
         unsolved=len(rows) - solved,
         statuses=", ".join(f"{n} {status}" for status, n in statuses.most_common()) or "none",
-        known=known,
-        known_at_nodes=known_at_nodes,
+        known=way_known,
+        known_at_nodes=way_at_nodes,
         good=good,
-        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:] if notes[kind]}),
+        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:]}),
     )
 
 
-def _seeds(rows: list[Row], column: str, kind: str) -> list[int]:
-    return [row["seed"] for row in rows if kind in str(row[column]).split(", ")]
+def _seeds(rows: list[Row], name: str, kind: str) -> list[int]:
+    return [row["seed"] for row in rows if kind in str(row[name]).split(", ")]
 
 
 def _listed(seeds: dict[str, list[int]]) -> str:
-    parts = [f"{kind} {', '.join(map(str, numbers))}" for kind, numbers in seeds.items()]
+    parts = []
+    for kind, numbers in seeds.items():
+        if numbers:
+            parts.append(f"{kind} {', '.join(map(str, numbers))}")
     return "; ".join(parts) or "none"
 
 
@@ -124,16 +134,19 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, metavar="K", help="seed of the first")
     parser.add_argument("--seed", type=int, metavar="K", help="run this problem alone")
     add_study_options(parser)
-    given, run = begin(parser)
+    arguments, run = begin(parser)
     os.environ.setdefault("UVMS_OCP_CFLAGS", "-O0")  # what is compiled runs a few times
-    if given.seed is not None:
-        show(given.seed)
+    if arguments.seed is not None:
+        show(arguments.seed)
         return
-    n = 1 if run.quick else given.problems
+    n = arguments.problems
+    jobs = arguments.jobs
+    if run.quick:
+        n = 1
+        jobs = 1
     with tempfile.TemporaryDirectory() as folder:
-        work = given.work or Path(folder) / "work"
-        jobs = 1 if run.quick else given.jobs
-        rows = kept_rows(ocp_truth(n=n, seed=given.first), work, jobs, given.hours)
+        work = arguments.work or Path(folder) / "work"
+        rows = kept_rows(ocp_truth(n=n, seed=arguments.first), work, jobs, arguments.hours)
     run.write(
         Report(
             name="ocp_truth",

@@ -30,9 +30,8 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.solvers.nlp.program import nlp_functions
 
 _ITERATIONS = 250  # of IPOPT for one solve
-_SECONDS = (
-    8.0  # [s] of a processor for one solve of IPOPT; no further round begins after twice that
-)
+# [s] of a processor for one solve of IPOPT; no further round begins after twice that
+_SECONDS = 8.0
 _TOLERANCE = 1e-7  # error of the optimality conditions
 _FREE = {"mu_strategy": "adaptive"}
 _NEAR = {
@@ -129,12 +128,9 @@ def moved(robot: Robot, q: ca.SX, step: ca.SX) -> ca.SX:
         way = step[joint.idx_v]
         if joint.endless:
             c, s = q[joint.q][0], q[joint.q][1]
-            parts.append(
-                ca.vertcat(
-                    c * ca.cos(way) - s * ca.sin(way),
-                    s * ca.cos(way) + c * ca.sin(way),
-                )
-            )
+            cosine = c * ca.cos(way) - s * ca.sin(way)
+            sine = s * ca.cos(way) + c * ca.sin(way)
+            parts.append(ca.vertcat(cosine, sine))
         else:
             parts.append(q[joint.q] + way)
     return ca.vertcat(*parts)
@@ -166,7 +162,10 @@ def _dynamics_blocks(robot: Robot, wrench: bool, n_thrust: int) -> tuple[Block, 
     """Motion over a step, and balance of forces at its middle (parameters: water (3,))."""
     layout = layout_of(robot, n_thrust)
     z = ca.SX.sym("z", layout.n)
-    q, v, h, a = (z[part] for part in (layout.q, layout.v, layout.h, layout.a))
+    q = z[layout.q]
+    v = z[layout.v]
+    h = z[layout.h]
+    a = z[layout.a]
     water = ca.SX.sym("water", 3)
     motion = ca.vertcat(
         moved(robot, q, h * v + h**2 / 2 * a),
@@ -182,16 +181,15 @@ def _dynamics_blocks(robot: Robot, wrench: bool, n_thrust: int) -> tuple[Block, 
         required, ca.vertcat(middle, rate), ca.vertcat(z[layout.middle], v + h / 2 * a)
     )
     units = units_of(robot, wrench=wrench)
-    made = ca.vertcat(
-        ca.sparsify(ca.DM(units.matrix)) @ (z[layout.thrust] * ca.DM(units.thrust)),
-        z[layout.torque] * ca.DM(units.torque),
-    )
+    thrust = z[layout.thrust] * ca.DM(units.thrust)
+    torque = z[layout.torque] * ca.DM(units.torque)
+    actuation = ca.vertcat(ca.sparsify(ca.DM(units.matrix)) @ thrust, torque)
     scale = np.concatenate([np.abs(units.matrix) @ units.thrust / 4, units.torque])
     scale = np.maximum(scale, 1e-3 * scale.max(initial=1.0))
-    balance = (required - made) / ca.DM(scale)
-    return block_of("motion", z, ca.SX(0, 1), motion), _compiled(
-        block_of("balance", z, water, balance)
-    )
+    balance = (required - actuation) / ca.DM(scale)
+    motion_block = block_of("motion", z, ca.SX(0, 1), motion)
+    balance_block = block_of("balance", z, water, balance)
+    return motion_block, _compiled(balance_block)
 
 
 def _compiled(block: Block) -> Block:
@@ -256,8 +254,8 @@ class Collocation:
         self.times = problem.nominal_times()
         self.planes: PlaneRows | None = None
         if statement.shapes is not None:
-            near = [(motion.q, self.times.tolist()) for motion in motions]
-            self.planes = plane_rows(robot, statement.shapes, near)
+            places = [(motion.q, self.times.tolist()) for motion in motions]
+            self.planes = plane_rows(robot, statement.shapes, places)
         self.n_levels = max(cost.level for cost in statement.costs) + 1
         self._x = ca.MX.sym("x", self.layout.n * (self.N + 1))
         size = self.planes.n_parameters if self.planes else 0
@@ -394,9 +392,9 @@ class Collocation:
         if self._equal_steps:
             rows = self.n_rows - len(self._equal_steps) + np.arange(len(self._equal_steps))
             places = self.layout.n * np.array(self._equal_steps) + self.layout.h
-            ones = ca.MX.ones(rows.size)
-            total += self._spread(ones, rows, places)
-            total += self._spread(-ones, rows, places + self.layout.n)
+            unit_slopes = ca.MX.ones(rows.size)
+            total += self._spread(unit_slopes, rows, places)
+            total += self._spread(-unit_slopes, rows, places + self.layout.n)
         return total
 
     def _spread(self, values: ca.MX, rows: np.ndarray, columns: np.ndarray) -> ca.MX:
@@ -406,25 +404,21 @@ class Collocation:
     def _hessian(self, lam: ca.MX, sigma: ca.MX) -> ca.MX:
         n_x = self._x.numel()
         total = ca.MX(n_x, n_x)
-        placed = [
-            (
-                group.block,
-                group.nodes,
-                group.s,
-                ca.reshape(lam[group.numbers.ravel().tolist()], *group.numbers.T.shape),
-            )
-            for group in self._groups
-        ]
+        placed = []
+        for group in self._groups:
+            multipliers = lam[group.numbers.ravel().tolist()]
+            of_nodes = ca.reshape(multipliers, *group.numbers.T.shape)
+            placed.append((group.block, group.nodes, group.s, of_nodes))
         of_costs = ca.repmat(sigma, 1, self.N)
         placed.append((self._cost_block, np.arange(self.N), np.zeros((0, self.N)), of_costs))
         for block, nodes, s, multipliers in placed:
             if not block.hessian_pattern.nnz():
                 continue
             nonzeros = block.hessian.map(len(nodes))(self._Z[:, nodes.tolist()], s, multipliers)
-            rows, columns = (
-                self.layout.n * nodes[:, None] + np.array(part, dtype=int)
-                for part in block.hessian_pattern.get_triplet()
-            )
+            rows_of_z, columns_of_z = block.hessian_pattern.get_triplet()
+            first = self.layout.n * nodes[:, None]
+            rows = first + np.array(rows_of_z, dtype=int)
+            columns = first + np.array(columns_of_z, dtype=int)
             total += _matrix(ca.vec(nonzeros), rows.ravel(), columns.ravel(), (n_x, n_x))
         return total
 
@@ -440,14 +434,17 @@ class Collocation:
             total += _matrix(values[:, k], rows.astype(int), places, total.shape)
         return total
 
-    def _solver(self, level: int, *, near: bool) -> ca.Function:
-        """Of the cost of a level, below those of the levels above it; near: what stays by its
-        start, instead of going to the middle of all bounds first.
+    def _solver(self, level: int, *, from_optimum: bool) -> ca.Function:
+        """Of the cost of a level, below those of the levels above it; from_optimum: what stays by
+        its start, instead of going to the middle of all bounds first.
         """
         above = list(range(level))
-        g = ca.vertcat(self._g, self._costs[above]) if above else self._g
+        g = self._g
+        J = self._jacobian()
         gradients = self._cost_gradients()
-        J = ca.vertcat(self._jacobian(), gradients[above, :]) if above else self._jacobian()
+        if above:
+            g = ca.vertcat(g, self._costs[above])
+            J = ca.vertcat(J, gradients[above, :])
         lam_f = ca.MX.sym("lam_f")
         lam = ca.MX.sym("lam_g", g.numel())
         below = self.n_levels - level - 1
@@ -468,7 +465,7 @@ class Collocation:
                 "max_iter": _ITERATIONS,
                 "tol": _TOLERANCE,
                 "max_cpu_time": _SECONDS,
-                **(_NEAR if near else _FREE),
+                **(_NEAR if from_optimum else _FREE),
             },
         }
         nlp = {"x": self._x, "p": self._p, "f": values[0], "g": g}
@@ -476,11 +473,11 @@ class Collocation:
 
     @cached_property
     def _free_solvers(self) -> list[ca.Function]:
-        return [self._solver(level, near=False) for level in range(self.n_levels)]
+        return [self._solver(level, from_optimum=False) for level in range(self.n_levels)]
 
     @cached_property
     def _near_solvers(self) -> list[ca.Function]:
-        return [self._solver(level, near=True) for level in range(self.n_levels)]
+        return [self._solver(level, from_optimum=True) for level in range(self.n_levels)]
 
     @cached_property
     def _evaluate(self) -> ca.Function:
@@ -503,14 +500,17 @@ class Collocation:
                 (layout.a, robot.limits.acceleration),
                 (layout.torque, self.units.torque_limit),
             ):
-                lower[:, part], upper[:, part] = -limit, limit
+                lower[:, part] = -limit
+                upper[:, part] = limit
             lower[:, layout.thrust] = self.units.thrust_lower
             upper[:, layout.thrust] = self.units.thrust_upper
-        phases = [phase for phase in problem.phases for _ in range(phase.n_steps)]
-        for k, phase in enumerate(phases):
+        k = 0
+        for phase in problem.phases:
+            steps = slice(k, k + phase.n_steps)
             shortest, longest = phase.range
-            lower[k, layout.h] = shortest / phase.n_steps
-            upper[k, layout.h] = longest / phase.n_steps
+            lower[steps, layout.h] = shortest / phase.n_steps
+            upper[steps, layout.h] = longest / phase.n_steps
+            k += phase.n_steps
         lower[-1, layout.h :] = upper[-1, layout.h :] = 0.0
         if problem.fixed_start:
             start = np.concatenate([problem.start.q, problem.start.v])
@@ -539,7 +539,8 @@ class Collocation:
         q = trajectory.q.copy()
         if self.problem.robot.n_vehicle:
             for before, after in pairwise(q):  # of two quaternions of an attitude the nearer one
-                after[3:7] *= -1.0 if before[3:7] @ after[3:7] < 0.0 else 1.0
+                if before[3:7] @ after[3:7] < 0.0:
+                    after[3:7] *= -1.0
         Z[:, layout.q] = q
         Z[:, layout.v] = trajectory.v
         Z[:-1, layout.h] = h
@@ -577,13 +578,13 @@ class Collocation:
         nodes; those of shapes are left to `dense_check`.
         """
         x = self.pack(trajectory)
-        g, costs = (np.array(part).ravel() for part in self._evaluate(x, np.zeros(self._p.numel())))
+        parts = self._evaluate(x, np.zeros(self._p.numel()))
+        g, costs = (np.array(part).ravel() for part in parts)
         excess = np.maximum(self.row_bounds[0] - g, g - self.row_bounds[1])
-        violations = {
-            group.name: float(excess[group.numbers].max(initial=0.0))
-            for group in self._groups
-            if group.name != "planes"
-        }
+        violations = {}
+        for group in self._groups:
+            if group.name != "planes":
+                violations[group.name] = float(excess[group.numbers].max(initial=0.0))
         lower, upper = self.bounds
         beyond = np.maximum(lower - x, x - upper).reshape(self.N + 1, self.layout.n)
         names = ("q", "v", "h", "a", "thrust", "torque")
@@ -592,36 +593,38 @@ class Collocation:
             violations[f"limits of {name}"] = float(part.max(initial=0.0))
         return costs, violations
 
-    def solve(self, start: Trajectory, *, near: bool = False, rounds: int = 5) -> Way:
-        """Solve from a start, level of costs after level; near: stay by it. rounds: in which planes
-        between shapes are written anew where the last motion is.
+    def solve(self, start: Trajectory, *, from_optimum: bool = False, rounds: int = 5) -> Way:
+        """Solve from a start, level of costs after level; from_optimum: stay by it. rounds: in which
+        planes between shapes are written anew where the last motion is.
         """
-        solvers = self._near_solvers if near else self._free_solvers
+        solvers = self._near_solvers if from_optimum else self._free_solvers
+        if self.planes is None or not self.planes.pairs:
+            rounds = 1
         x = self.pack(start)
         lower, upper = self.bounds
+        row_lower, row_upper = self.row_bounds
         status = ""
         begin = process_time()
-        for _ in range(rounds if self.planes is not None and self.planes.pairs else 1):
+        for _ in range(rounds):
             if process_time() - begin > 2 * _SECONDS:
                 break
             before = x
             p = self._plane_parameters(x)
-            kept: list[float] = []
+            cost_limits: list[float] = []
             for level, solver in enumerate(solvers):
-                most = np.array(kept)
                 result = solver(
                     x0=x,
                     p=p,
                     lbx=lower,
                     ubx=upper,
-                    lbg=np.concatenate([self.row_bounds[0], np.full(level, -np.inf)]),
-                    ubg=np.concatenate([self.row_bounds[1], most]),
+                    lbg=np.concatenate([row_lower, np.full(level, -np.inf)]),
+                    ubg=np.concatenate([row_upper, np.array(cost_limits)]),
                 )
                 x = np.array(result["x"]).ravel()
                 status = str(solver.stats()["return_status"])
                 if level + 1 < self.n_levels:
                     relax = self.problem.levels[-self.n_levels + level].relax or 0.0
-                    kept.append((1.0 + relax) * float(result["f"]) + 1e-8)
+                    cost_limits.append((1.0 + relax) * float(result["f"]) + 1e-8)
             if np.abs(x - before).max() < 1e-3 or not np.isfinite(x).all():
                 break
         trajectory = self.unpack(x)

@@ -87,18 +87,19 @@ def _looked(
         excess[rows.name] = _excess_of(problem, rows, trajectory, (q, v, of_steps, nominal))
     if statement.shapes is not None:
         distances = Distances(robot, statement.shapes)
-        measured = np.array(
-            [distances.measure(row, moment) for row, moment in zip(q, nominal, strict=True)]
-        )
+        pairs = zip(q, nominal, strict=True)
+        measured = np.array([distances.measure(row, moment) for row, moment in pairs])
         if measured.size:
             excess[CLEARANCE] = (statement.shapes.margins - measured).max(axis=1)
             excess["touching"] = -measured.min(axis=1)
     findings = []
     for name, values in excess.items():
         for at_node in (True, False):
-            # What forces are stated to be is that at the middle of the steps, which is elsewhere.
-            of_place = nodes if name != FORCES else np.zeros(len(t), dtype=bool)
-            chosen = np.flatnonzero(of_place == at_node)
+            is_node = nodes
+            if name == FORCES:
+                # What they are stated to be is that at the middle of the steps, which is elsewhere.
+                is_node = np.zeros(len(t), dtype=bool)
+            chosen = np.flatnonzero(is_node == at_node)
             if problem.fixed_start:
                 chosen = chosen[t[chosen] > 0.0]  # of which nobody is free to choose
             if len(chosen):
@@ -134,15 +135,17 @@ def _excess_of_forces(
     share = share + missing @ np.linalg.pinv(per_share, rcond=1e-9).T
     torque = np.abs(needed[:, n:]) / units.torque - units.torque_limit
     beyond = np.maximum(units.thrust_lower - share, share - units.thrust_upper)
-    both = np.hstack([beyond, torque])
-    return np.asarray(both.max(axis=1, initial=-np.inf))
+    excess = np.hstack([beyond, torque])
+    return np.asarray(excess.max(axis=1, initial=-np.inf))
 
 
 @lru_cache(maxsize=4)
 def _forces_of(robot: Robot) -> ca.Function:
     """``q, v, a, water (3,) -> generalised forces (n_v,)``"""
     dynamics = cached_dynamics(robot).symbolic
-    q, v, a = (ca.SX.sym(*item) for item in (("q", robot.n_q), ("v", robot.n_v), ("a", robot.n_v)))
+    q = ca.SX.sym("q", robot.n_q)
+    v = ca.SX.sym("v", robot.n_v)
+    a = ca.SX.sym("a", robot.n_v)
     water = ca.SX.sym("water", 3)
     waters = ca.repmat(water, 1, len(dynamics.links))
     forces = dynamics.inverse_dynamics(q, v, a, waters, ca.SX(*waters.shape))

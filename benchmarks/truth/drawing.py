@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -201,7 +202,9 @@ def _robot(name: str, rng: np.random.Generator, folder: Path) -> Robot:
     mass = float(np.exp(rng.uniform(np.log(10.0), np.log(300.0))))
     shape = rng.uniform([1.2, 0.8, 0.5], [2.5, 1.2, 0.9])
     x, y, z = (shape * (mass / 1025.0 / float(np.prod(shape))) ** (1 / 3)).tolist()
-    arms = () if rng.random() < 0.4 else (int(rng.integers(1, 5)),)
+    arms: tuple[int, ...] = ()
+    if rng.random() >= 0.4:
+        arms = (int(rng.integers(1, 5)),)
     body = Body(mass=mass, size=(x, y, z), thrusters=int(rng.integers(6, 10)), arms=arms, load=0.0)
     return write_robot(body, rng, folder)
 
@@ -215,8 +218,8 @@ def _configuration(
     upper = np.clip(robot.limits.position_upper, -2.0, 2.0)
     joints = _joint_values(robot, about)
     room = 0.06 * (upper - lower)
-    wanted = joints + _POSTURES * rng.uniform(-1.0, 1.0, robot.n_joints) * (upper - lower)
-    step[robot.joint_v] = np.clip(wanted, lower + room, upper - room) - joints
+    drawn_joints = joints + _POSTURES * rng.uniform(-1.0, 1.0, robot.n_joints) * (upper - lower)
+    step[robot.joint_v] = np.clip(drawn_joints, lower + room, upper - room) - joints
     if robot.n_vehicle:
         if way == 0.0:
             about = about.copy()
@@ -258,12 +261,13 @@ def _own_rows(draft: Draft) -> None:
         makers[int(k)](draft)
 
 
-def _add_rows(draft: Draft, name: str, own: PathRows, rows: Callable[[Any], ca.SX]) -> None:
+def _add_rows(draft: Draft, name: str, stated: PathRows, rows: Callable[[Any], ca.SX]) -> None:
+    """Add the same rows to the statement and, written by the package's symbols, to the problem."""
     term = residual_term(
-        name, rows, lower=own.lower, upper=own.upper, at=At.PATH, inputs=own.of_inputs
+        name, rows, lower=stated.lower, upper=stated.upper, at=At.PATH, inputs=stated.of_inputs
     )
     draft.constraints.append(term)
-    draft.path.append(own)
+    draft.path.append(stated)
     draft.traits.append(name)
 
 
@@ -274,18 +278,17 @@ def _frame(robot: Robot) -> str:
 
 def _places(draft: Draft, frame: str) -> tuple[np.ndarray, np.ndarray]:
     """(3,) [m] of a frame at start and goal."""
-    first, last = (
-        Kinematics(draft.robot, q).pose(frame).translation for q in (draft.start, draft.goal)
-    )
-    return np.array(first), np.array(last)
+    first = Kinematics(draft.robot, draft.start).pose(frame)
+    last = Kinematics(draft.robot, draft.goal).pose(frame)
+    return np.array(first.translation), np.array(last.translation)
 
 
 def _plane_row(draft: Draft) -> None:
     """The vehicle stays above a height that start and goal hardly keep."""
     first, last = _places(draft, "base_link")
     lowest = min(first[2], last[2]) - float(draft.rng.uniform(0.02, 0.15))
-    own = PathRows(name="height", rows=lambda node: node.pose("base_link")[1][2], lower=lowest)
-    _add_rows(draft, "height", own, lambda stage: stage.tick.kinematics.pose("base_link")[1][2])
+    stated = PathRows(name="height", rows=lambda node: node.pose("base_link")[1][2], lower=lowest)
+    _add_rows(draft, "height", stated, lambda stage: stage.tick.kinematics.pose("base_link")[1][2])
 
 
 def _pillar_row(draft: Draft) -> None:
@@ -302,20 +305,24 @@ def _pillar_row(draft: Draft) -> None:
     def away(p: ca.SX) -> ca.SX:
         return ca.sqrt((p[0] - x) ** 2 + (p[1] - y) ** 2 + 1e-6)
 
-    own = PathRows(name="pillar", rows=lambda node: away(node.pose("base_link")[1]), lower=radius)
-    _add_rows(draft, "pillar", own, lambda stage: away(stage.tick.kinematics.pose("base_link")[1]))
+    stated = PathRows(
+        name="pillar", rows=lambda node: away(node.pose("base_link")[1]), lower=radius
+    )
+    _add_rows(
+        draft, "pillar", stated, lambda stage: away(stage.tick.kinematics.pose("base_link")[1])
+    )
 
 
 def _altitude_row(draft: Draft) -> None:
     """The altimeter stays above the floor, by hardly less than at start or goal."""
     first, last = _places(draft, _ALTIMETER)
-    least = float(draft.rng.uniform(0.5, 1.5))
-    floor = min(first[2], last[2]) - least - float(draft.rng.uniform(0.01, 0.1))
+    threshold = float(draft.rng.uniform(0.5, 1.5))
+    floor = min(first[2], last[2]) - threshold - float(draft.rng.uniform(0.01, 0.1))
     draft.floor = floor
-    draft.constraints.append(TaskTerm(task=MinimumAltitude(threshold=least), at=At.PATH))
+    draft.constraints.append(TaskTerm(task=MinimumAltitude(threshold=threshold), at=At.PATH))
     draft.path.append(
         PathRows(
-            name="altitude", rows=lambda node: node.pose(_ALTIMETER)[1][2] - floor, lower=least
+            name="altitude", rows=lambda node: node.pose(_ALTIMETER)[1][2] - floor, lower=threshold
         )
     )
     draft.traits.append("altitude")
@@ -325,40 +332,39 @@ def _wall_row(draft: Draft) -> None:
     """The tool stays on one side of a wall."""
     first, last = _places(draft, _frame(draft.robot))
     name = _frame(draft.robot)
-    most = max(first[0], last[0]) + float(draft.rng.uniform(0.01, 0.1))
-    own = PathRows(name="wall", rows=lambda node: node.pose(name)[1][0], upper=most)
-    _add_rows(draft, "wall", own, lambda stage: stage.tick.kinematics.pose(name)[1][0])
+    upper = max(first[0], last[0]) + float(draft.rng.uniform(0.01, 0.1))
+    stated = PathRows(name="wall", rows=lambda node: node.pose(name)[1][0], upper=upper)
+    _add_rows(draft, "wall", stated, lambda stage: stage.tick.kinematics.pose(name)[1][0])
 
 
 def _tilt_row(draft: Draft) -> None:
     """The z axis of the first frame stays near where it is at start and goal."""
     name = _frame(draft.robot)
-    tilts = [
-        Kinematics(draft.robot, q).pose(name).rotation[2, 2] for q in (draft.start, draft.goal)
-    ]
-    least = min(tilts) - float(draft.rng.uniform(0.02, 0.2))
-    own = PathRows(name="tilt", rows=lambda node: node.pose(name)[0][2, 2], lower=least)
-    _add_rows(draft, "tilt", own, lambda stage: stage.tick.kinematics.pose(name)[0][2, 2])
+    first = Kinematics(draft.robot, draft.start).pose(name).rotation[2, 2]
+    last = Kinematics(draft.robot, draft.goal).pose(name).rotation[2, 2]
+    lower = min(first, last) - float(draft.rng.uniform(0.02, 0.2))
+    stated = PathRows(name="tilt", rows=lambda node: node.pose(name)[0][2, 2], lower=lower)
+    _add_rows(draft, "tilt", stated, lambda stage: stage.tick.kinematics.pose(name)[0][2, 2])
 
 
 def _speed_row(draft: Draft) -> None:
     """All velocities together stay small."""
     robot = draft.robot
     limit = np.where(np.isfinite(robot.limits.velocity), robot.limits.velocity, 1.0)
-    most = float(draft.rng.uniform(0.3, 1.0))
+    upper = float(draft.rng.uniform(0.3, 1.0))
     unit = ca.DM(limit)
-    own = PathRows(name="speed", rows=lambda node: ca.sumsqr(node.v / unit), upper=most)
-    _add_rows(draft, "speed", own, lambda stage: ca.sumsqr(stage.tick.velocity / unit))
+    stated = PathRows(name="speed", rows=lambda node: ca.sumsqr(node.v / unit), upper=upper)
+    _add_rows(draft, "speed", stated, lambda stage: ca.sumsqr(stage.tick.velocity / unit))
 
 
 def _effort_row(draft: Draft) -> None:
     """All inputs together stay small."""
-    most = float(draft.rng.uniform(0.5, 2.0))
-    own = PathRows(name="all inputs", rows=effort, upper=most, of_inputs=True)
+    upper = float(draft.rng.uniform(0.5, 2.0))
+    stated = PathRows(name="all inputs", rows=effort, upper=upper, of_inputs=True)
     _add_rows(
         draft,
         "all inputs",
-        own,
+        stated,
         lambda stage: ca.sumsqr(stage.thrust_share) + ca.sumsqr(stage.torque_share),
     )
 
@@ -386,9 +392,9 @@ def _keep_apart(draft: Draft, *, n: int, moves: bool) -> None:
     for k in range(n):
         drawn = _free_obstacle(draft, f"obstacle {k}", margin)
         if drawn is not None:
-            kind, told, solid = drawn
+            kind, obstacle, solid = drawn
             draft.traits.append(kind)
-            obstacles.append(told)
+            obstacles.append(obstacle)
             solids.append(solid)
     places: dict[str, Callable[[float], pin.SE3]] = {}
     if moves:
@@ -422,11 +428,11 @@ def _spread_links(draft: Draft) -> None:
 def _free_obstacle(draft: Draft, name: str, margin: float) -> tuple[str, Obstacle, Obstacle] | None:
     """An obstacle that start and goal are free of, or none after many tries."""
     for _ in range(_TRIES):
-        kind, told, solid = _drawn_obstacle(draft, name)
+        kind, obstacle, solid = _drawn_obstacle(draft, name)
         alone = _scene(draft.robot, [solid], margin, self_collision=False)
         rooms = [_least_room(alone, draft.robot, q) for q in (draft.start, draft.goal)]
         if min(rooms) > _ROOM:
-            return kind, told, solid
+            return kind, obstacle, solid
     return None
 
 
@@ -462,14 +468,14 @@ def _drawn_obstacle(draft: Draft, name: str) -> tuple[str, Obstacle, Obstacle]:
         "ellipsoid": lambda: coal.Ellipsoid(*size),
         "mesh": lambda: coal.Box(*(2 * size)),
     }[kind]()
-    told = _box_mesh(size) if kind == "mesh" else solid
-    as_told = Obstacle(name=name, shape=told, X_WO=X)
-    return kind, as_told, Obstacle(name=name, shape=solid, X_WO=X)
+    shape = _box_mesh(size) if kind == "mesh" else solid
+    obstacle = Obstacle(name=name, shape=shape, X_WO=X)
+    return kind, obstacle, Obstacle(name=name, shape=solid, X_WO=X)
 
 
 def _box_mesh(half: np.ndarray) -> coal.CollisionGeometry:
     """A closed surface of a box of half sizes (3,) [m]."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    signs = np.array(list(product((-1, 1), repeat=3)))
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [(a, b, c) for a, b, c, _ in faces]
     triangles += [(a, c, d) for a, _, c, d in faces]
@@ -498,53 +504,72 @@ def _keep_balls_apart(draft: Draft, *, fast: float) -> None:
     """Balls between start and goal, and one or two of the robot; fast [m/s]: at most."""
     robot = draft.robot
     rng = draft.rng
-    frames = [_frame(robot)] if not robot.n_vehicle else list({"base_link", _frame(robot)})
-    frames = sorted(frames)
-    radius = 0.15 if robot.n_vehicle else 0.04
-    balls = [(frame, radius if frame == "base_link" else radius / 2) for frame in frames]
+    frames = {_frame(robot)}
+    largest_radius = 0.04
+    if robot.n_vehicle:
+        frames.add("base_link")
+        largest_radius = 0.15
+    radii = {}
+    for frame in sorted(frames):
+        radii[frame] = largest_radius if frame == "base_link" else largest_radius / 2
     margin = float(rng.uniform(0.0, 0.06))
-    others: list[tuple[np.ndarray, np.ndarray, float]] = []
+    obstacles: list[tuple[np.ndarray, np.ndarray, float]] = []
     for _ in range(int(rng.integers(1, 4))):
-        for _ in range(_TRIES):
-            first, last = _places(draft, frames[int(rng.integers(len(frames)))])
-            spread = rng.normal(size=3) * float(rng.uniform(0.0, 0.3))
-            centre = first + float(rng.uniform(0.2, 0.8)) * (last - first) + spread
-            size = float(rng.uniform(0.04, 0.3))
-            rooms = [
-                float(np.linalg.norm(Kinematics(robot, q).pose(frame).translation - centre))
-                - own
-                - size
-                - margin
-                for q in (draft.start, draft.goal)
-                for frame, own in balls
-            ]
-            if min(rooms) > _ROOM:
-                rate = fast * rng.uniform(-1.0, 1.0, 3)
-                others.append((centre, rate, size))
-                break
-    if not others:
+        ball = _free_ball(draft, radii, margin)
+        if ball is not None:
+            centre, size = ball
+            rate = fast * rng.uniform(-1.0, 1.0, 3)
+            obstacles.append((centre, rate, size))
+    if not obstacles:
         draft.traits.append("no balls")
         return
+    obstacle_balls = []
+    for centre, rate, size in obstacles:
+        if fast:
+            obstacle_balls.append(Ball(centre=_line(centre, rate), radius=size))
+        else:
+            obstacle_balls.append(Ball(centre=tuple(centre.tolist()), radius=size))
     term = BallClearance(
-        robot_balls=tuple(Ball(frame=frame, radius=own) for frame, own in balls),
-        obstacles=tuple(
-            Ball(centre=_line(centre, rate) if fast else tuple(centre.tolist()), radius=size)
-            for centre, rate, size in others
-        ),
+        robot_balls=tuple(Ball(frame=frame, radius=radius) for frame, radius in radii.items()),
+        obstacles=tuple(obstacle_balls),
         margin=margin,
     )
 
     def gaps(node: Node) -> ca.SX:
         rows = []
-        for frame, own in balls:
-            for centre, rate, size in others:
+        for frame, radius in radii.items():
+            for centre, rate, size in obstacles:
                 away = node.pose(frame)[1] - ca.DM(centre) - ca.DM(rate) * node.t
-                rows.append(ca.sqrt(ca.sumsqr(away) + 1e-12) - own - size)
+                rows.append(ca.sqrt(ca.sumsqr(away) + 1e-12) - radius - size)
         return ca.vertcat(*rows)
 
     draft.moves = fast > 0.0
     draft.constraints.append(term)
     draft.path.append(PathRows(name="balls", rows=gaps, lower=margin))
+
+
+def _free_ball(
+    draft: Draft, radii: dict[str, float], margin: float
+) -> tuple[np.ndarray, float] | None:
+    """Centre and radius [m] of a ball that start and goal are free of, or none after many tries.
+
+    radii [m]: of the balls of the robot, by their frames.
+    """
+    rng = draft.rng
+    frames = list(radii)
+    for _ in range(_TRIES):
+        first, last = _places(draft, frames[int(rng.integers(len(frames)))])
+        spread = rng.normal(size=3) * float(rng.uniform(0.0, 0.3))
+        centre = first + float(rng.uniform(0.2, 0.8)) * (last - first) + spread
+        size = float(rng.uniform(0.04, 0.3))
+        rooms = []
+        for q in (draft.start, draft.goal):
+            for frame, radius in radii.items():
+                offset = Kinematics(draft.robot, q).pose(frame).translation - centre
+                rooms.append(float(np.linalg.norm(offset)) - radius - size - margin)
+        if min(rooms) > _ROOM:
+            return centre, size
+    return None
 
 
 def _line(centre: np.ndarray, rate: np.ndarray) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
@@ -622,9 +647,11 @@ def _phases(draft: Draft) -> tuple[tuple[OcpPhase, ...], bool]:
     limits = robot.limits
     speed = np.where(np.isfinite(limits.velocity), limits.velocity, 1.0)
     acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, 1.0)
-    least = float((way / speed + 2 * (way / acceleration) ** 0.5).max(initial=1.0))
-    whole = least * float(rng.uniform(1.5, 4.0))
-    count = 1 if draft.chance(0.65) else int(rng.integers(2, 4))
+    shortest = float((way / speed + 2 * (way / acceleration) ** 0.5).max(initial=1.0))
+    whole = shortest * float(rng.uniform(1.5, 4.0))
+    count = 1
+    if not draft.chance(0.65):
+        count = int(rng.integers(2, 4))
     free = not draft.moves and draft.chance(0.2)
     shares = rng.dirichlet(np.full(count, 2.0)) * 0.8 + 0.2 / count
     steps = rng.dirichlet(np.full(count, 2.0)) * 0.7 + 0.3 / count
@@ -654,11 +681,16 @@ def _goal_kinds(draft: Draft) -> list[str]:
     robot = draft.robot
     if not robot.n_joints:
         return ["vehicle"]
-    kinds = ["tool position"] if draft.chance(0.5) or robot.n_v < 6 else ["tool pose"]
+    kinds = ["tool pose"]
+    if draft.chance(0.5) or robot.n_v < 6:
+        kinds = ["tool position"]
     if not robot.tools:
         kinds = ["joints"]
     if robot.n_vehicle and draft.chance(0.4):
-        kinds = ["vehicle", *kinds] if draft.chance(0.5) else [*kinds, "vehicle"]
+        if draft.chance(0.5):
+            kinds.insert(0, "vehicle")
+        else:
+            kinds.append("vehicle")
     elif draft.chance(0.3) and "joints" not in kinds:
         kinds.append("joints")
     return kinds
@@ -753,10 +785,8 @@ def _cost_levels(draft: Draft, *, free: bool) -> tuple[list[OcpLevel], tuple[Cos
         draft.traits.append("time first")
         quick = OcpLevel(name="time", terms=(Duration(),), relax=0.05)
         below = tuple(replace(cost, level=1) for cost in costs)
-        return [quick, OcpLevel(name="costs", terms=terms)], (
-            Cost(name="duration", density=duration),
-            *below,
-        )
+        levels = [quick, OcpLevel(name="costs", terms=terms)]
+        return levels, (Cost(name="duration", density=duration), *below)
     worth = float(rng.choice([0.001, 0.01, 0.1]))
     terms = (*terms, Duration(weight=worth))
     costs = (*costs, Cost(name="duration", density=duration, weight=worth))

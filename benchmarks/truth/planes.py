@@ -43,9 +43,9 @@ class Distances:
 
     def joints(self, pair: int) -> tuple[int, int]:
         """Joints that carry the shapes of a pair; 0 is the world."""
-        both = self._geometry.collisionPairs[pair]
+        shapes = self._geometry.collisionPairs[pair]
         objects = self._geometry.geometryObjects
-        return objects[both.first].parentJoint, objects[both.second].parentJoint
+        return objects[shapes.first].parentJoint, objects[shapes.second].parentJoint
 
     def placement(self, joint: int) -> pin.SE3:
         """X_WJ where it was measured last."""
@@ -71,9 +71,11 @@ class PlaneRows:
             normal, foot, point, margin = ca.vertsplit(
                 parameters[_SIZE * i : _SIZE * (i + 1)], [0, 3, 6, 9, 10]
             )
-            first, second = (_pose(node, joint) for joint in self.distances.joints(pair))
-            beyond = second[1] + second[0] @ point - first[1] - first[0] @ foot
-            rows.append(ca.dot(first[0] @ normal, beyond) - margin)
+            first_joint, second_joint = self.distances.joints(pair)
+            first_R, first_p = _pose(node, first_joint)
+            second_R, second_p = _pose(node, second_joint)
+            beyond = second_p + second_R @ point - first_p - first_R @ foot
+            rows.append(ca.dot(first_R @ normal, beyond) - margin)
         return ca.vertcat(ca.SX(0, 1), *rows)
 
     def parameters(self, q: np.ndarray, times: Sequence[float]) -> np.ndarray:
@@ -85,7 +87,9 @@ class PlaneRows:
         parts = []
         for pair in self.pairs:
             foot, point, normal = self.distances.nearest_points(pair)
-            first, second = (self.distances.placement(j) for j in self.distances.joints(pair))
+            first_joint, second_joint = self.distances.joints(pair)
+            first = self.distances.placement(first_joint)
+            second = self.distances.placement(second_joint)
             parts += [
                 first.rotation.T @ normal,
                 first.actInv(foot),
@@ -109,9 +113,9 @@ def plane_rows(
     [s].
     """
     distances = Distances(robot, shapes)
-    least = np.full(len(shapes.margins), np.inf)
+    smallest = np.full(len(shapes.margins), np.inf)
     for q, times in motions:
         for row, t in zip(q, times, strict=True):
-            least = np.minimum(least, distances.measure(row, t) - shapes.margins)
-    order = np.argsort(least)[:_MOST]
-    return PlaneRows(distances=distances, pairs=tuple(order[least[order] < _NEAR].tolist()))
+            smallest = np.minimum(smallest, distances.measure(row, t) - shapes.margins)
+    order = np.argsort(smallest)[:_MOST]
+    return PlaneRows(distances=distances, pairs=tuple(order[smallest[order] < _NEAR].tolist()))

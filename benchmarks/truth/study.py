@@ -13,6 +13,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
+from recording.rows import count_where, rows_where
 from studies.study import Study, seeds_from
 
 from truth.collocation import Collocation, Way
@@ -92,8 +93,11 @@ class Kept:
     @property
     def what(self) -> str:
         """What is broken, in words; empty where all is kept."""
-        words = [] if self.at_nodes else [str(self.nodes)]
-        words += [] if self.between is None or self.in_steps else [str(self.between)]
+        words = []
+        if not self.at_nodes:
+            words.append(str(self.nodes))
+        if not self.in_steps:
+            words.append(str(self.between))
         return "; ".join(words)
 
 
@@ -122,25 +126,24 @@ class Court:
 
     def kept(self, trajectory: Trajectory) -> Kept:
         """Look at a motion at its nodes and between them."""
-        nodes = self.collocation.judge(trajectory)[1]
-        findings = worst_of_limits(self.drawn.problem, self.drawn.statement, trajectory)
-        touching = max(
-            (finding.excess for finding in findings if finding.name == "touching"),
-            default=-np.inf,
-        )
-        limits = [finding for finding in findings if finding.name != "touching"]
-        found = [
-            Finding(name=name, excess=excess, time=0.0, at_node=True)
-            for name, excess in nodes.items()
-        ]
-        found += [finding for finding in limits if finding.at_node]
-        between = [finding for finding in limits if not finding.at_node]
+        _, violations = self.collocation.judge(trajectory)
+        at_nodes = []
+        for name, excess in violations.items():
+            at_nodes.append(Finding(name=name, excess=excess, time=0.0, at_node=True))
+        between = []
+        touching = -np.inf
+        for finding in worst_of_limits(self.drawn.problem, self.drawn.statement, trajectory):
+            if finding.name == "touching":
+                touching = max(touching, finding.excess)
+            elif finding.at_node:
+                at_nodes.append(finding)
+            else:
+                between.append(finding)
+        limits = [finding for finding in (*at_nodes, *between) if finding.name not in GOALS]
         return Kept(
-            nodes=max(found, key=allowed_share),
+            nodes=max(at_nodes, key=allowed_share),
             between=max(between, key=allowed_share, default=None),
-            limits=max(
-                allowed_share(item) for item in (*found, *between) if item.name not in GOALS
-            ),
+            limits=max(allowed_share(finding) for finding in limits),
             touching=touching,
         )
 
@@ -155,15 +158,15 @@ class Court:
             "hold": self.collocation.solve(self.hold),
         }
         if result is not None:
-            ways["result"] = self.collocation.solve(result, near=True)
+            ways["result"] = self.collocation.solve(result, from_optimum=True)
         return ways
 
 
 def ratio_of(costs: np.ndarray, best: np.ndarray) -> float:
     """How many times the best a cost is, in the first level in which they differ."""
     ratio = 1.0
-    for cost, least in zip(costs.tolist(), best.tolist(), strict=True):
-        ratio = (cost + _NOTHING) / (least + _NOTHING)
+    for cost, best_cost in zip(costs.tolist(), best.tolist(), strict=True):
+        ratio = (cost + _NOTHING) / (best_cost + _NOTHING)
         if abs(ratio - 1.0) > NEAR:
             break
     return ratio
@@ -244,19 +247,19 @@ def _outcome(drawn: DrawnProblem) -> dict[str, Any]:
     wrong: list[str] = []
     notes: list[str] = []
     if judged:
-        kept = court.kept(plan.trajectory)
+        limits_kept = court.kept(plan.trajectory)
         row |= {
             "cost": float(court.costs(plan.trajectory)[-1]),
-            "at_nodes": kept.nodes.excess,
-            "between": None if kept.between is None else kept.between.excess,
-            "broken": kept.what,
-            "nearest_m": -kept.touching if np.isfinite(kept.touching) else None,
+            "at_nodes": limits_kept.nodes.excess,
+            "between": None if limits_kept.between is None else limits_kept.between.excess,
+            "broken": limits_kept.what,
+            "nearest_m": -limits_kept.touching if np.isfinite(limits_kept.touching) else None,
         }
         verdict = judge_motion(problem, plan.trajectory)
         row["judged"] = f"{verdict.status.value}: {plain_line(verdict.reason, 200)}"
-        if kept.limits > 1.0 and verdict.status is not OcpStatus.BROKEN:
+        if limits_kept.limits > 1.0 and verdict.status is not OcpStatus.BROKEN:
             wrong.append("not seen by the judge")
-        if plan.certified_free and kept.touching > 0.0:
+        if plan.certified_free and limits_kept.touching > 0.0:
             wrong.append("certified and touching")
     began = process_time()
     ways = court.ways(plan.trajectory if judged and plan.status.usable else None)
@@ -270,7 +273,9 @@ def _outcome(drawn: DrawnProblem) -> dict[str, Any]:
 
 
 def _word(way: Way) -> str:
-    return "solved" if way.status == "Solve_Succeeded" and way.kept else way.status
+    if way.status == "Solve_Succeeded" and way.kept:
+        return "solved"
+    return way.status
 
 
 def _compared(
@@ -282,11 +287,11 @@ def _compared(
     notes: list[str],
 ) -> dict[str, Any]:
     """Of a plan that is called solved: is it kept, and is there anything cheaper?"""
-    kept = court.kept(plan.trajectory)
+    limits_kept = court.kept(plan.trajectory)
     costs = court.costs(plan.trajectory)
-    if not kept.at_nodes:
+    if not limits_kept.at_nodes:
         wrong.append("broken at nodes")
-    if not kept.in_steps:
+    if not limits_kept.in_steps:
         wrong.append("broken between nodes")
     again = planner.plan(guess=plan.trajectory, diagnose=False)
     row: dict[str, Any] = {"again": again.status.value}
@@ -307,8 +312,11 @@ def _compared(
 
 def _ratios(court: Court, costs: np.ndarray, ways: dict[str, Way]) -> dict[str, float]:
     """How many times those of IPOPT's motions that keep everything the costs (n_levels,) are."""
-    good = {name: way for name, way in ways.items() if court.kept(way.trajectory).everywhere}
-    return {name: ratio_of(costs, way.costs) for name, way in good.items()}
+    ratios = {}
+    for name, way in ways.items():
+        if court.kept(way.trajectory).everywhere:
+            ratios[name] = ratio_of(costs, way.costs)
+    return ratios
 
 
 def _known_way(
@@ -321,8 +329,14 @@ def _known_way(
         if best <= 1.0 + NEAR:
             notes.append("as good as solved")
             return {"to_ipopt": best}
-    kept = {name: court.kept(way.trajectory) for name, way in ways.items()}
-    good = [f"ipopt from {name}" for name in ways if kept[name].everywhere]
+    good = []
+    good_at_nodes = []
+    for name, way in ways.items():
+        limits_kept = court.kept(way.trajectory)
+        if limits_kept.everywhere:
+            good.append(f"ipopt from {name}")
+        if limits_kept.at_nodes:
+            good_at_nodes.append(f"ipopt from {name}, at nodes")
     if not good:
         guesses = {"default": None, "hold": court.hold, "straight": court.drawn.straight}
         guesses.pop(court.drawn.guess_name, None)
@@ -333,9 +347,9 @@ def _known_way(
                 break
     if good:
         notes.append("a way is known")
-    elif any(found.at_nodes for found in kept.values()):
+    elif good_at_nodes:
         notes.append("a way is known at nodes only")
-        good = [f"ipopt from {name}, at nodes" for name in ways if kept[name].at_nodes]
+        good = good_at_nodes
     return {"way": ", ".join(good)}
 
 
@@ -359,18 +373,21 @@ def ocp_truth(*, n: int = 400, seed: Count = 0) -> Study:
 
 def totals(rows: Sequence[Row]) -> list[Row]:
     """How the problems fared, by what is around the robot."""
-    made: list[Row] = []
-    for name in (*dict.fromkeys(SURROUNDINGS), "all"):
-        chosen = [row for row in rows if name in ("all", row["surroundings"])]
-        wrong = Counter(kind for row in chosen for kind in WRONGS if kind in row["wrong"])
-        notes = Counter(kind for row in chosen for kind in str(row["note"]).split(", "))
-        made.append(
-            {
-                "surroundings": name,
-                "problems": len(chosen),
-                SOLVED: sum(row["status"] == SOLVED for row in chosen),
-                **{kind: wrong[kind] for kind in WRONGS},
-                **{kind: notes[kind] for kind in NOTES},
-            }
-        )
-    return made
+    table = [
+        _total(name, rows_where(rows, "surroundings", name)) for name in dict.fromkeys(SURROUNDINGS)
+    ]
+    return [*table, _total("all", rows)]
+
+
+def _total(surroundings: str, rows: Sequence[Row]) -> Row:
+    wrong = {kind: sum(kind in row["wrong"] for row in rows) for kind in WRONGS}
+    notes = Counter[str]()
+    for row in rows:
+        notes.update(str(row["note"]).split(", "))
+    return {
+        "surroundings": surroundings,
+        "problems": len(rows),
+        SOLVED: count_where(rows, "status", SOLVED),
+        **wrong,
+        **{kind: notes[kind] for kind in NOTES},
+    }

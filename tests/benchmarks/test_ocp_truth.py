@@ -34,20 +34,20 @@ def drawn(seed: int, folder: Path) -> DrawnProblem:
 @pytest.mark.parametrize("seed", _SEEDS)
 def test_start_and_goal_keep_all_that_is_asked_for(seed: int, tmp_path: Path) -> None:
     """Limits, rows and shapes are kept at rest in both, and the goals are met at the second."""
-    one = drawn(seed, tmp_path)
-    problem = one.problem
-    statement = one.statement
+    case = drawn(seed, tmp_path)
+    problem = case.problem
+    statement = case.statement
     assert problem.n_steps >= 8
     lower, upper = problem.robot.configuration_bounds
     node = node_symbols(problem.robot, n_thrust_of(problem))
-    rest = np.zeros(problem.robot.n_v)
-    for q in (problem.start.q, one.goal):
+    zero = np.zeros(problem.robot.n_v)
+    for q in (problem.start.q, case.goal):
         assert (q >= lower).all()
         assert (q <= upper).all()
         for path in statement.path:
             if not path.of_inputs:
                 rows = ca.Function("rows", [node.q, node.v, node.t], [path.rows(node)])
-                value = np.array(rows(q, rest, 0.0))
+                value = np.array(rows(q, zero, 0.0))
                 assert (value >= path.lower).all(), path.name
                 assert (value <= path.upper).all(), path.name
         if statement.shapes is not None:
@@ -56,23 +56,20 @@ def test_start_and_goal_keep_all_that_is_asked_for(seed: int, tmp_path: Path) ->
     for end in statement.ends:
         if end.phase == -1:
             rows = ca.Function("rows", [node.q, node.v], [end.rows(node)])
-            assert np.abs(np.array(rows(one.goal, rest))).max() < 1e-9, end.name
+            assert np.abs(np.array(rows(case.goal, zero))).max() < 1e-9, end.name
 
 
 @pytest.mark.parametrize("seed", _SEEDS[:6])
 def test_a_seed_draws_the_same_problem_every_time(seed: int, tmp_path: Path) -> None:
-    first, second = (drawn(seed, tmp_path / name) for name in _folders(tmp_path))
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    first = drawn(seed, tmp_path / "a")
+    second = drawn(seed, tmp_path / "b")
     assert first.traits == second.traits
     assert first.guess_name == second.guess_name
     np.testing.assert_array_equal(first.problem.start.q, second.problem.start.q)
     np.testing.assert_array_equal(first.goal, second.goal)
     np.testing.assert_array_equal(first.problem.nominal_times(), second.problem.nominal_times())
-
-
-def _folders(folder: Path) -> tuple[str, str]:
-    for name in ("a", "b"):
-        (folder / name).mkdir()
-    return "a", "b"
 
 
 def test_all_kinds_are_drawn() -> None:
@@ -101,52 +98,54 @@ def test_a_step_is_that_of_pinocchio(name: str) -> None:
 
 def test_derivatives_are_those_of_the_rows(tmp_path: Path) -> None:
     """CasADi differentiates the assembled rows and costs another way."""
-    one = drawn(7, tmp_path)
-    whole = Collocation(one.problem, one.statement, [one.straight])
+    case = drawn(7, tmp_path)
+    whole = Collocation(case.problem, case.statement, [case.straight])
     x = whole._x
     p = whole._p
     lam = ca.MX.sym("lam", whole.n_rows)
     sigma = ca.MX.sym("sigma", whole.n_levels)
-    at = whole.pack(one.straight) + 1e-3 * np.random.default_rng(2).normal(size=x.numel())
+    at = whole.pack(case.straight) + 1e-3 * np.random.default_rng(2).normal(size=x.numel())
     weights = np.random.default_rng(3).normal(size=whole.n_rows)
     worth = np.ones(whole.n_levels)
     lagrangian = ca.dot(lam, whole._g) + ca.dot(sigma, whole._costs)
-    own = ca.Function("own", [x, p, lam, sigma], [whole._jacobian(), whole._hessian(lam, sigma)])
-    J, H = own(at, np.zeros(p.numel()), weights, worth)
+    assembled = ca.Function(
+        "assembled", [x, p, lam, sigma], [whole._jacobian(), whole._hessian(lam, sigma)]
+    )
+    J, H = assembled(at, np.zeros(p.numel()), weights, worth)
     slope = ca.gradient(lagrangian, x)
     direction = np.random.default_rng(4).normal(size=x.numel())
     along = ca.jtimes(slope, x, ca.DM(direction))
-    other = ca.Function(
-        "other", [x, p, lam, sigma], [ca.jtimes(whole._g, x, ca.DM(direction)), along]
+    by_casadi = ca.Function(
+        "by_casadi", [x, p, lam, sigma], [ca.jtimes(whole._g, x, ca.DM(direction)), along]
     )
-    rates, bend = other(at, np.zeros(p.numel()), weights, worth)
+    rates, bend = by_casadi(at, np.zeros(p.numel()), weights, worth)
     np.testing.assert_allclose(np.array(J @ direction), np.array(rates), atol=1e-8)
     np.testing.assert_allclose(np.array(H @ direction), np.array(bend), atol=1e-7)
 
 
-def along(one: DrawnProblem, way: float) -> Trajectory:
+def along(case: DrawnProblem, way: float) -> Trajectory:
     """A motion straight ahead by `way` [m], every step as far as the one before."""
-    hold = hold_guess(one.problem)
-    model = one.problem.robot.model
+    hold = hold_guess(case.problem)
+    model = case.problem.robot.model
     shares = hold.t / hold.t[-1]
-    step = np.zeros(one.problem.robot.n_v)
+    step = np.zeros(case.problem.robot.n_v)
     step[0] = way
-    q = np.array([pin.integrate(model, one.problem.start.q, share * step) for share in shares])
+    q = np.array([pin.integrate(model, case.problem.start.q, share * step) for share in shares])
     return replace(hold, q=q, v=np.tile(step / hold.t[-1], (len(q), 1)))
 
 
 def test_a_ball_between_two_nodes_is_seen(tmp_path: Path) -> None:
     """At both nodes it is half a step away, of which it takes nine tenths."""
-    one = drawn(16, tmp_path)
-    motion = along(one, 1.0)
-    half = 0.5 / one.problem.n_steps
+    case = drawn(16, tmp_path)
+    motion = along(case, 1.0)
+    half = 0.5 / case.problem.n_steps
     centre = ca.DM((motion.q[3, :3] + motion.q[4, :3]) / 2)
     ball = PathRows(
         name="ball",
         rows=lambda node: ca.norm_2(node.pose("base_link")[1] - centre),
         lower=0.9 * half,
     )
-    findings = worst_of_limits(one.problem, replace(one.statement, path=(ball,)), motion)
+    findings = worst_of_limits(case.problem, replace(case.statement, path=(ball,)), motion)
     excess = {(item.name, item.at_node): item.excess for item in findings}
     assert excess["ball", True] == pytest.approx(-0.1 * half, abs=1e-6)
     assert excess["ball", False] == pytest.approx(0.9 * half, abs=0.02 * half)
@@ -154,28 +153,28 @@ def test_a_ball_between_two_nodes_is_seen(tmp_path: Path) -> None:
 
 def test_a_force_that_is_too_large_between_the_middles_is_seen(tmp_path: Path) -> None:
     """Drag at the end of a long step that gathers speed is more than at its middle."""
-    one = drawn(16, tmp_path)
-    hold = hold_guess(one.problem)
+    case = drawn(16, tmp_path)
+    hold = hold_guess(case.problem)
     v = hold.v.copy()
     v[1:, 0] = 3.0
     a = hold.a.copy()
     a[0, 0] = 3.0 / float(hold.t[1])
-    findings = worst_of_limits(one.problem, one.statement, replace(hold, v=v, a=a))
+    findings = worst_of_limits(case.problem, case.statement, replace(hold, v=v, a=a))
     (forces,) = [item for item in findings if item.name == FORCES]
     assert forces.excess > 0.5
     assert not forces.at_node
 
 
 def test_a_joint_beyond_its_limit_and_a_wrong_force_are_seen(tmp_path: Path) -> None:
-    one = drawn(4, tmp_path)
-    court = Court(one)
-    upper = one.problem.robot.configuration_bounds[1]
-    beyond = np.tile(one.problem.start.q, (one.problem.n_steps + 1, 1))
+    case = drawn(4, tmp_path)
+    court = Court(case)
+    upper = case.problem.robot.configuration_bounds[1]
+    beyond = np.tile(case.problem.start.q, (case.problem.n_steps + 1, 1))
     beyond[2, 0] = upper[0] + 0.2
-    kept = court.kept(replace(hold_guess(one.problem), q=beyond))
-    assert not kept.at_nodes
-    assert kept.nodes.excess >= 0.2
-    assert not kept.everywhere
+    limits_kept = court.kept(replace(hold_guess(case.problem), q=beyond))
+    assert not limits_kept.at_nodes
+    assert limits_kept.nodes.excess >= 0.2
+    assert not limits_kept.everywhere
 
 
 def test_ratios_are_those_of_the_first_level_that_differs() -> None:
