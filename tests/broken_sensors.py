@@ -58,8 +58,14 @@ class BrokenSensors:
         return replace(measured, q=q, v=v, altimeter_range=echo, health=self._health(self.channels))
 
     def _health(self, broken: tuple[str, ...]) -> tuple[ChannelHealth, ...]:
-        bad = {"trust": self.trust, "why": "broken by a test", "since": self.start}
-        return tuple(
-            ChannelHealth(channel=name, **(bad if name in broken else {"trust": Trust.GOOD}))
-            for name in CHANNELS
-        )
+        health = []
+        for name in CHANNELS:
+            if name in broken:
+                health.append(
+                    ChannelHealth(
+                        channel=name, trust=self.trust, why="broken by a test", since=self.start
+                    )
+                )
+            else:
+                health.append(ChannelHealth(channel=name, trust=Trust.GOOD))
+        return tuple(health)

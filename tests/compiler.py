@@ -11,14 +11,17 @@ import pytest
 from uvms_ocp.codegen.cache import cache_folder
 from uvms_ocp.codegen.compile import compile_library
 
-COMPILER = next(
-    (
-        path
-        for name in (os.environ.get("CC", ""), "cc", "gcc", "clang")
-        if (path := shutil.which(name))
-    ),
-    "",
-)
+
+def _compiler() -> str:
+    """Path of the C compiler; empty where there is none."""
+    for name in (os.environ.get("CC", ""), "cc", "gcc", "clang"):
+        path = shutil.which(name)
+        if path:
+            return path
+    return ""
+
+
+COMPILER = _compiler()
 
 
 def _missing() -> str:

@@ -19,7 +19,7 @@ from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.dynamics import cached_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
-from uvms_ocp.solvers.hierarchy.level import Level
+from uvms_ocp.solvers.hierarchy.level import Level, row_slices
 from uvms_ocp.tasks import Hierarchy, Task
 
 
@@ -43,26 +43,19 @@ def six_thrusters() -> Robot:
     robot = uo.load_robot(
         urdf=_TEMPLATES / "robot.urdf", hydrodynamics=_TEMPLATES / "hydrodynamics.yaml"
     )
-    level, lift = robot.description.thrusters[:4], robot.description.thrusters[4]
-    abeam = tuple(
-        lift.model_copy(
-            update={
-                "name": name,
-                "position": (0.0, y, 0.0),
-                "minimum": 2 * lift.minimum,
-                "maximum": 2 * lift.maximum,
-                "power": None,
-            }
-        )
-        for name, y in (("lift_left", 0.2), ("lift_right", -0.2))
-    )
-    return replace(robot, description=checked_copy(robot.description, thrusters=(*level, *abeam)))
+    level = robot.description.thrusters[:4]
+    lift = robot.description.thrusters[4]
+    doubled = {"minimum": 2 * lift.minimum, "maximum": 2 * lift.maximum, "power": None}
+    left = lift.model_copy(update={"name": "lift_left", "position": (0.0, 0.2, 0.0), **doubled})
+    right = lift.model_copy(update={"name": "lift_right", "position": (0.0, -0.2, 0.0), **doubled})
+    description = checked_copy(robot.description, thrusters=(*level, left, right))
+    return replace(robot, description=description)
 
 
 def command_of(robot: Robot, tasks: Sequence[Task], q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """(n_v,) [m/s, rad/s] at q (n_q,) and v (n_v,) from rest, with all tasks on."""
-    hierarchy = Hierarchy(tasks, [task.name for task in tasks])
     names = tuple(task.name for task in tasks)
+    hierarchy = Hierarchy(tasks, list(names))
     if (robot, names) not in _PROBLEMS:  # goals are parameters
         _PROBLEMS[robot, names] = build_levels(robot, hierarchy, 0.005)
     problem = _PROBLEMS[robot, names]
@@ -73,17 +66,15 @@ def command_of(robot: Robot, tasks: Sequence[Task], q: np.ndarray, v: np.ndarray
     outputs = problem.function(
         q, v, np.zeros(N_PASSIVE), zeros, zeros, 5.0, parameters, np.ones(len(tasks))
     )
-    parts = {
-        name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)
-    }
-    ends = np.cumsum(problem.sizes)
-    levels = [
-        Level(
-            jacobian=parts["J"][begin:end],
-            lower=parts["lower"][begin:end, 0],
-            upper=parts["upper"][begin:end, 0],
-            gate=parts["gate"][begin:end, 0],
+    pairs = zip(problem.function.name_out(), outputs, strict=True)
+    parts = {name: np.array(output) for name, output in pairs}
+    levels = []
+    for rows in row_slices(problem.sizes):
+        level = Level(
+            jacobian=parts["J"][rows],
+            lower=parts["lower"][rows, 0],
+            upper=parts["upper"][rows, 0],
+            gate=parts["gate"][rows, 0],
         )
-        for begin, end in zip([0, *ends], ends, strict=False)
-    ]
+        levels.append(level)
     return LexicographicActiveSet(compiled=False).solve(levels).v

@@ -23,16 +23,18 @@ def scenario() -> Scenario:
 
 
 def test_stepping_by_hand_is_what_a_run_does(scenario: Scenario) -> None:
-    record, robot = scenario.run(), scenario.robot
+    record = scenario.run()
+    robot = scenario.robot
     plant = DynamicPlant(
         robot, scenario.start, dynamics=robot_dynamics(robot), environment=scenario.environment
     )
     sensors = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, scenario.seed)
-    estimator, controller = scenario.estimator(), scenario.controller()
+    estimator = scenario.estimator()
+    controller = scenario.controller()
     command: Command | None = None
     for k, t in enumerate(record["t"]):
-        measurement = estimator(sensors.read(plant.state, float(t)), float(t), command)
-        command = controller(measurement, float(t))
+        estimate = estimator(sensors.read(plant.state, float(t)), float(t), command)
+        command = controller(estimate, float(t))
         np.testing.assert_array_equal(command.v, record["command"][k])
         np.testing.assert_array_equal(plant.state.q, record["q"][k])
         plant.step(command, scenario.dt)

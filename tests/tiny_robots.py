@@ -36,8 +36,14 @@ _WET = """coefficients: {added_mass: [9, 14, 18, 0.3, 0.4, 0.5], linear_drag: [1
     quadratic_drag: [30, 45, 60, 2, 2, 2], volume: 0.024, centre_of_buoyancy: [0.011, 0, 0.03]}"""
 _AHEAD = ((-0.3, 0.1, 0.0, 1, 0, 0), (-0.3, -0.1, 0.0, 1, 0, 0))
 _ALL = (
-    *((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for y in (0.2, -0.2)),
-    *((x, y, 0.1, 0, 0, 1) for x in (0.2, -0.2) for y in (0.15, -0.15)),
+    (0.2, 0.2, 0.0, 1, -1, 0),
+    (0.2, -0.2, 0.0, 1, 1, 0),
+    (-0.2, 0.2, 0.0, 1, 1, 0),
+    (-0.2, -0.2, 0.0, 1, -1, 0),
+    (0.2, 0.15, 0.1, 0, 0, 1),
+    (0.2, -0.15, 0.1, 0, 0, 1),
+    (-0.2, 0.15, 0.1, 0, 0, 1),
+    (-0.2, -0.15, 0.1, 0, 0, 1),
 )
 
 
@@ -58,35 +64,40 @@ class Tiny:
     """The vehicle is, in velocity and acceleration."""
 
     def write(self, folder: Path) -> Path:
-        names = ["base_link", *(f"arm{k}" for k in range(len(self.joints)))]
-        booms = (
-            _BOOM.format(
-                name=name, joint=f"turn{k}", kind=kind, parent=names[k], axis=axis, limit=limit
-            )
-            for k, (name, (kind, axis, limit)) in enumerate(
-                zip(names[1:], self.joints, strict=True)
-            )
-        )
-        body = "\n".join((_HULL, *booms, _TOOL.format(parent=names[-1]), self.more))
-        (folder / "robot.urdf").write_text(f"<robot name='tiny'>{body}</robot>", encoding="utf-8")
-        links = f"{{base_link: {{{_WET}}}{', arm0: {coefficients: {}}' if self.dry else ''}}}"
-        bound = "minimum: -40, maximum: 40, time_constant: 0.1"
-        thrusters = "".join(
-            f"\n  - {{name: t{k}, position: [{x}, {y}, {z}], direction: [{u}, {v}, {w}], {bound}}}"
-            for k, (x, y, z, u, v, w) in enumerate(self.thrusters)
-        )
-        bounds = "[0.8, 0.5, 0.5, 0.6, 0.6, 0.6]"
-        vehicle = (
-            f"vehicle_limits: {{velocity: {bounds}, acceleration: {bounds}}}\n"
-            if self.limited
-            else ""
-        )
-        text = (
-            f"base: {self.base}\naltimeter: base_link\n{vehicle}links: {links}\nthrusters:"
-            f" {thrusters or '[]'}\n"
-        )
-        (folder / "hydrodynamics.yaml").write_text(text, encoding="utf-8")
+        (folder / "robot.urdf").write_text(self._urdf(), encoding="utf-8")
+        (folder / "hydrodynamics.yaml").write_text(self._hydrodynamics(), encoding="utf-8")
         return folder
+
+    def _urdf(self) -> str:
+        parts = [_HULL]
+        parent = "base_link"
+        for k, (kind, axis, limit) in enumerate(self.joints):
+            name = f"arm{k}"
+            parts.append(
+                _BOOM.format(
+                    name=name, joint=f"turn{k}", kind=kind, parent=parent, axis=axis, limit=limit
+                )
+            )
+            parent = name
+        parts += [_TOOL.format(parent=parent), self.more]
+        body = "\n".join(parts)
+        return f"<robot name='tiny'>{body}</robot>"
+
+    def _hydrodynamics(self) -> str:
+        links = f"base_link: {{{_WET}}}"
+        if self.dry:
+            links += ", arm0: {coefficients: {}}"
+        thrusters = ""
+        for k, (x, y, z, u, v, w) in enumerate(self.thrusters):
+            place = f"position: [{x}, {y}, {z}], direction: [{u}, {v}, {w}]"
+            bound = "minimum: -40, maximum: 40, time_constant: 0.1"
+            thrusters += f"\n  - {{name: t{k}, {place}, {bound}}}"
+        lines = [f"base: {self.base}", "altimeter: base_link"]
+        if self.limited:
+            bounds = "[0.8, 0.5, 0.5, 0.6, 0.6, 0.6]"
+            lines.append(f"vehicle_limits: {{velocity: {bounds}, acceleration: {bounds}}}")
+        lines += [f"links: {{{links}}}", f"thrusters: {thrusters or '[]'}", ""]
+        return "\n".join(lines)
 
 
 ENDLESS = ("continuous", "0 1 0", _ENDLESS)
@@ -133,21 +144,22 @@ def scenario_of(robot: Robot, plant: str, duration: float = 0.1, depth: float = 
     """A vehicle to a place, its tool to another, its arm stowed: as far as there are vehicle and
     arm.
     """
-    vehicle = [VehiclePose(goal=pose_at((0.5, 0.0, -depth)))] if robot.n_vehicle else []
-    arm = [Manipulability()] if robot.n_joints else []
-    tasks = [JointLimits(), *vehicle, *arm, ToolPosition(goal=pose_at((1.0, 0.1, -5.0)))]
+    tasks = [JointLimits()]
+    if robot.n_vehicle:
+        start = robot.configuration(position=(0.0, 0.0, -5.0))
+        arrived = Below(quantity="PC.position_error", limit=0.01)
+        tasks.append(VehiclePose(goal=pose_at((0.5, 0.0, -depth))))
+    else:
+        start = robot.configuration()
+        arrived = Below(quantity="TP.position_error", limit=0.01)
+    if robot.n_joints:
+        tasks.append(Manipulability())
+    tasks.append(ToolPosition(goal=pose_at((1.0, 0.1, -5.0))))
     tasks.append(JointTracking(joints=robot.joint_names, goal=robot.home))
-    reached = Transition(
-        to=DONE,
-        when=(Below(quantity="PC.position_error" if vehicle else "TP.position_error", limit=0.01),),
-    )
-    phase = Phase(
-        name="A", activations=activate(*(task.name for task in tasks)), transitions=(reached,)
-    )
+    names = [task.name for task in tasks]
+    end = Transition(to=DONE, when=(arrived,))
+    phase = Phase(name="A", activations=activate(*names), transitions=(end,))
     mission = mission_of(robot, tasks, (phase,))
-    start = (
-        robot.configuration(position=(0.0, 0.0, -5.0)) if robot.n_vehicle else robot.configuration()
-    )
     return Scenario(
         name="tiny",
         robot=robot,

@@ -16,7 +16,8 @@ def condition(planner: Planner, plan: Plan) -> float:
     the constraints.
     """
     assert plan.result is not None
-    (point,), (nlp,) = plan.result.points, sparse_program(planner).program.nlps
+    (point,) = plan.result.points
+    (nlp,) = sparse_program(planner).program.nlps
     if point.row_multipliers is None:
         return float("nan")
     p = planner.transcription.parameters()

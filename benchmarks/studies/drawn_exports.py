@@ -174,19 +174,31 @@ def drawn_scenario(robot: Robot, rng: np.random.Generator, name: str) -> Scenari
     dt = float(rng.choice(_PERIODS))
     duration = dt * int(rng.integers(*_TICKS))
     is_driven = bool(robot.description.thrusters) or not robot.n_vehicle
-    plant = "dynamic" if is_driven and rng.random() < 0.8 else "kinematic"
+    plant = "kinematic"
+    if is_driven and rng.random() < 0.8:
+        plant = "dynamic"
     has_fault = plant == "dynamic" and robot.description.thrusters and rng.random() < 0.2
+    solver: Icat | LexicographicActiveSet = LexicographicActiveSet()
+    if rng.random() < 0.4:
+        solver = Icat()
+    noise = bool(rng.random() < 0.4)
+    current = None
+    if robot.n_vehicle and rng.random() < 0.3:
+        current = (0.1, -0.05, 0.0)
+    faults = None
+    if has_fault:
+        faults = (f"thruster1:dead@{0.4 * duration:.3f}",)
     run = run_options(
         {
             "robot": robot,
-            "solver": Icat() if rng.random() < 0.4 else LexicographicActiveSet(),
+            "solver": solver,
             "plant": plant,
-            "noise": bool(rng.random() < 0.4),
-            "current": (0.1, -0.05, 0.0) if robot.n_vehicle and rng.random() < 0.3 else None,
+            "noise": noise,
+            "current": current,
             "seed": int(rng.integers(1000)),
             "dt": dt,
             "duration": duration,
-            "faults": (f"thruster1:dead@{0.4 * duration:.3f}",) if has_fault else None,
+            "faults": faults,
         },
         seabed=_FLOOR,
     )

@@ -89,7 +89,10 @@ def test_values_do_not_change_with_what_they_were_made_of() -> None:
     water = Water(velocity=u, acceleration=u)
     phase = Phase(name="A", activations=activations, transitions=transitions)
     record = Record(series={"t": t}, meta=run_record().meta)
-    start[0], u[0], activations["HA"], t[0] = 1e3, 5.0, 7.0, 9.0
+    start[0] = 1e3
+    u[0] = 5.0
+    activations["HA"] = 7.0
+    t[0] = 9.0
     transitions.clear()
     assert own_scenario.start[0] != 1e3
     assert not water.velocity.any()

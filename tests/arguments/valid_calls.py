@@ -157,7 +157,8 @@ def stage_symbols() -> Any:
     from uvms_ocp.ocp.terms import StageSymbols
 
     n_u = len(robot().description.thrusters)
-    thrust, torque = ca.SX.sym("f", n_u), ca.SX.sym("tau", robot().n_joints)
+    thrust = ca.SX.sym("f", n_u)
+    torque = ca.SX.sym("tau", robot().n_joints)
     a = ca.SX.sym("a", robot().n_v)
     return StageSymbols(
         tick=tick_symbols(),
