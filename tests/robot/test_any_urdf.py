@@ -218,9 +218,9 @@ def test_all_faults_of_a_file_and_of_the_one_beside_it_are_told_at_once(tmp_path
     (tmp_path / "hydrodynamics.yaml").write_text(
         "water_density: 1\nlinks: {hull: {coefficients: {volume: -1}}}\n"
     )
-    found = check_robot_files(tmp_path).findings
-    texts = [finding.text for finding in found]
-    assert {finding.verdict for finding in found} == {RobotVerdict.ERROR}
+    robot_findings = check_robot_files(tmp_path).findings
+    texts = [finding.text for finding in robot_findings]
+    assert {finding.verdict for finding in robot_findings} == {RobotVerdict.ERROR}
     for told in (*FAULTS, "water_density: given 1", "links.hull.coefficients.volume: given -1"):
         assert sum(told in text for text in texts) == 1, told
     assert len(texts) == len(FAULTS) + 2

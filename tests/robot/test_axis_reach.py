@@ -100,7 +100,8 @@ def check_points(robot: Robot, seed: int) -> None:
 def test_a_reach_is_finite_where_no_travel_is_unlimited() -> None:
     """Else a bound that is infinite throughout would satisfy every law above."""
     tree = built_model("revolute_x", "planar", "revolute_y", "prismatic_x")
-    tree.lowerPositionLimit[-1], tree.upperPositionLimit[-1] = -0.7, 0.7
+    tree.lowerPositionLimit[-1] = -0.7
+    tree.upperPositionLimit[-1] = 0.7
     reach = CollisionModel(machine(tree), [obstacle("rock", coal.Sphere(0.3), [9.0, 0, 0])]).reach
     assert np.isinf(reach[0])  # turns the planar joint, which travels without limit
     assert np.isfinite(reach[1:]).all()

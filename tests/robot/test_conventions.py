@@ -42,7 +42,8 @@ def test_flu_data_stay_as_they_are() -> None:
 def test_an_axis_given_in_ned_points_the_same_way_in_flu(
     shape: dict[str, dict[str, object]],
 ) -> None:
-    (kind, values), rpy = next(iter(shape.items())), (0.3, -0.4, 0.5)
+    ((kind, values),) = shape.items()
+    rpy = (0.3, -0.4, 0.5)
     pose = {"position": (0.1, 0.2, 0.3), "rpy": rpy}
     (link,) = links_in_water(description(links={"a": {kind: {**values, "pose": pose}}}))
     R_ned = pin.rpy.rpyToMatrix(np.array(rpy))

@@ -86,56 +86,68 @@ def pair(
     request: pytest.FixtureRequest, tmp_path: Path
 ) -> tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]:
     """Coupled and free, a configuration of each, and the map G (n_v of the free one, n_v)."""
-    one = machine(tmp_path, request.param)
+    coupled = machine(tmp_path, request.param)
     free = machine(tmp_path, request.param, mimic="free")
     scales = {request.param if name == "lead" else name: entry for name, entry in SCALES.items()}
-    (leading,) = one.leading_joints
+    (leading,) = coupled.leading_joints
     scale, offset = scales[leading]
     values = {leading: scale * 0.3 + offset, "elbow": -0.4}
-    places = {name: own * 0.3 + shift for name, (own, shift) in scales.items()} | {"elbow": -0.4}
-    G = np.zeros((free.n_v, one.n_v))
+    free_values = {
+        name: scale_of_joint * 0.3 + shift for name, (scale_of_joint, shift) in scales.items()
+    } | {"elbow": -0.4}
+    G = np.zeros((free.n_v, coupled.n_v))
     G[:6, :6] = np.eye(6)
     for row, name in enumerate(free.joint_names, start=6):
-        G[row, one.joint(name if name == "elbow" else leading).idx_v] = (
+        G[row, coupled.joint(name if name == "elbow" else leading).idx_v] = (
             1.0 if name == "elbow" else scales[name][0] / scale
         )
     rng = np.random.default_rng(1)
-    at, turn = rng.normal(size=3), rng.normal(size=3)
-    q = one.configuration(at, turn, joints=values)
-    q_free = free.configuration(at, turn, joints=places)
-    return one, free, q, q_free, G
+    position = rng.normal(size=3)
+    rpy = rng.normal(size=3)
+    q = coupled.configuration(position, rpy, joints=values)
+    q_free = free.configuration(position, rpy, joints=free_values)
+    return coupled, free, q, q_free, G
 
 
 Pair = tuple[Robot, Robot, np.ndarray, np.ndarray, np.ndarray]
 
 
 def test_dynamics_in_water_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
-    one, free, q, q_free, G = pair
+    coupled, free, q, q_free, G = pair
     rng = np.random.default_rng(2)
-    v, a = rng.normal(size=(2, one.n_v))
-    here = robot_dynamics(one)
-    there = robot_dynamics(free)
-    tau = here.inverse_dynamics(q, v, a)
-    tau_free = there.inverse_dynamics(q_free, G @ v, G @ a)
+    v, a = rng.normal(size=(2, coupled.n_v))
+    dynamics = robot_dynamics(coupled)
+    free_dynamics = robot_dynamics(free)
+    tau = dynamics.inverse_dynamics(q, v, a)
+    tau_free = free_dynamics.inverse_dynamics(q_free, G @ v, G @ a)
     assert_allclose(tau, G.T @ tau_free, atol=1e-9)
-    assert_allclose(here.inverse_dynamics(q, v, here.forward_dynamics(q, v, tau)), tau, atol=1e-9)
-    assert_allclose(here.mass_matrix(q), G.T @ there.mass_matrix(q_free) @ G, atol=1e-10)
     assert_allclose(
-        here.damping_matrix(q, v), G.T @ there.damping_matrix(q_free, G @ v) @ G, atol=1e-10
+        dynamics.inverse_dynamics(q, v, dynamics.forward_dynamics(q, v, tau)), tau, atol=1e-9
+    )
+    assert_allclose(
+        dynamics.mass_matrix(q), G.T @ free_dynamics.mass_matrix(q_free) @ G, atol=1e-10
+    )
+    assert_allclose(
+        dynamics.damping_matrix(q, v),
+        G.T @ free_dynamics.damping_matrix(q_free, G @ v) @ G,
+        atol=1e-10,
     )
 
 
 def test_kinematics_and_distances_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
-    one, free, q, q_free, G = pair
+    coupled, free, q, q_free, G = pair
     for link in ("l3", "l4"):
-        here = Kinematics(one, q)
-        there = Kinematics(free, q_free)
-        assert_allclose(here.pose(link).homogeneous, there.pose(link).homogeneous, atol=1e-12)
-        assert_allclose(here.jacobian(link), there.jacobian(link) @ G, atol=1e-12)
-        jacobian = function_of(partial(_jacobian, SymbolicModel(one.model), link), one.n_q)
-        assert_allclose(jacobian(q), there.jacobian(link) @ G, atol=1e-12)
+        kinematics = Kinematics(coupled, q)
+        free_kinematics = Kinematics(free, q_free)
+        assert_allclose(
+            kinematics.pose(link).homogeneous, free_kinematics.pose(link).homogeneous, atol=1e-12
+        )
+        assert_allclose(kinematics.jacobian(link), free_kinematics.jacobian(link) @ G, atol=1e-12)
+        jacobian = function_of(partial(_jacobian, SymbolicModel(coupled.model), link), coupled.n_q)
+        assert_allclose(jacobian(q), free_kinematics.jacobian(link) @ G, atol=1e-12)
         assert (
-            np.linalg.norm(here.jacobian(link)[:3], axis=0) <= point_reach(one, link) + 1e-12
+            np.linalg.norm(kinematics.jacobian(link)[:3], axis=0)
+            <= point_reach(coupled, link) + 1e-12
         ).all()
 
 
@@ -147,72 +159,76 @@ def _jacobian(symbolic: SymbolicModel, link: str, q: ca.SX) -> ca.SX:
 def test_distances_change_as_those_of_free_joints_along_the_coupling(
     engine: type[CoalPairs], pair: Pair
 ) -> None:
-    one, free, q, q_free, G = pair
+    coupled, free, q, q_free, G = pair
     ball = obstacle("ball", coal.Sphere(0.5), (3.0, 2.0, 1.0))
-    found = []
-    for robot, at in ((one, q), (free, q_free)):
+    results = []
+    for robot, q_robot in ((coupled, q), (free, q_free)):
         geometry = shapes_among(robot, [ball])
         pairs = list(combinations(range(geometry.ngeoms), 2))
         measured = engine(robot.model, geometry, pairs)
-        every = np.arange(len(pairs))
-        found.append((measured.values(at, every), measured.gradients(at, every)))
-    (here, row), (there, row_free) = found
-    apart = there > 0.0
-    assert_allclose(here[apart], there[apart], atol=1e-9)
-    assert_allclose(row[apart], row_free[apart] @ G, atol=1e-5)
+        all_pairs = np.arange(len(pairs))
+        results.append(
+            (measured.values(q_robot, all_pairs), measured.gradients(q_robot, all_pairs))
+        )
+    (distances, gradients), (free_distances, free_gradients) = results
+    apart = free_distances > 0.0
+    assert_allclose(distances[apart], free_distances[apart], atol=1e-9)
+    assert_allclose(gradients[apart], free_gradients[apart] @ G, atol=1e-5)
     assert apart.sum() > 6
 
 
 def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pair: Pair) -> None:
-    one, free, _, _, G = pair
-    (leading,) = one.leading_joints
-    k = one.joint(leading).idx_v
+    coupled, free, _, _, G = pair
+    (leading,) = coupled.leading_joints
+    k = coupled.joint(leading).idx_v
     lead = next(name for name in free.joint_names if name in ("alpha", "zeta"))
     scale = 1.0 / G[free.joint(lead).idx_v, k]
     bounds = sorted(
         scale * bound + (0.0 if leading == lead else SCALES[leading][1]) for bound in (-1.0, 0.5)
     )
-    found = one.limits
-    assert_allclose([found.position_lower[k - 6], found.position_upper[k - 6]], bounds)
-    assert_allclose([found.velocity[k], found.effort[k - 6]], [0.7 * abs(scale), 6.0 / abs(scale)])
-    assert_allclose(one.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
+    limits = coupled.limits
+    assert_allclose([limits.position_lower[k - 6], limits.position_upper[k - 6]], bounds)
+    assert_allclose(
+        [limits.velocity[k], limits.effort[k - 6]], [0.7 * abs(scale), 6.0 / abs(scale)]
+    )
+    assert_allclose(coupled.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
 
 
 def test_costs_of_curves_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
-    one, free, q, q_free, G = pair
+    coupled, free, q, q_free, G = pair
     ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))
-    found = []
-    for robot, at, v in ((one, q, np.eye(one.n_v)), (free, q_free, G)):
-        scene = collision_scene(coordinates(robot, reference=at), [ball])
-        near = CoalDistances(scene).near(
-            scene.coordinates.x(at)[None], np.full(scene.n_pairs, 20.0)
+    rows_by_pair = []
+    for robot, q_robot, v in ((coupled, q, np.eye(coupled.n_v)), (free, q_free, G)):
+        scene = collision_scene(coordinates(robot, reference=q_robot), [ball])
+        close_pairs = CoalDistances(scene).near(
+            scene.coordinates.x(q_robot)[None], np.full(scene.n_pairs, 20.0)
         )
-        rates = np.tile(v @ np.linspace(0.2, -0.3, one.n_v), (near.pair.size, 1))
-        speeds = link_speeds(scene, near, rates, 0.02)
+        rates = np.tile(v @ np.linspace(0.2, -0.3, coupled.n_v), (close_pairs.pair.size, 1))
+        speeds = link_speeds(scene, close_pairs, rates, 0.02)
         rows = (
-            near.gradient @ v,
+            close_pairs.gradient @ v,
             speeds.speed[:, None],
             speeds.by_position @ v,
             speeds.by_rate @ v,
         )
-        found.append(
+        rows_by_pair.append(
             {
                 scene.pairs[k].name: np.concatenate([row[i] for row in rows])
-                for i, k in enumerate(near.pair)
+                for i, k in enumerate(close_pairs.pair)
             }
         )
-    shared = found[0].keys() & found[1].keys()
+    shared = rows_by_pair[0].keys() & rows_by_pair[1].keys()
     assert len(shared) > 6
     for name in shared:
-        assert_allclose(found[0][name], found[1][name], atol=1e-5)
-    fixed_together = found[1].keys() - shared
-    assert all(np.abs(found[1][name][: one.n_v]).max() < 1e-9 for name in fixed_together)
+        assert_allclose(rows_by_pair[0][name], rows_by_pair[1][name], atol=1e-5)
+    fixed_together = rows_by_pair[1].keys() - shared
+    assert all(np.abs(rows_by_pair[1][name][: coupled.n_v]).max() < 1e-9 for name in fixed_together)
 
 
 def test_distances_in_closed_form_are_those_of_coal(pair: Pair) -> None:
-    one, _, q, _, _ = pair
+    coupled, _, q, _, _ = pair
     ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))
-    scene = collision_scene(coordinates(capsule_robot(one), reference=q), [ball])
+    scene = collision_scene(coordinates(capsule_robot(coupled), reference=q), [ball])
     x = scene.coordinates.x(q)[None]
     far = np.full(scene.n_pairs, 20.0)
     closed = ClosedFormDistances(scene).near(x, far)
@@ -226,12 +242,12 @@ def test_a_curve_moves_joints_that_are_one(tmp_path: Path) -> None:
     robot = machine(tmp_path, "alpha")
     ball = obstacle("ball", coal.Sphere(0.2), (1.0, -1.5, 0.3))
     goal = PostureGoal(joints={"alpha": 0.3, "elbow": -0.3})
-    found = plan_path(
+    result = plan_path(
         PlanRequest(robot=robot, start=robot.configuration(), goal=goal, obstacles=(ball,))
     )
-    assert found.collision_free
-    assert found.plan is not None
-    record = motion_record(found, found.plan)
+    assert result.collision_free
+    assert result.plan is not None
+    record = motion_record(result, result.plan)
     ends = [
         robot.joint_values(row)[robot.joint_names.index("alpha")] for row in record["q"][[0, -1]]
     ]

@@ -29,7 +29,8 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics, damping_matrix, drag_wrench
 from uvms_ocp.robot.loading import load_robot
 
-NONE, Q = np.zeros((6, 6)), np.diag([30.0, 45.0, 60.0, 2.0, 3.0, 4.0])
+NONE = np.zeros((6, 6))
+Q = np.diag([30.0, 45.0, 60.0, 2.0, 3.0, 4.0])
 RNG = np.random.default_rng(3)
 
 
@@ -106,15 +107,11 @@ def test_shapes_have_it_too_and_a_sphere_is_then_dragged_alike_in_all_directions
     )
     assert (by_axes.by_flow, by_flow.by_flow) == (False, True)
     np.testing.assert_array_equal(by_axes.quadratic_drag, by_flow.quadratic_drag)
-    ahead, askew = (
-        np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0]),
-    )
-    power = {
-        nu is askew: nu @ drag_wrench(NONE, by_flow.quadratic_drag, nu, True)
-        for nu in (ahead, askew)
-    }
-    assert name != "sphere" or power[True] == pytest.approx(power[False])
+    ahead = np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+    askew = np.array([0.36, 0.48, 0.0, 0.0, 0.0, 0.0])
+    power_ahead = ahead @ drag_wrench(NONE, by_flow.quadratic_drag, ahead, True)
+    power_askew = askew @ drag_wrench(NONE, by_flow.quadratic_drag, askew, True)
+    assert name != "sphere" or power_askew == pytest.approx(power_ahead)
 
 
 def test_across_a_long_thin_body_each_way_errs_between_other_axes() -> None:
@@ -150,17 +147,18 @@ def test_a_robot_of_a_file_has_it_and_keeps_it_where_its_drag_is_varied() -> Non
     by_flow = replace(robot, description=description, hydrodynamics=links_in_water(description))
     thicker = _scaled("water.drag", ("linear_drag", "quadratic_drag"), by_flow, 2.0)
     q = robot.configuration()
-    rest = np.zeros(robot.n_v)
+    acceleration = np.zeros(robot.n_v)
     v = np.array([0.5, 0.4, -0.3, 0.0, 0.0, 0.0])
     plain, new, twice = (
-        robot_dynamics(one).inverse_dynamics(q, v, rest)[:3] for one in (robot, by_flow, thicker)
+        robot_dynamics(any_robot).inverse_dynamics(q, v, acceleration)[:3]
+        for any_robot in (robot, by_flow, thicker)
     )
     (link,) = robot.hydrodynamics
-    wanted = [
+    expected = [
         drag_wrench(link.linear_drag, link.quadratic_drag, v, flow)[:3] for flow in (False, True)
     ]
-    assert new - plain == pytest.approx(wanted[1] - wanted[0], abs=1e-6)
-    assert twice - new == pytest.approx(wanted[1], abs=1e-6)
+    assert new - plain == pytest.approx(expected[1] - expected[0], abs=1e-6)
+    assert twice - new == pytest.approx(expected[1], abs=1e-6)
 
 
 @pytest.mark.slow
@@ -176,15 +174,15 @@ def test_a_plan_swims_straight_where_nothing_is_gained_askew() -> None:
     }
     description = checked_copy(robot.description, links=robot.description.links | by_axes)
     turns = []
-    for one in (
+    for any_robot in (
         replace(robot, description=description, hydrodynamics=links_in_water(description)),
         robot,
     ):
         goal = PostureGoal(position=(3.0, 0.0, -5.0))
         plan = solve_ocp(
             OcpRequest(
-                robot=one,
-                start=one.configuration(position=(0.0, 0.0, -5.0)),
+                robot=any_robot,
+                start=any_robot.configuration(position=(0.0, 0.0, -5.0)),
                 goal=goal,
                 duration=6.0,
             )

@@ -53,24 +53,24 @@ def states(dynamics: Dynamics) -> list[MachineState]:
     ]
 
 
-def close(actual: np.ndarray, wanted: np.ndarray, relative: float) -> None:
+def close(actual: np.ndarray, expected: np.ndarray, relative: float) -> None:
     """Compare vectors relative to the largest entry: small entries of a large force carry its
     rounding.
     """
-    scale = max(1.0, float(np.abs(wanted).max(initial=0.0)))
-    np.testing.assert_allclose(actual, wanted, rtol=0, atol=relative * scale)
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=relative * scale)
 
 
 def test_inverse_dynamics_equal_the_slow_reference(dynamics: Dynamics) -> None:
     for s in states(dynamics):
-        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, s.a, s.u, s.Du_Dt)
-        close(dynamics.inverse_dynamics(s.q, s.v, s.a, s.water), wanted, EXACT)
+        expected = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, s.a, s.u, s.Du_Dt)
+        close(dynamics.inverse_dynamics(s.q, s.v, s.a, s.water), expected, EXACT)
 
 
 def test_bias_forces_are_the_inverse_dynamics_without_acceleration(dynamics: Dynamics) -> None:
     for s in states(dynamics):
-        wanted = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, 0 * s.a, s.u, s.Du_Dt)
-        close(dynamics.bias_force(s.q, s.v, s.water), wanted, EXACT)
+        expected = slow.inverse_dynamics(dynamics.symbolic, s.q, s.v, 0 * s.a, s.u, s.Du_Dt)
+        close(dynamics.bias_force(s.q, s.v, s.water), expected, EXACT)
 
 
 def test_mass_matrices_equal_the_slow_reference_and_are_positive_definite(
@@ -85,8 +85,8 @@ def test_mass_matrices_equal_the_slow_reference_and_are_positive_definite(
 
 def test_damping_matrices_equal_the_slow_reference(dynamics: Dynamics) -> None:
     for s in states(dynamics):
-        wanted = slow.damping_matrix(dynamics.symbolic, s.q, s.v, s.u)
-        close(dynamics.damping_matrix(s.q, s.v, s.water), wanted, EXACT)
+        expected = slow.damping_matrix(dynamics.symbolic, s.q, s.v, s.u)
+        close(dynamics.damping_matrix(s.q, s.v, s.water), expected, EXACT)
 
 
 def test_damping_takes_the_power_that_drag_and_friction_dissipate(dynamics: Dynamics) -> None:
@@ -161,11 +161,12 @@ def test_water_that_falls_freely_with_the_machine_carries_no_weight(floating: Dy
 def test_one_water_velocity_is_the_same_as_equal_ones_at_every_link(dynamics: Dynamics) -> None:
     s = states(dynamics)[0]
     n_links = len(dynamics.symbolic.links)
-    u, Du_Dt = np.array([0.1, 0.2, 0.3]), np.array([-0.3, 0.1, 0.2])
+    u = np.array([0.1, 0.2, 0.3])
+    Du_Dt = np.array([-0.3, 0.1, 0.2])
     everywhere = Water(velocity=np.tile(u, (n_links, 1)), acceleration=np.tile(Du_Dt, (n_links, 1)))
-    one = Water(velocity=u, acceleration=Du_Dt)
+    water = Water(velocity=u, acceleration=Du_Dt)
     close(
-        dynamics.inverse_dynamics(s.q, s.v, s.a, one),
+        dynamics.inverse_dynamics(s.q, s.v, s.a, water),
         dynamics.inverse_dynamics(s.q, s.v, s.a, everywhere),
         EXACT,
     )
@@ -174,15 +175,17 @@ def test_one_water_velocity_is_the_same_as_equal_ones_at_every_link(dynamics: Dy
 def test_link_positions_are_the_origins_of_the_coefficient_frames(dynamics: Dynamics) -> None:
     s = states(dynamics)[0]
     motions = slow.link_motions(dynamics.symbolic, s.q, s.v)
-    wanted = np.reshape([motion.p for motion in motions], (-1, 3))
-    np.testing.assert_allclose(dynamics.link_positions(s.q), wanted, atol=EXACT)
+    expected = np.reshape([motion.p for motion in motions], (-1, 3))
+    np.testing.assert_allclose(dynamics.link_positions(s.q), expected, atol=EXACT)
 
 
 def test_derivatives_of_inverse_dynamics_equal_finite_differences(dynamics: Dynamics) -> None:
     model = dynamics.symbolic.model
     n_links = len(dynamics.symbolic.links)
-    q, x = ca.SX.sym("q", model.nq), ca.SX.sym("x", 3 * model.nv)
-    u, Du_Dt = ca.SX.sym("u", 3, n_links), ca.SX.sym("Du_Dt", 3, n_links)
+    q = ca.SX.sym("q", model.nq)
+    x = ca.SX.sym("x", 3 * model.nv)
+    u = ca.SX.sym("u", 3, n_links)
+    Du_Dt = ca.SX.sym("Du_Dt", 3, n_links)
     step, v, a = ca.vertsplit(x, [0, model.nv, 2 * model.nv, 3 * model.nv])
     moved = dynamics.symbolic.symbolic.integrate(q, step)
     tau = dynamics.symbolic.inverse_dynamics(moved, v, a, u, Du_Dt)

@@ -119,7 +119,8 @@ def fossen(rpy: np.ndarray, nu: np.ndarray, nu_dot: np.ndarray, current: np.ndar
 def test_a_vehicle_alone_equals_the_closed_form(dynamics: Dynamics, state: np.ndarray) -> None:
     rpy = np.clip(state[0, :3], -1.4, 1.4)
     current = state[1, :3]
-    nu, nu_dot = state[2], state[3]
+    nu = state[2]
+    nu_dot = state[3]
     R_WB = FLIP @ pin.rpy.rpyToMatrix(rpy) @ FLIP
     q = pin.SE3ToXYZQUAT(pin.SE3(R_WB, state[0, 3:]))
     tau = dynamics.inverse_dynamics(q, FLIP6 @ nu, FLIP6 @ nu_dot, Water(velocity=FLIP @ current))
@@ -129,8 +130,8 @@ def test_a_vehicle_alone_equals_the_closed_form(dynamics: Dynamics, state: np.nd
 
 
 def test_the_mass_matrix_is_the_sum_of_rigid_body_and_added_mass(dynamics: Dynamics) -> None:
-    wanted = np.diag(np.r_[MASS, MASS, MASS, INERTIA] + ADDED)
-    np.testing.assert_allclose(dynamics.mass_matrix(pin.neutral(hull())), wanted, atol=1e-12)
+    expected = np.diag(np.r_[MASS, MASS, MASS, INERTIA] + ADDED)
+    np.testing.assert_allclose(dynamics.mass_matrix(pin.neutral(hull())), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("state", STATES)

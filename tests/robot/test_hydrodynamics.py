@@ -21,7 +21,8 @@ RNG = np.random.default_rng(6)
 def coupled(above: float, below: float) -> np.ndarray:
     """Quadratic drag of 1 on every axis, with two couplings of the first two."""
     Q = np.eye(6)
-    Q[0, 1], Q[1, 0] = above, below
+    Q[0, 1] = above
+    Q[1, 0] = below
     return Q
 
 
@@ -155,10 +156,10 @@ def test_drag_that_is_accepted_feeds_no_velocity_that_a_search_finds(
 
     starts = np.random.default_rng(seed).normal(size=(3000, 6)) ** 3
     starts = sorted((x / np.linalg.norm(x) for x in starts), key=normed)[:4]
-    least = min(
+    smallest = min(
         minimize(normed, x, method="Nelder-Mead", options={"maxfev": 800}).fun for x in starts
     )
-    assert least > 0.0
+    assert smallest > 0.0
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -203,10 +204,10 @@ def test_an_axis_without_drag_of_its_own_bears_no_couplings() -> None:
 def test_a_small_axis_may_feed_nothing_however_large_the_others_are(
     name: str, largest: float
 ) -> None:
-    for least in (0.9, 1e-9, 1e-30):
-        LinkHydrodynamics(frame="fin", **{name: np.array([largest, least, 0, 0, 0, 0])})
-        with pytest.raises(InvalidInput, match=f"{name} feeds {least:.3g} W at nu = \\(0, 1, 0"):
-            LinkHydrodynamics(frame="fin", **{name: np.array([largest, -least, 0, 0, 0, 0])})
+    for smallest in (0.9, 1e-9, 1e-30):
+        LinkHydrodynamics(frame="fin", **{name: np.array([largest, smallest, 0, 0, 0, 0])})
+        with pytest.raises(InvalidInput, match=f"{name} feeds {smallest:.3g} W at nu = \\(0, 1, 0"):
+            LinkHydrodynamics(frame="fin", **{name: np.array([largest, -smallest, 0, 0, 0, 0])})
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -223,13 +224,14 @@ def test_linear_couplings_are_judged_in_the_units_of_their_axes(seed: int) -> No
 
 
 @pytest.mark.parametrize(
-    ("own", "coupling"), [(0.0, 1e-9), (1e-320, 1.0), (1e-12, 1e-5), (0.0, 1e30)]
+    ("axis_drag", "coupling"), [(0.0, 1e-9), (1e-320, 1.0), (1e-12, 1e-5), (0.0, 1e30)]
 )
 def test_an_axis_with_hardly_any_linear_drag_bears_hardly_any_couplings(
-    own: float, coupling: float
+    axis_drag: float, coupling: float
 ) -> None:
     for i, j in ((0, 1), (4, 2)):
         D = np.eye(6)
-        D[i, i], D[i, j] = own, coupling
+        D[i, i] = axis_drag
+        D[i, j] = coupling
         with pytest.raises(InvalidInput, match="linear_drag feeds"):
             LinkHydrodynamics(frame="fin", linear_drag=D)

@@ -72,7 +72,8 @@ def test_a_jacobian_expressed_in_the_vehicle_is_a_unit_matrix_at_the_vehicle(
 
 def test_a_jacobian_can_be_expressed_in_the_axes_of_any_frame(uvms: Kinematics) -> None:
     R_WT = uvms.pose("tool").rotation
-    J_W, J_T = uvms.jacobian("flange"), uvms.jacobian("flange", expressed_in="tool")
+    J_W = uvms.jacobian("flange")
+    J_T = uvms.jacobian("flange", expressed_in="tool")
     np.testing.assert_allclose(R_WT @ J_T[:3], J_W[:3], atol=1e-14)
     np.testing.assert_allclose(R_WT @ J_T[3:], J_W[3:], atol=1e-14)
 
@@ -109,22 +110,22 @@ def test_the_beam_of_the_altimeter_looks_along_minus_z_of_its_frame(name: str) -
     beam = AltimeterBeam(robot, "altimeter")
     for _ in range(20):
         q = robot.configuration(position=rng.uniform(-5, 5, 3), rpy=rng.uniform(-0.5, 0.5, 3))
-        found = beam.at(q)
+        ray = beam.at(q)
         pose = Kinematics(robot, q).pose("altimeter")
-        np.testing.assert_allclose(found.origin, pose.translation, atol=1e-12)
+        np.testing.assert_allclose(ray.origin, pose.translation, atol=1e-12)
         np.testing.assert_allclose(
-            found.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12
+            ray.direction, pose.act(np.array([0, 0, -1.0])) - pose.translation, atol=1e-12
         )
-        assert found.cosine == pytest.approx(-found.direction[2])
+        assert ray.cosine == pytest.approx(-ray.direction[2])
 
 
 def test_a_beam_stays_as_it_was_when_the_next_one_is_asked_for() -> None:
     robot = load_robot("girona_maris7_full")
     beam = AltimeterBeam(robot, "altimeter")
     first = beam.at(robot.configuration(position=(1, 2, -3)))
-    kept = first.origin.copy(), first.direction.copy()
+    copied = first.origin.copy(), first.direction.copy()
     beam.at(robot.configuration(position=(4, 5, -6), rpy=(0.3, 0.2, 0.1)))
-    np.testing.assert_array_equal(first.origin, kept[0])
-    np.testing.assert_array_equal(first.direction, kept[1])
+    np.testing.assert_array_equal(first.origin, copied[0])
+    np.testing.assert_array_equal(first.direction, copied[1])
     with pytest.raises(FrameNotFound):
         AltimeterBeam(robot, "sonar")

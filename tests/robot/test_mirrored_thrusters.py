@@ -42,16 +42,16 @@ def _from_behind(thruster: Thruster) -> Thruster:
     )
 
 
-def _robots(limits: str, which: str) -> tuple[Robot, Robot, np.ndarray]:
+def _robots(limits: str, reversed_thrusters: str) -> tuple[Robot, Robot, np.ndarray]:
     """The robot, the same one with some thrusters described from behind, and the signs
     (n_thrusters,) by which their thrusts differ.
     """
     shipped = uo.load_robot("bluerov2_alpha5")
     thrusters = [_limited(thruster, _LIMITS[limits]) for thruster in shipped.description.thrusters]
-    is_reversed = [_REVERSED[which](thruster) for thruster in thrusters]
+    is_reversed = [_REVERSED[reversed_thrusters](thruster) for thruster in thrusters]
     mirrored = [
-        _from_behind(thruster) if reversed_one else thruster
-        for thruster, reversed_one in zip(thrusters, is_reversed, strict=True)
+        _from_behind(thruster) if is_behind else thruster
+        for thruster, is_behind in zip(thrusters, is_reversed, strict=True)
     ]
     robot, same = (
         replace(shipped, description=checked_copy(shipped.description, thrusters=tuple(listed)))
@@ -60,10 +60,10 @@ def _robots(limits: str, which: str) -> tuple[Robot, Robot, np.ndarray]:
     return robot, same, np.where(is_reversed, -1.0, 1.0)
 
 
-@pytest.mark.parametrize("which", _REVERSED)
+@pytest.mark.parametrize("reversed_thrusters", _REVERSED)
 @pytest.mark.parametrize("limits", _LIMITS)
-def test_what_thrusters_can_give_at_most_is_the_same(limits: str, which: str) -> None:
-    robot, same, _ = _robots(limits, which)
+def test_what_thrusters_can_give_at_most_is_the_same(limits: str, reversed_thrusters: str) -> None:
+    robot, same, _ = _robots(limits, reversed_thrusters)
     columns = thruster_matrix(robot)
     lower, upper = thrust_limits(robot)
     ahead = np.where(columns > 0.0, columns * upper, columns * lower).sum(axis=1)
@@ -76,10 +76,10 @@ def test_what_thrusters_can_give_at_most_is_the_same(limits: str, which: str) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("limits", "which"), [("both ways", "every other one"), ("one way", "all")]
+    ("limits", "reversed_thrusters"), [("both ways", "every other one"), ("one way", "all")]
 )
-def test_the_run_is_the_same(limits: str, which: str) -> None:
-    robot, same, signs = _robots(limits, which)
+def test_the_run_is_the_same(limits: str, reversed_thrusters: str) -> None:
+    robot, same, signs = _robots(limits, reversed_thrusters)
     current = uo.UniformCurrent([0.1, 0.05, 0.25])
     records = [
         reach(robot=described, duration=6.0, current=current, seed=3).run()

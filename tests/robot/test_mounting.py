@@ -126,11 +126,11 @@ def test_a_vehicle_without_its_arm_keeps_hull_thrusters_and_water(vehicle: str) 
 
 
 def test_two_arms_fit_on_one_vehicle() -> None:
-    left = mount(bare("girona_maris7"), arm_of("ur5"), X_BA, prefix="left_", flange="tool0")
-    both = mount(left, arm_of("ur5"), X_BA * X_BA, prefix="right_")
-    assert both.n_joints == 12
-    assert both.has_frame("left_tool0")
-    assert both.has_frame("right_tool0")
+    one_armed = mount(bare("girona_maris7"), arm_of("ur5"), X_BA, prefix="left_", flange="tool0")
+    two_armed = mount(one_armed, arm_of("ur5"), X_BA * X_BA, prefix="right_")
+    assert two_armed.n_joints == 12
+    assert two_armed.has_frame("left_tool0")
+    assert two_armed.has_frame("right_tool0")
 
 
 def test_given_water_takes_the_place_of_the_cylinder_rule() -> None:

@@ -78,8 +78,10 @@ def force(dynamics: Dynamics, s: Motion, current: Current) -> np.ndarray:
     )
 
 
-def assert_close(actual: np.ndarray, wanted: np.ndarray) -> None:
-    np.testing.assert_allclose(actual, wanted, rtol=0, atol=1e-9 * max(1.0, np.abs(wanted).max()))
+def assert_close(actual: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(
+        actual, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max())
+    )
 
 
 @pytest.mark.parametrize("carried", [False, True])
@@ -155,10 +157,10 @@ def test_a_neutrally_buoyant_drag_free_sphere_accelerates_as_the_water_however_i
     for s in motions(dynamics):
         water = Water(velocity=rng.normal(size=3), acceleration=rng.normal(size=3))
         a = dynamics.forward_dynamics(s.q, s.v, np.zeros(6), water)
-        (here,) = slow.link_motions(dynamics.symbolic, s.q, s.v)
-        nu = here.J @ s.v
-        nu_dot = here.J @ a + here.J_dot @ s.v
-        assert_close(here.R @ (nu_dot[:3] + np.cross(nu[3:], nu[:3])), water.acceleration)
+        (motion,) = slow.link_motions(dynamics.symbolic, s.q, s.v)
+        nu = motion.J @ s.v
+        nu_dot = motion.J @ a + motion.J_dot @ s.v
+        assert_close(motion.R @ (nu_dot[:3] + np.cross(nu[3:], nu[:3])), water.acceleration)
         assert_close(nu_dot[3:], np.zeros(3))
 
 

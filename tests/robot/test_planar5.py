@@ -77,7 +77,8 @@ def euler_lagrange(robot: Robot) -> ca.Function:
     """Function ``q, q_dot -> D(q), H(q, q_dot) q_dot`` of [Gao2022] eqs. (14)-(15), in the paper's
     angles.
     """
-    q, q_dot = ca.SX.sym("q", 5), ca.SX.sym("q_dot", 5)
+    q = ca.SX.sym("q", 5)
+    q_dot = ca.SX.sym("q_dot", 5)
     L = lagrangian(robot, q, q_dot)
     momentum = ca.gradient(L, q_dot)
     force = ca.jtimes(momentum, q, q_dot) - ca.gradient(L, q)
@@ -99,8 +100,8 @@ def test_mass_matrix_and_coriolis_force_equal_the_paper_s_lagrangian(
         v = SIGNS * v_paper
         M = SIGNS[:, None] * np.asarray(D) * SIGNS
         np.testing.assert_allclose(dynamics.mass_matrix(q), M, atol=1e-10)
-        wanted = SIGNS * np.asarray(h).ravel() + friction * v
-        np.testing.assert_allclose(_in_the_plane(dynamics, q, v), wanted, atol=1e-10)
+        expected = SIGNS * np.asarray(h).ravel() + friction * v
+        np.testing.assert_allclose(_in_the_plane(dynamics, q, v), expected, atol=1e-10)
 
 
 def _in_the_plane(dynamics: Dynamics, q: np.ndarray, v: np.ndarray) -> np.ndarray:

@@ -54,27 +54,29 @@ def _loaded(folder: Path) -> Robot:
 @pytest.fixture
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """One entry for each time that a URDF is read."""
-    found = list[int]()
+    readings = list[int]()
     read = loading.models_and_notes
     monkeypatch.setattr(
-        loading, "models_and_notes", lambda *given, **how: found.append(1) or read(*given, **how)
+        loading,
+        "models_and_notes",
+        lambda *files, **options: readings.append(1) or read(*files, **options),
     )
-    return found
+    return readings
 
 
 def test_unchanged_files_are_read_once_with_the_same_warnings(
     tmp_path: Path, reads: list[int], caplog: pytest.LogCaptureFixture
 ) -> None:
     _written(tmp_path)
-    said = []
+    warnings = []
     robots = []
     for _ in range(2):
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             robots.append(_loaded(tmp_path))
-        said.append(caplog.messages.copy())
+        warnings.append(caplog.messages.copy())
     assert robots[0] is robots[1]
-    assert said[0] == said[1]
+    assert warnings[0] == warnings[1]
     assert len(reads) == 1
 
 
@@ -139,14 +141,14 @@ def test_a_robot_that_its_user_has_changed_is_not_the_next_ones(
     change: Callable[[Robot], None], tmp_path: Path
 ) -> None:
     _written(tmp_path)
-    kept = _loaded(tmp_path)
-    model = kept.model.copy()
-    shapes = kept.visual_model.clone()
-    change(kept)
-    other = _loaded(tmp_path)
-    assert other is not kept
-    assert other.model == model
-    assert other.visual_model == shapes
+    changed = _loaded(tmp_path)
+    model = changed.model.copy()
+    shapes = changed.visual_model.clone()
+    change(changed)
+    next_robot = _loaded(tmp_path)
+    assert next_robot is not changed
+    assert next_robot.model == model
+    assert next_robot.visual_model == shapes
 
 
 def test_packages_are_those_of_the_working_directory(

@@ -35,32 +35,32 @@ def as_said(folder: Path, loading: str) -> object:
 def test_the_file_and_the_option_say_the_same(
     loading: str, options: dict[str, object], tmp_path: Path
 ) -> None:
-    said = as_said(tmp_path, loading)
-    given = load_robot(urdf=URDF, **options)
-    assert said.joint_names == given.joint_names
-    assert said.frame_names == given.frame_names
-    for one, other in zip(said.model.inertias, given.model.inertias, strict=True):
-        assert_allclose(one.matrix(), other.matrix(), rtol=1e-12)
-    assert said.description.loading == given.description.loading
+    by_file = as_said(tmp_path, loading)
+    by_option = load_robot(urdf=URDF, **options)
+    assert by_file.joint_names == by_option.joint_names
+    assert by_file.frame_names == by_option.frame_names
+    for inertia, expected in zip(by_file.model.inertias, by_option.model.inertias, strict=True):
+        assert_allclose(inertia.matrix(), expected.matrix(), rtol=1e-12)
+    assert by_file.description.loading == by_option.description.loading
 
 
 def test_a_locked_joint_leaves_the_robot_as_it_is_there() -> None:
     whole = load_robot(urdf=URDF)
     name = whole.joint_names[1]
-    at = 0.4
-    locked = load_robot(urdf=URDF, lock={name: at})
+    position = 0.4
+    locked = load_robot(urdf=URDF, lock={name: position})
     assert locked.joint_names == tuple(joint for joint in whole.joint_names if joint != name)
-    q = whole.configuration(joints={name: at})
+    q = whole.configuration(joints={name: position})
     q_locked = locked.configuration()
     moving = np.setdiff1d(np.arange(whole.n_v), range(*whole.joint(name).v.indices(whole.n_v)))
     M = pin.crba(whole.model, whole.model.createData(), np.array(q))
     M_locked = pin.crba(locked.model, locked.model.createData(), np.array(q_locked))
     assert_allclose(np.triu(M_locked), np.triu(M)[np.ix_(moving, moving)], atol=1e-9)
     for frame in ("tool", "base_link"):
-        here, there = (
+        pose, locked_pose = (
             Kinematics(r, np.array(c)).pose(frame) for r, c in ((whole, q), (locked, q_locked))
         )
-        assert_allclose(here.homogeneous, there.homogeneous, atol=1e-12)
+        assert_allclose(pose.homogeneous, locked_pose.homogeneous, atol=1e-12)
 
 
 FOLLOWING = """<robot name='r'><link name='hull'><inertial><mass value='9'/>
@@ -68,7 +68,8 @@ FOLLOWING = """<robot name='r'><link name='hull'><inertial><mass value='9'/>
 <joint name='lead' type='prismatic'><parent link='hull'/><child link='a'/><axis xyz='2 0 0'/>
 <limit lower='-1' upper='1' velocity='1' effort='1'/></joint>
 <joint name='follow' type='prismatic'><parent link='hull'/><child link='b'/><axis xyz='1 0 0'/>
-<limit lower='-9' upper='9' velocity='1' effort='1'/><mimic joint='lead' multiplier='-2' offset='0.5'/></joint></robot>"""
+<limit lower='-9' upper='9' velocity='1' effort='1'/>
+<mimic joint='lead' multiplier='-2' offset='0.5'/></joint></robot>"""
 
 
 def test_a_joint_that_follows_stays_where_its_leader_puts_it(tmp_path: Path) -> None:
@@ -77,9 +78,9 @@ def test_a_joint_that_follows_stays_where_its_leader_puts_it(tmp_path: Path) -> 
     free = load_robot(urdf=path, mimic="fixed")
     assert (free.joint_names, free.leading_joints) == (("lead",), ())
     still = load_robot(urdf=path, mimic="fixed", lock={"lead": 0.1})
-    here = Kinematics(still, still.configuration())
-    assert_allclose(here.pose("a").translation, [0.1, 0.0, 0.0], atol=1e-15)
-    assert_allclose(here.pose("b").translation, [0.3, 0.0, 0.0], atol=1e-15)
+    kinematics = Kinematics(still, still.configuration())
+    assert_allclose(kinematics.pose("a").translation, [0.1, 0.0, 0.0], atol=1e-15)
+    assert_allclose(kinematics.pose("b").translation, [0.3, 0.0, 0.0], atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -102,9 +103,9 @@ def test_a_joint_that_follows_is_where_the_home_of_its_leader_puts_it(
     robot = load_robot(
         urdf=tmp_path / "robot.urdf", hydrodynamics=tmp_path / "water.yaml", mimic="fixed"
     )
-    here = Kinematics(robot, robot.configuration())
+    kinematics = Kinematics(robot, robot.configuration())
     for name, x in (("a", leader), ("b", -2 * leader + 0.5), ("c", -6 * leader + 1.5)):
-        assert_allclose(here.pose(name).translation, [x, 0.0, 0.0], atol=1e-14)
+        assert_allclose(kinematics.pose(name).translation, [x, 0.0, 0.0], atol=1e-14)
 
 
 @pytest.mark.parametrize("leader", ["nobody", "follow"])
@@ -134,7 +135,8 @@ MATRIX = np.diag([9.0, 13.0, 25.0, 5.0, 7.0, 2.5])
 
 def coupled(i: int, j: int, first: float, second: float) -> list[list[float]]:
     matrix = MATRIX.copy()
-    matrix[i, j], matrix[j, i] = first, second
+    matrix[i, j] = first
+    matrix[j, i] = second
     return matrix.tolist()
 
 
@@ -154,9 +156,9 @@ def test_a_last_digit_that_is_rounded_is_told_and_both_halves_are_meant(
         with pytest.raises(RobotDataError, match="but for a rounded last digit: entry 1, 3 is"):
             read_description(path)
         return
-    given = read_description(path).links["hull"].coefficients
-    assert given is not None
-    assert_allclose(given.added_mass, np.array(rows) / 2 + np.array(rows).T / 2)
+    coefficients = read_description(path).links["hull"].coefficients
+    assert coefficients is not None
+    assert_allclose(coefficients.added_mass, np.array(rows) / 2 + np.array(rows).T / 2)
     assert ("symmetric but for a last digit" in caplog.text) == (first != second)
 
 

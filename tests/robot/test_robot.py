@@ -411,5 +411,5 @@ def test_files_that_say_the_same_give_the_same_robot_also_after_its_use(tmp_path
     path = tmp_path / "hydrodynamics.yaml"
     text = (robot_folder("bluerov2_alpha5") / path.name).read_text(encoding="utf-8")
     path.write_text(text.replace("water_density:", "water_density: 1000.0 #"), encoding="utf-8")
-    other = load_robot("bluerov2_alpha5", hydrodynamics=path)
-    assert (other.description.water_density, robot.description.water_density) == (1000.0, 998.0)
+    denser = load_robot("bluerov2_alpha5", hydrodynamics=path)
+    assert (denser.description.water_density, robot.description.water_density) == (1000.0, 998.0)

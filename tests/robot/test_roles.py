@@ -96,9 +96,9 @@ def test_the_tool_is_the_end_of_the_only_chain_whatever_its_name(
     assert [name for chain in roles.tools for name in chain] == tools
     assert robot.has_frame("tool") == bool(tools)
     if tools:
-        here = Kinematics(robot, robot.configuration())
-        assert here.pose("tool") == here.pose(tools[0])
-        np.testing.assert_array_equal(here.jacobian("tool"), here.jacobian(tools[0]))
+        kinematics = Kinematics(robot, robot.configuration())
+        assert kinematics.pose("tool") == kinematics.pose(tools[0])
+        np.testing.assert_array_equal(kinematics.jacobian("tool"), kinematics.jacobian(tools[0]))
 
 
 @pytest.mark.parametrize(
@@ -109,11 +109,11 @@ def test_of_several_candidates_none_is_guessed_and_all_are_listed(
 ) -> None:
     robot = loaded(tmp_path, *parts)
     assert not robot.has_frame("tool")
-    told = next(
-        found.text for found in check_robot_files(tmp_path).findings if "tool" in found.text
+    text = next(
+        finding.text for finding in check_robot_files(tmp_path).findings if "tool" in finding.text
     )
-    assert "nozzle" in told
-    assert "choose by `tool:` in hydrodynamics.yaml, or --tool LINK" in told
+    assert "nozzle" in text
+    assert "choose by `tool:` in hydrodynamics.yaml, or --tool LINK" in text
     assert loaded(tmp_path, *parts, tool="nozzle").has_frame("tool")
     chosen = loaded(tmp_path, *parts, water="tool: nozzle\n")
     assert chosen.tools == ("nozzle",)
@@ -142,16 +142,16 @@ def test_the_base_is_the_root_and_what_hangs_on_it_by_default_hangs_there(tmp_pa
             " 1}]\n"
         ),
     )
-    here = Kinematics(robot, robot.configuration(position=(1.0, 2.0, 3.0)))
-    assert here.pose("base_link") == here.pose("hull")
+    kinematics = Kinematics(robot, robot.configuration(position=(1.0, 2.0, 3.0)))
+    assert kinematics.pose("base_link") == kinematics.pose("hull")
 
 
 def test_a_role_that_is_stated_wins_over_a_link_of_its_name(tmp_path: Path) -> None:
     robot = loaded(
         tmp_path, ARM, TIP, link("tool", 0) + joint("hull", "tool", "fixed"), water="tool: nozzle\n"
     )
-    here = Kinematics(robot, robot.configuration())
-    assert here.pose("tool") == here.pose("nozzle")
+    kinematics = Kinematics(robot, robot.configuration())
+    assert kinematics.pose("tool") == kinematics.pose("nozzle")
     assert "tool_of_urdf" in robot.frame_names
 
 

@@ -55,14 +55,14 @@ def test_rotors_come_along_with_an_arm_that_is_mounted(bare: Robot) -> None:
     arm = load_robot(
         urdf=urdf, hydrodynamics=checked_copy(RobotDescription(), base="fixed", joints=joints)
     )
-    both = mount(without_arm(bare), arm, pin.SE3.Identity(), prefix="ur5_")
+    mounted = mount(without_arm(bare), arm, pin.SE3.Identity(), prefix="ur5_")
     assert (
-        dict(zip(both.joint_names, both.model.armature[both.joint_v].tolist(), strict=True))[
-            "ur5_elbow_joint"
-        ]
+        dict(
+            zip(mounted.joint_names, mounted.model.armature[mounted.joint_v].tolist(), strict=True)
+        )["ur5_elbow_joint"]
         == ROTOR
     )
-    assert both.model.armature.sum() == ROTOR
+    assert mounted.model.armature.sum() == ROTOR
 
 
 @pytest.mark.parametrize("gear", [1.0, 50.0])

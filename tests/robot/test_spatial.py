@@ -91,11 +91,11 @@ def test_the_logarithm_at_pi_is_a_half_turn_about_the_axis(axis: np.ndarray) -> 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.1, 1.0, np.pi])
 def test_derivatives_are_finite_and_inverse_to_each_other(angle: float, axis: np.ndarray) -> None:
     vector = angle * axis
-    there = derivative(spatial.exp3, vector)
-    back = derivative(spatial.log3, np.asarray(spatial.exp3(vector)))
-    assert np.isfinite(there).all()
-    assert np.isfinite(back).all()
-    np.testing.assert_allclose(back @ there, np.eye(3), atol=1e-9)
+    exp_slope = derivative(spatial.exp3, vector)
+    log_slope = derivative(spatial.log3, np.asarray(spatial.exp3(vector)))
+    assert np.isfinite(exp_slope).all()
+    assert np.isfinite(log_slope).all()
+    np.testing.assert_allclose(log_slope @ exp_slope, np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("vector", VECTORS)

@@ -119,7 +119,8 @@ def test_jacobians_are_the_derivative_along_steps(
     model: pin.Model, symbolic: SymbolicModel
 ) -> None:
     frame = model.frames[model.nframes - 1].name
-    q, v = ca.SX.sym("q", model.nq), ca.SX.sym("v", model.nv)
+    q = ca.SX.sym("q", model.nq)
+    v = ca.SX.sym("v", model.nv)
     _, p = symbolic.forward_kinematics(symbolic.integrate(q, v)).pose(frame)
     along = ca.Function("along", [q, v], [ca.jacobian(p, v)])
     jacobian = function_of(lambda q: symbolic.forward_kinematics(q).jacobian(frame), model.nq)
@@ -130,10 +131,8 @@ def test_jacobians_are_the_derivative_along_steps(
 
 def test_rounding_errors_of_steps_do_not_accumulate() -> None:
     model = built_model("free_flyer", "planar", "unbounded_z")
-    integrate, (q, v, _) = (
-        function_of(SymbolicModel(model).integrate, model.nq, model.nv),
-        states(model)[0],
-    )
+    integrate = function_of(SymbolicModel(model).integrate, model.nq, model.nv)
+    q, v, _ = states(model)[0]
     stretched = q.copy()
     for unit in (slice(3, 7), slice(9, 11), slice(11, 13)):
         stretched[unit] *= 1 + 1e-5
@@ -144,7 +143,8 @@ def test_rounding_errors_of_steps_do_not_accumulate() -> None:
 
 def test_either_sign_of_a_quaternion_is_the_same_configuration() -> None:
     model = built_model("free_flyer", "revolute_x")
-    symbolic, (q, v, a) = SymbolicModel(model), states(model)[0]
+    symbolic = SymbolicModel(model)
+    q, v, a = states(model)[0]
     flipped = q.copy()
     flipped[3:7] *= -1
     difference = function_of(symbolic.difference, model.nq, model.nq)
@@ -162,11 +162,12 @@ def test_added_inertia_on_every_body_enters_force_and_mass_matrix_alike() -> Non
         ca.SX(Y.matrix() + root @ root.T) for Y, root in zip(model.inertias, roots, strict=True)
     ]
     dynamics = SymbolicDynamics(model=model).with_coefficients(rigid=dict(enumerate(inertias)))
-    q, a = ca.SX.sym("q", model.nq), ca.SX.sym("a", model.nv)
+    q = ca.SX.sym("q", model.nq)
+    a = ca.SX.sym("a", model.nv)
     at_rest = dynamics.inverse_dynamics(q, ca.SX(model.nv, 1), a, STILL, STILL)
-    both = ca.Function("both", [q, a], [at_rest, dynamics.mass_matrix(q) @ a])
+    force_and_product = ca.Function("both", [q, a], [at_rest, dynamics.mass_matrix(q) @ a])
     for configuration, _, acceleration in states(model):
-        force, product = both(configuration, acceleration)
+        force, product = force_and_product(configuration, acceleration)
         np.testing.assert_allclose(flat(force), flat(product), atol=EXACT)
 
 

@@ -30,15 +30,17 @@ def placed(X: pin.SE3) -> pin.SE3:
 
 
 def model_of(model: pin.Model) -> pin.Model:
-    found = model.copy()
+    scaled = model.copy()
     for k in range(1, model.njoints):
-        own = model.inertias[k]
-        found.jointPlacements[k] = placed(model.jointPlacements[k])
-        found.inertias[k] = pin.Inertia(M * own.mass, L * own.lever, M * L**2 * own.inertia)
+        inertia = model.inertias[k]
+        scaled.jointPlacements[k] = placed(model.jointPlacements[k])
+        scaled.inertias[k] = pin.Inertia(
+            M * inertia.mass, L * inertia.lever, M * L**2 * inertia.inertia
+        )
     for k, frame in enumerate(model.frames):
-        found.frames[k].placement = placed(frame.placement)
-    found.gravity.linear = model.gravity.linear * L / T**2
-    return found
+        scaled.frames[k].placement = placed(frame.placement)
+    scaled.gravity.linear = model.gravity.linear * L / T**2
+    return scaled
 
 
 def link_of(link: LinkHydrodynamics) -> LinkHydrodynamics:
@@ -65,33 +67,35 @@ def axes_of(robot: Robot) -> np.ndarray:
 def test_forces_are_the_same_in_other_units(name: str) -> None:
     robot = load_robot(name)
     rng = np.random.default_rng(2)
-    own = robot_dynamics(robot).symbolic
+    symbolic = robot_dynamics(robot).symbolic
     axes = axes_of(robot)
     force = M * L**2 / (T**2 * axes)  # so that power is a power
-    model = model_of(own.model)
-    model.armature = own.model.armature * M * L**2 / axes**2
-    friction = None if own.damping is None else own.damping * M * L**2 / (T * axes**2)
-    links = tuple(link_of(link) for link in own.links)
-    other = Dynamics(
-        SymbolicDynamics(model=model, links=links, density=own.density * M / L**3, damping=friction)
+    model = model_of(symbolic.model)
+    model.armature = symbolic.model.armature * M * L**2 / axes**2
+    friction = None if symbolic.damping is None else symbolic.damping * M * L**2 / (T * axes**2)
+    links = tuple(link_of(link) for link in symbolic.links)
+    scaled_dynamics = Dynamics(
+        SymbolicDynamics(
+            model=model, links=links, density=symbolic.density * M / L**3, damping=friction
+        )
     )
-    here = Dynamics(own)
+    dynamics = Dynamics(symbolic)
     for _ in range(5):
         q = pin.integrate(robot.model, robot.configuration(), rng.uniform(-0.8, 0.8, robot.n_v))
         v = rng.normal(size=robot.n_v)
         a = rng.normal(size=robot.n_v)
         u = rng.normal(size=3)
-        there = q.copy()
+        q_scaled = q.copy()
         lengths = [range(3)] if robot.n_vehicle else []
         lengths += [range(joint.q.start, joint.q.stop) for joint in robot.joints if joint.slides]
         for entries in lengths:
-            there[list(entries)] *= L
-        tau = here.inverse_dynamics(q, v, a, Water(velocity=u))
-        found = other.inverse_dynamics(
-            there, v * axes / T, a * axes / T**2, Water(velocity=u * L / T)
+            q_scaled[list(entries)] *= L
+        tau = dynamics.inverse_dynamics(q, v, a, Water(velocity=u))
+        tau_scaled = scaled_dynamics.inverse_dynamics(
+            q_scaled, v * axes / T, a * axes / T**2, Water(velocity=u * L / T)
         )
         np.testing.assert_allclose(
-            found, tau * force, rtol=1e-9, atol=1e-9 * np.abs(tau * force).max()
+            tau_scaled, tau * force, rtol=1e-9, atol=1e-9 * np.abs(tau * force).max()
         )
 
 
@@ -101,12 +105,12 @@ def test_forces_are_the_same_in_other_units(name: str) -> None:
 def test_a_wrench_in_other_units_of_force_is_shared_out_alike(name: str) -> None:
     allocation = allocation_of(load_robot(name))
     rng = np.random.default_rng(3)
-    other = replace(allocation, lower=M * allocation.lower, upper=M * allocation.upper)
+    scaled_allocation = replace(allocation, lower=M * allocation.lower, upper=M * allocation.upper)
     for _ in range(50):
         wrench = allocation.matrix @ rng.uniform(1.5 * allocation.lower, 1.5 * allocation.upper)
         usual = allocation.allocate(wrench)
-        found = other.allocate(M * wrench)
+        scaled = scaled_allocation.allocate(M * wrench)
         np.testing.assert_allclose(
-            found.reached, M * usual.reached, atol=1e-5 * M * np.abs(wrench).max()
+            scaled.reached, M * usual.reached, atol=1e-5 * M * np.abs(wrench).max()
         )
-        assert found.saturated == usual.saturated
+        assert scaled.saturated == usual.saturated

@@ -34,9 +34,9 @@ def without_power(name: str, folder: Path) -> Path:
     content = yaml.safe_load(
         (robot_folder(name) / "hydrodynamics.yaml").read_text(encoding="utf-8")
     )
-    *others, last = content["thrusters"]
+    *earlier, last = content["thrusters"]
     return rewritten(
-        name, folder, thrusters=[*others, {key: last[key] for key in last if key != "power"}]
+        name, folder, thrusters=[*earlier, {key: last[key] for key in last if key != "power"}]
     )
 
 
@@ -75,15 +75,15 @@ def test_a_link_that_the_file_forgets_is_named(
     )
     for link in links:
         caplog.clear()
-        rest = {key: value for key, value in content["links"].items() if key != link}
-        robot = load_robot(name, hydrodynamics=rewritten(name, tmp_path, links=rest))
+        remaining_links = {key: value for key, value in content["links"].items() if key != link}
+        robot = load_robot(name, hydrodynamics=rewritten(name, tmp_path, links=remaining_links))
         forgotten = (link,) if masses[link] > 0.0 else ()
         assert links_without_water(without_trim(robot).model, robot.description) == forgotten
         assert [
             f"no water acts on link {link}:" in record.getMessage() for record in caplog.records
         ] == [True] * len(forgotten)
-        found = [f for f in check_robot(robot).findings if f.subject == "water"]
-        assert [f.verdict for f in found] == [RobotVerdict.WARNING] * len(forgotten)
+        water_findings = [f for f in check_robot(robot).findings if f.subject == "water"]
+        assert [f.verdict for f in water_findings] == [RobotVerdict.WARNING] * len(forgotten)
 
 
 def test_a_link_that_is_said_to_be_dry_is_not_warned_about(

@@ -219,7 +219,8 @@ def _origin(element: ElementTree.Element) -> np.ndarray:
     xyz, (r, p, y) = (np.array([float(word) for word in text.split()]) for text in texts)
     turns = [pin.utils.rotate(axis, angle) for axis, angle in (("z", y), ("y", p), ("x", r))]
     X = np.eye(4)
-    X[:3, :3], X[:3, 3] = turns[0] @ turns[1] @ turns[2], xyz
+    X[:3, :3] = turns[0] @ turns[1] @ turns[2]
+    X[:3, 3] = xyz
     return X
 
 
@@ -232,9 +233,10 @@ def _stated_inertia(root: ElementTree.Element) -> np.ndarray:
         X = poses[link.get("name")] @ _origin(inertial)
         m = float(inertial.find("mass").get("value"))
         values = {key: float(text) for key, text in inertial.find("inertia").attrib.items()}
-        own = np.array([[values["i" + "".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
-        R, c = X[:3, :3], X[:3, 3]
-        about_root = R @ own @ R.T + m * (c @ c * np.eye(3) - np.outer(c, c))
+        moments = np.array([[values["i" + "".join(sorted(a + b))] for b in "xyz"] for a in "xyz"])
+        R = X[:3, :3]
+        c = X[:3, 3]
+        about_root = R @ moments @ R.T + m * (c @ c * np.eye(3) - np.outer(c, c))
         total += np.concatenate([[m], m * c, about_root.ravel()])
     return total
 

@@ -64,19 +64,23 @@ def test_distances_and_gradients_are_those_of_coal(
     by_coal = oracle(robot, obstacles)
     alike = 0
     total = 0
-    everything = np.arange(model.n_pairs)
+    all_pairs = np.arange(model.n_pairs)
     for q in configurations(robot):
-        found = model.distances(q)
-        expected = by_coal.values(q, everything)
+        distances = model.distances(q)
+        expected = by_coal.values(q, all_pairs)
         apart = np.flatnonzero(expected > 0.0)
-        np.testing.assert_allclose(found.value[apart], expected[apart], rtol=0, atol=1e-6)
-        same = np.abs(found.gradient - by_coal.gradients(q, everything)).max(axis=1)[apart] < 1e-3
+        np.testing.assert_allclose(distances.value[apart], expected[apart], rtol=0, atol=1e-6)
+        same = (
+            np.abs(distances.gradient - by_coal.gradients(q, all_pairs)).max(axis=1)[apart] < 1e-3
+        )
         alike = alike + int(same.sum())
         total = total + len(same)
-        some = everything[::-3]
-        np.testing.assert_allclose(model.values(q, some), found.value[some], rtol=0, atol=1e-9)
+        chosen = all_pairs[::-3]
         np.testing.assert_allclose(
-            model.distances(q, some).gradient, found.gradient[some], rtol=0, atol=1e-9
+            model.values(q, chosen), distances.value[chosen], rtol=0, atol=1e-9
+        )
+        np.testing.assert_allclose(
+            model.distances(q, chosen).gradient, distances.gradient[chosen], rtol=0, atol=1e-9
         )
     assert alike >= 0.98 * total
 
@@ -125,6 +129,6 @@ def test_what_was_asked_before_does_not_matter(robot: Robot) -> None:
     places = configurations(robot, 6)
     first = [model.distances(q) for q in places]
     again = [model.distances(q) for q in reversed(places)][::-1]
-    for one, other in zip(first, again, strict=True):
-        np.testing.assert_array_equal(one.value, other.value)
-        np.testing.assert_array_equal(one.gradient, other.gradient)
+    for forwards, backwards in zip(first, again, strict=True):
+        np.testing.assert_array_equal(forwards.value, backwards.value)
+        np.testing.assert_array_equal(forwards.gradient, backwards.gradient)

@@ -28,13 +28,16 @@ def sizes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return rng.uniform(0.03, 0.5, 3), rng.uniform(0.03, 0.5, 3)
 
 
-@pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: str) -> None:
+@pytest.mark.parametrize(("first_kind", "second_kind"), PAIRS)
+def test_solids_apart_are_as_far_as_coal_says(
+    pair: SolidPair, first_kind: str, second_kind: str
+) -> None:
     rng = np.random.default_rng(1)
     apart = 0
     while apart < 300:
         first, second = (
-            KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)
+            KINDS[kind](size)
+            for kind, size in zip((first_kind, second_kind), sizes(rng), strict=True)
         )
         X_1 = random_pose(rng, 0.0)
         X_2 = random_pose(rng, rng.choice([0.3, 1.0, 5.0]))
@@ -46,9 +49,9 @@ def test_solids_apart_are_as_far_as_coal_says(pair: SolidPair, one: str, other: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("one", "other"), PAIRS)
+@pytest.mark.parametrize(("first_kind", "second_kind"), PAIRS)
 def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_before(
-    pair: SolidPair, one: str, other: str
+    pair: SolidPair, first_kind: str, second_kind: str
 ) -> None:
     """coal's own depth is that of some direction, not always of the shallowest, and at times
     none.
@@ -57,69 +60,77 @@ def test_solids_that_overlap_part_after_their_depth_and_along_no_direction_befor
     overlapping = 0
     while overlapping < 200:
         size_1, size_2 = sizes(rng)
-        first = KINDS[one](size_1)
-        second = KINDS[other](size_2)
+        first = KINDS[first_kind](size_1)
+        second = KINDS[second_kind](size_2)
         X_1 = random_pose(rng, 0.0)
         X_2 = random_pose(rng, rng.choice([1e-3, 0.1, 0.3]))
         pair.take(first, second)
-        found = pair.at(X_1, X_2)
-        if found.distance > 0.0:
+        distance = pair.at(X_1, X_2)
+        if distance.distance > 0.0:
             continue
         overlapping += 1
-        assert found.distance >= by_coal(first, X_1, second, X_2) - EXACT
-        moved = pin.SE3(X_2.rotation, X_2.translation - found.distance * found.normal)
+        assert distance.distance >= by_coal(first, X_1, second, X_2) - EXACT
+        moved = pin.SE3(X_2.rotation, X_2.translation - distance.distance * distance.normal)
         assert by_coal(first, X_1, second, moved) == pytest.approx(0.0, abs=EXACT)
         directions = rng.normal(size=(200, 3))
         for n in directions / np.linalg.norm(directions, axis=1)[:, None]:
-            reach = height(one, size_1, X_1.rotation.T @ n) + height(
-                other, size_2, X_2.rotation.T @ n
+            reach = height(first_kind, size_1, X_1.rotation.T @ n) + height(
+                second_kind, size_2, X_2.rotation.T @ n
             )
-            assert found.distance >= n @ (X_2.translation - X_1.translation) - reach - EXACT
+            assert distance.distance >= n @ (X_2.translation - X_1.translation) - reach - EXACT
 
 
-@pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_gradients_equal_finite_differences(pair: SolidPair, one: str, other: str) -> None:
+@pytest.mark.parametrize(("first_kind", "second_kind"), PAIRS)
+def test_gradients_equal_finite_differences(
+    pair: SolidPair, first_kind: str, second_kind: str
+) -> None:
     """Of solids apart, and, as exactly as a depth is, overlapping; but for those whose nearest
     features change in between.
     """
     rng = np.random.default_rng(3)
     right = 0
     for _ in range(100):
-        pair.take(*(KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)))
+        pair.take(
+            *(
+                KINDS[kind](size)
+                for kind, size in zip((first_kind, second_kind), sizes(rng), strict=True)
+            )
+        )
         q = np.concatenate(
             [pin.SE3ToXYZQUAT(random_pose(rng, spread)) for spread in (0.0, rng.choice([0.2, 1.0]))]
         )
         v = rng.normal(size=12)
-        found = pair.at_q(q)
-        step, within = (1e-6, 1e-4) if found.distance > 1e-3 else (2e-4, 5e-3)
+        distance = pair.at_q(q)
+        step, within = (1e-6, 1e-4) if distance.distance > 1e-3 else (2e-4, 5e-3)
         ahead, behind = (
             pair.at_q(pin.integrate(pair.model, q, sign * step * v)).distance
             for sign in (1.0, -1.0)
         )
-        right += abs(found.gradient @ v - (ahead - behind) / (2 * step)) < within
+        right += abs(distance.gradient @ v - (ahead - behind) / (2 * step)) < within
     assert right >= 97
 
 
-@pytest.mark.parametrize(("one", "other"), PAIRS)
+@pytest.mark.parametrize(("first_kind", "second_kind"), PAIRS)
 def test_the_same_two_solids_are_as_far_the_other_way_round(
-    pair: SolidPair, one: str, other: str
+    pair: SolidPair, first_kind: str, second_kind: str
 ) -> None:
     rng = np.random.default_rng(4)
     for _ in range(100):
         first, second = (
-            KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)
+            KINDS[kind](size)
+            for kind, size in zip((first_kind, second_kind), sizes(rng), strict=True)
         )
         X_1 = random_pose(rng, 0.3)
         X_2 = random_pose(rng, rng.choice([0.1, 1.0]))
         pair.take(first, second)
-        there = pair.at(X_1, X_2)
+        forwards = pair.at(X_1, X_2)
         pair.take(second, first)
-        back = pair.at(X_2, X_1)
-        assert back.distance == pytest.approx(
-            there.distance, abs=1e-10 if there.distance > 0.0 else 2e-7
+        backwards = pair.at(X_2, X_1)
+        assert backwards.distance == pytest.approx(
+            forwards.distance, abs=1e-10 if forwards.distance > 0.0 else 2e-7
         )
-        if there.distance > 1e-3:
-            np.testing.assert_allclose(back.normal, -there.normal, atol=2e-5)
+        if forwards.distance > 1e-3:
+            np.testing.assert_allclose(backwards.normal, -forwards.normal, atol=2e-5)
 
 
 UPRIGHT = np.eye(3)
@@ -167,22 +178,28 @@ def test_special_places_have_the_distance_that_one_can_see(pair: SolidPair, name
 
 @needs_compiler
 @pytest.mark.parametrize(
-    ("one", "other"), [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")]
+    ("first_kind", "second_kind"),
+    [("capsule", "box"), ("cylinder", "cylinder"), ("box", "cylinder")],
 )
-def test_python_and_c_find_the_same_bits(pair: SolidPair, one: str, other: str) -> None:
+def test_python_and_c_find_the_same_bits(
+    pair: SolidPair, first_kind: str, second_kind: str
+) -> None:
     slow = SolidPair(compiled=False)
     rng = np.random.default_rng(6)
     for spread in (0.02, 0.3, 1.0):
-        solids = [KINDS[kind](size) for kind, size in zip((one, other), sizes(rng), strict=True)]
+        solids = [
+            KINDS[kind](size)
+            for kind, size in zip((first_kind, second_kind), sizes(rng), strict=True)
+        ]
         poses = random_pose(rng, 0.0), random_pose(rng, spread)
-        found = []
+        distance = []
         for either in (pair, slow):
             either.take(*solids)
-            found.append(either.at(*poses))
-        assert found[0].distance == found[1].distance
-        np.testing.assert_array_equal(found[0].normal, found[1].normal)
+            distance.append(either.at(*poses))
+        assert distance[0].distance == distance[1].distance
+        np.testing.assert_array_equal(distance[0].normal, distance[1].normal)
         # Placements come from CasADi, in C and in its virtual machine.
-        np.testing.assert_allclose(found[0].gradient, found[1].gradient, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(distance[0].gradient, distance[1].gradient, rtol=0, atol=1e-12)
 
 
 def test_the_bound_by_the_direction_found_last_is_below_the_distance(pair: SolidPair) -> None:
@@ -209,7 +226,8 @@ def test_what_is_no_number_gives_no_number(pair: SolidPair) -> None:
         q = np.concatenate([pin.SE3ToXYZQUAT(random_pose(rng, 1.0)) for _ in range(2)])
         usual = pair.at_q(q).distance
         for wrong in (np.nan, np.inf, -np.inf):
-            q[rng.integers(14)], kept = wrong, q.copy()
+            finite_q = q.copy()
+            q[rng.integers(14)] = wrong
             assert not np.isfinite(pair.at_q(q).distance)
-            q = kept
+            q = finite_q
         assert pair.at_q(q).distance == usual

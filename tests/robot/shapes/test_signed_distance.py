@@ -75,15 +75,17 @@ def test_what_is_inside_a_closed_mesh_is_as_deep_as_in_the_box(kind: str) -> Non
             pin.rpy.rpyToMatrix(*rng.uniform(-3, 3, 3)), rng.uniform(-0.6, 0.6, 3) * half
         )
         shape = SOLIDS[kind]()
-        found = contact(mesh, shape, place)
+        mesh_contact = contact(mesh, shape, place)
         nearest_face = by_box(half, shape, place)
         # The way out through the nearest place is a way out, and seldom longer than the least.
-        assert found.distance <= nearest_face + 1e-6
-        assert found.distance == pytest.approx(nearest_face, abs=0.25)
-        moved = pin.SE3(place.rotation, place.translation - (found.distance - 1e-4) * found.normal)
+        assert mesh_contact.distance <= nearest_face + 1e-6
+        assert mesh_contact.distance == pytest.approx(nearest_face, abs=0.25)
+        moved = pin.SE3(
+            place.rotation, place.translation - (mesh_contact.distance - 1e-4) * mesh_contact.normal
+        )
         assert contact(mesh, shape, moved).distance == pytest.approx(1e-4, abs=1e-5)
         other_way = contact(shape, mesh, place.inverse())
-        assert other_way.distance == pytest.approx(found.distance, abs=1e-6)
+        assert other_way.distance == pytest.approx(mesh_contact.distance, abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
@@ -94,15 +96,16 @@ def test_crossing_and_apart_are_those_of_the_box(kind: str) -> None:
     for x in (0.9, 0.96, 1.04, 1.3, 2.0):
         place = pin.SE3(np.eye(3), np.array([x, 0.1, -0.2]))
         shape = SOLIDS[kind]()
-        other = coal.Box(0.2, 0.3, 0.16) if kind == "mesh" else shape
+        second_shape = coal.Box(0.2, 0.3, 0.16) if kind == "mesh" else shape
         result = coal.DistanceResult()
         places = [coal.Transform3s(), coal.Transform3s(place.rotation, place.translation)]
-        coal.distance(box, places[0], other, places[1], coal.DistanceRequest(), result)
+        coal.distance(box, places[0], second_shape, places[1], coal.DistanceRequest(), result)
         assert contact(mesh, shape, place).distance == pytest.approx(result.min_distance, abs=1e-5)
 
 
 def test_meshes_contain_one_another_whichever_comes_first() -> None:
-    small, large = box_mesh(np.full(3, 0.1)), box_mesh(np.ones(3))
+    small = box_mesh(np.full(3, 0.1))
+    large = box_mesh(np.ones(3))
     place = pin.SE3(np.eye(3), np.array([0.3, 0.0, 0.0]))
     assert contact(large, small, place).distance == pytest.approx(-0.8)
     assert contact(small, large, place.inverse()).distance == pytest.approx(-0.8)
@@ -122,19 +125,22 @@ def test_an_open_patch_is_no_solid_and_a_turned_box_is_one() -> None:
 
 def test_the_normal_of_two_meshes_is_the_slope_of_their_distance() -> None:
     rng = np.random.default_rng(8)
-    one, other = box_mesh(np.array([0.3, 0.2, 0.4])), box_mesh(np.array([0.1, 0.3, 0.2]))
+    first_mesh = box_mesh(np.array([0.3, 0.2, 0.4]))
+    second_mesh = box_mesh(np.array([0.1, 0.3, 0.2]))
     for _ in range(10):
         direction = rng.normal(size=3)
         place = pin.SE3(
             pin.rpy.rpyToMatrix(*rng.uniform(-3, 3, 3)),
             1.2 * direction / np.linalg.norm(direction),
         )
-        found = contact(one, other, place)
-        assert np.linalg.norm(found.normal) == pytest.approx(1.0)
+        mesh_contact = contact(first_mesh, second_mesh, place)
+        assert np.linalg.norm(mesh_contact.normal) == pytest.approx(1.0)
         for axis in np.eye(3):
             moved = [
-                contact(one, other, pin.SE3(place.rotation, place.translation + h * axis)).distance
+                contact(
+                    first_mesh, second_mesh, pin.SE3(place.rotation, place.translation + h * axis)
+                ).distance
                 for h in (1e-5, -1e-5)
             ]
             slope = (moved[0] - moved[1]) / 2e-5
-            assert slope == pytest.approx(found.normal @ axis, abs=1e-3)
+            assert slope == pytest.approx(mesh_contact.normal @ axis, abs=1e-3)
