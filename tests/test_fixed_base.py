@@ -13,8 +13,8 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
-from uvms_ocp.tasks.task import Hierarchy
 
 
 @pytest.mark.slow

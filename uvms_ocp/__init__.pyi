@@ -45,5 +45,5 @@ from .solvers.hierarchy.cascade import LexicographicQp as LexicographicQp
 from .solvers.hierarchy.icat import Icat as Icat
 from .solvers.hierarchy.level import Level as Level
 from .solvers.hierarchy.solution import Solution as Solution, Status as Status
-from .tasks.task import Hierarchy as Hierarchy
+from .tasks.hierarchy import Hierarchy as Hierarchy
 from .version import __version__ as __version__

@@ -33,9 +33,9 @@ from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.nlp.level_solver import SqpOptions
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.goals import PoseReference
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits, JointTracking
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.tasks.task import Hierarchy
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 """(3,) [m/s] mean of the water."""

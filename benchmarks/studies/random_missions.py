@@ -25,7 +25,7 @@ from uvms_ocp.sim.nearest_passage import closest_approach
 from uvms_ocp.sim.rough_seafloor import HeightField
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.types import Count, Period
 
 _PLANE = -40.0  # [m]

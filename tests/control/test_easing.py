@@ -22,7 +22,7 @@ from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.icat import Icat
 from uvms_ocp.solvers.hierarchy.level import row_slices
-from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.tasks.hierarchy import Hierarchy
 
 DT = 0.02
 RISE = 0.07  # [s] from rest to the acceleration limit

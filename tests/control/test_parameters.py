@@ -33,17 +33,10 @@ from uvms_ocp.robot.shapes.collision_model import CollisionModel, distance_layou
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointTracking
-from uvms_ocp.tasks.task import (
-    FAR,
-    Hierarchy,
-    NearestPairs,
-    Rows,
-    Task,
-    TaskClass,
-    TickSymbols,
-    equality_rows,
-)
+from uvms_ocp.tasks.nearest_pairs import FAR, NearestPairs
+from uvms_ocp.tasks.task import Rows, Task, TaskClass, TickSymbols, equality_rows
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 
 DT = 0.005

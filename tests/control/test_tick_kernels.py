@@ -30,8 +30,8 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Hierarchy
 
 DT = 0.02
 CHANNELS = ("position", "altimeter_range", "joint_positions", "linear_velocity", "attitude")

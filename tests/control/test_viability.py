@@ -41,7 +41,7 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.clearance import Clearance
-from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.tasks.hierarchy import Hierarchy
 
 DT = 0.02
 

@@ -26,8 +26,9 @@ from uvms_ocp.robot.signals import Command, StateEstimate
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.clearance import Clearance
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.tasks.task import Task
 
 DT = 0.02
 THRESHOLD = 1.0

@@ -16,8 +16,8 @@ from uvms_ocp.export.c_files import literal, table
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape, obstacle
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Hierarchy
 
 PYRAMID = mesh_shape(
     np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1]]),

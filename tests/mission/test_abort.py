@@ -18,8 +18,8 @@ from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.options import abort_phase, with_activations
 from uvms_ocp.scenario.scenario import pose_at
 from uvms_ocp.tasks.attitude import HorizontalAttitude
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Hierarchy
 
 THERE = Below(quantity="PC.position_error", limit=0.1)
 UP = pose_at((1.0, 2.0, 3.0))

@@ -11,9 +11,10 @@ from uvms_ocp.mission.phase import Above, Below, Event, MissionState, Phase, Tra
 from uvms_ocp.record.meta_values import ABORT, DONE
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import NullVelocity
-from uvms_ocp.tasks.task import Hierarchy, TaskClass
+from uvms_ocp.tasks.task import TaskClass
 
 NEAR = Below(quantity="HA.tilt", limit=0.1)
 

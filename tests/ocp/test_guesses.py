@@ -22,9 +22,9 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import StateEstimate
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits
 from uvms_ocp.tasks.pose import ToolPose
-from uvms_ocp.tasks.task import Hierarchy
 from uvms_ocp.trajectories import min_snap
 
 pytestmark = pytest.mark.slow

@@ -15,8 +15,9 @@ from uvms_ocp.control.velocity import levels
 from uvms_ocp.robot import load_robot
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.scenario.scenario import pose_at
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import VehiclePose
-from uvms_ocp.tasks.task import Hierarchy, Rows
+from uvms_ocp.tasks.task import Rows
 
 DT = 1 / 200
 SPEED = "vehicle.speed"

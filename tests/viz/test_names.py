@@ -44,7 +44,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.preflight.robot_check import RobotFinding, RobotReport, RobotVerdict
 from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
 from uvms_ocp.tasks.attitude import HorizontalAttitude
-from uvms_ocp.tasks.task import Hierarchy
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison, figure_paths
 from uvms_ocp.viz.plan_figures import figure_clearance, figure_joint_motion
 from uvms_ocp.viz.run_figures import FIGURES

@@ -27,8 +27,9 @@ from uvms_ocp.mission.phase import (
 )
 from uvms_ocp.record.display import SmallTable, TableDisplay, TableRows
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
+from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.pose import PoseTask
-from uvms_ocp.tasks.task import Hierarchy, Task
+from uvms_ocp.tasks.task import Task
 from uvms_ocp.types import Finite, Magnitude, Shape
 
 _NUMBERED = "phase_"

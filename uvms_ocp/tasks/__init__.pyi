@@ -6,6 +6,7 @@ from .attitude import (
     HorizontalAttitude as HorizontalAttitude,
 )
 from .clearance import Clearance as Clearance
+from .hierarchy import Hierarchy as Hierarchy
 from .joints import (
     JointLimits as JointLimits,
     JointTracking as JointTracking,
@@ -19,7 +20,6 @@ from .pose import (
     VehiclePose as VehiclePose,
 )
 from .task import (
-    Hierarchy as Hierarchy,
     Residual as Residual,
     Rows as Rows,
     Task as Task,

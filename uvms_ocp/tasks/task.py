@@ -1,5 +1,5 @@
 """Tasks as rows of the velocity hierarchy, written once as CasADi expressions ([Gao2022] section
-3), and their order.
+3).
 
 The rows serve both kinds of solver: the regularised pseudo-inverse reads ``rate`` and
 ``activation``, the strict hierarchy ``lower`` and ``upper`` (`uvms_ocp.solvers.hierarchy.level`).
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import enum
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar
 
@@ -18,112 +18,135 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.checks import checked, checked_dataclass, checked_on_failure
-from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.record.display import SmallTable, TableDisplay
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.limits import PositionLimit
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.symbolic_model import SymbolicKinematics
 from uvms_ocp.tasks.activation import approach_speed, row_acceleration
+from uvms_ocp.tasks.nearest_pairs import NearestPairs
 
-# Distances that a task asks to be measured: those of the pairs of shapes that come nearest.
-#
-# They have no symbolic form, so they enter a tick as numbers. The task says what it needs, the
-# control layer measures it.
-
-FAR = 1e3
-"""[m], [m/s] stands for distances and speeds that limit nothing."""
+_CLASS_LETTERS = ("C", "S", "P", "AD", "O")
+"""Abbreviations of task classes in the tables of [Gao2022], by their value."""
+_DETERMINED_BY_GOAL = "_determined_by_goal"
+"""Attribute of a `reference` that `determined_by_goal` declares."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class PairSymbols:
-    """Measured quantities of m pairs, as symbols."""
+@checked
+def determined_by_goal(reference: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+    """Declare that a task's `reference` depends on its `goal` and on time alone.
 
-    smallest: ca.SX
-    """() [m] smallest distance of all pairs now."""
-    distance: ca.SX
-    """(m,) [m] smallest distance of each pair on the way to rest."""
-    closing: ca.SX
-    """(m,) [m/s] speed of approach whose stop just leaves the threshold; `FAR` where the pair is
-    nearest now.
+    It is then asked once in a phase for a goal that rests, and sampled for one that tells its
+    `end`; any other one is asked at every tick.
     """
-    jacobian: ca.SX
-    """(m, n_v) [-, m] gradient of each distance at the place where it is smallest."""
+    setattr(reference, _DETERMINED_BY_GOAL, True)
+    return reference
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class NearestPairs:
-    """The pairs of shapes that come nearest on the way to rest. Raises `InvalidInput` for none.
+@checked_dataclass(eq=False)
+class Task(ABC):
+    """Base of all tasks. Fields of every task can be changed with ``dataclasses.replace``.
 
-    What is measured of them are the last `n_parameters` parameters of a task that asks for them:
-    `symbols` reads them in its rows, `far_away` stands for them in its reference.
+    Gains, saturations and margins that are not > 0, and goals that are not finite, raise
+    `InvalidInput`.
     """
 
-    task: str
-    """Name of the task that asks."""
-    model: CollisionModel
-    """Collision model with all pairs."""
-    n: int
-    """Number of pairs that are measured at most."""
-    threshold: float
-    """[m] distance by which the pairs stay apart."""
+    name: str
+    """Name, unique in a hierarchy."""
+    task_class: TaskClass
+    """Class, which decides the priority unless an order is given."""
+    reactive: ClassVar[bool] = True
+    """True for a task that follows a measurement."""
+    equality: ClassVar[bool] = True
+    """True where its rows ask for one value, and not for a range."""
+    needs_altimeter: ClassVar[bool] = False
+    """True where it reads the range of the altimeter."""
+    symbolic_numbers: ClassVar[tuple[str, ...] | None] = None
+    """Fields of which each is one number, and that `rows` gets as CasADi symbols, so that other
+    values of them compile nothing.
 
-    def __post_init__(self) -> None:
-        if self.n < 1:
-            raise InvalidInput(f"{self.task}: n_nearest = {self.n}; give 1 or more")
-        if self.model.n_pairs < 1:
-            raise InvalidInput(
-                f"{self.task}: a collision model without pairs; give obstacles or"
-                " self_collision=True"
-            )
-
-    @property
-    def n_rows(self) -> int:
-        """Pairs m that are measured."""
-        return min(self.n, self.model.n_pairs)
+    Declare it in a class, even as ``()``, whose `rows` depend on its fields alone, and on a `goal`
+    by `parameters` alone: its rows are then shared by all tasks with the same other fields. It is
+    not inherited, as a class with `rows` of its own may want numbers; `None` promises nothing.
+    """
 
     @property
-    def n_parameters(self) -> int:
-        """Length of the vector that `parameters` returns."""
-        return 1 + self.n_rows * (2 + self.model.n_v)
-
-    def parameters(
-        self, *, smallest: float, distance: np.ndarray, closing: np.ndarray, gradient: np.ndarray
-    ) -> np.ndarray:
-        """Return the measured quantities of `PairSymbols` as one vector (n_parameters,).
-
-        smallest [m], distance (m,) [m], closing (m,) [m/s], gradient (m, n_v) [-, m].
+    def rest_altitude(self) -> float:
+        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the
+        first echo has come.
         """
-        return np.concatenate([[smallest], distance, closing, gradient.ravel(order="F")])
+        return 0.0
 
-    def far_away(self) -> np.ndarray:
-        """Parameters (n_parameters,) of pairs that are far away and do not move."""
-        far = np.full(self.n_rows, FAR)
-        return self.parameters(
-            smallest=FAR,
-            distance=far,
-            closing=far,
-            gradient=np.zeros((self.n_rows, self.model.n_v)),
+    @property
+    def nearest_pairs(self) -> NearestPairs | None:
+        """The distances that this task asks to be measured at every tick, if any: the last of its
+        parameters.
+        """
+        return None
+
+    @property
+    def is_constant(self) -> bool:
+        """True where `reference` is the same at all times, so that a phase asks for it once:
+        without a goal that moves.
+
+        Never of a class with a `reference` of its own that is not `determined_by_goal`.
+        """
+        return self.follows_goal_alone and not callable(getattr(self, "goal", None))
+
+    @property
+    def follows_goal_alone(self) -> bool:
+        """True where `reference` depends on the goal alone, as `determined_by_goal` declares: in a
+        class that overrides it without that, never.
+        """
+        return bool(getattr(type(self).reference, _DETERMINED_BY_GOAL, False))
+
+    @abstractmethod
+    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
+        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the
+        `nearest_pairs` it has.
+        """
+
+    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
+        """The error or quantity that this task keeps at a value or in a range, for planning over a
+        horizon.
+
+        Raises `InvalidInput` for a task that exists at velocity level only.
+        """
+        raise InvalidInput(
+            f"{self.name}: {type(self).__name__} has no residual over a horizon; leave it to the"
+            " velocity hierarchy"
         )
 
-    def symbols(self, parameters: ca.SX) -> PairSymbols:
-        """Return the symbols of what is measured: the last parameters of a task."""
-        n = self.n_rows
-        measured = parameters[-self.n_parameters :]
-        return PairSymbols(
-            smallest=measured[0],
-            distance=measured[1 : 1 + n],
-            closing=measured[1 + n : 1 + 2 * n],
-            jacobian=ca.reshape(measured[1 + 2 * n :], n, self.model.n_v),
-        )
+    def position_limit(self, robot: Robot) -> PositionLimit | None:
+        """The limit on positions that this task stands for, if it is one beyond the joints' own."""
+        return None
 
+    def n_parameters(self, robot: Robot) -> int:
+        """Length of the vector that `reference` returns."""
+        return 0
 
-# A task: rows ``y`` of the velocity hierarchy, written once as CasADi expressions ([Gao2022]
-# section 3).
-#
-# Every task turns the symbols of one tick into `Rows`. The rows serve both kinds of solver: the
-# regularised pseudo-inverse reads ``rate`` and ``activation``, the strict hierarchy ``lower`` and
-# ``upper`` (`uvms_ocp.solvers.hierarchy.level`). `Residual` is the same task over a horizon.
+    @determined_by_goal
+    @checked_on_failure
+    def reference(self, t: float) -> np.ndarray:
+        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that
+        nothing is near.
+        """
+        return np.zeros(0)
+
+    def with_goal(self, goal: Any) -> Task:
+        """This task with another goal; raises `InvalidInput` where the task has none."""
+        if "goal" not in {item.name for item in fields(self)}:
+            raise InvalidInput(
+                f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the"
+                " phase's goals"
+            )
+        return replace(self, goal=goal)  # type: ignore[call-arg]
+
+    @property
+    def label(self) -> str:
+        """The paper's bracket, such as ``[R,E,AD]``."""
+        reactive = "R" if self.reactive else "NR"
+        equality = "E" if self.equality else "I"
+        return f"[{reactive},{equality},{self.task_class.letters}]"
 
 
 class TaskClass(enum.IntEnum):
@@ -140,7 +163,7 @@ class TaskClass(enum.IntEnum):
     @property
     def letters(self) -> str:
         """The abbreviation used in the paper's tables."""
-        return ("C", "S", "P", "AD", "O")[self]
+        return _CLASS_LETTERS[self]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -226,123 +249,6 @@ class Residual:
         return int(self.value.shape[0])
 
 
-_DETERMINED_BY_GOAL = "_determined_by_goal"
-
-
-@checked
-def determined_by_goal(reference: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """Declare that a task's `reference` depends on its `goal` and on time alone.
-
-    It is then asked once in a phase for a goal that rests, and sampled for one that tells its
-    `end`; any other one is asked at every tick.
-    """
-    setattr(reference, _DETERMINED_BY_GOAL, True)
-    return reference
-
-
-@checked_dataclass(eq=False)
-class Task(ABC):
-    """Base of all tasks. Fields of every task can be changed with ``dataclasses.replace``.
-
-    Gains, saturations and margins that are not > 0, and goals that are not finite, raise
-    `InvalidInput`.
-    """
-
-    name: str
-    """Name, unique in a hierarchy."""
-    task_class: TaskClass
-    """Class, which decides the priority unless an order is given."""
-    reactive: ClassVar[bool] = True
-    """True for a task that follows a measurement."""
-    equality: ClassVar[bool] = True
-    """True where its rows ask for one value, and not for a range."""
-    needs_altimeter: ClassVar[bool] = False
-    """True where it reads the range of the altimeter."""
-    symbolic_numbers: ClassVar[tuple[str, ...] | None] = None
-    """Fields of which each is one number, and that `rows` gets as CasADi symbols, so that other
-    values of them compile nothing.
-
-    Declare it in a class, even as ``()``, whose `rows` depend on its fields alone, and on a `goal`
-    by `parameters` alone: its rows are then shared by all tasks with the same other fields. It is
-    not inherited, as a class with `rows` of its own may want numbers; `None` promises nothing.
-    """
-
-    @property
-    def rest_altitude(self) -> float:
-        """[m] at which a task that reads the altimeter lets nothing sink; it stands in until the
-        first echo has come.
-        """
-        return 0.0
-
-    @property
-    def nearest_pairs(self) -> NearestPairs | None:
-        """The distances that this task asks to be measured at every tick, if any: the last of its
-        parameters.
-        """
-        return None
-
-    @property
-    def is_constant(self) -> bool:
-        """True where `reference` is the same at all times, so that a phase asks for it once:
-        without a goal that moves.
-
-        Never of a class with a `reference` of its own that is not `determined_by_goal`.
-        """
-        return self.follows_goal_alone and not callable(getattr(self, "goal", None))
-
-    @property
-    def follows_goal_alone(self) -> bool:
-        """True where `reference` depends on the goal alone, as `determined_by_goal` declares: in a
-        class that overrides it without that, never.
-        """
-        return bool(getattr(type(self).reference, _DETERMINED_BY_GOAL, False))
-
-    @abstractmethod
-    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the
-        `nearest_pairs` it has.
-        """
-
-    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """The error or quantity that this task keeps at a value or in a range, for planning over a
-        horizon.
-
-        Raises `InvalidInput` for a task that exists at velocity level only.
-        """
-        problem = f"{self.name}: {type(self).__name__} has no residual over a horizon"
-        raise InvalidInput(f"{problem}; leave it to the velocity hierarchy")
-
-    def position_limit(self, robot: Robot) -> PositionLimit | None:
-        """The limit on positions that this task stands for, if it is one beyond the joints' own."""
-        return None
-
-    def n_parameters(self, robot: Robot) -> int:
-        """Length of the vector that `reference` returns."""
-        return 0
-
-    @determined_by_goal
-    @checked_on_failure
-    def reference(self, t: float) -> np.ndarray:
-        """Goal at time t [s] as a parameter vector (n_parameters,); for `nearest_pairs`, that
-        nothing is near.
-        """
-        return np.zeros(0)
-
-    def with_goal(self, goal: Any) -> Task:
-        """This task with another goal; raises `InvalidInput` where the task has none."""
-        if "goal" not in {item.name for item in fields(self)}:
-            raise InvalidInput(
-                f"{self.name}: {type(self).__name__} has no goal to replace; drop it from the"
-                " phase's goals"
-            )
-        return replace(self, goal=goal)  # type: ignore[call-arg]
-
-    @property
-    def label(self) -> str:
-        """The paper's bracket, such as ``[R,E,AD]``."""
-        return f"[{'R' if self.reactive else 'NR'},{'E' if self.equality else 'I'},{self.task_class.letters}]"
-
-
 @checked
 def equality_rows(
     jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None
@@ -369,64 +275,3 @@ def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.
     """A residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
     m = value.shape[0]
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))
-
-
-# The order of tasks: priority is position in a tuple.
-
-
-@checked
-class Hierarchy(TableDisplay):
-    """Tasks from the highest priority to the lowest.
-
-    Without `order` the classes decide (`TaskClass`), ties keep the given order. `order` names every
-    task once, highest first, and overrides the classes. Raises `InvalidInput` for what is not a
-    task, duplicate names or an incomplete order, and `NameNotFound` for a name in it that no task
-    has.
-    """
-
-    __slots__ = ("tasks",)
-
-    def __init__(self, tasks: Sequence[Task], order: Sequence[str] | None = None) -> None:
-        for task in tasks:
-            if not isinstance(task, Task):
-                raise InvalidInput(
-                    f"{task!r} is not a task; give values such as HorizontalAttitude()"
-                )
-        names = [task.name for task in tasks]
-        duplicates = sorted({name for name in names if names.count(name) > 1})
-        if duplicates:
-            raise InvalidInput(
-                f"tasks share the name {', '.join(duplicates)}; give each its own `name`"
-            )
-        if order is None:
-            self.tasks = tuple(sorted(tasks, key=lambda task: task.task_class))
-        else:
-            self.tasks = _ordered(tasks, order)
-
-    def _table(self) -> SmallTable:
-        rows = tuple(
-            (str(k + 1), task.name, task.label, type(task).__name__)
-            for k, task in enumerate(self.tasks)
-        )
-        return SmallTable(
-            title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows
-        )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Task names, highest priority first."""
-        return tuple(task.name for task in self.tasks)
-
-    def index(self, name: str) -> int:
-        """Position of the task `name`; raises `NameNotFound`."""
-        require_known("task", name, self.names)
-        return self.names.index(name)
-
-
-def _ordered(tasks: Sequence[Task], order: Sequence[str]) -> tuple[Task, ...]:
-    by_name = {task.name: task for task in tasks}
-    for name in order:
-        require_known("task", name, by_name)
-    if sorted(order) != sorted(by_name):
-        raise InvalidInput(f"order {tuple(order)} must name each of {tuple(by_name)} once")
-    return tuple(by_name[name] for name in order)

@@ -19,7 +19,7 @@ from uvms_ocp.robot.shapes.distance_kernels import (
     pair_gradient,
     place_solids,
 )
-from uvms_ocp.tasks.task import FAR
+from uvms_ocp.tasks.nearest_pairs import FAR
 
 N_PLACES = 4
 """Places along the stop at which distances are measured, besides the present one."""

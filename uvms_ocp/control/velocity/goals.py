@@ -31,12 +31,13 @@ from uvms_ocp.mission.progress import MissionMemory
 from uvms_ocp.robot import Robot, SymbolicModel
 from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
 from uvms_ocp.tasks.activation import ENDLESS
-from uvms_ocp.tasks.task import NearestPairs, Task
+from uvms_ocp.tasks.nearest_pairs import NearestPairs
+from uvms_ocp.tasks.task import Task
 
 # Parameters of tasks at one tick: their references, ending with the distances that some of them ask
 # for.
 #
-# A task on distances asks for `uvms_ocp.tasks.task.NearestPairs`; they are measured here, on the
+# A task on distances asks for `uvms_ocp.tasks.nearest_pairs.NearestPairs`; they are measured here, on the
 # way to rest. Goals that are still are in memory, for a kernel to take; those that move are asked
 # at every tick.
 
