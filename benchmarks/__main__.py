@@ -66,7 +66,7 @@ class Claim:
 
 
 def _processor_time(**where: str) -> Cell:
-    """Of optimal control beside its peers [ms]."""
+    """Refer to the processor time [ms] of a row of optimal control beside its peers."""
     return Cell(where=where, column="cpu_ms")
 
 

@@ -39,7 +39,7 @@ def fault_of(kind: str, thruster: int, seed: int, limit: float) -> ThrusterFault
 def faulty_runs(
     robot: str, kind: str, seeds: int, duration: float, thrusters: int
 ) -> Iterator[tuple[ThrusterFault, Outcome]]:
-    """All of one kind."""
+    """Run all faults of one kind, thruster by thruster and seed by seed."""
     for seed in range(seeds):
         for i in range(thrusters):
             fault = fault_of(kind, i, seed, ROBOTS[robot])

@@ -61,7 +61,7 @@ def sums(rows: Sequence[Row]) -> list[Row]:
 
 
 def prose(rows: Sequence[Row]) -> str:
-    """With the figures of all missions."""
+    """Fill in the figures of all missions."""
     done = [row["tool_error_mm"] for row in rows if row["completed"]]
     failed = [row for row in rows if not row["completed"]]
     causes = [f"seed {row['seed']}, {row['drag']}: {row['cause']}" for row in failed]
@@ -76,7 +76,7 @@ def prose(rows: Sequence[Row]) -> str:
 
 
 def attempts(jobs: Iterable[tuple[int, str, float | None]], processes: int) -> list[Row]:
-    """All of them, in so many processes."""
+    """Run all missions in so many processes."""
     with ProcessPoolExecutor(max_workers=processes) as pool:
         return list(pool.map(attempt, jobs))
 

@@ -68,7 +68,7 @@ def causes(report: dict[str, Any]) -> list[Row]:
 
 
 def sensitivities(report: dict[str, Any]) -> list[Row]:
-    """Of success and of the main figures, the parameters that matter most."""
+    """List the parameters that matter most for success and for the main figures."""
     rows: list[Row] = []
     for figure in ("success", "tool_position_error_m", "energy_j", "duration_s"):
         parameters = rows_where(report["sensitivity"], "figure", figure)

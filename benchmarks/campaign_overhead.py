@@ -28,7 +28,7 @@ _ALLOWED = 3.0  # [ms]
 
 
 def measured(runs: int, workers: int) -> Row:
-    """Of one campaign of `runs` on as many `workers`."""
+    """Measure one campaign of so many runs on so many workers."""
     times: list[tuple[float, int]] = []
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "campaign")

@@ -33,7 +33,7 @@ a campaign that nobody disturbed, time and place of the runs aside: {equal}.
 
 
 def campaign_of(runs: int) -> Campaign:
-    """The same in every process; runs."""
+    """Make the campaign of so many runs, the same in every process."""
     return Campaign(scenario=brief_case1, variations=BRIEF, runs=runs)
 
 

@@ -33,7 +33,7 @@ COMPILER_NEEDED = "needs a C compiler: install gcc or clang as cc"
 
 
 def prose(rows: list[Row]) -> str:
-    """With the figures of the study."""
+    """Fill in the figures of the study."""
     (total, *_) = totals(rows)
     wrong = [f"{row['seed']} ({row['outcome']})" for row in rows if not row["completed"]]
     return PROSE.format(

@@ -31,7 +31,7 @@ Reasons, and how many files were refused for each: {reasons}. For none of these:
 
 
 def prose(rows: list[Row]) -> str:
-    """With the figures of the study."""
+    """Fill in the figures of the study."""
     refusals = rows_where(rows, "outcome", "refused")
     refused = Counter(reason_of(text) for text in column(refusals, "text"))
     reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]

@@ -50,7 +50,7 @@ wrong: {seeds}.
 
 
 def prose(rows: list[Row]) -> str:
-    """With the figures of the study."""
+    """Fill in the figures of the study."""
     number = Counter(column(rows, "outcome"))
     refusals = rows_where(rows, "outcome", "refused")
     refused = Counter(reason_of(text) for text in column(refusals, "text"))

@@ -92,7 +92,7 @@ def built(folder: Path, compiler: str, options: Sequence[str]) -> float:
 
 
 def replayed(folder: Path, emulator: Sequence[str]) -> dict[str, Any]:
-    """What the program tells of the recorded run."""
+    """Replay the recorded run by the program, and read what it tells."""
     before = _children()
     process = subprocess.run(
         [*emulator, "./replay", f"{NAME}_recorded.bin"], cwd=folder, capture_output=True, text=True

@@ -75,7 +75,7 @@ TABLE = {
 
 
 def sizes() -> list[Row]:
-    """What each kind is."""
+    """List the faults of each kind and what is widened for them."""
     return [
         {
             "kind": kind.name,
@@ -89,13 +89,13 @@ def sizes() -> list[Row]:
 
 
 def onsets(rows: Sequence[Row]) -> str:
-    """Of each phase."""
+    """List the onset of each phase."""
     onset_of = {row["phase"]: row["onset_s"] for row in rows if row["kind"] != PAIR}
     return ", ".join(f"{phase} at {onset_of[phase]:g} s" for phase in sorted(onset_of))
 
 
 def report(rows: Sequence[Row], study: Study) -> Report:
-    """Of all rows that there are."""
+    """Make the report of all rows that there are."""
     faulty = [row for row in rows if row["kind"] not in (STILL, GUSTY)]
     pairs = rows_where(faulty, "kind", PAIR)
     free = [row for row in rows if row["kind"] in (STILL, GUSTY)]

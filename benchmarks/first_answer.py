@@ -65,7 +65,7 @@ FORMATS = {
 
 
 def timed_command(words: tuple[str, ...], folder: Path, cache: Path) -> dict[str, float]:
-    """What a command takes, and what it adds to the cache."""
+    """Measure what a command takes, and what it adds to the cache."""
     before = set(cache.glob("*.so"))
     environment = as_installed(cache)
     start = perf_counter()

@@ -173,7 +173,7 @@ def row_of(work: str, size: float, figures: dict[str, Any]) -> dict[str, Any]:
 
 
 def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Of time and peak memory, by work."""
+    """Fit the exponents of time and peak memory, by work."""
     for work in dict.fromkeys(column(rows, "work")):
         rows_of_work = rows_where(rows, "work", work)
         if len(rows_of_work) < 2:
@@ -190,7 +190,9 @@ def exponents(rows: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 
 
 def exponent(sizes: Sequence[float], values: Sequence[float]) -> float | None:
-    """Of the power law through values (n,) [any] that are known; `None` for fewer than two."""
+    """Fit the exponent of the power law through values (n,) [any] that are known; `None` for fewer
+    than two.
+    """
     is_known = np.isfinite(values)
     if np.count_nonzero(is_known) < 2:
         return None

@@ -87,7 +87,7 @@ SCORES = {"prediction": "", "roll RMSE [deg]": ".2f", "pitch RMSE [deg]": ".2f"}
 
 
 def prose(vehicle: PoolVehicle, evaluations: Sequence[Evaluation]) -> str:
-    """With the figures of all recordings."""
+    """Fill in the figures of all recordings."""
     moving = [evaluation for evaluation in evaluations if evaluation.recording.moves]
     shifts = {}
     for i, axis in enumerate("xyz"):
@@ -148,7 +148,7 @@ def span(values: Iterable[float], form: str = ".1f") -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """With commas, or none."""
+    """Join names with commas; "none" for no names."""
     return ", ".join(names) or "none"
 
 
@@ -169,7 +169,7 @@ def _offsets(moving: Sequence[Evaluation]) -> dict[str, str]:
 
 
 def _dynamics(vehicle: PoolVehicle, moving: Sequence[Evaluation]) -> dict[str, object]:
-    """What the replay adds to the static balance."""
+    """Describe what the replay adds to the static balance."""
     lags = []
     swings = []
     ratios = []
@@ -224,7 +224,7 @@ def _span_of(name: str, swings: Sequence[Swing]) -> dict[str, str]:
 
 
 def _measurements(evaluations: Sequence[Evaluation]) -> dict[str, str]:
-    """What the motion capture itself does."""
+    """Describe what the motion capture itself does."""
     recordings = [evaluation.recording for evaluation in evaluations]
     at_first = {recording.name: spread_deg(recording, OFFSET_TIME) for recording in recordings}
     restless = max(at_first, key=lambda name: float(at_first[name].max()))
@@ -240,7 +240,7 @@ def _measurements(evaluations: Sequence[Evaluation]) -> dict[str, str]:
 
 
 def _both_angles(angles: np.ndarray) -> str:
-    """Of roll and pitch [deg]."""
+    """Write roll and pitch [deg] as text."""
     return f"{' and '.join(f'{angle:.1f}' for angle in angles)} deg"
 
 

@@ -85,7 +85,7 @@ by {small_damping} % in the median: motions of two axes add up in them, and litt
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Session:
-    """What one sensor tells."""
+    """Estimates and predictions by one sensor of attitude."""
 
     sensor: str
     learner: Learner
@@ -282,7 +282,7 @@ def _span(values: Sequence[float]) -> str:
 
 
 def _off(free: Sequence[Row], name: str, *, large: bool) -> list[float]:
-    """Of the swings that are large, or of those that are not."""
+    """List the differences [%] of free swings, of the large ones or of the others."""
     swings_of_size = [row for row in free if (row["size [deg]"] > LARGE) is large]
     return [row[name] for row in swings_of_size if name in row]
 
@@ -292,7 +292,7 @@ def _middle(values: Sequence[float]) -> str:
 
 
 def prose(imu: Session, mocap: Session, rows: Sequence[Row], free: Sequence[Row]) -> str:
-    """With the figures of both sensors."""
+    """Fill in the figures of both sensors."""
     offsets = np.degrees(np.std(list(imu.estimate.own.values()), axis=0))
     return PROSE.format(
         n=len(imu.prepared),

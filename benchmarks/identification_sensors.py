@@ -219,7 +219,7 @@ def main() -> None:
 
 
 def _format(name: str) -> str:
-    """Of a column."""
+    """Choose the format of a column by its name."""
     if "error" in name:
         return ".3g"
     return ".0f" if "%" in name else ""

@@ -129,14 +129,16 @@ class Bench:
         return estimate
 
     def predictor(self, shared: np.ndarray) -> Predictor:
-        """With unknowns shared (n,) [as they are], and with what a recording has for itself."""
+        """Make a predictor with unknowns shared (n,) [as they are], and with what a recording has
+        for itself.
+        """
         return Predictor(
             vehicle=self.vehicle, rollout=self.rollout, shared=shared, noise=NOISE, own=True
         )
 
 
 def bench(folder: Path, *, quick: bool, **learnt: Prior) -> Bench:
-    """Of a folder of recordings."""
+    """Prepare a vehicle and the recordings of a folder."""
     auv = vehicle(**learnt)
     recordings = read_recordings(folder)
     if quick:
@@ -278,7 +280,9 @@ def alone(drifting: Bench, shared: np.ndarray, *, quick: bool) -> list[Row]:
 
 
 def bounds(steady: Bench) -> list[Row]:
-    """What no vehicle has to be known for."""
+    """Compute bounds for which no vehicle has to be known: a filter of the commands, and the two
+    sensors against each other.
+    """
     recordings = [prepared.recording for prepared in steady.prepared]
     rows: list[Row] = []
     for recording, fits in zip(recordings, filtered(steady.prepared, STEP), strict=True):
@@ -342,7 +346,7 @@ def _doubts(steady: Bench) -> str:
 
 
 def prose(steady: Bench, drifting: Estimate, rows: Sequence[Row]) -> str:
-    """With the figures of a bench, of an estimate with forces of each recording, and of rows."""
+    """Fill in the figures of a bench, of an estimate with forces of each recording, and of rows."""
     forces = [float(own_unknowns[0]) for own_unknowns in drifting.own.values()]
     return PROSE.format(
         n=len(steady.prepared),

@@ -43,8 +43,8 @@ def needs(of: Distribution) -> list[str]:
 
 
 def megabytes(of: Distribution) -> float:
-    """Of its files but for byte code, each once: wheels have no links, and copies of libraries in
-    their place.
+    """Sum up the files [MB] of a package but for byte code, each once: wheels have no links, and
+    copies of libraries in their place.
     """
     files = [file for file in of.files or () if file.suffix != ".pyc"]
     paths = {Path(str(of.locate_file(file))) for file in files}
@@ -52,7 +52,7 @@ def megabytes(of: Distribution) -> float:
 
 
 def all_of(roots: Iterable[str], graph: Mapping[str, list[str]]) -> set[str]:
-    """What these packages are, and bring."""
+    """Collect these packages and all that they bring."""
     packages = set[str]()
     waiting = list(roots)
     while waiting:

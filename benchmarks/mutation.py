@@ -51,14 +51,14 @@ noticed before are kept as noticed.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Judgement:
-    """Of a survivor."""
+    """What somebody found about a survivor."""
 
     verdict: str
     reason: str
 
 
 def judgements(path: Path = JUDGED) -> dict[tuple[str, str, str], Judgement]:
-    """By file, line before and line after."""
+    """Read the judgements, by file, line before and line after."""
     judged = {}
     with path.open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
@@ -68,7 +68,7 @@ def judgements(path: Path = JUDGED) -> dict[tuple[str, str, str], Judgement]:
 
 
 def row_of(mutant: Mutant, trial: Trial | None, judged: Judgement | None) -> Row:
-    """Of the table of all mutants."""
+    """Make the row of a mutant."""
     row: dict[str, Any] = {
         "room": mutant.file.split("/")[1],
         "file": mutant.file,
@@ -103,7 +103,7 @@ def score(rows: Sequence[Row], room: str) -> Row:
 
 
 def report(rows: Sequence[Row], suite: Suite, seed: int, tests: Sequence[str]) -> Report:
-    """What is written."""
+    """Make the report of all mutants."""
     scores = [score(rows_where(rows, "room", room), room) for room in ROOMS]
     total = score(rows, "all")
     survivors = rows_where(rows, "verdict", SURVIVED)
@@ -187,7 +187,7 @@ def main() -> None:
 
 
 def source_files() -> list[str]:
-    """Below the repository, of all rooms."""
+    """List the source files of all rooms, below the repository."""
     files = []
     for room in ROOMS:
         paths = (ROOT / "uvms_ocp" / room).rglob("*.py")

@@ -47,7 +47,7 @@ is {share:.2f} times that without plans; wanted: {most:g} times at most.
 def prose(
     experiment: Experiment, blocks: Blocks, shown: Sequence[Row], ticks: Sequence[Row]
 ) -> str:
-    """With the figures of all runs."""
+    """Fill in the figures of all runs."""
     one_level = rows_where(shown, "controller", "NMPC")
     levels = rows_where(shown, "controller", "NMPC, strict levels")
     (beside,) = rows_where(ticks, "ticks", BESIDE)

@@ -53,7 +53,7 @@ def keeps_wanted(row: Row) -> bool:
 
 
 def prose(runs: ConflictRuns, table: Sequence[Row]) -> str:
-    """With the figures of all runs."""
+    """Fill in the figures of all runs."""
     by_levels = rows_where(table, "priorities", LEVELS)
     return PROSE.format(
         seeds=len(runs.seeds),

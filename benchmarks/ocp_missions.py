@@ -208,7 +208,7 @@ def measured(
 
 
 def quick_plan(scenario: Scenario, **more: Any) -> MissionPlan:
-    """With one iteration and few steps."""
+    """Plan with one iteration and few steps."""
     return plan_mission(scenario, step=60.0, options=replace(OPTIONS, max_iterations=1), **more)
 
 

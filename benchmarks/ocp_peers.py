@@ -79,7 +79,7 @@ TURNS = {
 
 
 def found_text(rows: Sequence[Row]) -> str:
-    """What ours take with the peer's kind of Hessian, by tolerance."""
+    """Describe what ours take with the peer's kind of Hessian, by tolerance."""
     parts = [*_ratios(rows)]
     if not parts:
         return ""

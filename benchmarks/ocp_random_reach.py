@@ -101,7 +101,7 @@ def _tool_level(base: OcpProblem, goal: pin.SE3) -> OcpLevel:
 
 
 def row(planner: Planner, peer: Planner, problem: OcpProblem, number: int, way: float) -> Row:
-    """What becomes of a reach."""
+    """Plan a reach by ours and by the peer."""
     ours = once(partial(planner.plan, problem, diagnose=False))
     theirs = once(partial(peer.plan, problem, diagnose=False))
     plan = ours.value
@@ -133,7 +133,7 @@ def histogram(rows: Sequence[Row]) -> str:
 
 
 def prose(problem: OcpProblem, rows: Sequence[Row]) -> str:
-    """With the figures of all reaches."""
+    """Fill in the figures of all reaches."""
     outcomes = Counter(column(rows, "status"))
     times = column(rows, "cpu_ms")
     peer_times = column(rows, "ipopt_ms")

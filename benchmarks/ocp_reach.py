@@ -70,7 +70,7 @@ def all_rows(steps: tuple[int, ...], repeats: int) -> list[Row]:
 
 
 def interpreted_rows(n_steps: int, repeats: int) -> list[Row]:
-    """Where no compiler is found, in another process."""
+    """Measure in another process that finds no compiler."""
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "rows.json"
         script = Path(__file__).parent / "horizon" / "reach.py"
@@ -92,7 +92,7 @@ def carried_out(problem: OcpProblem, options: NlpOptions) -> TrackingError:
 
 
 def prose(problem: OcpProblem, repeats: int, off: TrackingError) -> str:
-    """With the figures of the problem and of the plan that was carried out."""
+    """Fill in the figures of the problem and of the plan that was carried out."""
     return PROSE.format(
         dofs=problem.robot.n_v,
         thrusters=len(problem.robot.description.thrusters),

@@ -28,7 +28,7 @@ took {building:.1f} s. Not solved or not certified: {rest}.
 
 
 def row_of(outcome: Outcome) -> Row:
-    """Of one scene."""
+    """Make the row of one scene."""
     plan = outcome.plan
     return {
         "seed": outcome.seed,
@@ -44,7 +44,7 @@ def row_of(outcome: Outcome) -> Row:
 
 
 def prose(rows: Sequence[Row], scenes: Scenes) -> str:
-    """With the figures of all scenes."""
+    """Fill in the figures of all scenes."""
     times = [row["curve, processor [s]"] + row["plan, processor [s]"] for row in rows]
     failed = [row for row in rows if row["status"] != "solved" or not row["certified"]]
     return PROSE.format(

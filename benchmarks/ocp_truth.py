@@ -66,7 +66,7 @@ is known. Seeds: {seeds_known}.
 
 
 def prose(rows: list[Row]) -> str:
-    """With the figures of all problems."""
+    """Fill in the figures of all problems."""
     wrong = {kind: _seeds(rows, "wrong", kind) for kind in WRONGS}
     notes = {kind: _seeds(rows, "note", kind) for kind in NOTES}
     statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)

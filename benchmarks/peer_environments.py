@@ -28,7 +28,7 @@ PACKAGES = {
 
 
 def interpreter(folder: Path, name: str) -> Path:
-    """Of the environment of that name."""
+    """Return the path of the interpreter of an environment."""
     return folder / name / "bin" / "python"
 
 

@@ -57,7 +57,7 @@ def _sum(rows: Sequence[Row]) -> dict[str, object]:
 
 
 def prose(result: StudyResult) -> str:
-    """With the figures of the study."""
+    """Fill in the figures of the study."""
     cases = result.cases
     (total,) = result.table
     done = [row["duration_s"] for row in cases if row["accepted"] and row["completed"]]

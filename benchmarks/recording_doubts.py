@@ -77,7 +77,7 @@ def checker() -> Callable[[Recording], Sequence[tuple[str, str]]]:
 
 
 def by_doubt(rows: Sequence[Row], before: Sequence[_Doubts]) -> list[Row]:
-    """What each doubt misses, and where it is raised for nothing."""
+    """Count what each doubt misses, and where it is raised for nothing."""
     return [_row_of_doubt(doubt, rows, before) for doubt in DOUBTS if not doubt.stated]
 
 
@@ -103,7 +103,7 @@ def _row_of_doubt(doubt: Doubt, rows: Sequence[Row], before: Sequence[_Doubts]) 
 
 
 def by_kind(rows: Sequence[Row]) -> list[Row]:
-    """What is found of each kind."""
+    """Count what is found of each kind."""
     table = list[Row]()
     for kind in KINDS:
         spoiled = rows_where(rows, "how", kind.how)
@@ -171,7 +171,9 @@ def main() -> None:
 
 
 def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
-    """What is found of a spoiled recording: the doubts that the sound one did not raise."""
+    """Sort the doubts that a spoiled recording raises and the sound one does not, by whether they
+    are about the channel that is wrong.
+    """
     channels = (kind.channel, *_PARTNERS.get(kind.channel, ()))
     about = sorted(doubt.says for name, doubt in raised if name in channels)
     elsewhere = sorted(doubt.says for name, doubt in raised if name not in channels)

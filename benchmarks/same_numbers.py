@@ -111,13 +111,15 @@ step: 0.02
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Setting:
-    """Where an item may write, and whether a moment of it is enough."""
+    """The folder where an item may write, and whether a moment of it is enough."""
 
     work: Path
     quick: bool
 
     def duration(self, seconds: float) -> dict[str, Any]:
-        """That of a quick run [s], as an option of scenarios; none where it runs to its end."""
+        """Return the duration of a quick run [s] as an option of scenarios; none where it runs to
+        its end.
+        """
         return {"duration": seconds} if self.quick else {}
 
 
@@ -439,7 +441,7 @@ def stored(path: Path) -> Values:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Verdict:
-    """On one item."""
+    """The comparison of one item with its golden values."""
 
     difference: float
     """largest of all arrays, each relative to its own largest value; infinite where counts, flags

@@ -45,7 +45,7 @@ COLUMNS = {
 
 
 class Spent(NamedTuple):
-    """By one command [s]."""
+    """Times of one command [s]."""
 
     wall: float
     processor: float
@@ -89,7 +89,7 @@ def row_of(command: str, runs: int) -> Row:
 
 
 def spent_by(command: str, cache: str) -> Spent:
-    """By the command with that cache. Raises `CalledProcessError`."""
+    """Time the command with that cache. Raises `CalledProcessError`."""
     environment = as_installed(cache)
     words = [sys.executable, "-m", "uvms_ocp", *shlex.split(command)]
     with tempfile.TemporaryDirectory() as folder:

@@ -36,7 +36,7 @@ FORMATS = {
 
 
 def prose(cases: Sequence[Row], cells: Sequence[Row], seeds: int) -> str:
-    """With the figures of the study."""
+    """Fill in the figures of the study."""
     durations = column(cases, "duration_s")
     reliefs = []
     for name, relief in RELIEFS.items():

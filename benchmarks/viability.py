@@ -29,7 +29,7 @@ largest of any tick of any run, from the true configurations.
 
 
 def figures(total: dict[str, Any]) -> dict[str, str]:
-    """Of the study's only row, by what they are."""
+    """Label the figures of the study's only row."""
     return {
         f"runs with any violation above {TOLERANCE:g}": str(total["violated"]),
         "joint limits [rad]": f"{total['joints_rad']:.1e}",

@@ -49,7 +49,7 @@ _FASTEST_JOINT = 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterFault:
-    """What one thruster gives from `onset` [s] on: ``share * asked + constant`` [N]."""
+    """A fault of one thruster gives from `onset` [s] on: ``share * asked + constant`` [N]."""
 
     thruster: int
     share: float = 0.0
@@ -87,7 +87,7 @@ class Hover:
 
 @dataclass(kw_only=True)
 class Outcome:
-    """What came of it."""
+    """Alarms, errors and commands of one run."""
 
     monitor: ActuatorMonitor | None
     alarms: list[tuple[float, str]]
@@ -101,7 +101,7 @@ class Outcome:
 
 
 def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: float) -> Command:
-    """What the thrusters make of a command at time t [s]."""
+    """Apply the faults of thrusters to a command at time t [s]."""
     assert command.thrust is not None
     thrust = np.clip(command.thrust, *thrust_limits(robot))
     for fault in faults:

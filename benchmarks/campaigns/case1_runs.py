@@ -27,7 +27,7 @@ VARIATIONS = (
 
 
 def noisy_case1() -> Scenario:
-    """With the noise, rates and delays of its sensors."""
+    """Make Case 1 with the noise, rates and delays of its sensors."""
     return case1(noise=True, dt=0.02)
 
 

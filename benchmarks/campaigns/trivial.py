@@ -19,7 +19,7 @@ class Trivial(CampaignJob):
         return {"square": int, "share": float}
 
     def head(self, run: int) -> Row:
-        """What is known of a run before it is made."""
+        """Return what is known of a run before it is made."""
         return {"share": run / 7.0}
 
     def make(self, run: int) -> RunResult:
@@ -36,7 +36,7 @@ class Trivial(CampaignJob):
 
 
 def identity_of(work: CampaignJob, runs: int) -> CampaignManifest:
-    """By which the folder of such a campaign knows it; runs."""
+    """Make the manifest by which the folder of such a campaign of so many runs knows it."""
     return CampaignManifest(
         name="trivial",
         package=__version__,

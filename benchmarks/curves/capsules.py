@@ -40,7 +40,7 @@ def capsule_of(shape: coal.ShapeBase) -> Capsule:
 
 
 def capsule_robot(robot: Robot) -> Robot:
-    """The same robot with every cylinder and box of its collision model covered by capsules.
+    """Return the same robot with every cylinder and box of its collision model covered by capsules.
 
     A capsule covers a cylinder with its round ends beyond it; a box is cut into strips along its
     longest side. Links become larger, so what is free of collision for the result is so for the

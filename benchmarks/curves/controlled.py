@@ -31,7 +31,7 @@ OPTIONS = NlpOptions(convergence=1e-6, time_limit=60.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """Of one scene."""
+    """A plan for one scene, its distances and the time that it took."""
 
     seed: int
     plan: Plan
@@ -66,7 +66,7 @@ class Scenes:
         self.build_time = built.cpu
 
     def solved(self, item: Problem) -> Outcome:
-        """By the curve around the obstacles."""
+        """Plan from the curve around the obstacles of a scene."""
         curve = once(lambda: _curve(item))
         problem = self._problem(item, self.slower * curve.value.trajectory.duration)
         plan = once(lambda: self._planned(item, problem, curve.value))

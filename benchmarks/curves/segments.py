@@ -47,8 +47,8 @@ def segment_distance(a0: Array, a1: Array, b0: Array, b1: Array) -> Witness:
 
 
 def symbolic_segment_distance(a0: ca.SX, a1: ca.SX, b0: ca.SX, b1: ca.SX) -> ca.SX:
-    """The same distance [m] as an expression; its derivatives are exact except where the closest
-    feature changes.
+    """Return the distance [m] of two segments as an expression; its derivatives are exact except
+    where the closest feature changes.
     """
     u = a1 - a0
     v = b1 - b0

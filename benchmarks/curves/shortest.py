@@ -86,7 +86,9 @@ def _qp_row() -> Row:
 
 
 def largest_jump(solution: MinSnap) -> float:
-    """Of any derivative below the last at any node, relative to the peak of that derivative."""
+    """Compute the largest jump of any derivative below the last at any node, relative to the peak
+    of that derivative.
+    """
     curve = solution.trajectory
     return max(float(np.abs(curve.jumps(d)).max() / curve.peak(d).max()) for d in range(7))
 

@@ -100,8 +100,8 @@ def recorded(
     commands: Channel,
     name: str = "drawn",
 ) -> Recording:
-    """Of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest; commands (n, n_u) [N] are
-    held for equal times.
+    """Simulate the recording of a vehicle with unknowns p (n,) [as `Unknowns.start`], from rest;
+    commands (n, n_u) [N] are held for equal times.
     """
     n = round((commands.t[-1] + commands.t[1]) / FINE)
     delay = float(np.asarray(stage.delays(p)[0])[0, 0])

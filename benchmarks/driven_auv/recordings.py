@@ -59,7 +59,7 @@ MAPPING = RecordingMapping.model_validate(
 
 
 def read_recordings(folder: Path) -> list[Recording]:
-    """All of a folder. Raises `InvalidInput` where there are none."""
+    """Read all recordings of a folder. Raises `InvalidInput` where there are none."""
     stems = [path.name.removeprefix("wrench_") for path in folder.glob("wrench_*.csv.gz")]
     names = sorted((stem.partition(".")[0] for stem in stems), key=int)
     if not names:
@@ -68,7 +68,7 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 
 def judged(predicted: Predicted) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """What was measured and what was predicted (m,) [m/s, rad/s], by channel."""
+    """Return what was measured and what was predicted (m,) [m/s, rad/s], by channel."""
     pairs = {}
     for k, name in enumerate(CHANNELS[:3]):
         pairs[name] = (predicted.measured[0][:, k], predicted.rows[0][:, k])

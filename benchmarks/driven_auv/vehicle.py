@@ -95,14 +95,14 @@ def dynamics() -> SymbolicDynamics:
 
 
 def declaration(**learnt: Prior) -> Declaration:
-    """What is learnt."""
+    """Declare which parameters are learnt, and how sure we are of their start."""
     pairs = AxisCouplings(added_mass=_PAIRS, linear_drag=_PAIRS)
     nominal = vehicle_declaration(NominalParameters.of(dynamics()), _HULL, ACTUATORS, pairs)
     return nominal.with_start(velocity_delay=np.array([0.2])).with_status(**(LEARNT | learnt))
 
 
 def vehicle(**learnt: Prior) -> Vehicle:
-    """With its unknowns."""
+    """Make the vehicle with its unknowns."""
     parameters = declaration(**learnt)
     return Vehicle(
         dynamics=dynamics(),

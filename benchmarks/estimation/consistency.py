@@ -84,7 +84,7 @@ class Ledger:
     sums: dict[str, Sum] = field(default_factory=dict)
 
     def add(self, name: str, squared: float, degrees: int) -> None:
-        """To the sum of that name."""
+        """Add squared errors to the sum of that name."""
         self.sums.setdefault(name, Sum()).add(squared, degrees)
 
 
@@ -198,7 +198,7 @@ def error_of(run: Watched) -> Array:
 
 
 def _altitude_error(run: Watched) -> tuple[float, int]:
-    """Of the range along the beam."""
+    """Return the normalised squared error of the range along the beam, and its degrees of freedom."""
     estimated, spread = run.estimator.memory.range
     down = run.truth.R[2]
     memory = run.estimator.memory

@@ -112,7 +112,7 @@ class Drawn:
 
 
 def _carried(values: Array, dt: float) -> Array:
-    """Each row with its derivatives, the next rows, over dt [s]."""
+    """Integrate each row with its derivatives, the next rows, over dt [s]."""
     moved = values.copy()
     moved[:-1] += dt * values[1:]
     if len(values) == 3:

@@ -109,7 +109,7 @@ class Daqp:
         return normal_certificate(normal, v / normal.velocity)
 
     def _native_velocity(self, rows: Stack) -> Array | None:
-        """None where DAQP gives up. Rows that ask for nothing are left out."""
+        """Solve by DAQP; None where it gives up. Rows that ask for nothing are left out."""
         J = rows.jacobian
         low, up = widen_bounds(J, rows.lower, rows.upper, rows.gate)
         n = J.shape[1]

@@ -23,7 +23,7 @@ CERTIFIED = 1e-9
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Found:
-    """Of every problem of a set."""
+    """Velocities, statuses and times of a solver for every problem of a set."""
 
     v: np.ndarray
     """(problems, n)"""

@@ -110,8 +110,8 @@ def _repeated(
     passes: int,
     forget: bool = False,
 ) -> dict[str, object]:
-    """The same tick takes the same work in every pass: what is longer than the shortest is other
-    programs.
+    """Time a tick in several passes, in which it does the same work: what is longer than the
+    shortest is other programs.
     """
     tick(*inputs[0])
     times = []

@@ -40,7 +40,7 @@ SOLVERS = ("daqp", "quadprog", "osqp", "proxqp", "piqp")
 
 
 def robot(urdf: str) -> pin.Model:
-    """On a free flyer, with room to move and velocity limits of the hull."""
+    """Build the robot on a free flyer, with room to move and velocity limits of the hull."""
     model = pin.buildModelFromUrdf(urdf, pin.JointModelFreeFlyer())
     model.lowerPositionLimit[:7] = -100.0
     model.upperPositionLimit[:7] = 100.0

@@ -20,7 +20,7 @@ _FOLDER = Path(__file__).parent
 
 
 def daqp_results(python: Path, sets: list[Problem]) -> tuple[dict[str, Found], str]:
-    """What daqp finds for every problem set, and its version."""
+    """Solve every problem set by daqp; returns its results and its version."""
     with tempfile.TemporaryDirectory() as folder:
         problems = Path(folder) / "problems.npz"
         result = Path(folder) / "result.npz"
@@ -52,8 +52,7 @@ _FAR = 1e10
 
 
 def lexls_results(program: Path, sets: list[Problem], passes: int) -> dict[str, Found]:
-    """What a program that solves hierarchies by LexLS finds for every problem set: ``PROGRAM IN OUT
-    WARM PASSES``.
+    """Solve every problem set by a program that uses LexLS: ``PROGRAM IN OUT WARM PASSES``.
 
     IN: int32 numbers of hierarchies N, of unknowns n and of levels p, int32 rows of each level;
     then hierarchy by hierarchy, level by level, float64 rows of Jacobian, lower and upper bound,

@@ -35,7 +35,7 @@ QUICKEST = {"peer_drake": "Drake KTO", "peer_pyroboplan": "PyRoboPlan"}
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Comparison:
-    """Where the peers are, and how much is measured."""
+    """Folders of the peers, and how much is measured."""
 
     peers: Path | None
     """Folder of their environments; None leaves them out."""
@@ -47,7 +47,7 @@ class Comparison:
     def run_peer(
         self, environment: str, script: str, numbers: Mapping[str, Any], *words: object
     ) -> dict[str, Any]:
-        """What a peer makes of a problem."""
+        """Solve a problem by a peer, in its own environment."""
         assert self.peers is not None
         problem = write(numbers, self.scratch / "problem.json")
         result = self.scratch / f"{script}.json"
@@ -66,8 +66,8 @@ class Comparison:
         *,
         first_setting: bool = False,
     ) -> dict[str, Any]:
-        """What ours make of it, and of the peer's solution; first_setting: alone, and built from
-        what was compiled before.
+        """Solve a problem by ours, and judge the peer's solution; first_setting: alone, and built
+        from what was compiled before.
         """
         result = self.scratch / "ours.json"
         words: list[object] = [kind, n_steps, result, "--repeats", self.repeats]
@@ -81,7 +81,7 @@ class Comparison:
 
     @property
     def ways(self) -> tuple[str, ...]:
-        """In which our functions run; what a peer has found is judged in the first."""
+        """Ways in which our functions run; the solution of a peer is judged in the first."""
         return (INTERPRETED,) if self.quick else (COMPILED, INTERPRETED)
 
 
@@ -259,7 +259,9 @@ def our_row(
 
 
 def times(outcome: Mapping[str, Any], reference: float | None) -> dict[str, float | None]:
-    """Of the build and of a cold call, and the ratio of its processor time to the reference [s]."""
+    """Return the times of the build and of a cold call, and the ratio of its processor time to the
+    reference [s].
+    """
     ratio = None if reference is None else outcome["cpu"] / reference
     cpu_ms = 1e3 * outcome["cpu"]
     wall_ms = 1e3 * outcome["wall"]

@@ -30,8 +30,8 @@ def quasi_static_energy(
     every: int,
     inertia: bool = False,
 ) -> float:
-    """Of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at t (n,) [s], looked
-    at `every` rows.
+    """Compute the energy of thrusters [J] along q (n, n_q) [m, rad] with v (n, n_v) [m/s, rad/s] at
+    t (n,) [s], looked at `every` rows.
 
     inertia: count the accelerations between the rows looked at as well.
     """

@@ -83,7 +83,7 @@ def tool_position(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def station(first: pin.SE3) -> PoseReference:
-    """Where it is at first."""
+    """Stay where the goal is at first."""
     return lambda t: (first, np.zeros(6))
 
 
@@ -184,7 +184,7 @@ def hierarchy(
 def controllers(
     robot: Robot, dynamics: Dynamics, goal: PoseReference, experiment: Experiment
 ) -> Iterator[tuple[str, Controller]]:
-    """With their names."""
+    """Make all controllers that are compared, with their names."""
     # Processor time leaves out what other programs take meanwhile, the clock on the wall does not.
     yield "NMPC", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD, clock=process_time)
     yield "NMPC, clock on the wall", Nmpc(problem(robot, goal, experiment), dt=DT, period=PERIOD)
@@ -231,7 +231,7 @@ def run(
 
 
 def deadlines(nmpc: Nmpc) -> dict[str, Any]:
-    """Of all solves but the first; `late` by the controller's own clock."""
+    """Count and time all solves but the first; `late` by the controller's own clock."""
     statistics = nmpc.statistics
     own_clock_ms = 1e3 * np.array(statistics.solve_times)
     processor_ms = 1e3 * np.array(statistics.processor_times)

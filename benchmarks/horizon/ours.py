@@ -100,7 +100,7 @@ def sparse_program(planner: Planner) -> Transcription:
 
 
 def cost(transcription: Transcription, x: np.ndarray) -> float:
-    """Of the only level, at the variables x (n_x,)."""
+    """Evaluate the cost of the only level at the variables x (n_x,)."""
     (level,) = transcription.program.nlps
     return float(level.functions["nlp_f"](x, transcription.parameters()))
 

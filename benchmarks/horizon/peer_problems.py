@@ -111,7 +111,7 @@ ROOM = 0.1  # [rad] of each joint to both sides of where it starts
 
 
 def limited_problem(n_steps: int) -> OcpProblem:
-    """The same within hard limits on velocity, torque and position."""
+    """Add hard limits on velocity, torque and position to the shooting problem."""
     problem = shooting_problem(n_steps)
     joints = problem.start.q[7:]
     limits = Limits(
@@ -139,7 +139,7 @@ def control_units(problem: OcpProblem) -> np.ndarray:
 
 
 def limited_numbers(problem: OcpProblem, tolerance: float) -> dict[str, Any]:
-    """The same problem without our classes."""
+    """Write the limited problem as plain numbers, for environments without this package."""
     limits = problem.robot.limits
     return shooting_numbers(problem) | {
         "position_lower": limits.position_lower.tolist(),
@@ -151,7 +151,7 @@ def limited_numbers(problem: OcpProblem, tolerance: float) -> dict[str, Any]:
 
 
 def shooting_numbers(problem: OcpProblem) -> dict[str, Any]:
-    """The same problem without our classes."""
+    """Write the shooting problem as plain numbers, for environments without this package."""
     robot = problem.robot
     q = problem.start.q
     goal = reach_goal(robot, q)
@@ -253,7 +253,7 @@ def arm_start(robot: Robot) -> np.ndarray:
 
 
 def quickest_numbers(problem: OcpProblem) -> dict[str, Any]:
-    """The same problem without our classes."""
+    """Write the quickest problem as plain numbers, for environments without this package."""
     limits = problem.robot.limits
     return {
         "urdf": str(robot_folder(ROBOT) / "robot.urdf"),

@@ -37,7 +37,7 @@ def tool_reach(n_steps: int = 40, **options: Any) -> OcpProblem:
 
 
 def reach_goal(robot: Robot, q: np.ndarray) -> pin.SE3:
-    """Where the tool is, moved by `REACH` and turned."""
+    """Return the pose where the tool is, moved by `REACH` and turned."""
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     X_WT = data.oMf[robot.frame_id("tool")]

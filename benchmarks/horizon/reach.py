@@ -35,7 +35,9 @@ TURN = 0.02
 
 
 def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]]:
-    """With both solvers; cold: built from an empty cache of compiled code."""
+    """Measure both solvers with the exact Hessian; cold: built from an empty cache of compiled
+    code.
+    """
     problem = tool_reach(n_steps)
     table = []
     for plugin in PLUGINS:
@@ -44,7 +46,7 @@ def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]
 
 
 def gauss_newton_rows(n_steps: int, repeats: int) -> list[dict[str, Any]]:
-    """With both solvers."""
+    """Measure both solvers with Gauss and Newton's Hessian."""
     problem = tool_reach(n_steps, hessian=HessianKind.GAUSS_NEWTON)
     setting = f"Gauss-Newton, {LOOSE:g}"
     table = []
@@ -75,7 +77,7 @@ def rows(
 
 
 def moved(problem: OcpProblem) -> OcpProblem:
-    """With another start."""
+    """Move the start of a problem by what a measurement may be off."""
     tangent = np.array([SHIFT, 0.0, 0.0, 0.0, 0.0, TURN, *np.zeros(problem.robot.n_v - 6)])
     q = pin.integrate(problem.robot.model, problem.start.q, tangent)
     return replace(problem, start=replace(problem.start, q=q))

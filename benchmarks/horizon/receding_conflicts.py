@@ -172,7 +172,7 @@ def tool_level(goal: PoseReference, *more: Term) -> OcpLevel:
 
 
 def _problem(robot: Robot, levels: list[OcpLevel], q: np.ndarray) -> OcpProblem:
-    """From rest at q (n_q,)."""
+    """Make a problem over the receding horizon, from rest at q (n_q,)."""
     start = State(q=q, v=np.zeros(robot.n_v))
     return single_phase(
         robot=robot, start=start, duration=3.0, n_steps=20, levels=levels, current=CURRENT

@@ -52,13 +52,13 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """Of this change in this file as it stands."""
+        """Name this change in this file as it stands."""
         return _hash(self.file, self.operator, str(self.line), self.source)
 
 
 def operators() -> tuple[str, ...]:
-    """Those that change a value into another of its kind: a shift of floats would fail at once and
-    say nothing.
+    """List the operators that change a value into another of its kind: a shift of floats would fail
+    at once and say nothing.
     """
     groups = [("Binary", _ARITHMETIC), ("Binary", _BITS)]
     groups += [("Comparison", _ORDER), ("Comparison", _IDENTITY)]
@@ -113,7 +113,7 @@ def _places(root: Path, files: Sequence[str], seed: int) -> Iterator[tuple[str, 
 
 
 def _named(lines: Sequence[str]) -> list[str]:
-    """Each line, and how many equal ones stand above it."""
+    """Name each line by its text and by how many equal ones stand above it."""
     above: Counter[str] = Counter()
     named = []
     for line in lines:

@@ -23,7 +23,7 @@ _ELSEWHERE = ("tests/test_notebooks.py", "tests/benchmarks", "tests/house")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Suite:
-    """What is known of the tests."""
+    """Times, failures and coverage of the tests."""
 
     tests: str
     """Fingerprint of what was recorded."""
@@ -41,8 +41,8 @@ class Suite:
         return slow | dict.fromkeys(self.failing, "fails in another folder, or without a compiler")
 
     def tests_of(self, mutant: Mutant) -> list[str]:
-        """Those that run the line, quick ones first, then the others of their files, which may
-        share what the first made.
+        """Choose the tests that run the line, quick ones first, then the others of their files,
+        which may share what the first made.
         """
         lines = self.contexts.get(mutant.file, {})
         names = set[str]().union(*(lines.get(line, ()) for line in statement(mutant)))
@@ -56,7 +56,7 @@ class Suite:
         return self._affordable(dict.fromkeys([*direct, *same_files]))
 
     def _usable(self, names: Iterable[str]) -> list[str]:
-        """Those that are timed and not left out, quick ones first."""
+        """Sort the tests that are timed and not left out, quick ones first."""
         left_out = self.left_out
         usable = [name for name in names if name in self.seconds and name not in left_out]
         return sorted(usable, key=lambda name: (self.seconds[name], name))

@@ -40,7 +40,7 @@ _OPTIONS = ("-q", "-p", "no:cacheprovider", "--no-header", "-o", "addopts=")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Outcome:
-    """Of one run of tests."""
+    """Exit code, failures and times of one run of tests."""
 
     code: int | None
     """pytest's; `None` where there is none: it crashed, or its time was over."""
@@ -75,7 +75,7 @@ class Tree:
 
     @contextmanager
     def changed(self, file: str, source: str) -> Iterator[None]:
-        """With other text in a file."""
+        """Replace the text of a file for a while."""
         path = self.root / file
         before = path.read_bytes()
         try:
@@ -128,7 +128,7 @@ class Tree:
 
 
 def fingerprint(*folders: str) -> str:
-    """Of all files in folders of the repository."""
+    """Hash all files in folders of the repository."""
     digest = hashlib.sha256()
     for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*")):
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".csv":
@@ -137,8 +137,8 @@ def fingerprint(*folders: str) -> str:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """With no bytecode of what stood there: that is told by time and size, which may well be the
-    same.
+    """Write a file, and remove the bytecode of what stood there: that is told by time and size,
+    which may well be the same.
     """
     path.write_bytes(content)
     for old in (path.parent / "__pycache__").glob(f"{path.stem}.*.pyc"):

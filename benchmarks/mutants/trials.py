@@ -28,7 +28,7 @@ _START = 60.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Trial:
-    """What came of one mutant."""
+    """The verdict of the tests on one mutant."""
 
     key: str
     verdict: str

@@ -29,7 +29,7 @@ PREDICTIONS = {
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Evaluation:
-    """Of one recording."""
+    """Predictions of one recording and their scores."""
 
     recording: Recording
     shift: np.ndarray
@@ -53,7 +53,7 @@ class Evaluation:
 
 
 def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording]) -> list[Evaluation]:
-    """All of them, each with the fit that has not seen it."""
+    """Evaluate all recordings, each with the fit that has not seen it."""
     moving = [recording for recording in recordings if recording.moves]
     evaluations = []
     for recording in recordings:
@@ -99,7 +99,7 @@ def medians(evaluations: Sequence[Evaluation]) -> list[Row]:
 
 
 def changes(evaluations: Sequence[Evaluation]) -> list[Row]:
-    """What the fit changes in the replay of each recording."""
+    """List what the fit changes in the replay of each recording."""
     return [
         {"recording": evaluation.recording.name, **_change(evaluation)}
         for evaluation in evaluations

@@ -73,8 +73,8 @@ def rest_begins(recording: Recording) -> float:
 
 
 def free_swings(vehicle: PoolVehicle, recording: Recording) -> tuple[Swing, Swing]:
-    """Of roll and pitch of the simulated vehicle, linearised at rest with the arm as at the end of
-    the recording.
+    """Compute the free swings of roll and pitch of the simulated vehicle, linearised at rest with
+    the arm as at the end of the recording.
     """
     attitude = static_balance(vehicle, recording, np.zeros(3))[-1]
     joints = np.concatenate([recording.joint_q[-1], np.zeros(8)])
@@ -128,7 +128,9 @@ def _turn_between(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def measured_swing(recording: Recording, angle: int) -> Swing | None:
-    """Of roll (0) or pitch (1) after the arm has stopped; None where there is none to see."""
+    """Fit the free swing of roll (0) or pitch (1) after the arm has stopped; None where there is
+    none to see.
+    """
     resting = recording.t >= rest_begins(recording)
     t = recording.t[resting]
     x = np.degrees(recording.attitude[resting, angle])

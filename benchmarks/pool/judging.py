@@ -47,7 +47,7 @@ def _size(difference: np.ndarray) -> np.ndarray:
 
 
 def row(name: str, sensor: str, kind: str, rmse: np.ndarray) -> Row:
-    """Of one prediction."""
+    """Make the row of one prediction."""
     figures: dict[str, object] = {"recording": name, "sensor": sensor, "prediction": kind}
     for angle, value in zip(ANGLES, rmse, strict=True):
         figures[f"{angle} RMSE [deg]"] = float(value)

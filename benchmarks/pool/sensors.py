@@ -37,7 +37,9 @@ _WINDOW = 1.0  # [s] of the local quadratics that give velocity
 
 
 def recordings_of(folder: Path) -> dict[str, list[Recording]]:
-    """Of every sensor, in the same order. Raises `InvalidInput` where there are none."""
+    """Read the recordings of every sensor, in the same order. Raises `InvalidInput` where there are
+    none.
+    """
     paths = folder.glob("*_mocap.csv.gz")
     names = sorted(path.name.removesuffix("_mocap.csv.gz") for path in paths)
     if not names:
@@ -77,7 +79,7 @@ def _forward(key: str, channel: Channel) -> Channel:
 
 
 def _velocity(captured: Recording) -> Channel:
-    """In B, of the vehicle as the cameras saw it."""
+    """Differentiate the position that the cameras saw into a velocity in B."""
     position = captured.channel("position")
     t, rate = smoothed(position.t, position.values, _WINDOW, derivative=1)
     R = rotations(_forward("attitude", captured.channel("attitude")), t)

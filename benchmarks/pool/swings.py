@@ -27,7 +27,7 @@ large.
 
 
 def rests(recording: Recording) -> Iterator[tuple[float, float]]:
-    """From when to when [s] the arm rests."""
+    """Find from when to when [s] the arm rests."""
     joints = recording.channel("joint_positions")
     t, rates = smoothed(joints.undelayed_t, joints.values, _WINDOW, derivative=1)
     moving = np.abs(rates).max(axis=1) > _REST

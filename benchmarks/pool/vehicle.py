@@ -75,7 +75,7 @@ def pool_vehicle() -> PoolVehicle:
 
 
 def pool_dynamics() -> SymbolicDynamics:
-    """As the author has it."""
+    """Build the dynamics with the author's figures."""
     robot, links = _pool_robot()
     return SymbolicDynamics(model=robot.model, links=links, density=_DENSITY)
 

@@ -23,7 +23,9 @@ QUIET = 10.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Head:
-    """What a reader needs to repeat a file and to trust its times."""
+    """Command, date, versions, machine and load of a run: what a reader needs to repeat it and to
+    trust its times.
+    """
 
     command: str
     date: str
@@ -41,7 +43,7 @@ class Head:
 
     @property
     def load(self) -> str:
-        """What other programs used, and a warning where that is too much."""
+        """Describe what other programs used, with a warning where that is too much."""
         if self.others is None:
             return (
                 "The system does not tell what other programs used of the processors: times may be"
@@ -53,7 +55,7 @@ class Head:
         return f"{share}, more than {QUIET:.0f} %: times are partly theirs, record again"
 
     def lines(self) -> list[str]:
-        """Of text; the same in every file of a run."""
+        """Write the head as lines of text, the same in every file of a run."""
         return [
             f"Written by `{self.command}` on {self.date}.",
             f"{self.versions}.",
@@ -64,14 +66,16 @@ class Head:
 
 @dataclass(frozen=True, slots=True)
 class Beginning:
-    """Of a run: what its head will be measured from."""
+    """Command, date and processor times at the beginning of a run."""
 
     command: str
     date: datetime = field(default_factory=lambda: datetime.now(timezone.utc))
     processors: ProcessorTimes | None = field(default_factory=ProcessorTimes.now)
 
     def head(self, peers: Mapping[str, str] | None = None) -> Head:
-        """Of what has run since; peers: versions of other packages that were measured."""
+        """Make the head of what has run since; peers: versions of other packages that were
+        measured.
+        """
         packages = {name: version(name) for name in PACKAGES}
         packages |= dict(peers or {})
         versions = [f"Python {platform.python_version()}"]
@@ -91,7 +95,7 @@ class Beginning:
 
 
 def command_line(arguments: Sequence[str]) -> str:
-    """As typed in the repository; folders and programs of this machine are PATH."""
+    """Write a command as typed in the repository; folders and programs of this machine are PATH."""
     script, *words = arguments
     shown = ["PATH" if os.sep in word else word for word in words]
     return shlex.join(["python", f"benchmarks/{Path(script).name}", *shown])

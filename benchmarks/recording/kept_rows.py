@@ -51,6 +51,6 @@ def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
 
 
 def spread_out(cases: Sequence[int]) -> list[int]:
-    """The same cases in an order of which any beginning is a fair share."""
+    """Order cases so that any beginning is a fair share of all."""
     stride = max(1, len(cases) // _ROUND)
     return [case for first in range(stride) for case in cases[first::stride]]

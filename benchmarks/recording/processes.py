@@ -54,7 +54,9 @@ def as_installed(cache: Path | str) -> dict[str, str]:
 
 
 def hide_compiler() -> None:
-    """From this process, before anything is compiled: a quick run does not wait for a compiler."""
+    """Hide the compiler from this process, before anything is compiled: a quick run does not wait
+    for it.
+    """
     os.environ.update(_HIDDEN)
 
 

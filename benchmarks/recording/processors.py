@@ -25,7 +25,7 @@ class ProcessorTimes:
 
     @staticmethod
     def now() -> ProcessorTimes | None:
-        """None where the system does not tell."""
+        """Read the times until now; None where the system does not tell."""
         if not _STAT.exists():
             return None
         first_line = _STAT.read_text().split("\n", 1)[0]
@@ -48,7 +48,7 @@ class ProcessorTimes:
 
 
 def processor_name() -> str:
-    """Of the first processor, empty where the system does not tell."""
+    """Read the name of the first processor, empty where the system does not tell."""
     info = Path("/proc/cpuinfo")
     if not info.exists():
         return ""

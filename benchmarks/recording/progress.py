@@ -6,7 +6,7 @@ import sys
 
 
 def show_runs(done: int, failed: int, total: int) -> None:
-    """The same of a campaign; failures are rows, and are told there."""
+    """Show how far a campaign is; failures are rows, and are told there."""
     show_progress(done, total)
 
 

@@ -42,7 +42,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Report:
-    """What a benchmark has found. Every file of it begins with the head of its run."""
+    """Prose, tables and data of a benchmark. Every file of it begins with the head of its run."""
 
     name: str
     """Of its files, without their endings."""
@@ -94,7 +94,7 @@ class Run:
 
 
 def parser_of(doc: str | None) -> argparse.ArgumentParser:
-    """With the options that every benchmark has."""
+    """Make a parser with the options that every benchmark has."""
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -57,7 +57,7 @@ def _times(name: str, change: Callable[[np.ndarray, Rng], np.ndarray]) -> Spoil:
 
 
 def _without(spoil: Spoil, *names: str) -> Spoil:
-    """The same of a recording that does not have some channels."""
+    """Spoil a recording that does not have some channels."""
 
     def spoil_others(recording: Recording, rng: Rng) -> Recording:
         channels = {}
@@ -178,7 +178,7 @@ def _jump(shortest: float, longest: float) -> Callable[[np.ndarray, Rng], np.nda
 
 
 def _of_two(channel: Channel, rng: Rng) -> Channel:
-    """With the samples of another sensor, which is a little off, right after its own."""
+    """Insert the samples of another sensor, which is a little off, right after its own."""
     signs = rng.choice([-1.0, 1.0], size=channel.values.shape[1])
     by_second = channel.values + 3.0 * np.diff(channel.values, axis=0).std() * signs
     t = np.column_stack([channel.t, channel.t + 0.001]).ravel()
@@ -187,7 +187,7 @@ def _of_two(channel: Channel, rng: Rng) -> Channel:
 
 
 def _clock(t: np.ndarray, rng: Rng) -> np.ndarray:
-    """Of commands that come too late to be the cause of anything, or much too early."""
+    """Shift commands so that they come too late to be the cause of anything, or much too early."""
     if rng.uniform() < 0.5:
         shift = rng.uniform(0.7, 1.6)
     else:
@@ -294,7 +294,7 @@ def _set_back(columns: _Columns, mapping: dict[str, Any], rng: Rng) -> None:
 
 
 def _cut(text: str, rng: Rng) -> str:
-    """In the middle of its last row."""
+    """Cut a file in the middle of its last row."""
     whole, last = text.rstrip("\n").rsplit("\n", 1)
     return f"{whole}\n{last.split(',')[0]}"
 

@@ -52,7 +52,7 @@ def sound(rng: np.random.Generator, robots: int) -> list[Recording]:
 
 
 def _sensors(recording: Recording, rng: np.random.Generator) -> dict[str, Channel]:
-    """Where it is, and what an accelerometer feels."""
+    """Add what sensors of position and an accelerometer read."""
     velocity = recording.channels["linear_velocity"]
     turning = recording.channels["angular_velocity"]
     attitude = recording.channels["attitude"]

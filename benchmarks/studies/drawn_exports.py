@@ -75,7 +75,7 @@ _DIRECTIONS = np.array([[1.0, 0.9, 0.0], [1.0, -0.9, 0.0], [0.0, 0.0, 1.0], [0.0
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Machine:
-    """What the files of a robot are written from."""
+    """Base, thrusters and joints from which the files of a robot are written."""
 
     floating: bool
     thrusters: int

@@ -465,7 +465,7 @@ _DT = 0.02
 
 
 class Fault(Exception):
-    """What must not be."""
+    """A result that must not be."""
 
 
 @dataclass(kw_only=True, slots=True)
@@ -491,7 +491,9 @@ class _Way:
 
 
 def _command(*words: object) -> str:
-    """What a command says. Raises `UvmsError` where it refuses, and what it raises."""
+    """Run a command, and return its output. Raises `UvmsError` where it refuses, and what it
+    raises.
+    """
     result = CliRunner().invoke(app, [str(word) for word in words])
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception

@@ -127,7 +127,7 @@ def write_robot(body: Body, rng: np.random.Generator, folder: Path) -> Robot:
 
 
 def _direction(k: int, rng: np.random.Generator) -> np.ndarray:
-    """Of a thruster: near one of the usual ones, or any."""
+    """Draw the direction of a thruster: near one of the usual ones, or any."""
     direction = _MIDDLE[k % 3] * [1.0, rng.choice([-1.0, 1.0]), 1.0] + 0.1 * rng.normal(size=3)
     if rng.random() >= 0.7:
         direction = rng.normal(size=3)
@@ -161,7 +161,7 @@ def _solid(
 
 
 def _write_box(file: Path, size: np.ndarray) -> None:
-    """As a text of twelve triangles."""
+    """Write a box as a mesh of twelve triangles, in text."""
     lines = ["solid box"]
     for axis in range(3):
         for side in (-0.5, 0.5):
@@ -265,8 +265,8 @@ CURRENT = 0.3
 
 
 def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenario:
-    """With and without current, noise and the load. Raises `UvmsError` where the package refuses
-    it.
+    """Draw a mission with or without current, noise and the load. Raises `UvmsError` where the
+    package refuses it.
     """
     heading = float(rng.uniform(-np.pi, np.pi))
     distance = float(rng.uniform(1.0, 5.0))
@@ -491,8 +491,8 @@ def judge(scenario: Scenario, record: Record) -> dict[str, Any]:
 
 
 def farther_by(scenario: Scenario, record: Record) -> float:
-    """By how much [m] the vehicle was farther from its way point than at the start, while the
-    mission had not given up.
+    """Compute by how much [m] the vehicle was farther from its way point than at the start, while
+    the mission had not given up.
     """
     abort_phases = (ABORT, record.run_meta.abort_phase)
     times = [event.t for event in record.run_meta.events if event.target in abort_phases]
@@ -548,7 +548,7 @@ def totals(rows: Sequence[Row]) -> list[Row]:
 
 
 def _n_arms(row: Row) -> int:
-    """Of a robot whose joints are stated as their numbers by arm, such as 3+5."""
+    """Count the arms of a robot whose joints are stated as their numbers by arm, such as 3+5."""
     if not row["joints"]:
         return 0
     return len(str(row["joints"]).split("+"))

@@ -99,7 +99,7 @@ def _check_names(argument: str, names: Sequence[str], allowed: Collection[str]) 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Nominal:
-    """What a run without faults and gusts is like."""
+    """Path and phases of a run without faults and gusts."""
 
     way: np.ndarray
     """(m, 3) [m] of the vehicle."""
@@ -225,8 +225,8 @@ def _judged(scenario: Scenario, record: Record, kind: FaultKind, usual: Nominal)
 def _alarms(
     faults: Sequence[Fault], scenario: Scenario, record: Record, cause: str, pair: bool
 ) -> Row:
-    """What the robot said, and when: alarms before the onset are false ones. Of a pair, one ends
-    what would show the other.
+    """Sort the alarms of a run: those before the onset are false ones. Of a pair of faults, one
+    ends what would show the other.
     """
     alarms = record.run_meta.alarms
     onset = min((fault.onset for fault in faults), default=np.inf)

@@ -43,7 +43,7 @@ the onset of a fault.
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sizes:
-    """Of the faults of one channel."""
+    """Sizes of the faults of one channel."""
 
     spikes: float
     """[unit of the channel]"""
@@ -106,7 +106,7 @@ class FaultKind:
     """[m] by which the floor is lowered."""
 
     def faults(self, onset: float) -> tuple[Fault, ...]:
-        """With their times, from onset [s]."""
+        """Make the faults with their times, from onset [s]."""
         until = "" if self.lasts is None else f"-{onset + self.lasts!r}"
         return tuple(parse_fault(f"{text}@{onset!r}{until}") for text in self.texts)
 

@@ -25,7 +25,7 @@ _EVERY = 10  # rows between two that are looked at for the arm and the way
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Contact:
-    """Of the skid with the floor, where it was no landing."""
+    """Contact of the skid with the floor that was no landing."""
 
     seconds: float
     """[s]"""

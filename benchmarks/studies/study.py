@@ -145,8 +145,8 @@ class _Cases(CampaignJob):
 
 
 def finished_rows(out: Path) -> dict[int, Row]:
-    """Of the finished cases of a study, by number. Raises `InvalidInput` where some raised or ended
-    their process.
+    """Read the rows of the finished cases of a study, by number. Raises `InvalidInput` where some
+    raised or ended their process.
     """
     table = read_table(out)
     failed = table[table[_ROW].isna()]

@@ -193,7 +193,7 @@ def _dynamics_blocks(robot: Robot, wrench: bool, n_thrust: int) -> tuple[Block, 
 
 
 def _compiled(block: Block) -> Block:
-    """The same in machine code, where there is a compiler."""
+    """Compile the derivatives of a block to machine code, where there is a compiler."""
     return replace(
         block,
         jacobian=compile_function(block.jacobian),
@@ -222,7 +222,7 @@ class Placed:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Way:
-    """What IPOPT came to from one start."""
+    """A motion that IPOPT came to from one start."""
 
     trajectory: Trajectory
     costs: np.ndarray
@@ -435,8 +435,8 @@ class Collocation:
         return total
 
     def _solver(self, level: int, *, from_optimum: bool) -> ca.Function:
-        """Of the cost of a level, below those of the levels above it; from_optimum: what stays by
-        its start, instead of going to the middle of all bounds first.
+        """Build the solver for the cost of a level, below those of the levels above it;
+        from_optimum: what stays by its start, instead of going to the middle of all bounds first.
         """
         above = list(range(level))
         g = self._g

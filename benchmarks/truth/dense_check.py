@@ -24,7 +24,7 @@ _CLOSER = 40  # in each of the steps in which a row is worst
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Finding:
-    """By how much one kind of limit is broken."""
+    """The worst violation of one kind of limit, and where it is."""
 
     name: str
     excess: float

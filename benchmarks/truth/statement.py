@@ -120,7 +120,7 @@ class ShapeRows:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Statement:
-    """What a problem asks for, in rows of its own."""
+    """Rows and costs that a problem asks for, written for the judges."""
 
     path: tuple[PathRows, ...]
     ends: tuple[EndRows, ...]

@@ -67,7 +67,7 @@ nothing that is more than 1 % cheaper.
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Kept:
-    """By how much a motion breaks its limits and misses its goals."""
+    """Violations of limits and goals by one motion."""
 
     nodes: Finding
     """The worst at a node, as shares of what is allowed go."""
@@ -92,7 +92,7 @@ class Kept:
 
     @property
     def what(self) -> str:
-        """What is broken, in words; empty where all is kept."""
+        """Describe what is broken; empty where all is kept."""
         words = []
         if not self.at_nodes:
             words.append(str(self.nodes))
@@ -102,7 +102,7 @@ class Kept:
 
 
 def allowed_share(finding: Finding) -> float:
-    """By how many times what is allowed a limit is broken."""
+    """Compute by how many times what is allowed a limit is broken."""
     if finding.name == FORCES:
         allowed = OF_FORCES
     elif finding.name == CLEARANCE or not finding.at_node:
@@ -152,7 +152,7 @@ class Court:
         return self.collocation.judge(trajectory)[0]
 
     def ways(self, result: Trajectory | None) -> dict[str, Way]:
-        """What IPOPT comes to from the straight way, from the start held, and from a result."""
+        """Solve by IPOPT from the straight way, from the start held, and from a result."""
         ways = {
             "straight": self.collocation.solve(self.drawn.straight),
             "hold": self.collocation.solve(self.hold),
@@ -286,7 +286,7 @@ def _compared(
     wrong: list[str],
     notes: list[str],
 ) -> dict[str, Any]:
-    """Of a plan that is called solved: is it kept, and is there anything cheaper?"""
+    """Compare a plan that is called solved with others: is it kept, and is there anything cheaper?"""
     limits_kept = court.kept(plan.trajectory)
     costs = court.costs(plan.trajectory)
     if not limits_kept.at_nodes:
@@ -322,7 +322,7 @@ def _ratios(court: Court, costs: np.ndarray, ways: dict[str, Way]) -> dict[str, 
 def _known_way(
     court: Court, planner: Planner, plan: Plan | None, ways: dict[str, Way], notes: list[str]
 ) -> dict[str, Any]:
-    """Of a plan that is not solved: does anybody know a motion that keeps everything?"""
+    """Look for a motion that keeps everything where a plan is not solved."""
     if plan is not None and court.kept(plan.trajectory).everywhere:
         ratios = _ratios(court, court.costs(plan.trajectory), ways)
         best = max(ratios.values(), default=1.0)
