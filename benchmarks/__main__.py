@@ -52,10 +52,10 @@ class Claim:
     label: str
     unit: str
     script: str
-    """Which measures both, one after the other, on one machine."""
+    """The benchmark that measures both, one after the other, on one machine."""
     ours: Cell
     peer: str
-    """Its name, and how its problem differs."""
+    """Name of the peer, and how its problem differs."""
     theirs: Cell
 
     def line(self) -> str:

@@ -34,7 +34,7 @@ MISSIONS: dict[str, Callable[..., Scenario]] = {
 }
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffp-contract=off")
 NAME = "controlled"
-"""Of every export."""
+"""Name of every export."""
 GENERATED = tuple(f"{NAME}_{part}.c" for part in ("controller", "initial", "functions", "solver"))
 REPLAY = f"{NAME}_replay.c"
 TARGETS = {

@@ -20,10 +20,9 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.codegen.cache import HALF_MADE
 
-GOAL = (12.2, 37.4, -39.5)
-START = (11.0, 37.0, -38.5)
-TURN = (0.0, 0.0, 0.5)
-"""[m] of the tool and of the vehicle, and [rad] of the tool where its attitude is a goal, too."""
+GOAL = (12.2, 37.4, -39.5)  # [m] of the tool
+START = (11.0, 37.0, -38.5)  # [m] of the vehicle
+TURN = (0.0, 0.0, 0.5)  # [rad] of the tool, where its attitude is a goal, too
 SPHERES = ("11.8,37.2,-38.9,0.1", "10.2,36.2,-38.0,0.2")
 STEPS = 40
 FEW = 10

@@ -38,16 +38,14 @@ from uvms_ocp.identification.uncertainty import (
     values_of,
 )
 
-DURATION = 60.0
-VEHICLES = 8
-SINGLE = 3
-"""[s] of a recording; whose recordings are fitted; numbers that a design is made for alone."""
-DESIGNED = "designed"
-ALONE = "alone"
-"""A kind of excitation; what one for a single number would tell of it."""
+DURATION = 60.0  # [s] of a recording
+VEHICLES = 8  # drawn ones, whose recordings are fitted
+SINGLE = 3  # numbers for each of which alone a design is made
+DESIGNED = "designed"  # the kind of excitation that is compared with those by hand
+ALONE = "alone"  # column of what a design for a single number would tell of it
 SEARCH = Search(step=0.005)
 LITTLE = DesignSettings(iterations=1, starts=1)
-"""To see that it runs."""
+"""Settings of a quick run."""
 SCALED = ("mass", "gain")
 """Quantities that are known here: with the motion alone, forces and masses are known but for a
 common factor.

@@ -34,10 +34,10 @@ ALONE = "seen alone"
 PRIOR = "the author's figures"
 STILL = NOTHING_MOVES
 APART = "between the sensors"
-WANTED = 0.65
-PERIOD = 10.0
-DAMPING = 30.0
-"""[deg] asked for in roll and pitch, [%] of a swing's period, [%] of its damping ratio."""
+# Errors that are asked for
+WANTED = 0.65  # [deg] in roll and pitch
+PERIOD = 10.0  # [%] of a swing's period
+DAMPING = 30.0  # [%] of a swing's damping ratio
 PROSE = """
 {n} recordings of a BlueROV2 with a Reach Alpha 5 arm that moves (H. Kolano, UVMS-SysID-with-EAs);
 no thrust. Its measured joints drive a vehicle whose buoyancy, inertia and drag in roll and pitch,
@@ -91,7 +91,7 @@ class Session:
     learner: Learner
     prepared: tuple[PreparedRecording, ...]
     estimate: Estimate
-    """From all recordings."""
+    """Unknowns estimated from all recordings."""
     left_out: tuple[Predicted, ...]
     """Every recording, by what the others tell."""
     alone: tuple[Predicted, ...]

@@ -30,14 +30,11 @@ from uvms_ocp.identification.uncertainty import INTERVAL, numbers, numbers_at, v
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 
 ROBOTS = 40
-DURATION = 60.0
-SENT = 0.1
-HELD = 2.0
-THRUST = 8.0
-GYRO_BIAS = 0.002
-"""Vehicles, [s] of the recording of each, [s] between commands and between other ones, [N],
-[rad/s].
-"""
+DURATION = 60.0  # [s] of the recording of each
+SENT = 0.1  # [s] between two commands
+HELD = 2.0  # [s] for which a drawn thrust is commanded
+THRUST = 8.0  # [N] standard deviation of a drawn thrust
+GYRO_BIAS = 0.002  # [rad/s] standard deviation
 LONG_STEP = 0.1
 """[s] of a simulation, which is too long for these vehicles."""
 DRAWN = {

@@ -37,9 +37,8 @@ from uvms_ocp.identification.uncertainty import (
 )
 
 ROBOTS = 20
-RECORDINGS = 5
-DURATION = 60.0
-""", of each, [s] of one."""
+RECORDINGS = 5  # of each robot
+DURATION = 60.0  # [s] of a recording
 SEARCH = Search(step=0.005)
 """Longer steps move delays by more than five minutes leave open: by their square over eight
 lags.

@@ -55,7 +55,7 @@ class _Size:
     mission_duration: float
     """[s]"""
     ticks: int
-    """Whose time is taken."""
+    """Ticks whose time is taken."""
 
 
 _FULL = _Size(

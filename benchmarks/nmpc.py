@@ -18,11 +18,10 @@ from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, rows_where
 
-LARGEST_ERROR = 20.0
-LATE = 1.0
-"""[mm], [%] that NMPC should keep."""
-TICKS = 1.2
-"""highest percentile of ticks with plans beside to that without."""
+# What NMPC should keep
+LARGEST_ERROR = 20.0  # [mm]
+LATE = 1.0  # [%] of the plans
+TICKS = 1.2  # highest percentile of ticks with plans beside the loop, to that without plans
 PROSE = """
 {seeds} runs of {seconds:g} s each, mean current {current:g} m/s, gusts of {gusts:g} m/s (double:
 {double:g} m/s) standard deviation; {plans:.0f} plans per second over {steps} steps and {horizon:g}

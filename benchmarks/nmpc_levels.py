@@ -17,10 +17,10 @@ from recording.processes import hide_compiler
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, rows_where
 
-TOOL = 25.0
-HELD = 5.0
-BACK = 10.0
-"""[mm] most of the tool below tilt, of the vehicle above the tool, and of the tool afterwards."""
+# Largest errors that are wanted
+TOOL = 25.0  # [mm] of the tool below tilt
+HELD = 5.0  # [mm] of the vehicle above the tool
+BACK = 10.0  # [mm] of the tool after its goal has come back
 PROSE = """
 {seeds} seeds; the worst of them, but energy and median times are means, counts sums, and times
 processor time. *tilt above tool*: the goal goes {way:g} m out and back at {speed:g} m/s, and the

@@ -31,10 +31,9 @@ from uvms_ocp.tasks.pose import ToolPose
 DRAWN = 200
 SEED = 1
 STEPS = 40
-# [m], [rad] in roll, pitch and yaw, [m/s] at most
-WAY = 1.5
-TURN = 0.6
-CURRENT = 0.3
+WAY = 1.5  # [m] of the tool at most
+TURN = 0.6  # [rad] in roll, pitch and yaw at most
+CURRENT = 0.3  # [m/s] at most
 OPTIONS = NlpOptions(plugin="stagewise")
 PEER = "ipopt"
 NEAR = 0.01

@@ -28,7 +28,7 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 REPEATS = 3
 STEPS = (20, 40, 80)
 OPTIONS = NlpOptions(max_iterations=3)
-"""Of a quick run."""
+"""Options of a quick run."""
 PROSE = """
 {dofs} degrees of freedom in water, {thrusters} thrusters and {joints} joints within their limits:
 in {duration:g} s the tool moves {way:.2f} m, turns, and comes to rest; below that, least effort and

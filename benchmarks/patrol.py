@@ -33,9 +33,8 @@ Faults: {faults}. *peak_mb*: the most memory of the process; *killed_after_s*: f
 on, and the time of the last row that can be opened; what is left says of itself that it was cut
 off.
 """
-WAY = 3.0
-REST = 30.0
-"""[m, s] out, and for which it stays at home."""
+WAY = 3.0  # [m] out
+REST = 30.0  # [s] for which it stays at home
 FAULTS = (
     "thruster3:weak=0.6@{0:g}-{1:g}",
     "linear_velocity:lost@{2:g}-{3:g}",

@@ -36,7 +36,7 @@ import uvms_ocp as uo
 
 Values = dict[str, np.ndarray]
 RENAMED: dict[str, str] = {}
-"""From the name when the golden values were recorded to that of the version at hand."""
+"""Names of the version at hand, by those when the golden values were recorded."""
 
 
 def renamed(text: str) -> str:

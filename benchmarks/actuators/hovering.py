@@ -97,7 +97,7 @@ class Outcome:
     """(n, n_thrusters) [N]"""
     given_up: str = ""
     learnt: list[LoadEstimate] = field(default_factory=list)
-    """At each tick."""
+    """Estimates of the load at each tick."""
 
 
 def failed(command: Command, robot: Robot, faults: Sequence[ThrusterFault], t: float) -> Command:

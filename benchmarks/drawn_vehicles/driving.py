@@ -24,15 +24,14 @@ from uvms_ocp.identification.recording import Channel, Recording, ZeroOrderHold
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.thrusters import thruster_matrix
 
-FINE = 0.0025
-EVERY = 40
-"""[s] of the simulation; steps between samples."""
-VELOCITY = 0.01
-RATE = 0.01
-VERTICAL = 0.005
-"""[m/s], [rad/s], of the noise of sensors."""
+FINE = 0.0025  # [s] step of the simulation
+EVERY = 40  # steps of the simulation between two samples
+# Standard deviations of the noise of sensors
+VELOCITY = 0.01  # [m/s]
+RATE = 0.01  # [rad/s]
+VERTICAL = 0.005  # [-] of each component of the vertical
 NOISE = Noise(velocity=VELOCITY, rate=RATE, vertical=VERTICAL, process=0.02, start=0.05)
-"""As a search is told."""
+"""The noise that a search is told of."""
 _HULL = np.array([[-0.25, -0.2, -0.15], [0.25, 0.2, 0.15]])
 _WITHOUT_PRIOR = 0.3  # deviation of what is drawn where the declaration has none
 LEARNT: dict[str, ParameterStatus] = {

@@ -23,10 +23,9 @@ from uvms_ocp.identification.parameters import (
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 
-MASS = 21.0
-VOLUME = 0.0214
-DENSITY = 1000.0
-"""[kg], [m3], [kg/m3]"""
+MASS = 21.0  # [kg]
+VOLUME = 0.0214  # [m3]
+DENSITY = 1000.0  # [kg/m3] of the water
 # [-], then [m], of the thruster matrix
 _ROOT = np.sqrt(0.5)
 _YAW = 0.466302

@@ -22,7 +22,9 @@ CASES: Mapping[str, Mapping[str, float]] = {
 }
 """Delays [s] by channel: each alone, and all at once."""
 LEVEL = EstimatorTuning(angular_jerk=0.003, jerk=0.02, floor_roughness=0.02)
-"""At up to 1 m/s above a level floor: how a rough one goes on since a late echo nobody can know."""
+"""Motions of up to 1 m/s above a level floor: how a rough one goes on since a late echo nobody can
+know.
+"""
 SETTLED = 8.0
 """[s] after which errors count: a fix a second and a half late has to come a few times first."""
 OF = ("position", "attitude", "altitude", "velocity", "rates", "joint_rates")

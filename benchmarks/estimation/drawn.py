@@ -21,7 +21,8 @@ _BIASED = ("angular_velocity", "linear_velocity", "specific_force")
 _SHOCK = np.linalg.cholesky(
     np.array([[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1.0]])
 )
-"""Of a value and its two derivatives after unit time of white noise of the third."""
+"""Root of the covariance of a value and its two derivatives after unit time of white noise of the
+third."""
 
 
 class DrawnFloor(Seafloor):

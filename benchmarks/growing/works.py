@@ -35,7 +35,7 @@ from uvms_ocp.tasks import JointLimits, JointTracking, ToolPosition
 Spent = dict[str, float]
 """``time_s`` [s], and what else there is to tell."""
 TICKS = 100
-"""In a run of a campaign."""
+"""Ticks in a run of a campaign."""
 
 
 def plan(stages: int) -> Spent:

@@ -19,22 +19,21 @@ from uvms_ocp.solvers.hierarchy.level import Level, row_slices, widen_bounds
 from uvms_ocp.solvers.hierarchy.solution import Tick, TickResult
 
 Inputs: TypeAlias = tuple[np.ndarray, ...]
-"""Of one call of a levels function."""
+"""Arguments of one call of a levels function."""
 STRUCTURES = {
     7: (7, 2, 3, 2, 7),
     13: (13, 3, 6, 1, 1, 6, 4, 6, 3, 3, 13),
     60: (60, 9, 20, 12, 30, 60),
 }
 """Rows of the levels by the number of unknowns."""
-LARGE = (7, 13, 20, 40, 80, 160)
-HUMANOID = 88
-"""Unknowns of sets that grow."""
-EACH_LARGE = 20
-DEPENDENT = (6, 6, 6, 3, 13)
+LARGE = (7, 13, 20, 40, 80, 160)  # unknowns of the sets that grow
+HUMANOID = 88  # unknowns of the set of a humanoid's size
+EACH_LARGE = 20  # hierarchies of each of these sets
+DEPENDENT = (6, 6, 6, 3, 13)  # rows of the levels whose rows depend on each other
 NEARLY = 1e-6
-"""Where rows are neither dependent nor independent."""
+"""Distance of rows from dependence at which they are neither dependent nor independent."""
 SEPARATED = (1e-4, 1e-3)
-"""Where rows are independent, if barely."""
+"""Distances of rows from dependence at which they are independent, if barely."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

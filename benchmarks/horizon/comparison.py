@@ -41,7 +41,7 @@ class Comparison:
     """Folder of their environments; None leaves them out."""
     scratch: Path
     repeats: int
-    """Of every call, theirs and ours, after one to warm up."""
+    """Number of times that every call is made, theirs and ours, after one to warm up."""
     quick: bool
 
     def run_peer(

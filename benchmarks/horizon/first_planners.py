@@ -34,11 +34,10 @@ from uvms_ocp.robot.shapes.obstacles import parse_obstacle
 from uvms_ocp.robot.signals import State
 from uvms_ocp.tasks.pose import ToolPose, ToolPosition
 
-# [m]; share of what the start has
-_CLEARANCE = 0.06
-_KEPT = 0.7
+_CLEARANCE = 0.06  # [m] that is kept, where start and goal have so much
+_KEPT = 0.7  # share of the clearance of the start that is kept, where it has less
 _LEVEL = "no lean at the end"
-_LEAN = 0.1
+_LEAN = 0.1  # [-] of the quaternion's components that lean
 
 
 def problems(robot: Robot, steps: int) -> Iterator[tuple[str, OcpProblem]]:

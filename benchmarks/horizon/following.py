@@ -39,9 +39,8 @@ from uvms_ocp.tasks.pose import ToolPose
 
 CURRENT = np.array([0.3, 0.0, 0.0])
 """(3,) [m/s] mean of the water."""
-GUSTS = 0.05
-DOUBLE = 0.1
-"""[m/s] standard deviation of the gusts."""
+GUSTS = 0.05  # [m/s] standard deviation of the gusts
+DOUBLE = 0.1  # [m/s] standard deviation of gusts that are twice as strong
 JOINTS = (0.0, -0.6, 0.0, -1.2, 0.0, -0.6, 0.0)
 DT = 1 / 200
 PERIOD = 1 / 20
@@ -49,7 +48,7 @@ PERIOD = 1 / 20
 POSTURE = 0.3
 """[rad] by which joints may leave their posture at no cost."""
 STRICT = SqpOptions(tolerance=1e-2)
-"""Of strict levels: the tool gives effort a millimetre."""
+"""Options of a solver of strict levels: the tool gives effort a millimetre."""
 Controller: TypeAlias = Callable[[StateEstimate, float], Command]
 
 
@@ -64,7 +63,7 @@ class Experiment:
     horizon: float = 3.0
     """[s] of each plan."""
     n_steps: int = 20
-    """Of each plan."""
+    """Steps of each plan."""
     gains: tuple[float, ...] = (1.0, 2.0, 4.0)
     """[1/s] of the hierarchy's tool."""
 

@@ -28,10 +28,10 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 PLUGINS = ("stagewise", "ipopt")
 LOOSE = 1e-6
-"""convergence with Gauss and Newton's Hessian."""
-SHIFT = 0.02
-TURN = 0.02
-"""[m, rad] by which a start has moved, as a measurement would have it."""
+"""Convergence tolerance with Gauss and Newton's Hessian."""
+# By which a start has moved, as a measurement would have it
+SHIFT = 0.02  # [m]
+TURN = 0.02  # [rad]
 
 
 def exact_rows(n_steps: int, repeats: int, *, cold: bool) -> list[dict[str, Any]]:

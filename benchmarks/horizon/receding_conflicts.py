@@ -24,9 +24,8 @@ from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Residual
 
-WAY = 0.9
-SPEED = 0.3
-"""[m], [m/s] of a goal."""
+WAY = 0.9  # [m] of a goal, out and back
+SPEED = 0.3  # [m/s] of a goal
 WAIT = 0.5
 """[s] before a goal leaves and before it comes back."""
 SETTLING = 1.5
@@ -36,11 +35,8 @@ STRETCHED = (0.0, -1.2, 0.0, 0.0, 0.0, -0.9, 0.0)
 vehicle.
 """
 CHEAP = OcpLevel(name="effort", terms=(Effort(), Smoothness(weight=0.09)))
-MARGIN = 0.05
-LEEWAY = 0.012
-"""[m] of clearance that is wanted, and what plans keep on top: gusts, and the ways between nodes,
-take some.
-"""
+MARGIN = 0.05  # [m] of clearance that is wanted
+LEEWAY = 0.012  # [m] that plans keep on top: gusts, and the ways between nodes, take some
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -131,7 +127,7 @@ class RecedingConflict:
     name: str
     problem: OcpProblem
     goal: PoseReference
-    """Of the tool."""
+    """Goal of the tool over time."""
     returned: float
     """[s] when the goal, or what keeps the tool from it, is back where it was."""
     obstacle: ClosingIn | None = None

@@ -39,7 +39,7 @@ class Mutant:
     """One change of one file."""
 
     file: str
-    """Below the repository."""
+    """Path below the repository."""
     line: int
     operator: str
     """cosmic-ray's name of it."""

@@ -45,7 +45,7 @@ class Outcome:
     code: int | None
     """pytest's; `None` where there is none: it crashed, or its time was over."""
     failed: tuple[str, ...]
-    """Of the tests that did not pass, in their order."""
+    """Names of the tests that did not pass, in their order."""
     seconds: dict[str, float]
     """[s] of each test."""
     text: str

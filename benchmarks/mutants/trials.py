@@ -21,9 +21,9 @@ from mutants.tree import Outcome, Tree
 
 KILLED = "killed"
 SURVIVED = "survived"
-# times as long as without the mutant, and [s] for imports on a busy machine
-_FACTOR = 3.0
-_START = 60.0
+# What tests of a mutant may take
+_FACTOR = 3.0  # times as long as without the mutant
+_START = 60.0  # [s] for imports on a busy machine
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -37,7 +37,7 @@ class Evaluation:
     predictions: Mapping[str, np.ndarray]
     """Roll and pitch (n, 2) [rad] at the times of the joints, by name."""
     scores: Mapping[str, tuple[Score, Score]]
-    """Of roll and pitch."""
+    """Scores of roll and pitch, by the name of the prediction."""
 
     def rows(self) -> list[Row]:
         """One for each prediction."""

@@ -23,9 +23,8 @@ from uvms_ocp.identification.parameters import (
 )
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
-STEP = 0.04
-KNOWN = 2.0
-"""[s], [s] of the beginning from which a start and the offset of the attitude are found."""
+STEP = 0.04  # [s] of the simulation
+KNOWN = 2.0  # [s] of the beginning, from which a start and the offset of the attitude are found
 NOISE = {
     IMU: Noise(velocity=0.05, rate=0.02, vertical=0.005),
     MOCAP: Noise(velocity=0.05, rate=0.06, vertical=0.01),

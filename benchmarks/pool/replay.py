@@ -13,7 +13,7 @@ from pool.recordings import SAMPLE_TIME, Recording
 from pool.vehicle import PoolVehicle
 
 Predictor: TypeAlias = Callable[[PoolVehicle, Recording, np.ndarray], np.ndarray]
-"""Of roll and pitch (n, 2) [rad] at the times of the joints, for a shift (3,) [m] of the centre of
+"""Function that predicts roll and pitch (n, 2) [rad] at the times of the joints, for a shift (3,) [m] of the centre of
 buoyancy.
 """
 

@@ -13,17 +13,13 @@ from pool.judging import ANGLES, angles
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.recording import Recording, smoothed
 
-# [rad/s] below which the arm rests, [s] over which its motion is smoothed
-_REST = 0.05
-_WINDOW = 0.4
-# [s] of a rest, and after the arm has come to it
-_SHORTEST = 3.0
-_SETTLED = 0.3
-SMALLEST = 0.05
-LARGE = 0.2
-"""[deg] standard deviation of an angle in which a swing is looked for, and with which it is
-large.
-"""
+_REST = 0.05  # [rad/s] below which the arm rests
+_WINDOW = 0.4  # [s] over which the motion of the arm is smoothed
+_SHORTEST = 3.0  # [s] of a rest
+_SETTLED = 0.3  # [s] after the arm has come to rest, from when on a swing is free
+# Standard deviations of an angle
+SMALLEST = 0.05  # [deg] in which a swing is looked for
+LARGE = 0.2  # [deg] with which a swing is large
 
 
 def rests(recording: Recording) -> Iterator[tuple[float, float]]:

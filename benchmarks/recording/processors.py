@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _STAT = Path("/proc/stat")
-# columns of idle and of waiting for disks; from here on, time is counted twice
-_IDLE = (3, 4)
-_GUEST = 8
+_IDLE = (3, 4)  # columns of idle time and of waiting for disks
+_GUEST = 8  # column from which on time is counted twice
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -45,10 +45,10 @@ class Report:
     """Prose, tables and data of a benchmark. Every file of it begins with the head of its run."""
 
     name: str
-    """Of its files, without their endings."""
+    """Name of its files, without their endings."""
     title: str
     prose: str
-    """Below the head; every figure in it is computed."""
+    """Text below the head; every figure in it is computed."""
     tables: Sequence[Table]
     data: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     """Rows of each CSV file by its name without ending; by default those of the first table."""

@@ -16,7 +16,7 @@ class Doubt:
     """Pattern that its text alone has."""
     looks_for: str
     stated: bool = False
-    """True where a file, or the settings of a fit, state it themselves: nothing is guessed, and no
+    """Whether a file, or the settings of a fit, state it themselves: nothing is guessed, and no
     rate is of interest.
     """
 

@@ -29,9 +29,9 @@ class Kind:
     group: str
     how: str
     channel: str
-    """That is wrong."""
+    """Name of the channel that is wrong."""
     meant: tuple[str, ...]
-    """Of the doubts that are to say so, what they say."""
+    """Patterns of the doubts that are to say so."""
     spoil: Spoil
 
 

@@ -14,20 +14,18 @@ from uvms_ocp.identification.parameters import Prior
 from uvms_ocp.identification.recording import Channel, Recording, interpolated, rotations, smoothed
 from uvms_ocp.identification.sample_checks import WINDOW, G
 
-DURATION = 60.0
-SENT = 0.1
-HELD = 2.0
-THRUST = 8.0
-"""[s] of one, [s] between commands, [s] between other ones, [N]."""
-_POSITION = 0.01
-_FORCE = 0.05
-_ANGLE = 0.002
-_RATE = 0.01
-"""[m], [m/s2], [rad], [rad/s] of noise."""
+DURATION = 60.0  # [s] of a recording
+SENT = 0.1  # [s] between two commands
+HELD = 2.0  # [s] for which a drawn thrust is commanded
+THRUST = 8.0  # [N] standard deviation of a drawn thrust
+# Standard deviations of the noise of sensors
+_POSITION = 0.01  # [m]
+_FORCE = 0.05  # [m/s2]
+_ANGLE = 0.002  # [rad]
+_RATE = 0.01  # [rad/s]
 _START = np.array([0.0, 0.0, -20.0])  # [m]
 _JOINTS = 3
-_UPRIGHT = 0.003
-"""Joints, and [m] of where vehicles float: they stay upright."""
+_UPRIGHT = 0.003  # [m] deviation of the centre of buoyancy: so small that vehicles stay upright
 _LEVEL = (0.75, 0.95)
 """Share of the moments in roll and pitch that is left out: no pilot lets a vehicle tumble."""
 

@@ -456,9 +456,8 @@ WATER: dict[str, Change] = {
 }
 
 
-# [s]
-_DURATION = 2.0
-_DT = 0.02
+_DURATION = 2.0  # [s] of a run
+_DT = 0.02  # [s] control period
 
 # The way of one file. Each step may be refused in one line; anything else that is raised, or lost
 # on the way, is a fault.

@@ -55,9 +55,8 @@ from uvms_ocp.types import Count
 
 _WATER = 1025.0
 _GRAVITY = 9.81
-# [m] by which buoyancy is off; of the mass
-TRIM = 0.02
-BALLAST = 0.005
+TRIM = 0.02  # [m] by which the centre of buoyancy is off at most
+BALLAST = 0.005  # share of the mass by which buoyancy is off at most
 # vectored ahead, across and up
 _MIDDLE = np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _KINDS = ("revolute", "prismatic", "continuous")
@@ -258,10 +257,9 @@ def _joint_limit(
 # [m]
 _START = (0.0, 0.0, -10.0)
 _FLOOR = -25.0
-# [s], [s], [m/s] at most
-DURATION = 150.0
-DT = 0.02
-CURRENT = 0.3
+DURATION = 150.0  # [s] of a mission at most
+DT = 0.02  # [s] control period
+CURRENT = 0.3  # [m/s] at most
 
 
 def drawn_scenario(robot: Robot, body: Body, rng: np.random.Generator) -> Scenario:
@@ -380,9 +378,8 @@ REASONS = {
 }
 """Why a mission may be refused, and words of what is said then."""
 
-# [m]; ticks between two configurations whose clearance is measured
-FARTHER = 1.0
-_EVERY = 10
+FARTHER = 1.0  # [m] by which a vehicle that flees is farther away than at the start
+_EVERY = 10  # ticks between two configurations whose clearance is measured
 SEEN = 0.15  # [rad] half a swing of roll or pitch that nobody may overlook
 OUTCOMES = ("refused", "accepted", "completed", "gave up", "time over", "fault")
 WRONGS = ("flees", "touches", "swings unseen", "blames a sound sensor")

@@ -18,7 +18,7 @@ REACH = 1.0
 AHEAD = 5.0
 """[s] by which clocks are ahead."""
 PHASES = ("A", "B", "C", "D")
-"""Of Case 1; faults set in in the middle of each, by the times of a run without faults."""
+"""Phases of Case 1; faults set in in the middle of each, by the times of a run without faults."""
 STILL = "none, in still water"
 GUSTY = "none, in gusts"
 """Kinds of the runs without faults."""
@@ -26,19 +26,14 @@ PAIR = "two faults"
 """Kind of the runs with two, drawn each with its phase."""
 GUSTS = 0.05
 """[m/s] standard deviation of the gusts in those."""
-JOINTS = 2e-3
-ASTRAY = 5.0
-FLOOR = 0.05
-"""[rad] beyond a joint limit, [m] from the way of a run without faults, [m] of arm and tool below
-the floor: too much for any.
-"""
-
+# What no run may exceed
+JOINTS = 2e-3  # [rad] beyond a joint limit
+ASTRAY = 5.0  # [m] from the way of a run without faults
+FLOOR = 0.05  # [m] of arm and tool below the floor
+# Shares of its limit that a joint's true velocity may come to
 RATES = 1.02
-NEW_RATES = 1.2
-NEW = 0.5
-"""Shares of its limit that a joint's true velocity may come to, the second for so long [s] after
-the onset of a fault.
-"""
+NEW_RATES = 1.2  # soon after the onset of a fault
+NEW = 0.5  # [s] after the onset of a fault that is soon
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,7 +63,7 @@ SIZES: Mapping[str, Sizes] = {
     "joint_positions": Sizes(spikes=1.0, bias=(0.05,), late=0.05, drift=(0.004,), joints=0.05),
     "altimeter_range": Sizes(spikes=20.0, bias=(0.5,), late=0.2, drift=(0.02,), floor=0.5),
 }
-"""By channel."""
+"""Sizes of faults by channel."""
 CLOCKS = ("attitude", "linear_velocity", "joint_positions")
 """Channels whose clock is ahead, one at a time."""
 OTHERS: Mapping[str, tuple[str, ...]] = {

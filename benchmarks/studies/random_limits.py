@@ -32,14 +32,12 @@ from uvms_ocp.types import Count, Period
 
 _FLOOR = -4.0  # [m]
 _ALTITUDE = 1.0  # [m]
-CLEARANCE = 0.05
-SELF_CLEARANCE = 0.03
-"""[m] kept from obstacles and floor, and between the links of the robot."""
+CLEARANCE = 0.05  # [m] kept from obstacles and floor
+SELF_CLEARANCE = 0.03  # [m] kept between the links of the robot
 N_OBSTACLES = 6
 N_PHASES = 4
-# [s] of a phase
-_SHORTEST = 1.0
-_LONGEST = 4.0
+_SHORTEST = 1.0  # [s] of a phase
+_LONGEST = 4.0  # [s] of a phase
 TOLERANCE = 1e-6
 """[m, rad] below which a violation is rounding."""
 _WAYS = (("PC", "MP"), ("T", "MP"), ("PC", "T"))

@@ -33,7 +33,7 @@ _ITERATIONS = 250  # of IPOPT for one solve
 # [s] of a processor for one solve of IPOPT; no further round begins after twice that
 _SECONDS = 8.0
 _TOLERANCE = 1e-7  # error of the optimality conditions
-_FREE = {"mu_strategy": "adaptive"}
+_FREE = {"mu_strategy": "adaptive"}  # options of IPOPT for a start from anywhere
 _NEAR = {
     "mu_strategy": "monotone",
     "mu_init": 1e-6,
@@ -42,7 +42,7 @@ _NEAR = {
     "slack_bound_push": 1e-8,
     "slack_bound_frac": 1e-8,
 }
-"""Options of IPOPT for a start from anywhere, and for one that may be an optimum."""
+"""Options of IPOPT for a start that may be an optimum."""
 FEASIBLE = 1e-5
 """[unit of the row] violation up to which a point keeps its rows."""
 _SERIES = 11  # terms: exact to rounding for steps that turn by up to 3 rad
@@ -228,7 +228,7 @@ class Way:
     costs: np.ndarray
     """(n_levels,) of the levels of costs."""
     status: str
-    """As IPOPT says it."""
+    """Return status of IPOPT."""
     violations: dict[str, float]
     """[unit of the row] of every group of rows."""
 

@@ -17,7 +17,7 @@ from uvms_ocp.robot.dynamics import cached_dynamics
 CLEARANCE = "clearance"
 FORCES = "forces in a step"
 LOOKS = 600
-"""Along a motion, at least."""
+"""Times at which a motion is looked at, at least."""
 _FEWEST = 6  # in a step
 _CLOSER = 40  # in each of the steps in which a row is worst
 

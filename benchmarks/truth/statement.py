@@ -101,7 +101,7 @@ class Cost:
     """(1,) of a node: a sum of squares, or a power."""
     weight: float = 1.0
     level: int = 0
-    """Among the levels of costs, the higher priority first."""
+    """Index among the levels of costs, the higher priority first."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
