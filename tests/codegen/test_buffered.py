@@ -16,11 +16,13 @@ from uvms_ocp.errors import InvalidInput
 
 @pytest.fixture
 def buffered() -> BufferedFunction:
-    x, A = ca.SX.sym("x", 3), ca.SX.sym("A", 3, 2)
+    x = ca.SX.sym("x", 3)
+    A = ca.SX.sym("A", 3, 2)
     return BufferedFunction(ca.Function("f", [x, A], [A * x[0], A.T @ x], ["x", "A"], ["B", "y"]))
 
 
-X, A = np.array([1.0, 2.0, 3.0]), np.array([[0.0, 3.0], [1.0, 4.0], [2.0, 5.0]])
+X = np.array([1.0, 2.0, 3.0])
+A = np.array([[0.0, 3.0], [1.0, 4.0], [2.0, 5.0]])
 
 
 def test_arguments_and_results_are_shaped_as_casadi_shapes_them(buffered: BufferedFunction) -> None:
@@ -66,7 +68,8 @@ def test_a_wrong_number_of_arguments_is_told_the_names(buffered: BufferedFunctio
 
 
 def test_what_is_empty_stays_empty() -> None:
-    x, E = ca.SX.sym("x", 0), ca.SX.sym("E", 3, 0)
+    x = ca.SX.sym("x", 0)
+    E = ca.SX.sym("E", 3, 0)
     x_out, E_out, two = BufferedFunction(ca.Function("f", [x, E], [x, E, ca.SX(2)]))(
         np.zeros(0), np.zeros((3, 0))
     )
@@ -86,14 +89,15 @@ int failing(const double **arg, double **res, long long int *iw, double *w, int 
 @needs_compiler
 def test_an_evaluation_that_was_abandoned_is_told() -> None:
     function = BufferedFunction(ca.external("failing", str(compile_library(FAILING))))
-    for given in (1.0, -1.0, 2.0):
-        (result,) = function(given)
-        assert function.failed == (given < 0.0)
-        assert function.failed or result == given
+    for value in (1.0, -1.0, 2.0):
+        (result,) = function(value)
+        assert function.failed == (value < 0.0)
+        assert function.failed or result == value
 
 
 def test_arguments_that_are_adopted_are_read_where_they_are(buffered: BufferedFunction) -> None:
-    x, A = np.array([2.0, 1.0, 0.0]), np.asfortranarray(np.arange(6.0).reshape(3, 2))
+    x = np.array([2.0, 1.0, 0.0])
+    A = np.asfortranarray(np.arange(6.0).reshape(3, 2))
     buffered.adopt(x, A)
     for scale in (2.0, 3.0):
         x[0] = scale
@@ -110,6 +114,6 @@ def test_memory_with_gaps_is_refused_where_its_address_is_kept(buffered: Buffere
     A = np.zeros((3, 2), order="F")
     B = np.zeros((6, 2), order="F")[::2]
     y = np.zeros(2)
-    for given in (((x, A), (np.zeros((3, 2), order="F"), y)), ((np.zeros(3), A), (B, y))):
+    for arguments in (((x, A), (np.zeros((3, 2), order="F"), y)), ((np.zeros(3), A), (B, y))):
         with pytest.raises(NotImplementedError):
-            buffer_on(buffered.function, *given)
+            buffer_on(buffered.function, *arguments)

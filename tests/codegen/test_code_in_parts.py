@@ -21,17 +21,17 @@ from uvms_ocp.codegen.compile import compile_function, compile_library, compiled
 
 LONG = 1500
 KINDS = (
-    lambda one, other: one * other / (1.0 + other**2),
-    lambda one, other: 0.7 * one - 0.3 * other,
-    lambda one, other: ca.fmin(one, other),
-    lambda one, other: ca.sin(one),
+    lambda a, b: a * b / (1.0 + b**2),
+    lambda a, b: 0.7 * a - 0.3 * b,
+    lambda a, b: ca.fmin(a, b),
+    lambda a, b: ca.sin(a),
 )
 
 
 ARITHMETIC = (
-    lambda one, other: one - one * other,
-    lambda one, other: one * other - other,
-    lambda one, other: one / (one - other),
+    lambda a, b: a - a * b,
+    lambda a, b: a * b - b,
+    lambda a, b: a / (a - b),
 )
 
 
@@ -44,13 +44,13 @@ def long_function(
     rng = np.random.default_rng(seed)
     x = ca.SX.sym("x", 5)
     y = ca.SX.sym("y", 2)
-    made = [*ca.vertsplit(x), *ca.vertsplit(y)]
+    values = [*ca.vertsplit(x), *ca.vertsplit(y)]
     for _ in range(n):
-        one, other = (
-            made[int(len(made) * (1.0 - share**2))] for share in rng.uniform(0.01, 1.0, 2)
+        first, second = (
+            values[int(len(values) * (1.0 - share**2))] for share in rng.uniform(0.01, 1.0, 2)
         )
-        made.append(kinds[rng.integers(len(kinds))](one, other))
-    return ca.Function("many", [x, y], [ca.vertcat(*made[-40:]), ca.vertcat(*made[7::9])])
+        values.append(kinds[rng.integers(len(kinds))](first, second))
+    return ca.Function("many", [x, y], [ca.vertcat(*values[-40:]), ca.vertcat(*values[7::9])])
 
 
 def code_of(function: ca.Function) -> str:
@@ -66,8 +66,8 @@ def test_parts_give_what_the_whole_gives(seed: int) -> None:
     X = np.random.default_rng(9).normal(size=7)
     compiled = compile_function(function)
     assert compiled is not function
-    for found, known in zip(compiled(X[:5], X[5:]), function(X[:5], X[5:]), strict=True):
-        np.testing.assert_allclose(np.array(found), np.array(known), rtol=1e-11, atol=1e-13)
+    for value, expected in zip(compiled(X[:5], X[5:]), function(X[:5], X[5:]), strict=True):
+        np.testing.assert_allclose(np.array(value), np.array(expected), rtol=1e-11, atol=1e-13)
 
 
 @needs_compiler
@@ -77,12 +77,12 @@ def test_parts_take_nothing_for_zeros_and_write_what_is_wanted() -> None:
     assert address is not None
     call = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)(address)
     X = np.full(5, 0.4)
-    found = np.zeros(40)
-    known = np.array(function(np.full(5, 0.4), np.zeros(2))[0]).ravel()
+    result = np.zeros(40)
+    expected = np.array(function(np.full(5, 0.4), np.zeros(2))[0]).ravel()
     arguments = (ctypes.c_void_p * 8)(X.ctypes.data, None)
-    results = (ctypes.c_void_p * 8)(found.ctypes.data, None)
+    results = (ctypes.c_void_p * 8)(result.ctypes.data, None)
     assert call(arguments, results, None, None, 0) == 0
-    np.testing.assert_allclose(found, known, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(result, expected, rtol=1e-11, atol=1e-13)
 
 
 @needs_compiler
@@ -96,10 +96,12 @@ def test_code_is_taken_apart_only_where_it_is_not_kept(
         calls.append(code)
         return f"{code} int other(void) {{ return 2; }}"
 
-    one, again = (compile_library("int one(void) { return 1; }", prepare=prepare) for _ in range(2))
-    assert one == again
-    assert one is not None
-    assert ctypes.CDLL(str(one)).other() == 2
+    library, again = (
+        compile_library("int one(void) { return 1; }", prepare=prepare) for _ in range(2)
+    )
+    assert library == again
+    assert library is not None
+    assert ctypes.CDLL(str(library)).other() == 2
     assert len(calls) == 1
 
 
@@ -126,15 +128,16 @@ def test_code_with_branches_stays_as_it_is() -> None:
 def arithmetic() -> ca.Function:
     """A long function of nearly nothing but arithmetic, compiled."""
     function = long_function(3, kinds=ARITHMETIC)
-    x, y = ca.SX.sym("x", 5), ca.SX.sym("y", 2)
-    rows, others = function(x, y)
+    x = ca.SX.sym("x", 5)
+    y = ca.SX.sym("y", 2)
+    rows, columns = function(x, y)
     return compile_function(
-        ca.Function("plain", [x, y], [ca.vertcat(rows, ca.sin(x), ca.fmax(y, 0.0)), others])
+        ca.Function("plain", [x, y], [ca.vertcat(rows, ca.sin(x), ca.fmax(y, 0.0)), columns])
     )
 
 
 def results_of(
-    function: ca.Function, X: np.ndarray, *, wanted: bool = True
+    function: ca.Function, X: np.ndarray, *, with_results: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of calls one after the other, which may be made two at a time; the second result of the first
     call only where `wanted`.
@@ -142,7 +145,7 @@ def results_of(
     first, second = (np.zeros((len(X), function.numel_out(i))) for i in range(2))
     calls = BoundCalls()
     for k, x in enumerate(X):
-        calls.add(function, [x[:5], x[5:]], [first[k], second[k] if k or wanted else None])
+        calls.add(function, [x[:5], x[5:]], [first[k], second[k] if k or with_results else None])
     calls()
     return first, second
 
@@ -163,12 +166,12 @@ def test_two_calls_at_once_give_the_bits_of_one_after_the_other(
     function = arithmetic()
     X = np.random.default_rng(4).normal(size=(n, 7))
     assert (two_calls(function) is not None) == has_pairs()
-    found = results_of(function, X)
+    together = results_of(function, X)
     monkeypatch.setattr(bound_calls, "two_calls", lambda function: None)
-    for one, other in zip(found, results_of(function, X), strict=True):
-        np.testing.assert_array_equal(one, other)
-    known = np.array(function(X[0, :5], X[0, 5:])[0]).ravel()
-    np.testing.assert_array_equal(found[0][0], known)
+    for paired, single in zip(together, results_of(function, X), strict=True):
+        np.testing.assert_array_equal(paired, single)
+    expected = np.array(function(X[0, :5], X[0, 5:])[0]).ravel()
+    np.testing.assert_array_equal(together[0][0], expected)
 
 
 @needs_compiler
@@ -176,12 +179,12 @@ def test_what_is_no_number_in_one_of_two_calls_is_none_in_the_other() -> None:
     function = arithmetic()
     X = np.random.default_rng(5).normal(size=(2, 7))
     X[0] = np.nan
-    first, second = results_of(function, X, wanted=False)
+    first, second = results_of(function, X, with_results=False)
     assert np.isnan(first[0, :5]).any()
     assert not second[0].any()
-    known = [np.array(one).ravel() for one in function(X[1, :5], X[1, 5:])]
-    np.testing.assert_array_equal(first[1], known[0])
-    np.testing.assert_array_equal(second[1], known[1])
+    expected = [np.array(result).ravel() for result in function(X[1, :5], X[1, 5:])]
+    np.testing.assert_array_equal(first[1], expected[0])
+    np.testing.assert_array_equal(second[1], expected[1])
 
 
 @needs_compiler
@@ -189,7 +192,8 @@ def test_a_call_that_builds_on_the_one_before_is_made_after_it() -> None:
     function = arithmetic()
     x = np.linspace(0.1, 0.5, 5)
     y = np.array([0.3, -0.2])
-    first, second = np.zeros(function.numel_out(0)), np.zeros(function.numel_out(0))
+    first = np.zeros(function.numel_out(0))
+    second = np.zeros(function.numel_out(0))
     calls = BoundCalls()
     calls.add(function, [x, y], [first, None])
     calls.add(function, [first[:5], y], [second, None])

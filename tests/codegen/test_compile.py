@@ -74,10 +74,10 @@ def test_a_library_is_compiled_once(tmp_path: Path) -> None:
 def test_the_cache_keeps_what_was_used_last(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    used, other = (_compile_visible(SOURCE + f"/* {k} */") for k in range(2))
+    used, unused = (_compile_visible(SOURCE + f"/* {k} */") for k in range(2))
     assert used is not None
-    assert other is not None
-    for path in (used, other):
+    assert unused is not None
+    for path in (used, unused):
         os.utime(path, (1.0, 1.0))
     assert _compile_visible(SOURCE + "/* 0 */") == used
     monkeypatch.setattr(building, "MOST_CACHED", 2.5 * used.stat().st_size)
@@ -86,13 +86,14 @@ def test_the_cache_keeps_what_was_used_last(
     last = _compile_visible(SOURCE + "/* 2 */")
     assert foreign.exists()
     assert list(cached_libraries(tmp_path / "cache")) == [last, used]
-    assert not other.with_suffix(".sha256").exists()
+    assert not unused.with_suffix(".sha256").exists()
     assert _answer(_compile_visible(SOURCE + "/* 1 */")) == 42.0
 
 
 @needs_compiler
 def test_compiled_minima_and_maxima_leave_out_what_is_no_number() -> None:
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    x = ca.SX.sym("x")
+    y = ca.SX.sym("y")
     function = ca.Function("extremes", [x, y], [ca.fmax(x, y), ca.fmin(x, y)])
     compiled = building.compile_function(function)
     assert compiled is not function
@@ -127,8 +128,8 @@ def test_processes_that_want_the_same_compile_it_once(
     for worker in workers:
         worker.join(timeout=60)
     assert answers == [42.0] * 4
-    made = list((tmp_path / "cache").glob("*.so"))
-    assert (tmp_path / "calls").read_text() == "call\n" * len(made)
+    libraries = list((tmp_path / "cache").glob("*.so"))
+    assert (tmp_path / "calls").read_text() == "call\n" * len(libraries)
     assert {path.suffix for path in (tmp_path / "cache").iterdir()} == {".so", ".sha256"}
 
 
@@ -173,10 +174,10 @@ def test_without_a_compiler_it_says_so_once(
 
 def _stderr_of(program: str, **environment: str) -> list[str]:
     """Lines that a new process writes to stderr, without any logging set up."""
-    kept = {name: value for name, value in os.environ.items() if name != "CC"}
+    without_cc = {name: value for name, value in os.environ.items() if name != "CC"}
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env=kept | environment,
+        env=without_cc | environment,
         capture_output=True,
         text=True,
         timeout=60,
@@ -249,10 +250,10 @@ def test_a_bad_compiler_is_said_in_one_line_and_leaves_no_library(
     with caplog.at_level(logging.WARNING):
         assert building.compile_function(function) is function
         assert building.compile_function(function) is function
-    said = [record.getMessage() for record in caplog.records if "slower" in record.getMessage()]
-    assert len(said) == 1
-    assert message in said[0]
-    assert "\n" not in said[0]
+    messages = [record.getMessage() for record in caplog.records if "slower" in record.getMessage()]
+    assert len(messages) == 1
+    assert message in messages[0]
+    assert "\n" not in messages[0]
     assert not list((tmp_path / "cache").iterdir())
 
 
@@ -414,9 +415,9 @@ def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_whe
 ) -> None:
     child = tmp_path / "child"
     script = tmp_path / "program.py"
-    here = tmp_path / "here"
-    here.mkdir()
-    (here / "casadi.py").write_text("raise SystemExit")
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "casadi.py").write_text("raise SystemExit")
     script.write_text(BEGIN)
     compiler = pretend(
         f"[ -e '{child}' ] || {{ touch '{child}'; sleep 300; }}; exec '{COMPILER}' \"$@\""
@@ -425,7 +426,7 @@ def test_the_process_that_goes_on_imports_what_this_one_has_and_nothing_from_whe
     environment = os.environ | {"CC": str(compiler), "PYTHONPATH": whole}
     done = subprocess.run(
         [sys.executable, str(script), str(child)],
-        cwd=here,
+        cwd=folder,
         env=environment,
         capture_output=True,
         timeout=60,
@@ -576,7 +577,8 @@ def test_what_was_left_half_made_a_day_ago_is_removed(tmp_path: Path) -> None:
     old, new, foreign = (
         library.parent / name for name in (f"{HALF_MADE}old", f"{HALF_MADE}new", "build-release")
     )
-    lock, package = library.with_suffix(".lock"), library.with_name("package.lock")
+    lock = library.with_suffix(".lock")
+    package = library.with_name("package.lock")
     for folder in (old, new, foreign):
         folder.mkdir()
     lock.touch()

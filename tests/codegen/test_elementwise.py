@@ -38,5 +38,5 @@ def test_expressions_and_numbers_agree(kind: type, name: str) -> None:
     x = kind.sym("x", *A.shape)
     operation = OPERATIONS[name]
     expected = np.asarray(operation(A), dtype=float)
-    found = np.array(ca.Function("f", [x], [operation(x)])(A))
-    np.testing.assert_array_equal(found.reshape(expected.shape), expected)
+    value = np.array(ca.Function("f", [x], [operation(x)])(A))
+    np.testing.assert_array_equal(value.reshape(expected.shape), expected)

@@ -26,10 +26,10 @@ def _run() -> None:
 def test_machine_code_is_taken_up_once() -> None:
     """Before, 19 functions and 0.7 MB a run were kept for ever."""
     _run()
-    known = len(codegen._ADDRESSES), _pointers()
+    before = len(codegen._ADDRESSES), _pointers()
     for _ in range(3):
         _run()
-    assert (len(codegen._ADDRESSES), _pointers()) == known
+    assert (len(codegen._ADDRESSES), _pointers()) == before
 
 
 CHANGED = """

@@ -27,7 +27,8 @@ X = np.random.default_rng(4).normal(size=3)
 
 
 def function_of(a: float, b: float) -> ca.Function:
-    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    x = ca.SX.sym("x", 3)
+    y = ca.SX.sym("y")
     first = ca.vertcat(
         a * ca.sin(x[0]) + b, ca.fmin(x[1], b) / (y + a), ca.if_else(x[2] > a, x[2], 0.0)
     )
@@ -35,12 +36,13 @@ def function_of(a: float, b: float) -> ca.Function:
 
 
 def of_matrices(a: float, b: float) -> ca.Function:
-    x, y = ca.MX.sym("x", 3), ca.MX.sym("y")
-    known = ca.MX(ca.DM([[a, 0.5, 0.0], [1.0, -b, 3.0], [np.inf, 2.0, b]]))
+    x = ca.MX.sym("x", 3)
+    y = ca.MX.sym("y")
+    matrix = ca.MX(ca.DM([[a, 0.5, 0.0], [1.0, -b, 3.0], [np.inf, 2.0, b]]))
     return ca.Function(
         "f",
         [x, y],
-        [ca.fmin(known, y) @ x - a, ca.if_else(x[0] > b, x * a, -b) + ca.DM([a, b, 1.0]), known],
+        [ca.fmin(matrix, y) @ x - a, ca.if_else(x[0] > b, x * a, -b) + ca.DM([a, b, 1.0]), matrix],
     )
 
 
@@ -58,41 +60,41 @@ def test_compiled_functions_have_numbers_of_their_own(
 ) -> None:
     functions = [function_with(a, b), function_with(0.31, 5.5), function_with(a, b)]
     compiled = [compile_function(function) for function in functions]
-    for function, one in zip(functions, compiled, strict=True):
-        assert one is not function
-        for value, known in zip(one(X, 0.7), function(X, 0.7), strict=True):
-            np.testing.assert_allclose(np.array(value), np.array(known), rtol=1e-13)
+    for function, compiled_function in zip(functions, compiled, strict=True):
+        assert compiled_function is not function
+        for value, expected in zip(compiled_function(X, 0.7), function(X, 0.7), strict=True):
+            np.testing.assert_allclose(np.array(value), np.array(expected), rtol=1e-13)
 
 
 @pytest.mark.parametrize("function_with", [function_of, of_matrices])
 def test_code_without_its_numbers_is_the_same_for_all_of_them(
     function_with: type[ca.Function],
 ) -> None:
-    (one, few), (other, others) = (
+    (code, numbers), (other_code, other_numbers) = (
         without_numbers(source_of(function_with(*pair))) for pair in ((0.3, 1.7), (0.31, 5.5))
     )
-    assert one == other
-    assert len(few) == len(others)
-    assert (few != others).any()
+    assert code == other_code
+    assert len(numbers) == len(other_numbers)
+    assert (numbers != other_numbers).any()
 
 
 @needs_compiler
-@pytest.mark.parametrize("given", [scenarios.case1, scenarios.obstacle_field])
+@pytest.mark.parametrize("make_scenario", [scenarios.case1, scenarios.obstacle_field])
 def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
-    given: Callable[..., Scenario], monkeypatch: pytest.MonkeyPatch
+    make_scenario: Callable[..., Scenario], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Before, one that was equal to another, or to 0 or 1, or no longer so, made code of its
     own.
     """
-    known = given(duration=0.02)
-    known.run()
+    run = make_scenario(duration=0.02)
+    run.run()
     begun = list[str]()
     build = compiling._build
     tried = 0
     monkeypatch.setattr(
-        compiling, "_build", lambda *given: begun.append(given[-1]) or build(*given)
+        compiling, "_build", lambda *arguments: begun.append(arguments[-1]) or build(*arguments)
     )
-    for name in available_parameters(known):
+    for name in available_parameters(run):
         # The lead is that of another law, and an observer without bandwidth is none.
         if name.startswith(("tasks.", "gains.")) and name not in (
             "gains.lead",
@@ -102,7 +104,7 @@ def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
                 with suppress(
                     InvalidInput
                 ):  # a margin of half the range, a gain that has to be > 0
-                    vary(known, {name: value}).run()
+                    vary(run, {name: value}).run()
                     tried += 1
                 assert begun == [], (name, value)
     assert tried > 40
@@ -124,14 +126,14 @@ def test_machine_code_is_there_as_long_as_its_function_and_no_longer(
             else 0
         )
 
-    kept = [function_of(0.3, 1.0 + k) for k in range(3)]
-    addresses = [compiled_symbol(function) for function in kept]
+    functions = [function_of(0.3, 1.0 + k) for k in range(3)]
+    addresses = [compiled_symbol(function) for function in functions]
     before = loaded()
     for k in range(20):
         assert compiled_symbol(function_of(0.3, 10.0 + k)) is not None
     assert loaded() <= before + 2
-    assert len(set(addresses)) == len(kept)
-    for function, address in zip(kept, addresses, strict=True):
+    assert len(set(addresses)) == len(functions)
+    for function, address in zip(functions, addresses, strict=True):
         assert compiled_symbol(function) == address
-        for value, known in zip(function.machine_code(X, 0.7), function(X, 0.7), strict=True):
-            np.testing.assert_allclose(np.array(value), np.array(known), rtol=1e-13)
+        for value, expected in zip(function.machine_code(X, 0.7), function(X, 0.7), strict=True):
+            np.testing.assert_allclose(np.array(value), np.array(expected), rtol=1e-13)

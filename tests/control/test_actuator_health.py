@@ -84,7 +84,8 @@ def authority_of(
         structure_of(kind, **authority_sizes(len(lower)))
         for kind in (AuthorityMemory, ThrusterEffectiveness)
     ]
-    (judge,), memory = bind_kernels((judge_authority,), kinds, compiled=compiled), kinds[0]()
+    (judge,) = bind_kernels((judge_authority,), kinds, compiled=compiled)
+    memory = kinds[0]()
     assign(memory, matrix=matrix, lower=lower, upper=upper, trim=trim, righting=righting)
     judge(memory, kinds[1](tuple(effectiveness.share), tuple(effectiveness.constant)))
     return authority_in(memory)
@@ -114,8 +115,10 @@ class Watched:
         self.effectiveness.share[:] = [1.0] * 8
         (self._look,) = bind_kernels((detect_thruster_faults,), structures, compiled=compiled)
 
-    def look(self, residual: np.ndarray, asked: np.ndarray, t: float) -> int:
-        return int(self._look(self.watch, self.effectiveness, vector(residual), vector(asked), t))
+    def look(self, residual: np.ndarray, requested: np.ndarray, t: float) -> int:
+        return int(
+            self._look(self.watch, self.effectiveness, vector(residual), vector(requested), t)
+        )
 
     @property
     def verdicts(self) -> list[ThrusterVerdict]:
@@ -142,25 +145,26 @@ def watched(
     the observer sees it, and what is asked makes up for it half a second later.
     """
     machine = load_robot(robot)
-    matrix, (lower, upper) = thruster_matrix(machine), thrust_limits(machine)
+    matrix = thruster_matrix(machine)
+    lower, upper = thrust_limits(machine)
     tuning = ActuatorHealthTuning()
     residual_filter = residual_filter_for(tuning, bandwidth=3.0, dt=0.02)
-    known = nothing_asked(8, 6)
+    filtered = nothing_asked(8, 6)
     watch = Watched(matrix, lower, upper, tuning, 0.02 * residual_filter.every, compiled=compiled)
     rng = np.random.default_rng(thruster)
     noise = np.zeros(8)
-    seen = np.zeros(6)
+    observed = np.zeros(6)
     reach = np.abs(matrix) @ upper
     back = np.linalg.pinv(matrix)
     for k in range(600):
         noise += busy * rng.normal(size=8) * upper - 0.02 * noise
-        asked = noise - back @ (reach * push[max(k - 25, 0)])
+        requested = noise - back @ (reach * push[max(k - 25, 0)])
         lost = np.zeros(8)
         if k >= 200:
-            lost[thruster] = (share - 1.0) * asked[thruster] + constant * upper[thruster]
-        seen += (1.0 - np.exp(-3.0 * 0.02)) * (matrix @ lost + reach * push[k] - seen)
-        known = residual_filter.after(known, asked, np.zeros(6))
-        if known.ticks == 0.0 and watch.look(seen, known.thrust, 0.02 * k) >= 0:
+            lost[thruster] = (share - 1.0) * requested[thruster] + constant * upper[thruster]
+        observed += (1.0 - np.exp(-3.0 * 0.02)) * (matrix @ lost + reach * push[k] - observed)
+        filtered = residual_filter.after(filtered, requested, np.zeros(6))
+        if filtered.ticks == 0.0 and watch.look(observed, filtered.thrust, 0.02 * k) >= 0:
             break
     return watch.verdicts
 
@@ -200,7 +204,8 @@ def test_a_push_just_where_a_thruster_pushes_is_no_fault_if_what_is_asked_follow
     thruster: int,
 ) -> None:
     machine = load_robot(FULL)
-    matrix, (_, upper) = thruster_matrix(machine), thrust_limits(machine)
+    matrix = thruster_matrix(machine)
+    _, upper = thrust_limits(machine)
     push = np.outer(
         np.repeat([0.0, 1.0], 300),
         0.3 * upper[thruster] * matrix[:, thruster] / (np.abs(matrix) @ upper),
@@ -211,29 +216,29 @@ def test_a_push_just_where_a_thruster_pushes_is_no_fault_if_what_is_asked_follow
 @pytest.mark.parametrize("dead", [(0,), (5,), (0, 4), (4, 7)])
 def test_a_mission_goes_on_without_one_thruster_or_two(dead: tuple[int, ...]) -> None:
     robot = load_robot(FULL)
-    left = authority_of(
+    remaining = authority_of(
         thruster_matrix(robot), *thrust_limits(robot), without(*dead), np.zeros(6), RIGHTING
     )
-    assert left.can_go_on
-    assert (left.reach <= left.sound + 1e-6).all()
+    assert remaining.can_go_on
+    assert (remaining.reach <= remaining.sound + 1e-6).all()
 
 
 def test_a_mission_ends_where_no_thruster_drives_an_axis() -> None:
     robot = load_robot(FULL)
-    left = authority_of(
+    remaining = authority_of(
         thruster_matrix(robot), *thrust_limits(robot), without(0, 1, 2), np.zeros(6), RIGHTING
     )
-    assert not left.can_go_on
-    assert "yaw" in (*left.lost, *left.one_sided)
-    assert "yaw" in str(left)
+    assert not remaining.can_go_on
+    assert "yaw" in (*remaining.lost, *remaining.one_sided)
+    assert "yaw" in str(remaining)
 
 
 def test_what_sound_thrusters_reach_is_all_there() -> None:
     robot = load_robot(FULL)
-    left = authority_of(
+    remaining = authority_of(
         thruster_matrix(robot), *thrust_limits(robot), without(), np.zeros(6), RIGHTING
     )
-    assert str(left) == "nothing is out of reach"
+    assert str(remaining) == "nothing is out of reach"
 
 
 def pushed(effort: float, moves: float, way: float = 1.0, compiled: bool = True) -> list[FaultKind]:
@@ -243,10 +248,8 @@ def pushed(effort: float, moves: float, way: float = 1.0, compiled: bool = True)
     way: the sign of what is asked.
     """
     structure = structure_of(JointFaultMemory, n_joints=2)
-    watch, (look,) = (
-        structure(),
-        bind_kernels((detect_joint_faults,), (structure,), compiled=compiled),
-    )
+    watch = structure()
+    (look,) = bind_kernels((detect_joint_faults,), (structure,), compiled=compiled)
     write_joint_watch(watch, np.array([10.0, 10.0]))
     for k in range(30):
         q = np.array([0.0, 0.1 * k * moves])
@@ -307,18 +310,22 @@ FAILS = {  # share and constant [N] of a thruster that fails
 def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(
     kind: FaultKind,
 ) -> None:
-    (share, constant), onset, rng, n, bandwidth = FAILS[kind], 25, np.random.default_rng(4), 70, 3.0
+    share, constant = FAILS[kind]
+    onset = 25
+    rng = np.random.default_rng(4)
+    n = 70
+    bandwidth = 3.0
     fit = structure_of(FaultFit, n_looks=n)()
     fit.count = n
     fit.bandwidth = bandwidth
     time = 0.1 * np.arange(n)
-    asked = 8.0 * np.sin(1.3 * time) + 5.0 * np.sin(3.1 * time)
+    requested = 8.0 * np.sin(1.3 * time) + 5.0 * np.sin(3.1 * time)
     faded = np.exp(
         -bandwidth * np.maximum(time - time[onset], 0.0)
     )  # of what was before, in a filter of first order
-    lost = (share - 1.0) * (asked - asked[onset] * faded) + constant * (1.0 - faded)
+    lost = (share - 1.0) * (requested - requested[onset] * faded) + constant * (1.0 - faded)
     along = np.where(time > time[onset], lost, 0.0) + 0.01 * rng.normal(size=n)
-    assign(fit, time=time, asked=asked, along=along)
+    assign(fit, time=time, asked=requested, along=along)
     classify_fault(fit)
     assert (fit.share, fit.constant) == pytest.approx((share, constant), abs=0.02)
     assert (fit.constant == 0.0) == (constant == 0.0)
@@ -368,11 +375,9 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
     q = machine.configuration()
     v = np.zeros(machine.n_v)
     v[machine.joint_v] = 0.3
-    memory.encoders_trusted, memory.way[:], memory.residual[:] = (
-        True,
-        (every * v).tolist(),
-        (-10.0 * v).tolist(),
-    )
+    memory.encoders_trusted = True
+    memory.way[:] = (every * v).tolist()
+    memory.residual[:] = (-10.0 * v).tolist()
     for k in range(1, 100):
         q = pin.integrate(machine.model, q, 0.1 * v)
         memory.q[:] = q.tolist()
@@ -382,11 +387,11 @@ def test_the_way_of_a_joint_that_turns_without_end_is_known(tmp_path: Path) -> N
 
 def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
     residual_filter = residual_filter_for(ActuatorHealthTuning(), bandwidth=3.0, dt=0.02)
-    known = nothing_asked(2, 0)
+    filtered = nothing_asked(2, 0)
     for k in range(1, 101):
-        known = residual_filter.after(known, np.array([5.0, -40.0]), np.zeros(0))
+        filtered = residual_filter.after(filtered, np.array([5.0, -40.0]), np.zeros(0))
         np.testing.assert_allclose(
-            known.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0])
+            filtered.thrust, (1.0 - np.exp(-3.0 * 0.02 * k)) * np.array([5.0, -40.0])
         )
 
 
@@ -394,12 +399,12 @@ def test_thrust_is_taken_in_as_late_as_the_residual_tells_of_it() -> None:
 def test_a_look_is_due_at_its_period_and_hears_of_every_velocity_once(dt: float) -> None:
     tuning = ActuatorHealthTuning()
     residual_filter = residual_filter_for(tuning, bandwidth=0.5, dt=dt)
-    known = nothing_asked(0, 1)
+    filtered = nothing_asked(0, 1)
     looks = []
     for k in range(1, 201):
-        known = residual_filter.after(known, np.zeros(0), np.array([float(k)]))
-        if known.ticks == 0.0:
-            looks.append((k, known.way[0]))
+        filtered = residual_filter.after(filtered, np.zeros(0), np.array([float(k)]))
+        if filtered.ticks == 0.0:
+            looks.append((k, filtered.way[0]))
     ticks = np.array([k for k, _ in looks])
     assert (np.diff(ticks, prepend=0) == max(1, round(tuning.sample_time / dt))).all()
     assert sum(way for _, way in looks) == pytest.approx(ticks[-1] * (ticks[-1] + 1) / 2)
@@ -442,17 +447,19 @@ def test_authority_is_that_of_linear_programs(seed: int) -> None:
         share=share, constant=np.where(share == 0.0, rng.choice([0.0, 0.3], n) * upper, 0.0)
     )
     # Some in Python, where no array can be read beyond its end.
-    left = authority_of(matrix, lower, upper, effectiveness, trim, righting, compiled=seed % 10 > 0)
+    remaining = authority_of(
+        matrix, lower, upper, effectiveness, trim, righting, compiled=seed % 10 > 0
+    )
     ends = np.sort([effectiveness.given(lower), effectiveness.given(upper)], axis=0)
-    for found, limits, balance in (
-        (left.reach, ends, trim),
-        (left.sound, (lower, upper), np.zeros(6)),
+    for computed, limits, balance in (
+        (remaining.reach, ends, trim),
+        (remaining.sound, (lower, upper), np.zeros(6)),
     ):
         oracle = [
             [largest(matrix, limits, balance, righting, axis, way) for way in (-1, 1)]
             for axis in range(6)
         ]
-        np.testing.assert_allclose(found, oracle, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(computed, oracle, rtol=1e-7, atol=1e-7)
 
 
 def largest(
@@ -467,8 +474,9 @@ def largest(
     water balances, by SciPy.
     """
     direction = -way * np.eye(6)[:, [axis]]
-    own = np.arange(6) == axis if axis in (3, 4) else np.zeros(6, dtype=bool)
-    trim, righting = np.where(own, 0.0, trim), np.where(own, 0.0, righting)
+    own_axis = np.arange(6) == axis if axis in (3, 4) else np.zeros(6, dtype=bool)
+    trim = np.where(own_axis, 0.0, trim)
+    righting = np.where(own_axis, 0.0, righting)
     result = linprog(
         c=np.r_[np.zeros(matrix.shape[1] + 6), -1.0],
         A_eq=np.hstack([matrix, np.eye(6), direction]),

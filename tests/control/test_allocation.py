@@ -260,15 +260,17 @@ def test_without_thrusters_nothing_is_reached() -> None:
 def test_parabolas_meet_the_power_at_the_largest_thrust_and_touch_it_elsewhere() -> None:
     factor = np.array([0.4, 1.0, 3.0])
     exponent = np.array([1.0, 1.5, 2.0])
-    most = np.array([40.0, 5.0, 150.0])
-    given = {"power_factor": factor, "power_exponent": exponent, "dead_zone": np.zeros(3)}
+    limit = np.array([40.0, 5.0, 150.0])
+    curve = {"power_factor": factor, "power_exponent": exponent, "dead_zone": np.zeros(3)}
     powers = Allocation(
-        matrix=np.eye(6)[:, :3], lower=-most, upper=most, **given
+        matrix=np.eye(6)[:, :3], lower=-limit, upper=limit, **curve
     ).memory.left.powers
-    np.testing.assert_allclose(powers.quadratic[:3] * most**2, most**exponent * factor, rtol=1e-12)
+    np.testing.assert_allclose(
+        powers.quadratic[:3] * limit**2, limit**exponent * factor, rtol=1e-12
+    )
     for share in (0.1, 0.5, 1.0):
-        thrust = share * most
-        weights = list(map(majorizing_weight, factor, exponent, most, thrust))
+        thrust = share * limit
+        weights = list(map(majorizing_weight, factor, exponent, limit, thrust))
         slope = factor * exponent * thrust ** (exponent - 1.0)
         np.testing.assert_allclose(2.0 * np.array(weights) * thrust, slope, rtol=1e-3)
 
@@ -292,15 +294,15 @@ def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(
     powered: Allocation, wrenches: np.ndarray
 ) -> None:
     dead = with_dead_zone(powered, 0.05)
-    other = type(dead.memory)()
-    dead.write(other)
-    apply_effectiveness(other)
+    memory = type(dead.memory)()
+    dead.write(memory)
+    apply_effectiveness(memory)
     for wrench in wrenches[::50]:
-        other.wrench[:] = wrench.tolist()
-        assert allocate_thrust(other)
+        memory.wrench[:] = wrench.tolist()
+        assert allocate_thrust(memory)
         result = dead.allocate(wrench)
-        assert other.thrust[: len(result.thrust)] == result.thrust.tolist()
-        assert bool(other.saturated) == result.saturated
+        assert memory.thrust[: len(result.thrust)] == result.thrust.tolist()
+        assert bool(memory.saturated) == result.saturated
 
 
 def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
@@ -317,11 +319,12 @@ def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
         decay=np.full(n, np.exp(-dt / late)),
         dead_zone=zone,
     )
-    thrust, wanted = rng.uniform(-30.0, 40.0, n), rng.uniform(-6.0, 6.0, n)
-    wanted = np.where(np.abs(wanted) < zone, rng.choice([-1.0, 0.0, 1.0], n) * zone, wanted)
+    thrust = rng.uniform(-30.0, 40.0, n)
+    desired = rng.uniform(-6.0, 6.0, n)
+    desired = np.where(np.abs(desired) < zone, rng.choice([-1.0, 0.0, 1.0], n) * zone, desired)
     for _ in range(300):
-        command = np.asarray(lag.command(thrust, wanted, 1.0))
+        command = np.asarray(lag.command(thrust, desired, 1.0))
         assert ((command == 0.0) | (np.abs(command) >= zone)).all()
         assert ((command >= lag.lower) & (command <= lag.upper)).all()
         thrust = lag.after(thrust, command)
-    np.testing.assert_allclose(thrust, wanted, atol=1e-6)
+    np.testing.assert_allclose(thrust, desired, atol=1e-6)

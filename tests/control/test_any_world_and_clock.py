@@ -36,10 +36,8 @@ CASES = {  # X_NW of the new world N, and by how much [s] its clock is ahead
     "a clock of 1e3 s": (pin.SE3.Identity(), 1e3),
     "Unix time": (pin.SE3.Identity(), 1.76e9),
 }
-START, GOAL = (
-    uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7)),
-    uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9)),
-)
+START = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.1, 0.7))
+GOAL = uo.pose_at((0.4, -0.3, -5.2), (0.0, 0.0, -2.9))
 
 
 def mission(
@@ -47,11 +45,14 @@ def mission(
 ) -> uo.Mission:
     tasks: list[Task] = [JointLimits()]
     if robot.n_vehicle:
-        tasks += [MinimumAltitude()] if robot.description.altimeter else []
+        if robot.description.altimeter:
+            tasks.append(MinimumAltitude())
         tasks += [HorizontalAttitude(), VehiclePose(goal=X_NW * GOAL)]
     if robot.n_joints and robot.tools:
         tasks.append(ToolPosition(goal=pin.SE3(np.eye(3), X_NW.act(tool))))
-    tasks = [changed(task) for task in (tasks if robot.n_joints else tasks[1:])]
+    if not robot.n_joints:
+        tasks = tasks[1:]
+    tasks = [changed(task) for task in tasks]
     last = tasks[-1].name
     end = uo.Transition(to=uo.DONE, when=(uo.Below(quantity=f"{last}.position_error", limit=1e-9),))
     phase = uo.Phase(name="go", activations={task.name: 1.0 for task in tasks}, transitions=(end,))
@@ -68,22 +69,20 @@ def commands(
     """(n, n_v) [m/s, rad/s] on the way, until the solver calls one inexact; a fixed base is its own
     world.
     """
-    here = X_NW if robot.n_vehicle else pin.SE3.Identity()
-    q = (
-        robot.configuration(position=(0.0, 0.0, 0.0)).copy()
-        if robot.n_vehicle
-        else robot.configuration().copy()
-    )
-    q[:7] = pin.SE3ToXYZQUAT(here * START) if robot.n_vehicle else q[:7]
+    X_world = pin.SE3.Identity()
+    q = robot.configuration().copy()
+    q_at_start = q.copy()
+    if robot.n_vehicle:
+        X_world = X_NW
+        q[:7] = pin.SE3ToXYZQUAT(X_world * START)
+        q_at_start[:7] = pin.SE3ToXYZQUAT(START)
     tool = np.zeros(3)
     if robot.tools:
         data = robot.model.createData()
-        there = robot.configuration().copy()
-        there[:7] = pin.SE3ToXYZQUAT(START) if robot.n_vehicle else there[:7]
-        pin.framesForwardKinematics(robot.model, data, there)
+        pin.framesForwardKinematics(robot.model, data, q_at_start)
         tool = data.oMf[robot.frame_id(robot.tools[0])].translation + np.array([0.2, 0.1, -0.05])
     control = KinematicController(
-        robot=robot, mission=mission(robot, here, tool, changed), solver=SOLVERS[solver](), dt=DT
+        robot=robot, mission=mission(robot, X_world, tool, changed), solver=SOLVERS[solver](), dt=DT
     )
     v = np.zeros(robot.n_v)
     rows = []
@@ -105,16 +104,18 @@ def test_the_same_is_commanded_in_any_world_and_by_any_clock(name: str, solver: 
     usual = commands(robot, solver, pin.SE3.Identity(), 0.0)
     assert np.abs(usual).max() > 0.01
     for case, (X_NW, ahead) in CASES.items():
-        found = commands(robot, solver, X_NW, ahead)
-        n = min(len(found), len(usual))
-        assert n == TICKS if solver != "lexqp" else n >= 5
-        exact = (
-            1e-4 if solver == "lexqp" else 1e-6
-        )  # a cascade of QPs, each solved to a tolerance that the next inherits
-        allowed = exact + 50.0 * np.spacing(
-            ahead
-        )  # velocities change by 1 m/s2 and more within the resolution of a clock
-        assert np.abs(found[:n] - usual[:n]).max() <= allowed, case
+        moved = commands(robot, solver, X_NW, ahead)
+        n = min(len(moved), len(usual))
+        exact = 1e-6
+        if solver == "lexqp":
+            # A cascade of QPs, each solved to a tolerance that the next inherits.
+            exact = 1e-4
+            assert n >= 5
+        else:
+            assert n == TICKS
+        # Velocities change by 1 m/s2 and more within the resolution of a clock.
+        allowed = exact + 50.0 * np.spacing(ahead)
+        assert np.abs(moved[:n] - usual[:n]).max() <= allowed, case
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -132,14 +133,14 @@ def test_rows_that_ask_for_nothing_new_change_nothing(
 ) -> None:
     """In every task at once."""
     robot = uo.load_robot(name)
-    here = pin.SE3.Identity()
-    usual, found = (
-        commands(robot, solver, here, 0.0, changed)
+    X_identity = pin.SE3.Identity()
+    usual, moved = (
+        commands(robot, solver, X_identity, 0.0, changed)
         for changed in (as_it_is, lambda task: extended(task, more))
     )
-    n = min(len(found), len(usual))
+    n = min(len(moved), len(usual))
     assert n >= (5 if solver == "lexqp" else TICKS)
     assert np.abs(usual).max() > 0.01
     np.testing.assert_allclose(
-        found[:n], usual[:n], atol={"lexqp": 1e-4, "icat": 1e-2}.get(solver, 1e-6)
+        moved[:n], usual[:n], atol={"lexqp": 1e-4, "icat": 1e-2}.get(solver, 1e-6)
     )

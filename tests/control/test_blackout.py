@@ -105,6 +105,6 @@ def test_a_missing_echo_counts_as_a_missing_measurement_while_altitude_matters()
     scenario = case1(plant="kinematic")
     kinematic = scenario.kinematic_controller()
     silent = StateEstimate(q=scenario.start, v=np.zeros(13), altimeter_range=math.nan)
-    held = [kinematic(silent, 0.005 * k).hold for k in range(1, 400)]
-    assert not held[50]
-    assert held[-1]
+    holds = [kinematic(silent, 0.005 * k).hold for k in range(1, 400)]
+    assert not holds[50]
+    assert holds[-1]

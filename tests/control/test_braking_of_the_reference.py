@@ -28,7 +28,8 @@ FAILURES = [frozenset({channel}) for channel in CHANNELS] + [
 @pytest.mark.parametrize("dt", [1 / 20, 1 / 50, 1 / 200])
 def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: float) -> None:
     scenario = case1(plant="kinematic", dt=dt)
-    control, robot = scenario.kinematic_controller(), scenario.robot
+    control = scenario.kinematic_controller()
+    robot = scenario.robot
     limits = robot.limits.acceleration * dt
     q = scenario.start.copy()
     commands = [np.zeros(robot.n_v)]
@@ -40,13 +41,16 @@ def test_the_reference_brakes_and_goes_on_within_its_acceleration_limits(dt: flo
     for k in range(round(EVERY * len(levels) / dt)):
         t = k * dt
         lost, trust = levels[min(int(t / EVERY + 1e-9), len(levels) - 1)]
-        begun += [t] if t - begun[-1] >= EVERY - 1e-9 else []
-        bad = {channel: trust if channel in lost else Trust.GOOD for channel in CHANNELS}
+        if t - begun[-1] >= EVERY - 1e-9:
+            begun.append(t)
+        trusts = dict.fromkeys(CHANNELS, Trust.GOOD) | dict.fromkeys(lost, trust)
         health = tuple(
             ChannelHealth(channel=channel, trust=level, since=begun[-1])
-            for channel, level in bad.items()
+            for channel, level in trusts.items()
         )
-        echo = math.nan if bad["altimeter_range"] is Trust.LOST else q[2] + 40.0
+        echo = q[2] + 40.0
+        if trusts["altimeter_range"] is Trust.LOST:
+            echo = math.nan
         command = control(
             StateEstimate(q=q, v=commands[-1], altimeter_range=echo, health=health), t
         )
@@ -75,14 +79,16 @@ def test_without_descent_neither_vehicle_nor_altimeter_sinks_in_any_attitude_and
         q[3:] /= np.linalg.norm(q[3:])
         R = pin.Quaternion(*q[[6, 3, 4, 5]]).matrix()
         jacobian = np.concatenate([R[2], rng.normal(size=3)])
-        wanted = rng.normal(size=6)
+        desired = rng.normal(size=6)
         assign(beam, exists=altimeter, height_jacobian=jacobian)
-        v = doubles(wanted)
+        v = doubles(desired)
         assert limit_speed(limits, less, beam, doubles(q), zero, 1.0, v) == 1.0
-        sinks = max(0.0, -R[2] @ wanted[:3], -(jacobian @ wanted) if altimeter else 0.0)
+        sinks = max(0.0, -R[2] @ desired[:3])
+        if altimeter:
+            sinks = max(sinks, -(jacobian @ desired))
         np.testing.assert_allclose(
-            R @ v[:3], R @ wanted[:3] + [0.0, 0.0, sinks], rtol=0, atol=1e-12
+            R @ v[:3], R @ desired[:3] + [0.0, 0.0, sinks], rtol=0, atol=1e-12
         )
-        np.testing.assert_array_equal(v[3:], wanted[3:])
+        np.testing.assert_array_equal(v[3:], desired[3:])
         lifted += sinks > 0.0
     assert 10 < lifted < 50

@@ -24,12 +24,13 @@ SHARES = (1.0, 0.25, 0.05)
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_each_axis_keeps_the_force_of_its_integral_at_another_share(name: str) -> None:
     velocity: VelocityLaw = laws(name).velocity
-    (q, v), n = (ca.SX(ca.DM(part)) for part in scene(name)), laws(name).robot.n_v
+    q, v = (ca.SX(ca.DM(part)) for part in scene(name))
+    n = laws(name).robot.n_v
     integral, before, share = (ca.SX.sym(part, n) for part in ("integral", "before", "share"))
-    kept = velocity.bumpless(q, v, integral, share, before)
+    transferred = velocity.bumpless(q, v, integral, share, before)
     forces = [
         velocity.force(q, v, v, ca.SX(n, 1), i, part)
-        for i, part in ((integral, before), (kept, share))
+        for i, part in ((integral, before), (transferred, share))
     ]
     function = ca.Function("forces", [integral, before, share], forces)
     for first, second in pairwise(SHARES):
@@ -37,8 +38,8 @@ def test_each_axis_keeps_the_force_of_its_integral_at_another_share(name: str) -
             old, new = (
                 np.array(force).ravel() for force in function(np.eye(n)[axis], first, second)
             )
-            rest = np.array(function(np.zeros(n), first, second)[0]).ravel()
-            assert abs(old - rest)[axis] > 1e-3
+            at_rest = np.array(function(np.zeros(n), first, second)[0]).ravel()
+            assert abs(old - at_rest)[axis] > 1e-3
             assert new[axis] == pytest.approx(old[axis], rel=1e-9, abs=1e-9)
 
 
@@ -49,7 +50,9 @@ def test_a_load_that_rests_is_borne_alike_whatever_share_the_loops_come_to(
     """Before, the lasting force went with the square of the share: a doubted DVL let a sixteenth of
     it be.
     """
-    usual, model, (q, _) = laws("planar5"), dynamics("planar5"), scene("planar5")
+    usual = laws("planar5")
+    model = dynamics("planar5")
+    q, _ = scene("planar5")
     observer = replace(usual.observer, dt=dt) if observed and usual.observer else None
     tick = ForceTick(
         replace(

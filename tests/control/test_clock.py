@@ -77,7 +77,8 @@ def commands(scenario: uo.Scenario, began: float) -> tuple[np.ndarray, list[tupl
     """What is estimated and commanded at each tick, and events with the time that has passed, as
     the clock began at [s].
     """
-    estimator, controller = scenario.estimator(), scenario.controller()
+    estimator = scenario.estimator()
+    controller = scenario.controller()
     robot = scenario.robot
     suite = SensorSuite(robot, scenario.environment.seafloor, scenario.sensors, 0)
     command = None
@@ -98,13 +99,12 @@ def commands(scenario: uo.Scenario, began: float) -> tuple[np.ndarray, list[tupl
 
 
 def _shifted(readings: Readings, began: float) -> Readings:
-    given = {name: getattr(readings, name) for name in CHANNELS}
-    return Readings(
-        **{
-            name: None if r is None else Reading(value=r.value, t=r.t + began)
-            for name, r in given.items()
-        }
-    )
+    shifted = {}
+    for name in CHANNELS:
+        reading = getattr(readings, name)
+        if reading is not None:
+            shifted[name] = Reading(value=reading.value, t=reading.t + began)
+    return Readings(**shifted)
 
 
 BEGINNINGS = [-64.0, 50.0, 1e3, 1.76e9]
@@ -148,12 +148,12 @@ def _same_commands(
     """But for what changes within the resolution of the clock, at most this fast [N/s and the
     like].
     """
-    here = replace(scenario_of(robot, joints or robot.joint_names[:2]), sensors=specs)
-    wanted, events = commands(here, 0.0)
+    study = replace(scenario_of(robot, joints or robot.joint_names[:2]), sensors=specs)
+    expected, events = commands(study, 0.0)
     assert [target for target, _ in events][:1] == ["on"]
-    found, found_events = commands(here, began)
+    shifted, found_events = commands(study, began)
     resolution = np.spacing(abs(began))  # [s] of times
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-9 + fastest * resolution)
+    np.testing.assert_allclose(shifted, expected, rtol=0, atol=1e-9 + fastest * resolution)
     assert [target for target, _ in found_events] == [target for target, _ in events]
     np.testing.assert_allclose(
         [t for _, t in found_events], [t for _, t in events], rtol=0, atol=1e-9 + 2 * resolution

@@ -52,19 +52,19 @@ def measurements(scenario: Scenario) -> list[StateEstimate]:
     control = kinematic(scenario)
     q = scenario.start
     v = np.zeros(robot.n_v)
-    found = []
+    estimates = []
     for k in range(600):
         noise = 1e-3 * rng.standard_normal(robot.n_v)
         measured = np.array(pin.integrate(robot.model, q, noise))
         measured[k % robot.n_q] = np.nan if k % 37 == 5 else measured[k % robot.n_q]
         echo = np.nan if k % 11 < 3 else q[2] + 40.0
         age = max(0.0, (k - 500) * scenario.dt)
-        found.append(
+        estimates.append(
             StateEstimate(q=measured, v=v + noise, altimeter_range=echo, age=age, joint_age=age)
         )
-        v = control(found[-1], k * scenario.dt).v
+        v = control(estimates[-1], k * scenario.dt).v
         q = pin.integrate(robot.model, q, v * scenario.dt)
-    return found
+    return estimates
 
 
 def fed(control: Controller, measurements: list[StateEstimate], dt: float) -> list[Command]:
@@ -112,16 +112,16 @@ def test_a_tick_asks_once_whether_its_measurement_is_sound(
     build: Build,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    asked = []
+    calls = []
     ask = LastValidEstimate.substitute
 
     def counting(self: LastValidEstimate, measurement: StateEstimate) -> StateEstimate:
-        asked.append(measurement)
+        calls.append(measurement)
         return ask(self, measurement)
 
     monkeypatch.setattr(LastValidEstimate, "substitute", counting)
     fed(build(scenario), measurements[:50], scenario.dt)
-    assert [id(measurement) for measurement in asked] == [
+    assert [id(measurement) for measurement in calls] == [
         id(measurement) for measurement in measurements[:50]
     ]
 
@@ -155,11 +155,11 @@ def test_evaluating_a_measurement_leaves_the_commands_as_they_are(
     scenario: Scenario, measurements: list[StateEstimate]
 ) -> None:
     plain = kinematic(scenario)
-    asked = kinematic(scenario)
+    evaluated = kinematic(scenario)
     for k, measurement in enumerate(measurements[:60]):
         if np.isfinite(measurement.q).all():
-            asked.evaluate(measurement, k * scenario.dt)
-        commands = plain(measurement, k * scenario.dt), asked(measurement, k * scenario.dt)
+            evaluated.evaluate(measurement, k * scenario.dt)
+        commands = plain(measurement, k * scenario.dt), evaluated(measurement, k * scenario.dt)
         np.testing.assert_array_equal(commands[0].v, commands[1].v)
 
 

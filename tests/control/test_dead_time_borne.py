@@ -27,14 +27,18 @@ def growth(stiffness: float, late: float) -> float:
     dt = late / BEHIND
     x = np.zeros(TIMES * BEHIND)
     v = np.zeros(TIMES * BEHIND)
-    v[BEHIND], total, d, expected = 1.0, 0.0, 0.0, 0.0
+    v[BEHIND] = 1.0
+    total = 0.0
+    d = 0.0
+    expected = 0.0
     for i in range(BEHIND, len(v) - 1):
-        seen = v[i - BEHIND]
-        total += dt * seen
-        command = -k * (seen + r * total) - d
-        missed = seen - expected
-        a = stiffness * (x[i - BEHIND] + late * seen - x[i]) + command
-        d, expected = d + dt * w**2 * missed, expected + dt * (command + d + 2 * w * missed)
+        delayed_v = v[i - BEHIND]
+        total += dt * delayed_v
+        command = -k * (delayed_v + r * total) - d
+        missed = delayed_v - expected
+        a = stiffness * (x[i - BEHIND] + late * delayed_v - x[i]) + command
+        expected = expected + dt * (command + d + 2 * w * missed)
+        d = d + dt * w**2 * missed
         v[i + 1] = v[i] + dt * a
         x[i + 1] = x[i] + dt * v[i + 1]
     quarters = np.abs(v).reshape(4, -1).max(axis=1)
@@ -53,7 +57,7 @@ def test_what_is_pushed_comes_to_rest_below_the_dead_time_borne_and_swings_beyon
 def test_of_many_axes_the_one_that_bears_least_counts() -> None:
     turn: Any = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     stiffness = turn @ np.diag([-14.0, 2.0, 30.0]) @ turn.T
-    alone = [largest_dead_time(np.array([[one]]), **LOOP) for one in (-14.0, 2.0, 30.0)]
+    alone = [largest_dead_time(np.array([[stiffness]]), **LOOP) for stiffness in (-14.0, 2.0, 30.0)]
     assert largest_dead_time(stiffness, **LOOP) == pytest.approx(min(alone))
 
 

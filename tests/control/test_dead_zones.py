@@ -52,6 +52,6 @@ def test_a_hover_ends_as_near_as_without_dead_zones_and_asks_for_nothing_inside_
 ) -> None:
     record = hover(thrusting(dead_zone, time_constant))
     away = np.linalg.norm(record["q"][-100:, :3] - np.array(GOAL), axis=1)
-    asked = np.abs(record["asked_thrust"])
+    requested = np.abs(record["asked_thrust"])
     assert away.max() < NEAR
-    assert not ((asked > 1e-9) & (asked < dead_zone * (1 - 1e-9))).any()
+    assert not ((requested > 1e-9) & (requested < dead_zone * (1 - 1e-9))).any()

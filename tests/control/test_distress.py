@@ -61,7 +61,8 @@ def reasons(
     clearance: float = np.nan,
 ) -> list[str]:
     """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
-    control, mission = scenario.kinematic_controller(), scenario.mission
+    control = scenario.kinematic_controller()
+    mission = scenario.mission
     names = quantities_read(mission.all_phases)
     sizes = {"n_tasks": mission.n_tasks, "n_quantities": len(names), **sizes_of(mission.all_phases)}
     phases = structure_of(MissionMemory, **sizes)()
@@ -72,36 +73,36 @@ def reasons(
     measured = StateEstimate(
         q=scenario.start, v=np.zeros(scenario.robot.n_v), altimeter_range=3.0, health=health
     )
-    found = []
+    reasons = []
     for k in range(round(seconds / DT)):
-        now = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
+        quantities = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
         tick = control.observe(measured, k * DT)
         write_state(phases, tick.mission)
-        values = [now[name] for name in names]
+        values = [quantities[name] for name in names]
         ended = bool(tick.restriction.abort)
         why = abort_reason(
             memory, phases, tick.t, tick.gates.tolist(), values, False, ended, clearance
         )
-        found.append(distress.describe(AbortReason(why), tick, now, feedback))
-    return found
+        reasons.append(distress.describe(AbortReason(why), tick, quantities, feedback))
+    return reasons
 
 
-def first(found: list[str]) -> float:
+def first(reasons: list[str]) -> float:
     """[s] when there was a reason."""
-    return DT * next(k for k, reason in enumerate(found) if reason)
+    return DT * next(k for k, reason in enumerate(reasons) if reason)
 
 
 def test_each_reason_needs_its_time_and_says_what_it_was(still: Scenario) -> None:
-    given = with_abort(still, contact_after=0.5, thrust_after=1.0, stall_after=2.0)
-    pushed = reasons(given, ActuationFeedback(push=0.31, short=True), 0.7)
+    mission = with_abort(still, contact_after=0.5, thrust_after=1.0, stall_after=2.0)
+    pushed = reasons(mission, ActuationFeedback(push=0.31, short=True), 0.7)
     assert first(pushed) == pytest.approx(0.5, abs=3 * DT)
     assert "31 % of the thrusters' lift" in pushed[-1]
     short = reasons(
-        given, ActuationFeedback(push=0.29, short=True, at_limits="thruster2, thruster5"), 1.2
+        mission, ActuationFeedback(push=0.29, short=True, at_limits="thruster2, thruster5"), 1.2
     )
     assert first(short) == pytest.approx(1.0, abs=3 * DT)
     assert short[-1].endswith("limits for 1 s (thruster2, thruster5)")
-    stalled = reasons(given, ActuationFeedback(), 2.2)
+    stalled = reasons(mission, ActuationFeedback(), 2.2)
     assert first(stalled) == pytest.approx(2.0, abs=3 * DT)
     assert stalled[-1] == "stall: PC.position_error = 1 not < 0.1, no nearer for 2 s"
 
@@ -142,12 +143,10 @@ def test_a_floor_that_nobody_sees_ends_no_mission(
     for k in range(120):
         health = ()
         if k >= 10:
-            q[0], q[2], echo, health = (
-                q[0] + 0.3,
-                q[2] - 0.05,
-                np.nan if silent else max(0.02, echo - 0.1),
-                bad,
-            )
+            q[0] = q[0] + 0.3
+            q[2] = q[2] - 0.05
+            echo = np.nan if silent else max(0.02, echo - 0.1)
+            health = bad
         measured = StateEstimate(
             q=q.copy(), v=np.zeros(still.robot.n_v), altimeter_range=echo, health=health
         )
@@ -193,7 +192,7 @@ def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> No
     robot = still.robot
     rng = np.random.default_rng(4)
     data = robot.model.createData()
-    found = lowest_point(robot)
+    lowest = lowest_point(robot)
     for _ in range(20):
         q = robot.configuration(
             position=(1.0, 2.0, -9.0), rpy=tuple(rng.uniform(-2.0, 2.0, 3))
@@ -205,9 +204,9 @@ def test_the_lowest_point_is_that_of_hull_joints_and_tool(still: Scenario) -> No
             data.oMf[robot.frame_id("tool")].translation,
             *(data.oMi[1].act(point) for point in skid_points(robot)),
         ]
-        assert float(found(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
-        there = data.oMf[robot.frame_id("altimeter")].translation
-        fallen = [point[2] + 0.3 * np.linalg.norm(point[:2] - there[:2]) for point in points]
+        assert float(lowest(q)) == pytest.approx(min(point[2] for point in points), abs=1e-9)
+        altimeter = data.oMf[robot.frame_id("altimeter")].translation
+        fallen = [point[2] + 0.3 * np.linalg.norm(point[:2] - altimeter[:2]) for point in points]
         assert float(lowest_point(robot, 0.3, "altimeter")(q)) == pytest.approx(
             min(fallen), abs=1e-9
         )
@@ -229,12 +228,12 @@ def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(
 
 
 def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:
-    given = with_abort(still, stall_after=1.0)
+    mission = with_abort(still, stall_after=1.0)
     why = "0.05 s later than its delay is said to be, allowed 0.025 s"
     late = [
         ChannelHealth(channel=name, trust=Trust.SUSPECT, why=why) for name in ("position", "depth")
     ]
-    stalled = reasons(given, ActuationFeedback(), 1.2, health=tuple(late))[-1]
+    stalled = reasons(mission, ActuationFeedback(), 1.2, health=tuple(late))[-1]
     assert stalled.startswith("stall: PC.position_error = 1 not < 0.1, no nearer for 1 s; ")
     assert f"end no phase: {why} (depth, position); see to them" in stalled
 
@@ -272,8 +271,8 @@ def test_a_robot_that_takes_its_joints_for_beyond_their_limits_still_climbs(
 
 def test_pushing_counts_only_while_a_minimum_altitude_is_asked_for(still: Scenario) -> None:
     landing = replace(still.mission, phases=still.mission.phases[2:])
-    given = with_abort(replace(still, mission=landing), contact_after=0.1)
-    assert not any(reasons(given, ActuationFeedback(push=1.0), 0.5))
+    mission = with_abort(replace(still, mission=landing), contact_after=0.1)
+    assert not any(reasons(mission, ActuationFeedback(push=1.0), 0.5))
 
 
 class High(PassThrough):

@@ -5,6 +5,7 @@ works at the floor.
 from __future__ import annotations
 
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
@@ -33,10 +34,11 @@ QUICK = {("linear_velocity", "bias={}", 20), ("joint_positions", "lost", 20)}
 
 def runs() -> list[object]:
     """Channels by defects by rates [Hz]; most are slow."""
-    cases = [
-        (channel, defect, rate) for channel in SIZES for defect in DEFECTS for rate in (20, 50)
-    ]
-    return [pytest.param(*case, marks=() if case in QUICK else pytest.mark.slow) for case in cases]
+    runs = list[object]()
+    for case in product(SIZES, DEFECTS, (20, 50)):
+        marks = () if case in QUICK else pytest.mark.slow
+        runs.append(pytest.param(*case, marks=marks))
+    return runs
 
 
 @cache
@@ -47,17 +49,17 @@ def flown(rate: int, fault: str = "") -> tuple[np.ndarray, np.ndarray, float]:
     That is of the acceleration of a joint that the commanded force makes, in a tick, as a share of
     the limit.
     """
-    scenario = case1(
-        noise=True, dt=1 / rate, duration=END, faults=(parse_fault(fault),) if fault else ()
-    )
-    record, robot = scenario.run(), scenario.robot
+    faults = (parse_fault(fault),) if fault else ()
+    scenario = case1(noise=True, dt=1 / rate, duration=END, faults=faults)
+    record = scenario.run()
+    robot = scenario.robot
     mass_matrix = robot_dynamics(robot).mass_matrix
     joints = robot.joint_v
-    asked = np.column_stack([record["wrench"], record["torque"]])
+    requested = np.column_stack([record["wrench"], record["torque"]])
     largest = 0.0
     first = int(np.searchsorted(record["t"], ONSET)) if fault else rate
-    for k in range(first, len(asked)):
-        change = np.linalg.solve(mass_matrix(record["q"][k]), asked[k] - asked[k - 1])
+    for k in range(first, len(requested)):
+        change = np.linalg.solve(mass_matrix(record["q"][k]), requested[k] - requested[k - 1])
         largest = max(largest, float(np.abs(change / robot.limits.acceleration)[joints].max()))
     shares = np.abs(record["v"][first:]) / robot.limits.velocity
     return shares, np.abs(record["v_estimated"] - record["v"])[first:, :3], largest
@@ -69,9 +71,8 @@ def test_no_change_of_trust_kicks(channel: str, defect: str, rate: int) -> None:
     """A DVL with a bias was doubted late: the vehicle went 1.5 times, a joint 1.7 times as fast as
     it may.
     """
-    size = dict(zip(("spikes={},0.1", "bias={}", "late={}"), SIZES[channel], strict=True)).get(
-        defect, ""
-    )
+    sizes = dict(zip(("spikes={},0.1", "bias={}", "late={}"), SIZES[channel], strict=True))
+    size = sizes.get(defect, "")
     shares, errors, change = flown(rate, f"{channel}:{defect.format(size)}@{ONSET:g}-{UNTIL:g}")
     assert shares[:, :6].max() <= 1.0
     assert shares[:, 6:].max() <= 1.2
@@ -90,11 +91,11 @@ ACTUATORS = {  # faults, and what is named
 
 def struck_runs() -> list[object]:
     """What strikes actuators, alone and with a channel, and blind vehicles, by rates [Hz]."""
-    return [
-        pytest.param(faults, rate, marks=() if rate == 20 else pytest.mark.slow)
-        for faults in ACTUATORS
-        for rate in (20, 50, 200)
-    ]
+    runs = list[object]()
+    for faults, rate in product(ACTUATORS, (20, 50, 200)):
+        marks = () if rate == 20 else pytest.mark.slow
+        runs.append(pytest.param(faults, rate, marks=marks))
+    return runs
 
 
 @long_without_compiler
@@ -107,6 +108,7 @@ def test_no_verdict_and_no_mode_kicks_the_arm_and_faults_are_found_at_every_rate
     """
     struck = tuple(parse_fault(f"{fault}@28.6") for fault in faults.split())
     scenario = case1(noise=True, dt=1 / rate, duration=42.0, faults=struck)
-    record, robot = scenario.run(), scenario.robot
+    record = scenario.run()
+    robot = scenario.robot
     assert any(ACTUATORS[faults] in alarm.text for alarm in record.run_meta.alarms)
     assert (np.abs(record["v"]) / robot.limits.velocity).max() <= 1.2

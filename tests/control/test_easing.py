@@ -111,7 +111,8 @@ def test_what_is_left_of_a_braking_pushes_no_axis_backwards(
             lower, upper = easing(problem, robot, v, change)
             assert (upper >= 0.0).all()
             following = np.clip(0.0, lower, upper)
-            v, change = following, following - v
+            change = following - v
+            v = following
             assert (v >= -1e-12).all()
         np.testing.assert_allclose(v, 0.0, atol=1e-9)
 

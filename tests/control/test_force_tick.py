@@ -49,15 +49,15 @@ def laws(name: str = FULL) -> ForceLaws:
 
 
 def laws_of(robot: Robot) -> ForceLaws:
-    ones = np.ones(robot.n_v)
+    full_share = np.ones(robot.n_v)
     return ForceLaws(
         robot=robot,
         velocity=VelocityLaw(
-            dynamics=robot_dynamics(robot).symbolic, K_p=3.0 * ones, reset=ones, dt=DT
+            dynamics=robot_dynamics(robot).symbolic, K_p=3.0 * full_share, reset=full_share, dt=DT
         ),
         lag=thruster_lag(robot, lead=4.0, dt=DT),
         lift=500.0,
-        observer=ObserverLaw(bandwidth=3.0 * ones, limit=500.0 * ones, dt=DT),
+        observer=ObserverLaw(bandwidth=3.0 * full_share, limit=500.0 * full_share, dt=DT),
         residual_filter=ResidualFilter(share=0.03, every=5),
     )
 
@@ -87,20 +87,22 @@ def ticked(
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
-    tick, (q, v) = ForceTick(laws(name)), scene(name)
+    tick = ForceTick(laws(name))
+    q, v = scene(name)
     n = laws(name).robot.n_vehicle
     limit = laws(name).robot.limits.effort
     first = ticked(tick, q, v, Command(v=v))
-    wanted = dynamics(name).inverse_dynamics(q, v, v / DT)
-    np.testing.assert_allclose(first.vehicle_force, wanted[:n], rtol=1e-9, atol=1e-9)
+    expected = dynamics(name).inverse_dynamics(q, v, v / DT)
+    np.testing.assert_allclose(first.vehicle_force, expected[:n], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(
-        first.torque, np.clip(wanted[n:], -limit, limit), rtol=1e-9, atol=1e-9
+        first.torque, np.clip(expected[n:], -limit, limit), rtol=1e-9, atol=1e-9
     )
 
 
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: str) -> None:
-    tick, (q, _) = ForceTick(laws(name)), scene(name)
+    tick = ForceTick(laws(name))
+    q, _ = scene(name)
     model = dynamics(name)
     rng = np.random.default_rng(1)
     still = Command(v=np.zeros(laws(name).robot.n_v))
@@ -108,7 +110,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
     v = np.zeros(len(push))
     for _ in range(1000):  # of a place where q stays as it is
         told = ticked(tick, q, v, still)
-        given = np.concatenate(
+        gains = np.concatenate(
             [
                 (thruster_matrix(laws(name).robot) @ tick.observed.thrust)[
                     : len(told.vehicle_force)
@@ -116,7 +118,7 @@ def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: s
                 told.torque,
             ]
         )
-        acceleration = model.forward_dynamics(q, v, given + push)
+        acceleration = model.forward_dynamics(q, v, gains + push)
         v = v + DT * acceleration
     np.testing.assert_allclose(told.disturbance, push, atol=1e-3 * np.abs(push).max())
     np.testing.assert_allclose(v, 0.0, atol=1e-4)
@@ -133,25 +135,32 @@ def test_compiled_and_not_a_tick_gives_the_same(name: str) -> None:
     ):
         compiled = compile_function(function)
         for _ in range(5):
-            given = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
-            expected = np.array(function(*given))
+            arguments = [rng.normal(size=function.size1_in(i)) for i in range(function.n_in())]
+            expected = np.array(function(*arguments))
             np.testing.assert_allclose(
-                np.array(compiled(*given)), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+                np.array(compiled(*arguments)),
+                expected,
+                rtol=0,
+                atol=1e-12 * np.abs(expected).max(),
             )
 
 
 def test_a_tick_tells_arrays_of_its_own() -> None:
-    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick = ForceTick(laws())
+    q, v = scene(FULL)
     first = ticked(tick, q, v, Command(v=v))
-    kept = {name: getattr(first, name).copy() for name in ForceOutputs.__dataclass_fields__}
+    first_outputs = {
+        name: getattr(first, name).copy() for name in ForceOutputs.__dataclass_fields__
+    }
     ticked(tick, q, -v, Command(v=-3.0 * v))
-    for name, value in kept.items():
+    for name, value in first_outputs.items():
         np.testing.assert_array_equal(getattr(first, name), value)
 
 
 def busy(ticks: int = 30) -> tuple[ForceTick, np.ndarray, np.ndarray]:
     """After so many ticks that lag behind what is asked."""
-    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick = ForceTick(laws())
+    q, v = scene(FULL)
     for _ in range(ticks):
         ticked(tick, q, v, Command(v=2.0 * v))
     return tick, q, v
@@ -169,7 +178,8 @@ def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
     """The reference of joints ends at once where brakes lock: taken for an acceleration, the
     thrusters were to bear it.
     """
-    usual, (q, v) = laws(), scene(FULL)
+    usual = laws()
+    q, v = scene(FULL)
     slower = replace(
         usual,
         velocity=replace(usual.velocity, dt=dt),
@@ -182,13 +192,13 @@ def test_brakes_that_lock_ask_no_acceleration_of_thrusters(dt: float) -> None:
     stopped = np.concatenate([v[:n], np.zeros(usual.robot.n_joints)])
     ticked(tick, q, v, Command(v=v))
     locked = ticked(tick, q, stopped, Command(v=stopped, brakes=True))
-    wanted = dynamics(FULL).inverse_dynamics(q, stopped, np.zeros(len(v)))
-    np.testing.assert_allclose(locked.vehicle_force, wanted[:n], rtol=1e-9, atol=1e-9)
+    expected = dynamics(FULL).inverse_dynamics(q, stopped, np.zeros(len(v)))
+    np.testing.assert_allclose(locked.vehicle_force, expected[:n], rtol=1e-9, atol=1e-9)
 
 
 def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_disturbance() -> None:
     commands = []
-    kept = []
+    integrals = []
     for wrong in (1.0, -100.0):
         tick, q, v = busy()
         before = known(tick)
@@ -196,14 +206,15 @@ def test_a_velocity_that_is_not_to_be_trusted_is_not_fed_back_and_changes_no_dis
         commands.append(ticked(tick, q, wrong * v, command, joints=False))
         np.testing.assert_array_equal(tick.observed.estimate, before.estimate)
         assert not tick.observed.follows[0]
-        kept.append(known(tick).integral)
+        integrals.append(known(tick).integral)
     np.testing.assert_array_equal(commands[0].command, commands[1].command)
     np.testing.assert_array_equal(commands[0].torque, commands[1].torque)
-    np.testing.assert_array_equal(kept[0], kept[1])
+    np.testing.assert_array_equal(integrals[0], integrals[1])
 
 
 def test_joints_that_are_not_to_be_trusted_leave_the_vehicle_as_it_is() -> None:
-    (tick, q, v), n = busy(), laws().robot.n_vehicle
+    tick, q, v = busy()
+    n = laws().robot.n_vehicle
     ticked(tick, q, v, Command(v=2.0 * v), joints=False)
     error = arrays_of(tick.memory.desired).error
     np.testing.assert_array_equal(error[:n], v[:n])
@@ -222,27 +233,28 @@ def test_a_stop_cuts_the_thrust_and_forgets() -> None:
 
 def test_the_monitor_hears_only_what_can_be_trusted() -> None:
     tick, q, v = busy(4)
-    seen = [known(tick)]
+    steps = [known(tick)]
     for command, joints in (
         (Command(v=v), True),
         (Command(v=v, hold=True), True),
         (Command(v=v), False),
     ):
         ticked(tick, q, v, command, joints=joints)
-        seen.append(known(tick))
-    assert [MonitorStep(int(now.watch[0])) for now in seen] == [
+        steps.append(known(tick))
+    assert [MonitorStep(int(step.watch[0])) for step in steps] == [
         MonitorStep.TAKES_IN,
         MonitorStep.DUE,
         MonitorStep.PAUSED,
         MonitorStep.PAUSED,
     ]
-    for paused in seen[2:]:
-        np.testing.assert_array_equal(paused.asked, seen[1].asked)
-        np.testing.assert_array_equal(paused.way, seen[1].way)
+    for paused in steps[2:]:
+        np.testing.assert_array_equal(paused.asked, steps[1].asked)
+        np.testing.assert_array_equal(paused.way, steps[1].way)
 
 
 def test_the_bandwidths_of_vehicle_and_joints_come_to_what_each_bears() -> None:
-    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick = ForceTick(laws())
+    q, v = scene(FULL)
     n = laws().robot.n_vehicle
     for k in range(1, 200):
         tick.give(q, v, Command(v=v), (0.2, 0.5))
@@ -260,13 +272,8 @@ def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_t
         share=np.r_[0.0, 0.5, np.ones(6)], constant=np.r_[3.0, np.zeros(7)]
     )
     tick.memory.detection.n_vehicle = 6
-    (
-        tick.memory.detection.effectiveness.share[:],
-        tick.memory.detection.effectiveness.constant[:],
-    ) = (
-        effectiveness.share,
-        effectiveness.constant,
-    )
+    tick.memory.detection.effectiveness.share[:] = effectiveness.share
+    tick.memory.detection.effectiveness.constant[:] = effectiveness.constant
     tick._adapt(tick.memory)
     acting = matrix @ effectiveness.given(before.thrust) + tick.observed.estimate[:6]
     np.testing.assert_allclose(
@@ -280,7 +287,8 @@ def test_a_verdict_moves_what_a_thruster_fails_to_give_from_the_disturbance_to_t
 
 
 def test_a_thrust_that_limits_keep_from_being_reached_is_told() -> None:
-    tick, (q, v) = ForceTick(laws()), scene(FULL)
+    tick = ForceTick(laws())
+    q, v = scene(FULL)
     command = ticked(tick, q, v, Command(v=np.full(len(v), 50.0))).command
     limits = laws().lag
     assert tick.memory.allocation.saturated
@@ -328,10 +336,8 @@ def test_without_joints_brakes_lock_where_the_vehicle_holds() -> None:
 
 
 def test_a_place_that_is_no_number_is_not_looked_at_though_no_force_depends_on_it() -> None:
-    tick, (q, v) = (
-        ForceTick(replace(laws(), search=ActuatorHealthTuning()), compiled=False),
-        scene(FULL),
-    )
+    tick = ForceTick(replace(laws(), search=ActuatorHealthTuning()), compiled=False)
+    q, v = scene(FULL)
     places = []
     for x in (1.0, np.nan, np.inf, 2.0):
         for _ in range(5):
@@ -349,12 +355,12 @@ def test_in_c_and_in_python_a_tick_gives_the_same(name: str) -> None:
     tuning = ActuatorHealthTuning(sample_time=0.02, window=0.4, settling=0.02)
     searching = replace(laws(name), search=tuning if laws(name).robot.n_vehicle else None)
     mine = ForceTick(searching)
-    other = ForceTick(searching, compiled=False)
+    in_python = ForceTick(searching, compiled=False)
     q, v = scene(name)
     for k in range(40):
         command = Command(v=(2.0 + np.sin(k)) * v, hold=k == 20, stop=k == 30)
         for array, same in zip(
-            *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, other)),
+            *(step(tick, q, np.cos(k) * v, command, 0.01 * k) for tick in (mine, in_python)),
             strict=True,
         ):
             np.testing.assert_allclose(array, same, rtol=1e-9, atol=1e-9)

@@ -36,10 +36,17 @@ def moved(height: float, ahead: float = 0.0) -> Robot:
     where they are.
     """
     robot = six_thrusters()
-    level, lift = robot.description.thrusters[:4], robot.description.thrusters[4:]
+    level = robot.description.thrusters[:4]
+    lift = robot.description.thrusters[4:]
     thrusters = (
-        *(one.model_copy(update={"position": (*one.position[:2], height)}) for one in level),
-        *(one.model_copy(update={"position": (ahead, *one.position[1:])}) for one in lift),
+        *(
+            thruster.model_copy(update={"position": (*thruster.position[:2], height)})
+            for thruster in level
+        ),
+        *(
+            thruster.model_copy(update={"position": (ahead, *thruster.position[1:])})
+            for thruster in lift
+        ),
     )
     return replace(robot, description=checked_copy(robot.description, thrusters=thrusters))
 
@@ -63,10 +70,11 @@ def test_lift_thrusters_a_centimetre_off_drive_no_pitch(ahead: float) -> None:
 
 def test_a_lever_of_a_hand_drives_pitch() -> None:
     robot = six_thrusters()
-    level, (left, right) = robot.description.thrusters[:4], robot.description.thrusters[4:]
+    level = robot.description.thrusters[:4]
+    lateral_left, right = robot.description.thrusters[4:]
     apart = [
-        one.model_copy(update={"position": (x, *one.position[1:])})
-        for one, x in ((left, 0.1), (right, -0.1))
+        pair.model_copy(update={"position": (x, *pair.position[1:])})
+        for pair, x in ((lateral_left, 0.1), (right, -0.1))
     ]
     third = right.model_copy(update={"name": "lift_rear", "position": (-0.2, 0.0, 0.0)})
     robot = replace(
@@ -81,19 +89,18 @@ def test_forces_are_those_that_thrusters_give_and_feed_no_free_motion(robot: Rob
     laws = unit_laws(robot, DT)
     control = control_function(laws)
     places = column_places(ForceInputs, laws.sizes)
-    inputs, observed = np.zeros(control.size1_in(0)), np.zeros(control.size1_in(1))
+    inputs = np.zeros(control.size1_in(0))
+    observed = np.zeros(control.size1_in(1))
     inputs[places["q"]] = robot.configuration(rpy=(0.1, 0.3, 0.2))
     inputs[places["v"]], inputs[places["reference"]] = 0.05 * rng.normal(size=(2, n))
     state = column_places(ForceState, laws.sizes)
-    inputs[places["joints"]], observed[state["share"]], observed[state["before"]] = (
-        1.0,
-        1.0,
-        inputs[places["reference"]],
-    )
+    inputs[places["joints"]] = 1.0
+    observed[state["share"]] = 1.0
+    observed[state["before"]] = inputs[places["reference"]]
     force = np.array(control(inputs, observed)).ravel()[n : 2 * n]
     assert free_motions(robot)[0].T @ force == pytest.approx(0.0, abs=1e-9)
-    found = allocation_of(robot, compiled=False).allocate(force[:6])
-    assert found.unreachable == pytest.approx(0.0, abs=1e-6)
+    allocation = allocation_of(robot, compiled=False).allocate(force[:6])
+    assert allocation.unreachable == pytest.approx(0.0, abs=1e-6)
 
 
 def test_tasks_ask_for_nothing_of_what_swings(robot: Robot) -> None:
@@ -103,7 +110,8 @@ def test_tasks_ask_for_nothing_of_what_swings(robot: Robot) -> None:
     goal = ca.SX([*pose_at((1.4, 0.2, -0.5)).translation, 0, 0, 0])
     task = ToolPosition(goal=pose_at((1.4, 0.2, -0.5)))
     still = mean_attitude(symbols, passive)
-    plain, mean = task.rows(symbols, goal), task.rows(still, goal)
+    plain = task.rows(symbols, goal)
+    mean = task.rows(still, goal)
     rows = countered_rows(plain, mean, symbols, passive, lean_of(still, passive))
     read = ca.Function("rows", [symbols.q, symbols.velocity, passive], [rows.jacobian, mean.rate])
     motions = free_motions(robot)[0][:, 0]
@@ -127,7 +135,8 @@ def test_a_steady_way_is_told_to_tasks_as_it_is(robot: Robot) -> None:
     task = ToolPosition(goal=pose_at((1.4, 0.2, -0.5)))
     still = mean_attitude(symbols, passive)
     goal = ca.SX([*task.goal.translation, 0, 0, 0])
-    plain, mean = task.rows(symbols, goal), task.rows(still, goal)
+    plain = task.rows(symbols, goal)
+    mean = task.rows(still, goal)
     rows = countered_rows(plain, mean, symbols, passive, lean_of(still, passive))
     read = ca.Function(
         "rows",
@@ -135,15 +144,16 @@ def test_a_steady_way_is_told_to_tasks_as_it_is(robot: Robot) -> None:
         [rows.jacobian, plain.jacobian, rows.rate, mean.rate],
     )
     v = np.array([0.4, -0.1, 0.3, 0.1, 0.0, 0.2, *np.zeros(robot.n_joints)])
-    J, whole, rate, wanted = map(
+    J, whole, rate, desired = map(
         np.array, read(robot.configuration(joints=(0.2, 0.5, -0.3)), v, np.zeros(N_PASSIVE))
     )
     assert pytest.approx(whole @ v) == J @ v
-    assert rate == pytest.approx(wanted)
+    assert rate == pytest.approx(desired)
 
 
 def test_the_motion_that_is_measured_is_kept_as_it_is(robot: Robot) -> None:
-    symbols, (motions, measured) = tick_symbols(robot, DT), free_motions(robot)
+    symbols = tick_symbols(robot, DT)
+    motions, measured = free_motions(robot)
     rows = UnderActuation(axes=(PITCH,)).rows(symbols, ca.SX())
     v = np.random.default_rng(1).normal(size=robot.n_v)
     J, rate = map(np.array, ca.Function("rows", [symbols.velocity], [rows.jacobian, rows.rate])(v))
@@ -162,12 +172,12 @@ def test_a_free_motion_heeds_no_limit_and_moves_nothing_else(robot: Robot) -> No
     parts = {
         name: np.array(x) for name, x in zip(problem.function.name_out(), outputs, strict=True)
     }
-    own = np.abs(parts["J"]) @ np.eye(robot.n_v)[PITCH] == np.abs(parts["J"]).sum(axis=1)
-    limited = own & (np.abs(parts["J"][:, PITCH]) == 1.0)
-    rest = limited & (parts["lower"][:, 0] == parts["upper"][:, 0])
+    has_own_axis = np.abs(parts["J"]) @ np.eye(robot.n_v)[PITCH] == np.abs(parts["J"]).sum(axis=1)
+    limited = has_own_axis & (np.abs(parts["J"][:, PITCH]) == 1.0)
+    is_still = limited & (parts["lower"][:, 0] == parts["upper"][:, 0])
     assert limited.any()
-    assert np.isinf(parts["lower"][limited & ~rest]).all()
-    assert np.isinf(parts["upper"][limited & ~rest]).all()
+    assert np.isinf(parts["lower"][limited & ~is_still]).all()
+    assert np.isinf(parts["upper"][limited & ~is_still]).all()
 
 
 def test_manipulability_is_asked_for_on_a_swinging_vehicle_with_endless_joints() -> None:

@@ -18,7 +18,8 @@ from uvms_ocp.scenario.cases.transit import obstacle_field
 def test_a_joint_that_is_faster_than_commanded_is_commanded_less(noise: bool) -> None:
     """Before, joint 1 went at 1.04 times its limit, and with noise at 1.06 times."""
     scenario = reach(robot="bluerov2_alpha5", noise=noise, dt=1 / 50)
-    record, robot = scenario.run(), scenario.robot
+    record = scenario.run()
+    robot = scenario.robot
     shares = np.abs(record["v"][:, robot.joint_v]) / robot.limits.velocity[robot.joint_v]
     assert record.run_meta.completed
     assert 0.9 < shares.max() <= 1.02
@@ -29,12 +30,10 @@ def learnt(memory: TickMemory, axis: int, *, command: float, change: float, v: f
     """[rad/s] by which a joint is thought to be faster after half a second with this [rad/s] at
     every tick.
     """
-    memory.faster[axis], memory.command[axis], memory.change[axis], memory.v[axis] = (
-        0.0,
-        command,
-        change,
-        v,
-    )
+    memory.faster[axis] = 0.0
+    memory.command[axis] = command
+    memory.change[axis] = change
+    memory.v[axis] = v
     for _ in range(50):
         _shorten(memory)
     return float(memory.faster[axis])

@@ -53,10 +53,16 @@ def circle(robot: Robot, *, radius: float = 0.3, speed: float = 0.1) -> PoseRefe
     first = tool_pose(robot, start_of(robot))
 
     def at(t: float) -> tuple[pin.SE3, np.ndarray]:
-        way, now = (speed * (t - 1), speed) if t > 2 else (speed * t * t / 4, speed * t / 2)
-        s, c = np.sin(way / radius), np.cos(way / radius)
+        if t > 2:
+            way = speed * (t - 1)
+            rate = speed
+        else:
+            way = speed * t * t / 4
+            rate = speed * t / 2
+        s = np.sin(way / radius)
+        c = np.cos(way / radius)
         moved = first.translation + radius * np.array([s, 1 - c, 0.0])
-        return pin.SE3(first.rotation, moved), now * np.array([c, s, 0.0, 0.0, 0.0, 0.0])
+        return pin.SE3(first.rotation, moved), rate * np.array([c, s, 0.0, 0.0, 0.0, 0.0])
 
     return at
 
@@ -108,8 +114,8 @@ def largest_error(robot: Robot, nmpc: Nmpc, goal: PoseGoal, seconds: float) -> f
         duration=seconds - dt,
     ).series()
     places = [tool_pose(robot, q).translation for q in record["q"]]
-    wanted = [evaluate_pose("goal", goal, float(t))[0].translation for t in record["t"]]
-    return float(np.linalg.norm(np.subtract(places, wanted), axis=1).max())
+    goals = [evaluate_pose("goal", goal, float(t))[0].translation for t in record["t"]]
+    return float(np.linalg.norm(np.subtract(places, goals), axis=1).max())
 
 
 @pytest.mark.slow
@@ -162,7 +168,7 @@ def test_plans_that_are_not_solved_to_the_end_are_flown_as_what_the_robot_makes_
 
 
 def test_plans_are_made_20_times_a_second_and_tracked_200_times_as_the_benchmark_says() -> None:
-    defaults = {name: given.default for name, given in signature(Nmpc).parameters.items()}
+    defaults = {name: parameter.default for name, parameter in signature(Nmpc).parameters.items()}
     assert (defaults["dt"], defaults["period"]) == (1 / 200, 1 / 20)
 
 

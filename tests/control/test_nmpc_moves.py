@@ -18,16 +18,14 @@ import uvms_ocp as uo
 from uvms_ocp.control import Nmpc, solve_workers
 from uvms_ocp.control.nmpc import PlanningTimes
 from uvms_ocp.control.plan_check import CheckedPlan, PlanCheck
-from uvms_ocp.control.solve_workers import (
+from uvms_ocp.control.replanning import (
     HOLD,
     Replanner,
-    ReplanningJob,
     ReplanningRequest,
     ReplanningResult,
-    SolveDelay,
     TimedPlan,
-    WorkerStatus,
 )
+from uvms_ocp.control.solve_workers import ReplanningJob, SolveDelay, WorkerStatus
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, Smoothness, TaskTerm
@@ -228,9 +226,9 @@ def fly(
     ).run()
     goal = task.goal.translation
     ends = [place_of_any(robot, record["q"][k]) for k in (0, -1)]
-    way, left = (float(np.linalg.norm(end - goal)) for end in ends)
+    way, remaining = (float(np.linalg.norm(end - goal)) for end in ends)
     rates = np.abs(record["v"]) / robot.limits.velocity
-    return Flight(record, controllers[-1], left / way, float(rates.max()))
+    return Flight(record, controllers[-1], remaining / way, float(rates.max()))
 
 
 def place_of_any(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -320,16 +318,16 @@ def test_no_guess_that_was_rejected_is_tried_again(monkeypatch: pytest.MonkeyPat
     tried: list[np.ndarray] = []
     solve = replanner._sqp.solve
 
-    def noted(x: np.ndarray, **others: object) -> object:
+    def noted(x: np.ndarray, **options: object) -> object:
         tried.append(x.copy())
-        return solve(x, **others)  # type: ignore[arg-type]
+        return solve(x, **options)  # type: ignore[arg-type]
 
     monkeypatch.setattr(replanner._sqp, "solve", noted)
     for k in range(4):
         t = k * PERIOD
         request = ReplanningRequest(state=problem.start, t=t, in_use=HOLD, begin=0.0, delay=PERIOD)
         assert replanner(request).planned is None
-    assert all(np.abs(one - two).max() > 1e-6 for one, two in pairwise(tried))
+    assert all(np.abs(first - two).max() > 1e-6 for first, two in pairwise(tried))
 
 
 # Whether a plan may be flown.
@@ -393,13 +391,13 @@ def test_a_point_that_no_step_has_led_to_is_no_plan() -> None:
 def test_the_mean_period_of_planning_is_what_was_asked_for(dt: float, period: float) -> None:
     times = PlanningTimes(dt, period)
     times.begin(0.0)
-    asked = [0.0]
-    while len(asked) < 200:
-        asked.append(times.tick_after(asked[-1]))
-    assert np.diff(asked).mean() == pytest.approx(period, abs=dt / 199)
+    request_times = [0.0]
+    while len(request_times) < 200:
+        request_times.append(times.tick_after(request_times[-1]))
+    assert np.diff(request_times).mean() == pytest.approx(period, abs=dt / 199)
     multiples = period * np.arange(200)
-    assert (asked - multiples > -1e-9).all()
-    assert (asked - multiples < dt).all()
+    assert (request_times - multiples > -1e-9).all()
+    assert (request_times - multiples < dt).all()
 
 
 def test_plans_are_made_as_often_as_the_period_says(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -452,12 +450,12 @@ def test_a_late_plan_takes_over_when_it_would_be_ready_with_its_own_times(
     monkeypatch.setattr(solve_workers, "start_worker", lambda *_: Scripted(problem, seconds=0.137))
     nmpc = Nmpc(problem, dt=DT, period=PERIOD)
     start = problem.start
-    taken = [(0.0, 0.0)]
+    takeovers = [(0.0, 0.0)]
     for k in range(22):
         nmpc(StateEstimate(q=start.q, v=start.v, altimeter_range=np.nan), k * DT)
         assert nmpc._now is not None
-        if nmpc._now.begin != taken[-1][1]:
-            taken.append((k * DT, nmpc._now.begin))
+        if nmpc._now.begin != takeovers[-1][1]:
+            takeovers.append((k * DT, nmpc._now.begin))
     # asked for at 0 s to begin at 0.1, ready at 0.137: from the tick at 0.14 on, 0.04 s old; the
     # next is asked for at 0.2, and begins where it will be ready by then
-    np.testing.assert_allclose(taken[1:], [(0.14, 0.1), (0.34, 0.337)])
+    np.testing.assert_allclose(takeovers[1:], [(0.14, 0.1), (0.34, 0.337)])

@@ -86,10 +86,10 @@ def test_what_a_disturbance_does_to_an_axis_is_kept_where_that_loses_its_inertia
         ObserverLaw(bandwidth=np.full(2, 10.0), limit=np.full(2, 1e3), dt=DT), Scaled(masses), 1
     )
     for _ in range(20_000):
-        found = observer.update(np.ones(1), v, np.zeros(2))
+        estimate = observer.update(np.ones(1), v, np.zeros(2))
         v = v + DT * push / masses
     after = observer.update(np.full(1, 0.01), v, np.zeros(2))
-    np.testing.assert_allclose(found, push, rtol=1e-3)
+    np.testing.assert_allclose(estimate, push, rtol=1e-3)
     np.testing.assert_allclose(after, 0.01 * push, rtol=1e-3)
 
 

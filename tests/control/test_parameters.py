@@ -71,9 +71,9 @@ def split(
     a task's rows.
     """
     p = ca.SX.sym("p", len(values))
-    found = pairs.symbols(p)
+    symbols = pairs.symbols(p)
     function = ca.Function(
-        "split", [p], [found.smallest, found.distance, found.closing, found.jacobian]
+        "split", [p], [symbols.smallest, symbols.distance, symbols.closing, symbols.jacobian]
     )
     smallest, distance, closing, gradient = (np.array(value) for value in function(values))
     return smallest.item(), distance.ravel(), closing.ravel(), gradient
@@ -211,8 +211,8 @@ def test_a_task_of_ones_own_on_distances_has_its_goal_and_what_is_measured(robot
     task = mission.tasks_of(0)[0]
     state = mission.start()
     assert task.nearest_pairs is not None
-    found = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, motion=None)
-    np.testing.assert_array_equal(found, [0.4, *measured_distances(task.nearest_pairs, q)])
+    parameters = mission_parameters(mission, state, 0.0, gates=np.ones(1), q=q, motion=None)
+    np.testing.assert_array_equal(parameters, [0.4, *measured_distances(task.nearest_pairs, q)])
 
 
 def test_a_task_of_ones_own_on_distances_is_carried_out(robot: Robot) -> None:
@@ -243,15 +243,15 @@ def test_nothing_is_measured_for_a_task_that_is_off(
     off = standing_off(robot, 0.4, gate=0.0, by=rubble)
     on = standing_off(robot, 0.4, by=rubble)
     monkeypatch.setattr(CollisionModel, "values", refuse)
-    found = mission_parameters(off, off.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
-    np.testing.assert_array_equal(found, off.tasks_of(0)[0].reference(0.0))
+    parameters = mission_parameters(off, off.start(), 0.0, gates=np.zeros(1), q=q, motion=None)
+    np.testing.assert_array_equal(parameters, off.tasks_of(0)[0].reference(0.0))
     at = StateEstimate(q=q, v=np.zeros(robot.n_v), altimeter_range=5.0)
     for mission in (off, standing_off(robot, 0.4, gate=0.0)):
         control = KinematicController(
             robot=robot, mission=mission, solver=uo.LexicographicActiveSet(), dt=DT
         )
         control(at, 0.0)
-        np.testing.assert_array_equal(control.memory.goals.values, found)
+        np.testing.assert_array_equal(control.memory.goals.values, parameters)
     with pytest.raises(AssertionError):
         KinematicController(
             robot=robot, mission=on, solver=uo.LexicographicActiveSet(), dt=DT
@@ -340,17 +340,19 @@ def test_a_goal_that_moves_is_asked_at_every_tick_and_a_still_one_once_in_a_phas
     state = mission.start()
     moving.asked.clear()
     for phase, goal in ((0, 0.1), (1, 0.2), (0, 0.1)):
-        now = replace(state, phase=phase)
+        moved_state = replace(state, phase=phase)
         for t in (1.0, 2.0, 3.0):
-            write_state(memory.mission, now)
+            write_state(memory.mission, moved_state)
             load_goals(memory.goals, memory.mission, memory.ascent, t)
-            control._parameters.ask(now, t)
+            control._parameters.ask(moved_state, t)
             goals = {"still": [goal, 0.0], "moving": [t, 1.0]}
             np.testing.assert_array_equal(
                 memory.goals.values, np.concatenate([goals[name] for name in order])
             )
-            found = mission_parameters(mission, now, t, gates=np.ones(2), q=q, motion=None)
-            np.testing.assert_array_equal(memory.goals.values, found)
+            parameters = mission_parameters(
+                mission, moved_state, t, gates=np.ones(2), q=q, motion=None
+            )
+            np.testing.assert_array_equal(memory.goals.values, parameters)
     assert moving.asked.count(2.0) == 6
 
 
@@ -385,9 +387,11 @@ def test_a_goal_that_ends_is_held_as_samples_and_not_asked_again(
     q = robot.configuration()
     states = [replace(mission.start(), phase=phase, since=100 * DT) for phase in (0, 1)]
     ticks = [(state, k * DT) for state in states for k in (0, 100, 227, 300.25, 400, 499.5, 5000)]
-    wanted = [mission_parameters(mission, *at, gates=np.ones(2), q=q, motion=None) for at in ticks]
+    expected = [
+        mission_parameters(mission, *at, gates=np.ones(2), q=q, motion=None) for at in ticks
+    ]
     monkeypatch.setattr(PiecewisePolynomial, "__call__", lambda self, t: None)
-    for (state, t), parameters in zip(ticks, wanted, strict=True):
+    for (state, t), parameters in zip(ticks, expected, strict=True):
         write_state(memory.mission, state)
         load_goals(memory.goals, memory.mission, memory.ascent, t)
         control._parameters.ask(state, t)

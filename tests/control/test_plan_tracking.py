@@ -30,7 +30,8 @@ def robot() -> Robot:
 def push_off(robot: Robot, duration: float = 2.0) -> Trajectory:
     """Half of the time forward, half of it slower again, by constant accelerations."""
     a = np.zeros((2, robot.n_v))
-    a[:, 0], a[:, 8] = [0.1, -0.1], [0.2, -0.2]
+    a[:, 0] = [0.1, -0.1]
+    a[:, 8] = [0.2, -0.2]
     h = duration / 2
     q = [np.array(robot.configuration(position=(0.0, 0.0, -5.0)))]
     v = np.array([np.zeros(robot.n_v), h * a[0], np.zeros(robot.n_v)])
@@ -66,12 +67,12 @@ def test_the_loop_ends_with_the_plan(robot: Robot) -> None:
 
 def test_feedback_brings_a_plant_nearer_to_the_plan(robot: Robot) -> None:
     plan = push_off(robot)
-    found = [
+    errors = [
         tracking_error(plan, record["t"], record["q"], robot=robot, frame="tool")
         for record in (carried_out(robot, plan), carried_out(robot, plan, OPEN_LOOP))
     ]
-    assert found[0].position < 0.01
-    assert found[0].end_position < found[1].end_position
+    assert errors[0].position < 0.01
+    assert errors[0].end_position < errors[1].end_position
 
 
 def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_length(
@@ -93,10 +94,12 @@ def test_a_plan_that_is_followed_exactly_has_no_mismatch_and_a_shift_is_its_leng
 
 def test_a_measurement_that_is_no_number_still_gives_a_command(robot: Robot) -> None:
     plan = push_off(robot)
-    rest = np.zeros(robot.n_v)
+    at_rest = np.zeros(robot.n_v)
     control = tracker(robot, plan)
-    control(StateEstimate(q=plan.q[0], v=rest, altimeter_range=35.0), 0.0)
-    command = control(StateEstimate(q=np.full(robot.n_q, np.nan), v=rest, altimeter_range=35.0), DT)
+    control(StateEstimate(q=plan.q[0], v=at_rest, altimeter_range=35.0), 0.0)
+    command = control(
+        StateEstimate(q=np.full(robot.n_q, np.nan), v=at_rest, altimeter_range=35.0), DT
+    )
     assert np.isfinite(command.thrust).all()
     assert np.isfinite(command.torque).all()
 
@@ -133,10 +136,10 @@ def test_a_force_within_the_limits_is_realized_and_one_beyond_them_is_cut(name: 
 
 def test_thrusters_that_are_driven_come_to_the_force_that_was_realized(robot: Robot) -> None:
     actuators = Actuators(robot, lead=4.0, dt=DT)
-    wanted = np.linspace(-2.0, 2.0, robot.n_v)
+    desired = np.linspace(-2.0, 2.0, robot.n_v)
     assert not actuators.force.any()
     for _ in range(400):
-        realized = actuators.realize(wanted)
+        realized = actuators.realize(desired)
         actuators.drive(realized)
     np.testing.assert_allclose(actuators.force, realized.force, atol=1e-6)
 

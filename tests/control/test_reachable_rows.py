@@ -55,7 +55,8 @@ def outputs(robot: Robot, previous: np.ndarray, gate: float) -> dict[str, np.nda
 
 def test_a_row_acceleration_puts_the_first_axis_at_its_limit() -> None:
     rng = np.random.default_rng(1)
-    J, limit = rng.normal(size=(5, 8)), rng.uniform(0.5, 2, 8)
+    J = rng.normal(size=(5, 8))
+    limit = rng.uniform(0.5, 2, 8)
     rates = np.array(ca.DM(ca.evalf(row_acceleration(ca.SX(J), limit)))).ravel()
     for row, rate in zip(J, rates, strict=True):
         acceleration = row * rate / (row @ row)
@@ -81,14 +82,12 @@ def test_accelerations_fall_to_0_on_the_way_to_a_reference(robot: Robot) -> None
 def test_the_last_part_of_a_change_is_what_an_acceleration_that_falls_from_its_limit_in_a_tenth_of_a_second_covers(
     dt: float,
 ) -> None:
-    wanted, acceleration = (
-        np.array([1e-4, -1e-3, 0.01, -0.1, 0.3]),
-        np.array([0.2, 0.5, 1.0, 2.0, 0.5]),
-    )
-    shares = np.array(ca.DM(falling_share(ca.SX(wanted), ca.SX(acceleration), dt))).ravel()
-    first = shares * np.abs(wanted) / dt
+    desired = np.array([1e-4, -1e-3, 0.01, -0.1, 0.3])
+    acceleration = np.array([0.2, 0.5, 1.0, 2.0, 0.5])
+    shares = np.array(ca.DM(falling_share(ca.SX(desired), ca.SX(acceleration), dt))).ravel()
+    first = shares * np.abs(desired) / dt
     jerk = acceleration / 0.1
-    np.testing.assert_allclose(first * dt + first**2 / (2.0 * jerk), np.abs(wanted), rtol=1e-9)
+    np.testing.assert_allclose(first * dt + first**2 / (2.0 * jerk), np.abs(desired), rtol=1e-9)
 
 
 @pytest.mark.parametrize("eased", [False, True])
@@ -114,10 +113,10 @@ def test_a_gate_between_0_and_1_leaves_a_row_a_band_of_what_the_limits_let_one_t
     settled = 0.4 - DT
     reach = robot.limits.acceleration[0] * DT
     for gate, width in ((1.0, 0.0), (0.8, 0.5), (0.5, 1.0), (0.2, 2.0)):
-        found = outputs(robot, previous, gate)
-        assert found["gate"][13:19].all()
-        assert found["lower"][13] == pytest.approx(settled - width * reach)
-        assert found["upper"][13] == pytest.approx(settled + width * reach)
+        rows = outputs(robot, previous, gate)
+        assert rows["gate"][13:19].all()
+        assert rows["lower"][13] == pytest.approx(settled - width * reach)
+        assert rows["upper"][13] == pytest.approx(settled + width * reach)
 
 
 @pytest.mark.parametrize("eased", [False, True])
@@ -183,19 +182,19 @@ def test_a_row_that_nothing_moves_stops_no_other(task: type, solver: Any) -> Non
     robot = uo.load_robot("planar5")
     start = robot.configuration()
     tool = uo.Kinematics(robot, start).pose("tool")
-    wanted = task(goal=pin.SE3(tool.rotation, tool.translation + np.array([0.3, 0.2, 0.0])))
-    arrived = uo.Below(quantity=f"{wanted.name}.position_error", limit=0.005)
-    there = uo.Transition(to=uo.DONE, when=(arrived,), hold=0.5)
+    task_goal = task(goal=pin.SE3(tool.rotation, tool.translation + np.array([0.3, 0.2, 0.0])))
+    arrived = uo.Below(quantity=f"{task_goal.name}.position_error", limit=0.005)
+    arrival = uo.Transition(to=uo.DONE, when=(arrived,), hold=0.5)
     mission = uo.Mission(
-        hierarchy=uo.Hierarchy([wanted]),
-        phases=(uo.Phase(name="p", activations={wanted.name: 1.0}, transitions=(there,)),),
+        hierarchy=uo.Hierarchy([task_goal]),
+        phases=(uo.Phase(name="p", activations={task_goal.name: 1.0}, transitions=(arrival,)),),
     )
-    seen = uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0))
+    deep = uo.Environment(seafloor=uo.FlatSeafloor(z=-100.0))
     record = uo.Scenario(
         name="plane",
         robot=robot,
         mission=mission,
-        environment=seen,
+        environment=deep,
         start=start,
         duration=30.0,
         solver=solver,
@@ -204,9 +203,10 @@ def test_a_row_that_nothing_moves_stops_no_other(task: type, solver: Any) -> Non
 
 
 def test_rows_change_in_proportion_and_one_that_is_hardly_moved_by_itself() -> None:
-    wanted, acceleration = ca.SX([0.2, 0.1, 0.3]), ca.SX([1.0, 0.5, 1e-9])
-    shares = np.array(ca.DM(common_share(wanted, acceleration, 0.01))).ravel()
-    alone = np.array(ca.DM(common_share(wanted[:2], acceleration[:2], 0.01))).ravel()
+    desired = ca.SX([0.2, 0.1, 0.3])
+    acceleration = ca.SX([1.0, 0.5, 1e-9])
+    shares = np.array(ca.DM(common_share(desired, acceleration, 0.01))).ravel()
+    alone = np.array(ca.DM(common_share(desired[:2], acceleration[:2], 0.01))).ravel()
     np.testing.assert_array_equal(shares[:2], alone)
     assert alone[0] == alone[1] > 0.0
     assert 0.0 <= shares[2] < 1e-6
@@ -253,8 +253,8 @@ def damped_least_squares(robot: Robot, q: np.ndarray, goal: np.ndarray) -> float
 
 
 def run_of_arm(robot: Robot, start: float, goal: np.ndarray, solver: Any) -> uo.Record:
-    there = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=1e-9),))
-    phase = uo.Phase(name="p", activations={"TP": 1.0}, transitions=(there,))
+    arrival = uo.Transition(to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=1e-9),))
+    phase = uo.Phase(name="p", activations={"TP": 1.0}, transitions=(arrival,))
     return uo.Scenario(
         name="arm",
         robot=robot,

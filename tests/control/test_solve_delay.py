@@ -8,7 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 from uvms_ocp.control.force.computed_torque import TrackingGains, feedback_gains
-from uvms_ocp.control.solve_workers import HOLD, Replanner, ReplanningRequest, SolveDelay
+from uvms_ocp.control.replanning import HOLD, Replanner, ReplanningRequest
+from uvms_ocp.control.solve_workers import SolveDelay
 from uvms_ocp.ocp.problem import HessianKind, OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.terms import At, Effort, TaskTerm
 from uvms_ocp.robot.loading import load_robot
@@ -37,8 +38,10 @@ def left_of(error: np.ndarray, seconds: float, problem: OcpProblem) -> tuple[np.
     """
     k, d = feedback_gains(problem.robot, TrackingGains())
     over_time = [expm(seconds * np.array([[0.0, 1.0], [-k[i], -d[i]]])) for i in range(len(k))]
-    left = [transition @ [start, start] for transition, start in zip(over_time, error, strict=True)]
-    return tuple(np.transpose(left))
+    states = [
+        transition @ [start, start] for transition, start in zip(over_time, error, strict=True)
+    ]
+    return tuple(np.transpose(states))
 
 
 @pytest.mark.parametrize("delay", [0.004, 0.05, 0.11])

@@ -79,9 +79,9 @@ def residuals(program: LexicographicProgram, x: np.ndarray, p: np.ndarray) -> np
 def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(
     robot: Robot, plugin: str
 ) -> None:
-    own = problem(robot)
+    ocp = problem(robot)
     options = replace(OPTIONS, plugin=plugin)
-    transcription = Transcription(own)
+    transcription = Transcription(ocp)
     staged = StagewiseProgram(transcription)
     sparse = transcription.program
     sqp = RealTimeSqp(staged if plugin == "stagewise" else sparse, options)
@@ -94,13 +94,13 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(
             v=rng.uniform(-0.3, 0.3, robot.n_v),
         )
         p = transcription.parameters(t0=float(i), start=start)
-        x = transcription.pack(hold_guess(own, start))
+        x = transcription.pack(hold_guess(ocp, start))
         guess = x + 0.1 * rng.standard_normal(len(x))
         result: SqpResult = sqp.solve(guess, p=p, x_lower=lower, x_upper=upper)
-        found = residuals(sparse, result.x, p)
+        residual = residuals(sparse, result.x, p)
         assert len(result.reached) == 3
-        assert (found <= np.array(result.reached) + options.tolerance + 1e-9).all()
-        gained += found[2] < residuals(sparse, guess, p)[2]
+        assert (residual <= np.array(result.reached) + options.tolerance + 1e-9).all()
+        gained += residual[2] < residuals(sparse, guess, p)[2]
     assert gained > N_STEPS // 2
 
 
@@ -108,21 +108,22 @@ def test_no_level_above_rises_by_more_than_the_tolerance_in_random_steps(
 def test_levels_take_few_factors_once_there_is_a_plan_to_start_from(
     robot: Robot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    own = problem(robot)
+    ocp = problem(robot)
     factors = list[int]()
     solve_flat = StageQpSolver.solve_flat
 
     def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
-        found = solve_flat(self, *args, **kwargs)
-        factors.append(found.iterations)
-        return found
+        solution = solve_flat(self, *args, **kwargs)
+        factors.append(solution.iterations)
+        return solution
 
     monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
-    transcription = Transcription(own)
+    transcription = Transcription(ocp)
     sqp = RealTimeSqp(
         StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise", tolerance=1e-2)
     )
-    x, p = transcription.pack(hold_guess(own)), transcription.parameters()
+    x = transcription.pack(hold_guess(ocp))
+    p = transcription.parameters()
     lower, upper = transcription.bounds()
     for _ in range(10):
         factors.clear()
@@ -138,38 +139,38 @@ def test_a_step_that_mends_another_is_given_up_soon(
     """It is welcome, but where bounds that are reached are guessed wrong it would take longer than
     all other QPs of the step.
     """
-    own = problem(robot)
+    ocp = problem(robot)
     solves = list[tuple[StageQpSolver, int]]()
     solve_flat = StageQpSolver.solve_flat
 
     def counted(self: StageQpSolver, *args: Any, **kwargs: Any) -> FlatSolution:
-        found = solve_flat(self, *args, **kwargs)
-        solves.append((self, found.iterations))
-        return found
+        solution = solve_flat(self, *args, **kwargs)
+        solves.append((self, solution.iterations))
+        return solution
 
     monkeypatch.setattr(StageQpSolver, "solve_flat", counted)
-    transcription = Transcription(own)
+    transcription = Transcription(ocp)
     rng = np.random.default_rng(1)
     sqp = RealTimeSqp(StagewiseProgram(transcription), replace(OPTIONS, plugin="stagewise"))
     lower, upper = transcription.bounds()
     for i in range(N_STEPS):
-        x = transcription.pack(hold_guess(own)) + 0.3 * rng.standard_normal(transcription.n_x)
+        x = transcription.pack(hold_guess(ocp)) + 0.3 * rng.standard_normal(transcription.n_x)
         sqp.solve(x, p=transcription.parameters(t0=float(i)), x_lower=lower, x_upper=upper)
-    mends = [n for (before, _), (now, n) in pairwise(solves) if now is before]
+    mends = [n for (before, _), (after, n) in pairwise(solves) if after is before]
     assert len(mends) > 10
     assert max(mends) <= 6
 
 
 def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost(robot: Robot) -> None:
-    own = problem(robot)
-    levels = (replace(own.levels[0], relax=0.1), *own.levels[1:])
-    transcription = Transcription(replace(own, levels=levels))
+    ocp = problem(robot)
+    levels = (replace(ocp.levels[0], relax=0.1), *ocp.levels[1:])
+    transcription = Transcription(replace(ocp, levels=levels))
     sqp = RealTimeSqp(transcription.program, OPTIONS)
     rng = np.random.default_rng(2)
     cost = transcription.program.nlps[0].functions["nlp_grad_f"]
     for i in range(20):
-        p = transcription.parameters(t0=float(i), start=own.start)
-        guess = transcription.pack(hold_guess(own)) + 0.1 * rng.standard_normal(transcription.n_x)
+        p = transcription.parameters(t0=float(i), start=ocp.start)
+        guess = transcription.pack(hold_guess(ocp)) + 0.1 * rng.standard_normal(transcription.n_x)
         result = sqp.solve(guess, p=p)
         reached = result.reached[0] ** 2 / 2
         assert float(cost(result.x, p)[0]) <= 1.1 * reached + OPTIONS.tolerance + 1e-9

@@ -57,16 +57,16 @@ def rows(robot: Robot) -> ca.Function:
     plain = task.rows(symbols, ca.SX([*GOAL, 0, 0, 0]))
     lean = lean_of(still, passive)
     mean = task.rows(still, ca.SX([*GOAL, 0, 0, 0]))
-    found = countered_rows(plain, mean, symbols, passive, lean)
-    held = lean_rows(still, lean)
+    countered = countered_rows(plain, mean, symbols, passive, lean)
+    lean_limit = lean_rows(still, lean)
     parts = [
-        found.jacobian,
-        found.rate,
+        countered.jacobian,
+        countered.rate,
         plain.jacobian,
         mean.rate,
         lean.slope,
-        held.lower,
-        held.upper,
+        lean_limit.lower,
+        lean_limit.upper,
     ]
     return ca.Function(
         "rows", [symbols.q, symbols.velocity, passive], [ca.densify(part) for part in parts]
@@ -140,7 +140,8 @@ def test_what_the_tool_moves_by_in_the_end_is_what_its_row_says(
     robot: Robot, rows: ca.Function, weight: float
 ) -> None:
     """A motion of the joints, and the vehicle leaning after it."""
-    joints, direction = np.array(POSTURES[0]), np.array([0.3, -1.0, 0.7])
+    joints = np.array(POSTURES[0])
+    direction = np.array([0.3, -1.0, 0.7])
 
     def tool(posture: np.ndarray) -> np.ndarray:
         q = robot.configuration(rpy=(0.0, balance(robot, posture, weight), 0.0), joints=posture)
@@ -219,15 +220,20 @@ def test_driven_axes_accelerate_as_asked_whatever_pitch_makes_of_it(robot: Robot
     driven = [axis for axis in range(n) if axis != PITCH]
     q = robot.configuration(rpy=(0.1, 0.4, 0.3))
     v = 0.05 * rng.normal(size=n)
-    wanted = 0.1 * rng.normal(size=n)
+    desired = 0.1 * rng.normal(size=n)
     disturbance = rng.normal(size=n)
-    inputs, observed = np.zeros(control.size1_in(0)), np.zeros(control.size1_in(1))
+    inputs = np.zeros(control.size1_in(0))
+    observed = np.zeros(control.size1_in(1))
     places = column_places(ForceInputs, laws.sizes)
     state = column_places(ForceState, laws.sizes)
-    inputs[places["q"]], inputs[places["v"]], inputs[places["reference"]] = q, v, v
-    inputs[places["joints"]], observed[state["share"]] = 1.0, 1.0
-    observed[state["before"]], observed[state["estimate"]] = v - DT * wanted, disturbance
+    inputs[places["q"]] = q
+    inputs[places["v"]] = v
+    inputs[places["reference"]] = v
+    inputs[places["joints"]] = 1.0
+    observed[state["share"]] = 1.0
+    observed[state["before"]] = v - DT * desired
+    observed[state["estimate"]] = disturbance
     force = np.array(control(inputs, observed)).ravel()[n : 2 * n]
     assert force[PITCH] == pytest.approx(0.0, abs=1e-9)
-    found = dynamics.forward_dynamics(q, v, force + disturbance)
-    assert found[driven] == pytest.approx(wanted[driven], abs=1e-9)
+    acceleration = dynamics.forward_dynamics(q, v, force + disturbance)
+    assert acceleration[driven] == pytest.approx(desired[driven], abs=1e-9)

@@ -47,8 +47,8 @@ def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFee
     go.
     """
     rng = np.random.default_rng(3)
-    rest = np.zeros(scenario.robot.n_v)
-    found = []
+    at_rest = np.zeros(scenario.robot.n_v)
+    telemetry = []
     for k in range(n):
         bad = {CHANNELS[k // 40 % 5]: Trust(int(k % 40 > 20) + int(k % 40 > 30))}
         health = tuple(
@@ -57,18 +57,18 @@ def babble(scenario: Scenario, n: int) -> list[tuple[StateEstimate, ActuationFee
         measurement = StateEstimate(
             q=scenario.start
             + np.concatenate([rng.normal(0.0, 0.01, 3), np.zeros(len(scenario.start) - 3)]),
-            v=rest + rng.normal(0.0, 0.01, len(rest)),
+            v=at_rest + rng.normal(0.0, 0.01, len(at_rest)),
             altimeter_range=np.nan if k % 7 == 0 else 4.0 + float(rng.normal(0.0, 0.1)),
             age=1.0 if 150 < k < 160 else 0.0,
             health=health,
         )
-        found.append(
+        telemetry.append(
             (
                 measurement,
                 ActuationFeedback(push=0.2, short=k % 3 == 0, jammed=(7,) if k > 100 else ()),
             )
         )
-    return found
+    return telemetry
 
 
 def twins(
@@ -111,17 +111,17 @@ def test_a_controller_whose_kernels_are_python_gives_the_same_bits(
 def test_what_babble_feeds_meets_every_branch(scenario: Scenario) -> None:
     """Otherwise the test above would say less than it seems to."""
     control = scenario.controller()
-    seen = set()
+    met = set()
     for k, (measurement, feedback) in enumerate(babble(scenario, 260)):
         control.on_actuation_feedback(feedback)
         tick = control.observe(measurement, k * DT)
         command = control.command(tick)
         less = tick.restriction
-        seen |= {
+        met |= {
             name for name in ("no_descent", "joints_held", "hold", "blind") if getattr(less, name)
         }
-        seen |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
-    assert {"no_descent", "joints_held", "hold", "slow", "held"} <= seen
+        met |= {name for name, so in (("slow", less.speed < 1.0), ("held", command.hold)) if so}
+    assert {"no_descent", "joints_held", "hold", "slow", "held"} <= met
 
 
 def test_a_channel_that_is_good_again_holds_nothing_back_and_is_told_no_longer(
@@ -144,13 +144,13 @@ def going_to_and_fro(scenario: Scenario) -> Mission:
     near.
     """
     never = Above(quantity="PC.position_error", limit=0.1)
-    there = Transition(to="B", when=(never,), hold=0.1, retries=3)
+    arrival = Transition(to="B", when=(never,), hold=0.1, retries=3)
     back = (
         Transition(to="A", when=(Below(quantity="PC.position_error", limit=0.01), never)),
-        replace(there, to="A"),
+        replace(arrival, to="A"),
     )
     phases = (
-        Phase(name="A", activations={"PC": 1.0}, transitions=(there,)),
+        Phase(name="A", activations={"PC": 1.0}, transitions=(arrival,)),
         Phase(
             name="B",
             activations={"PC": 1.0, "HA": 0.5},
@@ -232,8 +232,8 @@ def test_a_climb_is_towards_a_goal_that_rests_and_the_goals_of_kernels_are_those
     for k in range(10):
         before = control.state
         control(at, k * DT)
-        wanted = mission_parameters(mission, before, k * DT, gates=gates, q=at.q, motion=None)
-        np.testing.assert_array_equal(control.memory.goals.values, wanted)
+        expected = mission_parameters(mission, before, k * DT, gates=gates, q=at.q, motion=None)
+        np.testing.assert_array_equal(control.memory.goals.values, expected)
         phases.add(mission.all_phases[control.memory.mission.phase].name)
     assert "climb" in phases
     np.testing.assert_array_equal(
@@ -279,7 +279,8 @@ def test_distances_and_their_limits_in_python_give_the_same_bits(
 
 
 def test_gates_of_a_mission_without_memory_are_those_of_the_controller(scenario: Scenario) -> None:
-    control, mission = scenario.controller(), scenario.mission
+    control = scenario.controller()
+    mission = scenario.mission
     for t in (3.0, 3.0, 3.07, 3.2, 8.0):
         tick = control.observe(measured(scenario), t)
         np.testing.assert_array_equal(tick.gates, mission.activations(mission.start(3.0), t))

@@ -33,7 +33,8 @@ class Machine:
 
     def random_state(self, rng: np.random.Generator) -> np.ndarray:
         limits = self.scenario.robot.limits
-        low, high = np.maximum(limits.position_lower, -3.0), np.minimum(limits.position_upper, 3.0)
+        low = np.maximum(limits.position_lower, -3.0)
+        high = np.minimum(limits.position_upper, 3.0)
         share = np.clip(rng.uniform(-0.2, 1.2, len(low)), 0.0, 1.0)
         return self.scenario.robot.configuration(
             position=rng.uniform([8.0, 36.0, -39.0], [13.0, 39.0, -36.0]),
@@ -88,7 +89,8 @@ def _gates(machine: Machine, rng: np.random.Generator) -> np.ndarray:
 def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than_the_acceleration(
     machine: Machine,
 ) -> None:
-    robot, dt = machine.scenario.robot, machine.scenario.dt
+    robot = machine.scenario.robot
+    dt = machine.scenario.dt
     limits = robot.limits
     for seed in range(STARTS):
         rng = np.random.default_rng(seed)
@@ -107,7 +109,8 @@ def test_from_any_start_the_limits_hold_and_the_command_never_steps_by_more_than
                 index,
             )
             assert (np.abs(result.v) <= limits.velocity * (1 + 1e-9)).all()
-            v, change = result.v, result.v - v
+            change = result.v - v
+            v = result.v
             q = pin.integrate(robot.model, q, v * dt)
             joints = q[robot.joint_q]
             assert (joints >= limits.position_lower - 1e-6).all(), (seed, index)
@@ -136,12 +139,12 @@ def test_the_smallest_gate_gives_the_velocity_of_a_gate_of_0(machine: Machine) -
         v = rng.uniform(-0.05, 0.05, machine.n_v)
         goals = _goals(machine, rng)
         gates = (rng.random(len(tasks)) < 0.7).astype(float)
-        found = []
+        velocities = []
         for gate in (0.0, 1e-9, 0.1):
             gates[index % len(tasks)] = gate
-            found.append(machine.step(q, v, gates, goals).v)
-        np.testing.assert_allclose(found[1], found[0], rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(found[2], found[0], rtol=0.0, atol=1e-9)
+            velocities.append(machine.step(q, v, gates, goals).v)
+        np.testing.assert_allclose(velocities[1], velocities[0], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(velocities[2], velocities[0], rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("turned", [task.name for task in case1().mission.hierarchy.tasks])

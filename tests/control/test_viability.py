@@ -66,9 +66,9 @@ class Stop:
         connect(self.way)
 
     def slower(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        found = doubles(np.zeros(len(v)))
-        slow_down(self.way, doubles(q), doubles(v), found)
-        return np.array(found)
+        slowed = doubles(np.zeros(len(v)))
+        slow_down(self.way, doubles(q), doubles(v), slowed)
+        return np.array(slowed)
 
     def path(self, q: np.ndarray, v: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Configuration at the end of every tick and velocity during it, until rest."""
@@ -99,16 +99,16 @@ class Viability:
         *,
         q: np.ndarray,
         previous: np.ndarray,
-        wanted: np.ndarray,
+        desired: np.ndarray,
         gates: np.ndarray,
         quantities: np.ndarray,
     ) -> np.ndarray:
         """The velocity for this tick in place of the wanted one."""
-        now, before, v, on, measured = map(doubles, (q, previous, wanted, gates, quantities))
+        place, before, v, on, measured = map(doubles, (q, previous, desired, gates, quantities))
         self.is_near = bool(self.near(self.memory, v, on, measured))
         self.share = 1.0
         if self.is_near:
-            self.share = self.enforce(self.memory, now, before, v, on, measured)
+            self.share = self.enforce(self.memory, place, before, v, on, measured)
             self.setup.answer.check()
         return np.array(v)
 
@@ -142,11 +142,11 @@ class Guarded:
         return self.quantities(q) - [self.altitude.threshold, self.clearance.threshold]
 
     def kept(
-        self, q: np.ndarray, previous: np.ndarray, wanted: np.ndarray, gates: tuple[float, float]
+        self, q: np.ndarray, previous: np.ndarray, desired: np.ndarray, gates: tuple[float, float]
     ) -> np.ndarray:
         quantities = self.quantities(q)
         return self.rule.kept(
-            q=q, previous=previous, wanted=wanted, gates=np.array(gates), quantities=quantities
+            q=q, previous=previous, desired=desired, gates=np.array(gates), quantities=quantities
         )
 
 
@@ -164,11 +164,11 @@ def reckless(guarded: Guarded, seed: int) -> tuple[int, float]:
     for index in range(250):
         if index % 50 == 0:
             push = rng.choice([-1.0, 1.0], robot.n_v)
-        wanted = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
-        kept = guarded.kept(q, v, wanted, (1.0, 1.0))
-        assert (np.abs(kept - v) <= limits.acceleration * DT * (1 + 1e-9)).all()
-        slowed += int((kept != wanted).any())
-        v = kept
+        desired = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
+        viable = guarded.kept(q, v, desired, (1.0, 1.0))
+        assert (np.abs(viable - v) <= limits.acceleration * DT * (1 + 1e-9)).all()
+        slowed += int((viable != desired).any())
+        v = viable
         q = pin.integrate(robot.model, q, v * DT)
         lowest = min(lowest, float(guarded.slack(q).min()))
     return slowed, lowest
@@ -191,12 +191,12 @@ def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python
     """
     kernels = Guarded(robot)
     python = Guarded(robot)
-    asked = [0]
+    n_calls = [0]
     model = python.clearance.model
     clearance = python.clearance.position_limit(robot)
 
     def values(q: np.ndarray, rows: np.ndarray | None) -> np.ndarray:
-        asked[0] += 1
+        n_calls[0] += 1
         return model.values(q, rows)
 
     limit = replace(clearance, values=values)
@@ -215,14 +215,14 @@ def test_distances_that_kernels_measure_make_the_velocities_that_those_of_python
     for index in range(400):
         if index % 50 == 0:
             push = rng.choice([-1.0, 1.0], robot.n_v)
-        wanted = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
-        found = [rule.kept(q, v, wanted, (1.0, 1.0)) for rule in (kernels, python)]
-        np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-9)
-        slowed += int((found[0] != wanted).any())
-        v = found[0]
+        desired = np.clip(v + push * limits.acceleration * DT, -limits.velocity, limits.velocity)
+        viable = [rule.kept(q, v, desired, (1.0, 1.0)) for rule in (kernels, python)]
+        np.testing.assert_allclose(viable[0], viable[1], rtol=0, atol=1e-9)
+        slowed += int((viable[0] != desired).any())
+        v = viable[0]
         q = pin.integrate(robot.model, q, v * DT)
     assert slowed > 30
-    assert asked[0] > 300
+    assert n_calls[0] > 300
 
 
 def straight(name: str, axis: int, upper: float, reach: float = 1.0) -> SimpleNamespace:
@@ -244,21 +244,22 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
     rng = np.random.default_rng(5)
     mixed = 0
     for _ in range(100):
-        rest = np.zeros(5)
+        at_rest = np.zeros(5)
         previous = np.zeros(5)
-        wanted = np.zeros(5)
-        previous[3], wanted[1] = rng.uniform(0.1, 0.5), rng.uniform(0.5, 1.0)
+        desired = np.zeros(5)
+        previous[3] = rng.uniform(0.1, 0.5)
+        desired[1] = rng.uniform(0.5, 1.0)
         upper = rng.uniform([0.05, 0.005], [0.4, 0.1])
         tasks = (straight("y", 1, upper[0]), straight("theta1", 3, upper[1]))
         rule = Viability(robot=planar, tasks=tasks, quantity_names=("y.room", "theta1.room"), dt=DT)
-        end = np.array([q for q, _ in rule.stop.path(rest, rule.stop.slower(rest, previous))])
+        end = np.array([q for q, _ in rule.stop.path(at_rest, rule.stop.slower(at_rest, previous))])
         if (end[:, [1, 3]] > upper).any():
             continue
-        kept = rule.kept(
-            q=rest, previous=previous, wanted=wanted, gates=np.ones(2), quantities=upper
+        viable = rule.kept(
+            q=at_rest, previous=previous, desired=desired, gates=np.ones(2), quantities=upper
         )
-        way = np.array([q for q, _ in rule.stop.path(rest, kept)])
-        assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, wanted, upper)
+        way = np.array([q for q, _ in rule.stop.path(at_rest, viable)])
+        assert (way[:, [1, 3]] <= upper + 1e-9).all(), (previous, desired, upper)
         mixed += int(0.0 < rule.share < 1.0)
     assert mixed > 16
 
@@ -266,24 +267,24 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
 @pytest.mark.parametrize("unknown", [np.inf, np.nan])
 def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     planar = load_robot("planar5")
-    wanted = np.zeros(5)
+    desired = np.zeros(5)
     upper = 0.05
-    wanted[1] = 1.0
+    desired[1] = 1.0
     rule = Viability(
         robot=planar,
         tasks=(straight("y", 1, upper, reach=unknown),),
         quantity_names=("y.room",),
         dt=DT,
     )
-    kept = rule.kept(
+    viable = rule.kept(
         q=np.zeros(5),
         previous=np.zeros(5),
-        wanted=wanted,
+        desired=desired,
         gates=np.ones(1),
         quantities=np.array([upper]),
     )
     assert rule.is_near
-    assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), kept)) <= upper
+    assert max(q[1] for q, _ in rule.stop.path(np.zeros(5), viable)) <= upper
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -299,11 +300,16 @@ def test_what_a_limit_raises_is_raised_by_the_rule(
     limit = PositionLimit(quantity="room", lower=0.0, values=refuse, reach=np.ones(5))
     task = SimpleNamespace(name="y", position_limit=lambda robot: limit)
     rule = Viability(robot=planar, tasks=(task,), quantity_names=("y.room",), dt=DT)
-    given = {"q": np.zeros(5), "previous": np.zeros(5), "wanted": np.ones(5), "gates": np.ones(1)}
-    assert rule.kept(**given, quantities=np.full(1, 1e3)).any()
+    arguments = {
+        "q": np.zeros(5),
+        "previous": np.zeros(5),
+        "desired": np.ones(5),
+        "gates": np.ones(1),
+    }
+    assert rule.kept(**arguments, quantities=np.full(1, 1e3)).any()
     for _ in range(2):
         with pytest.raises(ValueError, match="no such place"):
-            rule.kept(**given, quantities=np.zeros(1))
+            rule.kept(**arguments, quantities=np.zeros(1))
 
 
 @needs_compiler
@@ -320,19 +326,23 @@ def test_the_rule_without_compiler_gives_the_same_bits(
     q = robot.configuration(position=(-0.3, 0.0, 0.0))
     slowed = 0
     for _ in range(40):
-        wanted = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity
-        previous = wanted - rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.acceleration * DT
-        first, second = (guarded.kept(q, previous, wanted, (1.0, 1.0)) for guarded in (quick, slow))
+        desired = rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.velocity
+        previous = desired - rng.uniform(-1.0, 1.0, robot.n_v) * robot.limits.acceleration * DT
+        first, second = (
+            guarded.kept(q, previous, desired, (1.0, 1.0)) for guarded in (quick, slow)
+        )
         np.testing.assert_array_equal(first, second)
-        slowed += bool((first != wanted).any())
+        slowed += bool((first != desired).any())
     assert 0 < slowed < 40
 
 
 def test_a_limit_that_is_off_or_far_away_changes_nothing(robot: Robot) -> None:
     guarded = Guarded(robot)
     q = robot.configuration()
-    slow, fast = np.zeros(robot.n_v), np.zeros(robot.n_v)
-    slow[0], fast[0] = -0.02, -1.0  # 1 m/s takes 0.5 m to stop, the ball astern leaves 0.35 m
+    slow = np.zeros(robot.n_v)
+    fast = np.zeros(robot.n_v)
+    slow[0] = -0.02
+    fast[0] = -1.0  # 1 m/s takes 0.5 m to stop, the ball astern leaves 0.35 m
     np.testing.assert_array_equal(guarded.kept(q, slow, slow, (1.0, 1.0)), slow)
     np.testing.assert_array_equal(guarded.kept(q, fast, fast, (1.0, 0.0)), fast)
     assert guarded.kept(q, fast, fast, (1.0, 1.0))[0] == pytest.approx(-1.0 + DT)
@@ -354,11 +364,12 @@ def test_a_limit_that_is_broken_already_is_never_broken_further_than_a_stop_does
     q = robot.configuration(position=(-0.45, 0.0, 0.0))
     away = np.zeros(robot.n_v)
     nearer = np.zeros(robot.n_v)
-    away[0], nearer[0] = 0.01, -0.01
-    rest = np.zeros(robot.n_v)
+    away[0] = 0.01
+    nearer[0] = -0.01
+    at_rest = np.zeros(robot.n_v)
     assert guarded.slack(q)[1] < -0.01
-    np.testing.assert_array_equal(guarded.kept(q, rest, away, (1.0, 1.0)), away)
-    np.testing.assert_array_equal(guarded.kept(q, rest, nearer, (1.0, 1.0)), rest)
+    np.testing.assert_array_equal(guarded.kept(q, at_rest, away, (1.0, 1.0)), away)
+    np.testing.assert_array_equal(guarded.kept(q, at_rest, nearer, (1.0, 1.0)), at_rest)
 
 
 def test_a_stop_keeps_joint_limits_and_accelerations_and_the_direction_of_the_vehicle(
@@ -391,7 +402,8 @@ def case1_among_obstacles() -> Scenario:
     """
     scenario = case1(plant="kinematic", dt=1 / 100)
     obstacles = [ball("beside", 9.4, 37.4, -37.0, 0.4), ball("above", 12.3, 38.2, -39.3, 0.25)]
-    robot, mission = scenario.robot, scenario.mission
+    robot = scenario.robot
+    mission = scenario.mission
     tasks = [
         *mission.hierarchy.tasks,
         Clearance(model=CollisionModel(robot, obstacles, self_collision=False), threshold=0.05),

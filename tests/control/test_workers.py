@@ -13,12 +13,10 @@ import pinocchio as pin
 import pytest
 
 from uvms_ocp.control.nmpc import Nmpc
+from uvms_ocp.control.replanning import HOLD, ReplanningRequest, ReplanningResult
 from uvms_ocp.control.solve_workers import (
-    HOLD,
     ProcessWorker,
     ReplanningJob,
-    ReplanningRequest,
-    ReplanningResult,
     RunningWorker,
     SynchronousWorker,
     WorkerStatus,
@@ -51,8 +49,8 @@ def reach(robot: Robot, goal: PoseGoal | None = None) -> OcpProblem:
     place = pin.SE3(np.eye(3), np.array([0.5, 0.5, 0.0])) if goal is None else goal
     tool = TaskTerm(task=ToolPosition(goal=place), at=At.PATH, weight=10.0)
     levels = (OcpLevel(name="tool", terms=(tool, Effort())),)
-    own = single_phase(robot=robot, start=start(robot), duration=1.0, n_steps=5, levels=levels)
-    return replace(own, hessian=HessianKind.GAUSS_NEWTON)
+    problem = single_phase(robot=robot, start=start(robot), duration=1.0, n_steps=5, levels=levels)
+    return replace(problem, hessian=HessianKind.GAUSS_NEWTON)
 
 
 def job(robot: Robot, goal: PoseGoal | None = None) -> ReplanningJob:
@@ -92,24 +90,27 @@ def test_plans_made_beside_are_those_made_in_line(robot: Robot, beside: RunningW
         request = ReplanningRequest(
             state=start(robot), t=t, in_use=number, begin=began, delay=PERIOD
         )
-        one = answered(within, request)
-        other = answered(beside, request)
-        assert one.first is other.first is (number == HOLD)
-        assert one.planned is not None
-        assert other.planned is not None
+        plan_within = answered(within, request)
+        plan_beside = answered(beside, request)
+        assert plan_within.first is plan_beside.first is (number == HOLD)
+        assert plan_within.planned is not None
+        assert plan_beside.planned is not None
         for name in ("t", "q", "v", "a", "torque"):
-            found, expected = (getattr(answer.planned.trajectory, name) for answer in (other, one))
+            by_process, expected = (
+                getattr(answer.planned.trajectory, name) for answer in (plan_beside, plan_within)
+            )
             np.testing.assert_allclose(
-                found, expected, rtol=1e-6, atol=1e-6
+                by_process, expected, rtol=1e-6, atol=1e-6
             )  # accuracy of a step's QP
-        number, began = one.planned.number, one.planned.begin
-        assert (other.planned.number, other.planned.begin) == (number, began)
+        number = plan_within.planned.number
+        began = plan_within.planned.begin
+        assert (plan_beside.planned.number, plan_beside.planned.begin) == (number, began)
 
 
 def test_the_robot_stays_until_the_first_plan_beside_and_follows_it_then(robot: Robot) -> None:
     with Nmpc(reach(robot), worker=ProcessWorker(timeout=60.0, lead=0.01)) as nmpc:
-        held = ticks(nmpc, robot, 0.0, 1)[0]
-        assert np.abs(held.v).max() == 0.0
+        first_command = ticks(nmpc, robot, 0.0, 1)[0]
+        assert np.abs(first_command.v).max() == 0.0
         moved = False
         t = 0.005
         for _ in range(PATIENCE):

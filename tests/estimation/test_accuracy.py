@@ -103,9 +103,9 @@ def test_a_threshold_below_what_the_sensors_allow_is_a_warning(noise: bool) -> N
     allowed = quantity_stds(scenario.setup(), scenario.start).get("T.position_error", 0.0)
     assert (allowed > 1e-3) == noise
     for limit in (1e-3, 0.99 * allowed, 1.01 * allowed):
-        found = with_limit(scenario, max(limit, 1e-6)).check().of_check("accuracy")
-        assert [f.phase for f in found] == (["D"] if noise and limit < allowed else [])
-        assert all("T.position_error" in f.text for f in found)
+        findings = with_limit(scenario, max(limit, 1e-6)).check().of_check("accuracy")
+        assert [f.phase for f in findings] == (["D"] if noise and limit < allowed else [])
+        assert all("T.position_error" in f.text for f in findings)
 
 
 def test_it_is_computed_once_for_a_robot_and_its_sensors() -> None:

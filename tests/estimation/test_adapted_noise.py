@@ -34,19 +34,19 @@ def flown(
     NEES of the velocity per degree of freedom, its root mean square error [m/s], and the share of
     the jerk at the end.
     """
-    seen: list[tuple[np.ndarray, np.ndarray, float]] = []
+    records: list[tuple[np.ndarray, np.ndarray, float]] = []
     estimate = Estimator.__call__
 
-    def noted(self: Estimator, *given: Any) -> Any:
-        found = estimate(self, *given)
-        seen.append(
+    def noted(self: Estimator, *arguments: Any) -> Any:
+        estimated = estimate(self, *arguments)
+        records.append(
             (
                 self.memory.x[SPEED].copy(),
                 self.covariance[SPEED, SPEED],
                 float(self.structure.jerk_share),
             )
         )
-        return found
+        return estimated
 
     monkeypatch.setattr(Estimator, "__call__", noted)
     dvl = replace(SensorSpecs().linear_velocity, delay=delay)
@@ -56,10 +56,14 @@ def flown(
     squared = []
     errors = []
     for k in range(round(SETTLED * rate), len(record["t"])):
-        error = seen[k][0] - quaternion_to_matrix(record["q"][k, 3:7]) @ record["v"][k, :3]
-        squared.append(error @ np.linalg.solve(seen[k][1], error) / 3)
+        error = records[k][0] - quaternion_to_matrix(record["q"][k, 3:7]) @ record["v"][k, :3]
+        squared.append(error @ np.linalg.solve(records[k][1], error) / 3)
         errors.append(error @ error / 3)
-    return float(np.mean(squared)), float(np.sqrt(np.mean(errors))), seen[len(record["t"]) - 1][2]
+    return (
+        float(np.mean(squared)),
+        float(np.sqrt(np.mean(errors))),
+        records[len(record["t"]) - 1][2],
+    )
 
 
 @long_without_compiler

@@ -31,15 +31,15 @@ def moved(X_NW: pin.SE3, readings: Readings, sign: float) -> Readings:
     """What sensors of the same errors read there, with either of the two quaternions of an
     attitude.
     """
-    found = {}
+    moved_readings = {}
     place = readings.position
     if place is not None:
-        found["position"] = replace(place, value=X_NW.act(np.asarray(place.value)))
+        moved_readings["position"] = replace(place, value=X_NW.act(np.asarray(place.value)))
     attitude = readings.attitude
     if attitude is not None:
         turned = pin.Quaternion(X_NW.rotation) * pin.Quaternion(np.array(attitude.value))
-        found["attitude"] = replace(attitude, value=sign * turned.coeffs())
-    return replace(readings, **found)
+        moved_readings["attitude"] = replace(attitude, value=sign * turned.coeffs())
+    return replace(readings, **moved_readings)
 
 
 def recorded(robot: uo.Robot, specs: SensorSpecs) -> list[Readings]:
@@ -70,20 +70,20 @@ ESTIMATORS = {
 @pytest.mark.parametrize("kind", ESTIMATORS)
 def test_an_estimate_is_the_same_in_any_world(kind: str) -> None:
     robot = uo.load_robot("bluerov2_alpha5")
-    specs, made = ESTIMATORS[kind]
+    specs, build = ESTIMATORS[kind]
     readings = recorded(robot, specs)
-    here = made(robot)
-    usual = [here(row, k * DT) for k, row in enumerate(readings)]
+    estimator = build(robot)
+    usual = [estimator(row, k * DT) for k, row in enumerate(readings)]
     for name, X_NW in WORLDS.items():
-        there = made(robot)
+        moved_estimator = build(robot)
         for k, row in enumerate(readings):
-            found = there(moved(X_NW, row, -1.0 if k // 40 % 2 else 1.0), k * DT)
-            pose = X_NW.inverse() * pin.XYZQUATToSE3(found.q[:7])
+            estimate = moved_estimator(moved(X_NW, row, -1.0 if k // 40 % 2 else 1.0), k * DT)
+            pose = X_NW.inverse() * pin.XYZQUATToSE3(estimate.q[:7])
             apart = pin.log6(pin.XYZQUATToSE3(usual[k].q[:7]).inverse() * pose).vector
             assert np.abs(apart).max() < 1e-6, (name, k)
-            np.testing.assert_allclose(found.q[7:], usual[k].q[7:], atol=1e-7, err_msg=name)
-            np.testing.assert_allclose(found.v, usual[k].v, atol=1e-6, err_msg=name)
+            np.testing.assert_allclose(estimate.q[7:], usual[k].q[7:], atol=1e-7, err_msg=name)
+            np.testing.assert_allclose(estimate.v, usual[k].v, atol=1e-6, err_msg=name)
             np.testing.assert_allclose(
-                found.altimeter_range, usual[k].altimeter_range, atol=1e-6, err_msg=name
+                estimate.altimeter_range, usual[k].altimeter_range, atol=1e-6, err_msg=name
             )
-            assert found.age == usual[k].age
+            assert estimate.age == usual[k].age

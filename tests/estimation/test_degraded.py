@@ -54,11 +54,11 @@ def sound(scenario: Scenario) -> Record:
 def run(scenario: Scenario, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A run of Case 1, or of another scenario, with broken sensors."""
 
-    def of(given: Scenario = scenario, **broken: object) -> Record:
+    def of(study: Scenario = scenario, **broken: object) -> Record:
         monkeypatch.setattr(
             Scenario, "estimator", lambda self: BrokenSensors(robot=self.robot, **broken)
         )
-        return given.run()
+        return study.run()
 
     return of
 
@@ -67,7 +67,9 @@ def some_time_in(sound: Record, phase: str, seed: int) -> float:
     """[s] not in the last second of it."""
     ends = [event.t for event in sound.run_meta.events]
     index = PHASES.index(phase)
-    start = 0.0 if index == 0 else ends[index - 1]
+    start = 0.0
+    if index > 0:
+        start = ends[index - 1]
     return float(np.random.default_rng(seed).uniform(start, ends[index] - 1.0))
 
 
@@ -106,15 +108,18 @@ def test_whatever_is_lost_limits_hold_and_the_run_ends_for_a_reason_that_names_i
     cause = cause_of_end(record)
     last = record.run_meta.events[-1]
     goes_on = lost not in (*CLIMBING, *HELD) or (lost == ("altimeter_range",) and phase == "D")
-    assert (last.target, cause["kind"]) == ((DONE, "completed") if goes_on else (ABORT, "aborted"))
+    expected_end = (DONE, "completed") if goes_on else (ABORT, "aborted")
+    assert (last.target, cause["kind"]) == expected_end
     assert goes_on or all(
         f"{name} lost: broken by a test since {start:.1f} s" in cause["text"] for name in lost
     )
     if lost in CLIMBING and not goes_on:
         (entered,) = (event for event in record.run_meta.events if event.target == "climb")
         floor = record.meta.surroundings.floor_z
-        here = float(after(record, "q", entered.t)[0, 2])
-        safe = here + 3.0 if lost == ("altimeter_range",) else max(here, floor + 3.0)
+        z = float(after(record, "q", entered.t)[0, 2])
+        safe = max(z, floor + 3.0)
+        if lost == ("altimeter_range",):
+            safe = z + 3.0
         assert record["q"][-1, 2] > safe - 0.35
     if lost in HELD:
         assert np.abs(after(record, "command", start + 1.5)).max() < 1e-9
@@ -231,18 +236,18 @@ def test_every_mode_says_what_is_still_known_and_losing_more_never_allows_more()
     assert all(mode.substitute and mode.without <= set(CHANNELS) for mode in DEGRADED_MODES)
 
     def lost(names: set[str]) -> tuple[float, ...]:
-        found = restriction_for(
+        restriction = restriction_for(
             [ChannelHealth(channel=name, trust=Trust.LOST) for name in names], 60.0
         )
         bars = (
-            found.no_descent,
-            found.joints_held,
-            found.hold,
-            found.blind,
-            not found.can_ascend,
-            bool(found.abort),
+            restriction.no_descent,
+            restriction.joints_held,
+            restriction.hold,
+            restriction.blind,
+            not restriction.can_ascend,
+            bool(restriction.abort),
         )
-        return (1.0 - found.speed, *map(float, bars))
+        return (1.0 - restriction.speed, *map(float, bars))
 
     for first in CHANNELS:
         for second in CHANNELS:

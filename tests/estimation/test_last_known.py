@@ -111,17 +111,18 @@ def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_no
     """By Pinocchio, which knows the manifold of each joint."""
     anything = any_joints()
     rng = np.random.default_rng(1)
-    seen = set()
-    sound, v = LastValidEstimate(anything), np.zeros(anything.n_v)  # type: ignore[arg-type]
+    validity = set()
+    sound = LastValidEstimate(anything)  # type: ignore[arg-type]
+    v = np.zeros(anything.n_v)
     assert sound.memory.n_units == 4
     for _ in range(100):
         q = pin.randomConfiguration(anything.model, -np.ones(anything.n_q), np.ones(anything.n_q))
         q[rng.integers(anything.n_q)] *= 1.0 + 3e-3 * rng.normal()
-        found = sound(StateEstimate(q=q, v=v, altimeter_range=1.0), 0.0)
+        estimate = sound(StateEstimate(q=q, v=v, altimeter_range=1.0), 0.0)
         assert bool(sound.memory.is_valid) == pin.isNormalized(anything.model, q, 1e-3)
-        assert (found.q == q).all() == bool(sound.memory.is_valid)
-        seen.add(bool(sound.memory.is_valid))
-    assert seen == {True, False}
+        assert (estimate.q == q).all() == bool(sound.memory.is_valid)
+        validity.add(bool(sound.memory.is_valid))
+    assert validity == {True, False}
 
 
 def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
@@ -147,11 +148,11 @@ def test_minimum_altitude_holds_while_echoes_are_missing(robot: Robot, outage: f
         pin.framesForwardKinematics(robot.model, data, q)
         altitude = data.oMf[sensor].translation[2] + 7.0
         t = DT * k
-        since = min(since, t) if altitude < 1.35 else since
-        lost = since <= t < since + outage
-        command = control(
-            StateEstimate(q=q, v=v, altimeter_range=math.nan if lost else altitude), t
-        )
+        if altitude < 1.35:
+            since = min(since, t)
+        is_lost = since <= t < since + outage
+        echo = math.nan if is_lost else altitude
+        command = control(StateEstimate(q=q, v=v, altimeter_range=echo), t)
         assert not command.hold
         v = command.v
         lowest = min(lowest, altitude)
@@ -164,7 +165,7 @@ def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear
     robot: Robot,
 ) -> None:
     rng = np.random.default_rng(0)
-    near = 0
+    n_near_limit = 0
     for _ in range(40):
         place = pin.SE3(np.eye(3), rng.uniform(-2.5, 2.5, 3))
         ball = Obstacle(name="ball", shape=coal.Sphere(0.4), X_WO=place)
@@ -183,7 +184,7 @@ def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear
             command = control(
                 StateEstimate(q=q, v=v, altimeter_range=5.0, age=1.0 if blind else 0.0), DT * k
             )
-            near += near_limit
+            n_near_limit += near_limit
             if blind:
                 # All axes in proportion, as the stop that the tick before has found clear.
                 np.testing.assert_allclose(
@@ -194,4 +195,4 @@ def test_a_blackout_beside_an_obstacle_leads_along_the_stop_that_was_found_clear
             assert model.values(q).min() >= 0.05 - 1e-6
             if blind and not v.any():
                 break
-    assert near > 0
+    assert n_near_limit > 0

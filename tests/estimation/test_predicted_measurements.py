@@ -67,7 +67,7 @@ def test_slopes_are_those_of_what_is_expected(
     if channel == ChannelIndex.ALTIMETER_RANGE:
         slopes = slopes / m.predicted.h[1]
     for i in range(MAIN):
-        found = []
+        predictions = []
         for sign in (-1.0, 1.0):
             _tilt(m, seed)
             if i < Part.PLACE:
@@ -76,8 +76,10 @@ def test_slopes_are_those_of_what_is_expected(
                 turn_by(m.turn, by)
             else:
                 m.x[i] += sign * step
-            found.append(_expected(m, channel))
-        np.testing.assert_allclose(slopes[:, i], (found[1] - found[0]) / (2 * step), atol=1e-7)
+            predictions.append(_expected(m, channel))
+        np.testing.assert_allclose(
+            slopes[:, i], (predictions[1] - predictions[0]) / (2 * step), atol=1e-7
+        )
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -107,13 +109,14 @@ def test_the_monitor_places_an_echo_on_the_beam_of_a_tilted_vehicle(seed: int, m
     _tilt(memory, seed)
     m = HealthMonitor(uo.load_robot("bluerov2_alpha5"), SensorSpecs(), compiled=False).memory
     view(m.now.q)[:7] = [*view(memory.x)[Part.PLACE : Part.SPEED], *view(memory.turn)]
-    view(m.now.beam_at)[:], view(m.now.beam_up)[:] = memory.beam_at, memory.beam_up
+    view(m.now.beam_at)[:] = memory.beam_at
+    view(m.now.beam_up)[:] = memory.beam_up
     channel = m.channels[ChannelIndex.ALTIMETER_RANGE]
-    here = m.floor.here
+    point = m.floor.here
     channel.value[0] = 4.0
     screening._is_floor(m, channel, m.now, m.belief.why)
     X_WB = pin.XYZQUATToSE3(np.array(m.now.q[:7]))
     sensor = X_WB.act(np.array(m.now.beam_at))
     up = X_WB.rotation @ np.array(m.now.beam_up)
-    np.testing.assert_allclose([here.sensor_x, here.sensor_y, here.sensor_z], sensor, atol=1e-12)
-    np.testing.assert_allclose([here.x, here.y, here.z], sensor - 4.0 * up, atol=1e-12)
+    np.testing.assert_allclose([point.sensor_x, point.sensor_y, point.sensor_z], sensor, atol=1e-12)
+    np.testing.assert_allclose([point.x, point.y, point.z], sensor - 4.0 * up, atol=1e-12)

@@ -38,9 +38,9 @@ class Babble:
         self.sizes |= dict.fromkeys(("joint_positions", "joint_velocities"), (robot.n_joints,))
 
     def readings(self, t: float) -> Readings:
-        there = [name for name in CHANNELS if getattr(self.specs, name) is not None]
+        present = [name for name in CHANNELS if getattr(self.specs, name) is not None]
         return Readings(
-            **{name: self.reading(name, t) for name in there if self.rng.random() < 0.5}
+            **{name: self.reading(name, t) for name in present if self.rng.random() < 0.5}
         )
 
     def reading(self, name: str, t: float) -> Reading:
@@ -61,14 +61,15 @@ class Babble:
             return drawn / np.linalg.norm(drawn)
         if name == "specific_force":
             drawn[2] += 9.81
-        return float(drawn) + 5.0 * (name == "altimeter_range") if np.ndim(drawn) == 0 else drawn
+        if np.ndim(drawn) > 0:
+            return drawn
+        middle = 5.0 if name == "altimeter_range" else 0.0
+        return float(drawn) + middle
 
     def command(self) -> Command | None:
-        return (
-            None
-            if self.rng.random() < 0.1
-            else Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
-        )
+        if self.rng.random() < 0.1:
+            return None
+        return Command(v=0.1 * self.rng.standard_normal(self.robot.n_v))
 
 
 @needs_compiler
@@ -84,7 +85,8 @@ def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpe
     t = 0.0
     for _ in range(300):
         t += float(babble.rng.choice([0.0, 0.005, 0.01, 0.02]))
-        readings, command = babble.readings(t), babble.command()
+        readings = babble.readings(t)
+        command = babble.command()
         a = compiled(readings, t, command)
         b = plain(readings, t, command)
         for part in ("q", "v", "std", "age", "altimeter_range"):
@@ -100,8 +102,10 @@ def test_in_c_and_in_python_the_numbers_are_the_same(name: str, specs: SensorSpe
 def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     """Of the vehicle with its clones, and of the joints, after 3e4 ticks."""
     robot = load_robot("girona_maris7")
-    given = {name: getattr(specs, name) for name in CHANNELS if getattr(specs, name) is not None}
-    values = {name: np.zeros(3) for name in given} | {"depth": 0.0, "altimeter_range": 5.0}
+    by_channel = {
+        name: getattr(specs, name) for name in CHANNELS if getattr(specs, name) is not None
+    }
+    values = {name: np.zeros(3) for name in by_channel} | {"depth": 0.0, "altimeter_range": 5.0}
     values |= {name: np.zeros(robot.n_joints) for name in ("joint_positions", "joint_velocities")}
     values |= {
         "attitude": np.array([0.0, 0.0, 0.0, 1.0]),
@@ -111,20 +115,20 @@ def test_covariances_stay_symmetric_and_positive(specs: SensorSpecs) -> None:
     dt = 0.01
     reading = unchecked_constructor(Reading)
     all_readings = unchecked_constructor(Readings)
-    steps = {name: max(1, round(1.0 / (spec.rate * dt))) for name, spec in given.items()}
+    steps = {name: max(1, round(1.0 / (spec.rate * dt))) for name, spec in by_channel.items()}
     for k in range(30_000):
         readings = {}
-        for name, spec in given.items():
-            taken = (k - round(spec.delay / dt)) // steps[name] * steps[name]
-            if taken >= 0:
-                readings[name] = reading(value=values[name], t=taken * dt)
+        for name, spec in by_channel.items():
+            stamp = (k - round(spec.delay / dt)) // steps[name] * steps[name]
+            if stamp >= 0:
+                readings[name] = reading(value=values[name], t=stamp * dt)
         estimator(all_readings(**readings), k * dt)
     m = estimator.memory
     n = len(estimator.covariance) + 3 * (int(np.flatnonzero(m.owner >= 0).max(initial=-1)) + 1)
     upper = np.triu(m.P[:n, :n])
-    held = np.concatenate([np.ones(28, dtype=bool), np.repeat(m.owner[: (n - 28) // 3] >= 0, 3)])
-    held &= np.diag(upper) > 0.0  # channels with one row have two of zeros
-    P = (upper + np.triu(upper, 1).T)[np.ix_(held, held)]
+    is_used = np.concatenate([np.ones(28, dtype=bool), np.repeat(m.owner[: (n - 28) // 3] >= 0, 3)])
+    is_used &= np.diag(upper) > 0.0  # channels with one row have two of zeros
+    P = (upper + np.triu(upper, 1).T)[np.ix_(is_used, is_used)]
     scale = 1.0 / np.sqrt(np.diag(P))
     assert np.linalg.eigvalsh(P * scale[:, None] * scale).min() > -1e-9
     for joint in m.joint_P:

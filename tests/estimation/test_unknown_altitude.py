@@ -79,10 +79,10 @@ def scenario(
 
 
 def controller(robot: Robot, *tasks: Task, solver: object | None = None) -> KinematicController:
-    given = scenario(
+    study = scenario(
         robot, tasks=tasks, when=(uo.Below(quantity=f"{tasks[0].name}.altitude", limit=1e-9),)
     )
-    return replace(given, **({} if solver is None else {"solver": solver})).kinematic_controller()
+    return replace(study, **({} if solver is None else {"solver": solver})).kinematic_controller()
 
 
 def measured(robot: Robot, echo: float, *, z: float = -6.0, roll: float = 0.0) -> StateEstimate:
@@ -110,11 +110,11 @@ def rise(robot: Robot, q: np.ndarray, v: np.ndarray) -> float:
 def test_a_robot_whose_altimeter_looks_up_has_not_landed(
     robot: Robot, roll: float, condition: Condition
 ) -> None:
-    given = scenario(robot, roll=roll, when=(condition,))
-    (finding,) = given.check().of_check("echo")
+    study = scenario(robot, roll=roll, when=(condition,))
+    (finding,) = study.check().of_check("echo")
     assert finding.severity is Severity.WARNING
     assert f"{roll:.2f} rad" in finding.text
-    record = given.run()
+    record = study.run()
     report = summarize(record)
     assert not report["completed"]
     assert report["goals"] == []
@@ -149,9 +149,9 @@ def test_a_robot_on_its_side_that_rights_itself_lands_on_its_first_echo_not_befo
 
 @long_without_compiler
 def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot: Robot) -> None:
-    given = scenario(robot, floor=DeafFloor(z=FLOOR))
-    assert "the floor returns none" in given.check().of_check("echo")[0].text
-    record = given.run()
+    study = scenario(robot, floor=DeafFloor(z=FLOOR))
+    assert "the floor returns none" in study.check().of_check("echo")[0].text
+    record = study.run()
     assert np.isnan(altitudes(record)).all()
     assert record["q"][:, 2].min() >= FLOOR + 4 - 1e-9
     (deaf,) = record.run_meta.alarms
@@ -162,9 +162,9 @@ def test_upright_without_an_echo_the_altitude_is_unknown_and_nothing_sinks(robot
 def test_with_an_echo_the_altitude_is_what_it_was_and_the_truth_is_that_of_the_floor(
     robot: Robot,
 ) -> None:
-    given = scenario(robot, duration=40.0)
-    assert not given.check().of_check("echo")
-    record = given.run()
+    study = scenario(robot, duration=40.0)
+    assert not study.check().of_check("echo")
+    record = study.run()
     (goal,) = summarize(record)["goals"]
     assert goal["met"]
     assert goal["true"] == pytest.approx(goal["estimated"])
@@ -180,12 +180,12 @@ def test_before_the_first_echo_no_task_on_altitude_sinks(
 ) -> None:
     control = controller(robot, task, solver=solver)
     down = VehiclePose(goal=uo.pose_at((0, 0, -9)))
-    for asked in (control, controller(robot, MinimumAltitude(), down)):
+    for tested in (control, controller(robot, MinimumAltitude(), down)):
         for k in range(8):
             measurement = measured(robot, math.nan, roll=roll)
-            v = asked(measurement, k * DT).v
+            v = tested(measurement, k * DT).v
             assert rise(robot, measurement.q, v) >= -1e-9
-            assert any(map(math.isnan, asked.quantities.values()))
+            assert any(map(math.isnan, tested.quantities.values()))
 
 
 def test_an_echo_is_carried_for_as_long_as_the_watchdog_waits_and_no_longer(robot: Robot) -> None:

@@ -72,11 +72,11 @@ def test_a_controller_brakes_then_cuts_the_thrust_when_sensors_go_silent() -> No
         age = max(0.0, t - 1.0)
         commands.append(layer(dataclasses.replace(measured, age=age), t))
     moving = commands[199]
-    held = commands[500]
+    held_command = commands[500]
     stopped = commands[-1]
     assert np.abs(moving.v).max() > 0.1
-    assert not held.v.any()
-    assert not held.stop
+    assert not held_command.v.any()
+    assert not held_command.stop
     assert stopped.stop
     assert stopped.thrust is not None
     assert np.abs(stopped.thrust).max() < 1e-9

@@ -89,11 +89,11 @@ def built(folder: Path, program: str, main: Path, options: Sequence[str] = ("-O0
     generated = [folder / f"{C}_{name}" for name in GENERATED]
     for source in (main, *generated):
         objects.append(folder / f"{program}_{source.stem}.o")
-        own = ("-Wno-unused-parameter",) if source in generated else ()
+        lenient_flags = ("-Wno-unused-parameter",) if source in generated else ()
         command = [
             COMPILER,
             *STRICT,
-            *own,
+            *lenient_flags,
             *options,
             "-ffp-contract=off",
             f"-I{folder}",
@@ -129,14 +129,14 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
     level = (
         ("-O2",) if name == "bluerov_inspection" else ("-O0",)
     )  # one shows that bits do not depend on it
-    said = subprocess.run(
+    output = subprocess.run(
         [built(folder, "replay", folder / REPLAY, level), folder / RECORDED],
         check=True,
         capture_output=True,
         text=True,
     ).stdout
-    assert ", 0 apart, " in said
-    assert int(said.split()[0]) > 100
+    assert ", 0 apart, " in output
+    assert int(output.split()[0]) > 100
 
 
 @pytest.mark.parametrize("began", [1e3, 1.76e9])
@@ -215,10 +215,10 @@ def test_numbers_of_tasks_are_parameters_that_need_no_compiler(tmp_path: Path) -
         for name, value in by.items()
         for word in (f"{task}.{name}", repr(value))
     ]
-    said = subprocess.run(
+    output = subprocess.run(
         [program, recorded, *numbers], check=True, capture_output=True, text=True
     ).stdout
-    assert ", 0 apart, " in said
+    assert ", 0 apart, " in output
     assert subprocess.run([program, recorded, "MAC.threshold", "1.2"]).returncode == 3, (
         "safety rules rest on it"
     )
@@ -234,18 +234,18 @@ def test_a_parameter_is_what_the_memory_does_not_know(name: str) -> None:
         mission = replace(
             scenario.mission, hierarchy=Hierarchy(tasks, [task.name for task in tasks])
         )
-        made = our_controller(replace(scenario, mission=mission))
-        return initial_value(controller.controller_memory(made, core))
+        exported = our_controller(replace(scenario, mission=mission))
+        return initial_value(controller.controller_memory(exported, core))
 
     tasks = list(scenario.mission.hierarchy.tasks)
     numbers, places = c_files.task_numbers(tasks, scenario.robot)
-    known = initial(tasks)
+    initial_numbers = initial(tasks)
     every = [(k, item) for k, task in enumerate(tasks) for item in numbers_of(task)]
     assert numbers == [*(getattr(tasks[k], item) for k, item in every), 0.0, 1.0]
     for k, item in every:
-        other = replace(tasks[k], **{item: 1.1 * getattr(tasks[k], item) + 0.01})
-        is_same = initial([*tasks[:k], other, *tasks[k + 1 :]]) == known
-        assert is_same == (f"{other.name}.{item}" in places), item
+        changed = replace(tasks[k], **{item: 1.1 * getattr(tasks[k], item) + 0.01})
+        is_same = initial([*tasks[:k], changed, *tasks[k + 1 :]]) == initial_numbers
+        assert is_same == (f"{changed.name}.{item}" in places), item
 
 
 def test_tasks_without_numbers_have_no_parameters(tmp_path: Path) -> None:
@@ -259,13 +259,13 @@ def test_tasks_without_numbers_have_no_parameters(tmp_path: Path) -> None:
 
 
 def test_a_controller_of_another_robot_is_refused() -> None:
-    other = replace(
+    changed = replace(
         SCENARIOS["bluerov_inspection"](), controller=exported_controller(exported("case1"))
     )
     with pytest.raises(
         InvalidInput, match="is of a controller for another robot or mission; export this one"
     ):
-        other.run()
+        changed.run()
 
 
 def test_a_folder_without_a_controller_is_refused(tmp_path: Path) -> None:

@@ -92,17 +92,17 @@ def call(folder: Path, *words: object) -> str:
 
 def objects_of(folder: Path, name: str) -> list[str]:
     """The objects of an export, compiled once."""
-    made = [f"{name}/{name}_{part}.o" for part in GENERATED]
-    for file in made:
+    objects = [f"{name}/{name}_{part}.o" for part in GENERATED]
+    for file in objects:
         if not (folder / file).exists():
             call(folder, COMPILER, "-O1", "-c", file.replace(".o", ".c"), "-o", file)
-    return made
+    return objects
 
 
 def fly_both(folder: Path, program: str) -> None:
     """Each thread repeats the recorded run of its robot."""
-    said = call(folder, program, *(f"{name}/{name}_recorded.bin" for name in ROBOTS))
-    assert said.count(", 0 apart, ") == 40
+    output = call(folder, program, *(f"{name}/{name}_recorded.bin" for name in ROBOTS))
+    assert output.count(", 0 apart, ") == 40
 
 
 def link(folder: Path, program: str, libraries: Sequence[str]) -> None:
@@ -134,8 +134,8 @@ def test_two_exports_are_parts_of_one_cmake_project(exports: Path) -> None:
     call(exports, "cmake", "-S", ".", "-B", "build")
     call(exports, "cmake", "--build", "build")
     fly_both(exports, "build/both")
-    said = call(exports, "ctest", "--test-dir", "build")
-    assert "100% tests passed, 0 tests failed out of 2" in said
+    output = call(exports, "ctest", "--test-dir", "build")
+    assert "100% tests passed, 0 tests failed out of 2" in output
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -159,13 +159,13 @@ def test_two_exports_in_one_folder_are_told_apart_by_name(exports: Path, tmp_pat
     for name in ROBOTS:
         for file in (exports / name).glob(f"{name}_*.[ch]"):
             shutil.copy(file, tmp_path)
-    both = replace(flight_of("first"), controller=exported_controller(tmp_path))
+    exported = replace(flight_of("first"), controller=exported_controller(tmp_path))
     with pytest.raises(
         InvalidInput, match="has 2 controllers; give the name of one: first, second"
     ):
-        both.run()
+        exported.run()
     with pytest.raises(InvalidInput, match="has no controller third: No such file"):
-        replace(both, controller=exported_controller(tmp_path, "third")).run()
+        replace(exported, controller=exported_controller(tmp_path, "third")).run()
     for name in ROBOTS:
         flight = flight_of(name)
         flown = replace(flight, controller=exported_controller(tmp_path, name)).run()

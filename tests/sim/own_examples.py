@@ -88,7 +88,8 @@ class DoubleIntegrator:
     takes_forces = False
 
     def __init__(self, scenario: Scenario) -> None:
-        self.model, n_v = scenario.robot.model, scenario.robot.n_v
+        self.model = scenario.robot.model
+        n_v = scenario.robot.n_v
         self.state = State(q=np.array(scenario.start), v=np.zeros(n_v), a=np.zeros(n_v))
 
     def step(self, command: Command, dt: float) -> None:
@@ -129,7 +130,8 @@ class BurstySensors:
     def __call__(self, state: State, t: float) -> Readings:
         readings = self.suite.read(state, t)
         if int(t) != self.second:
-            self.second, self.blind = int(t), bool(self.random.random() < self.share)
+            self.second = int(t)
+            self.blind = bool(self.random.random() < self.share)
         if not self.blind:
             self.last = readings.linear_velocity
             return readings
@@ -145,7 +147,8 @@ class ComplementaryFilter:
     def __init__(self, scenario: Scenario) -> None:
         self.robot = scenario.robot
         self.t = 0.0
-        self.q, self.v = np.array(scenario.start), np.zeros(scenario.robot.n_v)
+        self.q = np.array(scenario.start)
+        self.v = np.zeros(scenario.robot.n_v)
         self.seen: dict[str, Reading[Any]] = {}
 
     def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
@@ -174,11 +177,13 @@ class ComplementaryFilter:
             q[2] += 0.2 * (z - q[2])
         turn = fresh["attitude"]
         if turn is not None:
-            ours, theirs = pin.Quaternion(*q[[6, 3, 4, 5]]), pin.Quaternion(*turn[[3, 0, 1, 2]])
+            ours = pin.Quaternion(*q[[6, 3, 4, 5]])
+            theirs = pin.Quaternion(*turn[[3, 0, 1, 2]])
             q[3:7] = ours.slerp(0.3, theirs).coeffs()
         joints = fresh["joint_positions"]
         if joints is not None:
-            missed, q[7:] = joints - q[7:], joints
+            missed = joints - q[7:]
+            q[7:] = joints
             self.v[6:] += 0.3 * missed / max(dt, 1e-3)
 
     def _fresh(self, name: str, readings: Readings) -> Any:
@@ -196,10 +201,8 @@ class CopiedFilter:
         self.ours: Any = PassThrough(scenario.robot)
         if scenario.specs != IDEAL_SENSORS:
             self.ours = Estimator(scenario.robot, scenario.specs)
-            self.outcomes, self.inflate_velocity_variance = (
-                self.ours.outcomes,
-                self.ours.inflate_velocity_variance,
-            )
+            self.outcomes = self.ours.outcomes
+            self.inflate_velocity_variance = self.ours.inflate_velocity_variance
 
     def __call__(self, readings: Readings, t: float, command: Command | None) -> StateEstimate:
         return self.ours(readings, t, command)

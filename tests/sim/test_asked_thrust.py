@@ -57,15 +57,15 @@ def run(
 
 
 def test_a_row_has_what_is_asked_from_its_time_on() -> None:
-    asked = {k: np.arange(8.0) + k for k in range(3)}
-    found = run(asked).series()
-    np.testing.assert_array_equal(found["asked_thrust"], [asked[k] for k in range(3)])
-    np.testing.assert_array_equal(found["thrust"], 7.0)
+    requested = {k: np.arange(8.0) + k for k in range(3)}
+    series = run(requested).series()
+    np.testing.assert_array_equal(series["asked_thrust"], [requested[k] for k in range(3)])
+    np.testing.assert_array_equal(series["thrust"], 7.0)
 
 
 def test_a_last_command_without_thrust_asks_for_none() -> None:
-    found = run({0: np.ones(8), 1: None}).series()
-    np.testing.assert_array_equal(found["asked_thrust"], [np.ones(8), np.zeros(8)])
+    series = run({0: np.ones(8), 1: None}).series()
+    np.testing.assert_array_equal(series["asked_thrust"], [np.ones(8), np.zeros(8)])
 
 
 @pytest.mark.parametrize("plant", [Told, KinematicPlant])

@@ -83,22 +83,22 @@ def _tick_by_tick(scenario: Scenario) -> Record:
     return scenario.run(observer=lambda t, state, command: None)
 
 
-def _require_same(one: Record, other: Record) -> None:
-    assert list(one.series) == list(other.series)
-    for name, values in one.series.items():
-        assert values.dtype == other[name].dtype, name
+def _require_same(actual: Record, expected: Record) -> None:
+    assert list(actual.series) == list(expected.series)
+    for name, values in actual.series.items():
+        assert values.dtype == expected[name].dtype, name
         if name.removesuffix("_least").removesuffix("_most") in CLOCKED:
             assert (np.asarray(values) >= 0.0).all()
-            assert values.shape == other[name].shape
+            assert values.shape == expected[name].shape
         else:
-            np.testing.assert_array_equal(values, other[name], err_msg=name)
+            np.testing.assert_array_equal(values, expected[name], err_msg=name)
     told = [
         {
             key: value
             for key, value in record.run_meta.model_dump().items()
             if key not in ("wall_s", "created")
         }
-        for record in (one, other)
+        for record in (actual, expected)
     ]
     assert told[0] == told[1]
 
@@ -111,7 +111,7 @@ def test_rows_events_and_alarms_are_those_of_single_ticks(
     used = []
     run = compiled_loop.CompiledLoop.run
     monkeypatch.setattr(
-        compiled_loop.CompiledLoop, "run", lambda *given: used.append(1) or run(*given)
+        compiled_loop.CompiledLoop, "run", lambda *arguments: used.append(1) or run(*arguments)
     )
     scenario = SCENARIOS[name]()
     quick = scenario.run()
@@ -125,8 +125,8 @@ def _own(scenario: Scenario) -> Scenario:
     ours = scenario.controller
 
     def asking(scenario: Scenario) -> Any:
-        made = ours()
-        return lambda measurement, t: replace(made(measurement, t), telemetry={})
+        loop = ours()
+        return lambda measurement, t: replace(loop(measurement, t), telemetry={})
 
     return replace(scenario, controller=asking)
 
@@ -142,7 +142,7 @@ ASKING: dict[str, Callable[[], Scenario]] = {
 
 @pytest.mark.parametrize("name", ASKING)
 def test_who_has_to_be_asked_is(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*given: Any) -> None:
+    def refuse(*arguments: Any) -> None:
         raise AssertionError
 
     monkeypatch.setattr(compiled_loop.CompiledLoop, "run", refuse)
@@ -158,10 +158,10 @@ def test_a_run_that_diverges_ends_as_tick_by_tick(caplog: pytest.LogCaptureFixtu
         dt=1 / 20,
     )
     quick = wild.run()
-    said = [record.getMessage() for record in caplog.records]
+    messages = [record.getMessage() for record in caplog.records]
     caplog.clear()
     _require_same(quick, _tick_by_tick(wild))
-    assert said == [record.getMessage() for record in caplog.records]
+    assert messages == [record.getMessage() for record in caplog.records]
 
 
 @needs_compiler
@@ -170,8 +170,8 @@ def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     caught = []
     look = compiled_loop.CompiledLoop._look
 
-    def press(quick: compiled_loop.CompiledLoop, *given: Any) -> None:
-        look(quick, *given)
+    def press(quick: compiled_loop.CompiledLoop, *arguments: Any) -> None:
+        look(quick, *arguments)
         if quick.memory.t > 1.0 and not caught:
             caught.append(quick.memory.t)
             signal.raise_signal(signal.SIGINT)
@@ -189,6 +189,6 @@ def test_ctrl_c_leaves_the_rows_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_parts_of_robots_of_other_sizes_are_refused_as_tick_by_tick() -> None:
     """Kernels would write past the end of their memories."""
     scenario = case1(**SHORT)
-    other = load_robot("bluerov2_alpha5")
+    heavier = load_robot("bluerov2_alpha5")
     with pytest.raises(UvmsError, match=r"allowed: .* finite numbers|has shape"):
-        replace(scenario, plant_robot=other).run()
+        replace(scenario, plant_robot=heavier).run()

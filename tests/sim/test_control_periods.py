@@ -170,12 +170,13 @@ def test_the_length_of_the_control_period_may_change_on_the_way(robot: Robot) ->
 def test_what_a_period_hands_out_survives_the_next(robot: Robot) -> None:
     plant = plant_of(robot, "thruster3:dead@0.01")
     plant.step(command_at(robot, 0), DT)
-    state, told = plant.state, plant.telemetry()
-    kept = [np.array(value) for value in (state.q, state.v, state.a, *told.values())]
+    state = plant.state
+    told = plant.telemetry()
+    copies = [np.array(value) for value in (state.q, state.v, state.a, *told.values())]
     for k in range(1, 5):
         plant.step(command_at(robot, k), DT)
-    for before, now in zip(kept, (state.q, state.v, state.a, *told.values()), strict=True):
-        np.testing.assert_array_equal(before, now)
+    for before, after in zip(copies, (state.q, state.v, state.a, *told.values()), strict=True):
+        np.testing.assert_array_equal(before, after)
 
 
 def test_a_state_put_in_its_place_is_gone_on_from(robot: Robot) -> None:
@@ -187,7 +188,8 @@ def test_a_state_put_in_its_place_is_gone_on_from(robot: Robot) -> None:
     plant.step(command_at(robot, 5), DT)
     twin.step(command_at(robot, 5), DT)
     assert np.abs(twin.state.v - plant.state.v).max() > 0.05
-    twin.state.q[:], twin.state.v[:] = plant.state.q, plant.state.v
+    twin.state.q[:] = plant.state.q
+    twin.state.v[:] = plant.state.v
     plant.step(command_at(robot, 6), DT)
     twin.step(command_at(robot, 6), DT)
     np.testing.assert_array_equal(twin.state.q, plant.state.q)

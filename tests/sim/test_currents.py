@@ -70,7 +70,8 @@ def test_water_in_steady_parallel_layers_does_not_accelerate(name):
 
 def test_a_vertical_gust_carries_water_from_layer_to_layer():
     gust = GustyCurrent(sigma=(0.0, 0.0, 0.1), seed=3)
-    up, before = gust.velocity(POINTS, 7.0), gust.rate(POINTS, 7.0)
+    up = gust.velocity(POINTS, 7.0)
+    before = gust.rate(POINTS, 7.0)
     slope = np.array(
         [[0.02, 0.01, 0.0] if z < -30 else [0.01, -1 / 300, 0.0] for z in POINTS[:, 2]]
     )

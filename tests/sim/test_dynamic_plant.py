@@ -112,9 +112,9 @@ def rise_of_energy(robot: Robot, max_step: float, duration: float) -> float:
     rise = 0.0
     for _ in range(round(duration / 0.02)):
         plant.step(command, 0.02)
-        now = energy(dynamics, plant)
-        rise = max(rise, now - lowest)
-        lowest = min(lowest, now)
+        present = energy(dynamics, plant)
+        rise = max(rise, present - lowest)
+        lowest = min(lowest, present)
     return rise
 
 
@@ -233,9 +233,9 @@ def test_shear_along_and_across_the_flow_pushes_a_sphere_as_in_closed_form(speed
     for _ in range(round(duration / dt)):
         plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(0)), dt)
     grown = np.sinh(k * duration)
-    rest = np.cosh(k * duration) - 1.0
-    v_z = k * grown + speed * (rest + 1.0)  # from 1 m above the floor
-    v_x = 0.1 + s * (grown + speed / k * rest)
+    growth = np.cosh(k * duration) - 1.0
+    v_z = k * grown + speed * (growth + 1.0)  # from 1 m above the floor
+    v_x = 0.1 + s * (grown + speed / k * growth)
     np.testing.assert_allclose(plant.state.v[:3], [v_x, 0.0, v_z], atol=2e-4)
     assert v_x - 0.1 > 0.2
 
@@ -310,8 +310,8 @@ def test_the_slope_of_contact_is_that_of_its_force_and_nothing_above_the_floor(
     dt = 1e-3
     force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(dt))
     sinking = ca.DM([0.0, -0.006, -0.008])
-    found = ca.Function("contact", [v], [slope, ca.jacobian(force, v)])(sinking)
-    normal_part = [float(normal.T @ matrix @ normal) for matrix in found]
+    jacobians = ca.Function("contact", [v], [slope, ca.jacobian(force, v)])(sinking)
+    normal_part = [float(normal.T @ matrix @ normal) for matrix in jacobians]
     assert normal_part[0] == pytest.approx(-normal_part[1], abs=1e-9)
 
 
@@ -321,5 +321,5 @@ def test_the_floor_holds_back_nothing_that_leaves_it(depth: float) -> None:
     v = ca.SX.sym("v", 3)
     normal = ca.SX([0.0, 0.6, 0.8])
     force, slope = ContactModel().force(ca.SX(depth), v, normal, ca.SX(1e-3))
-    for found in ca.Function("contact", [v], [force, slope])(ca.DM([0.3, 1.2, 1.6])):
-        np.testing.assert_array_equal(np.array(found), 0.0)
+    for part in ca.Function("contact", [v], [force, slope])(ca.DM([0.3, 1.2, 1.6])):
+        np.testing.assert_array_equal(np.array(part), 0.0)

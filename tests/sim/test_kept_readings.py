@@ -37,10 +37,12 @@ def test_joints_are_read_about_where_they_are(sound: Record) -> None:
 
 def test_readings_of_a_clock_that_fails_are_kept_too(sound: Record) -> None:
     run = reach(noise=True, duration=2.0, faults="attitude:late=0.2@1").run()
-    said, right = (np.isfinite(one["measured_attitude"][:, -1]) for one in (run, sound))
-    late = run["t"][said] - run["measured_attitude"][said, -1]
+    has_reading, right = (
+        np.isfinite(record["measured_attitude"][:, -1]) for record in (run, sound)
+    )
+    late = run["t"][has_reading] - run["measured_attitude"][has_reading, -1]
     assert late.max() == pytest.approx(0.2, abs=0.02)
-    assert np.array_equal(said[:200], right[:200])
+    assert np.array_equal(has_reading[:200], right[:200])
 
 
 def test_locked_brakes_are_in_the_record() -> None:
@@ -50,7 +52,7 @@ def test_locked_brakes_are_in_the_record() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kept", "why"),
+    ("widths", "why"),
     [
         ({"foo": 3}, "unknown channel 'foo'"),
         ({"position": 2}, "position has 3 numbers, 2 are to be kept"),
@@ -58,7 +60,7 @@ def test_locked_brakes_are_in_the_record() -> None:
     ],
 )
 def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(
-    kept: dict[str, int], why: str
+    widths: dict[str, int], why: str
 ) -> None:
     scenario = reach(noise=True, duration=0.1)
     parts = {
@@ -72,7 +74,7 @@ def test_what_is_to_be_kept_is_asked_for_by_channel_and_size(
             controller=scenario.controller(),
             dt=scenario.dt,
             duration=0.1,
-            kept_readings=kept,
+            kept_readings=widths,
         )
 
 

@@ -100,7 +100,7 @@ class OddOfRun:
 
 @long_without_compiler
 @pytest.mark.parametrize(
-    ("left", "heard", "message"),
+    ("changed", "heard", "message"),
     [
         (lambda command: 3.0, None, "fault Odd returned float for a command; return a Command"),
         (
@@ -122,9 +122,9 @@ class OddOfRun:
     ],
 )
 def test_what_a_fault_leaves_is_looked_at(
-    left: Any, heard: Any, message: str, monkeypatch: pytest.MonkeyPatch
+    changed: Any, heard: Any, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(OddOfRun, "left", staticmethod(left) if left else None)
+    monkeypatch.setattr(OddOfRun, "left", staticmethod(changed) if changed else None)
     monkeypatch.setattr(OddOfRun, "heard", heard)
     with pytest.raises(InvalidInput, match=message):
         replace(flown(), faults=(Odd(onset=0.0),)).run()
@@ -132,11 +132,12 @@ def test_what_a_fault_leaves_is_looked_at(
 
 def test_a_scenario_takes_faults_as_the_shell_takes_them() -> None:
     text = "altimeter:frozen@0.5"
-    own = LooseCable(onset=1.0)
-    sound, (known,) = flown(), flown(faults=text).faults
-    for given, more in ((text, 0), ((text,), 0), ((text, own), 1), ((known,), 0)):
-        faults = replace(sound, faults=given).faults
+    cable = LooseCable(onset=1.0)
+    sound = flown()
+    (parsed,) = flown(faults=text).faults
+    for requested, more in ((text, 0), ((text,), 0), ((text, cable), 1), ((parsed,), 0)):
+        faults = replace(sound, faults=requested).faults
         assert len(faults) == 1 + more
-        assert asdict(faults[0]) == asdict(known)
+        assert asdict(faults[0]) == asdict(parsed)
     with pytest.raises(InvalidInput, match="write TARGET:KIND=VALUES@ONSET-END"):
         replace(sound, faults="nonsense")

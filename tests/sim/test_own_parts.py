@@ -53,10 +53,10 @@ def all_own() -> Scenario:
     return replace(scenario, sensors=Bursts(share=0.3, specs=scenario.specs), **parts)
 
 
-def same(own: Record, ours: Record) -> Iterator[str]:
+def same(record: Record, ours: Record) -> Iterator[str]:
     """Series that differ; own ones may have more."""
     for name in ours.series.keys() - set(TIMES):
-        if not np.allclose(own[name], ours[name], rtol=0.0, atol=1e-9, equal_nan=True):
+        if not np.allclose(record[name], ours[name], rtol=0.0, atol=1e-9, equal_nan=True):
             yield name
 
 
@@ -77,25 +77,25 @@ def test_the_toolkits_own_part_as_somebody_elses_gives_the_same_record(
     plant: str, parts: Any, noise: bool
 ) -> None:
     ours = flown(plant=plant, noise=noise)
-    own = replace(ours, **parts)
-    assert list(same(own.run(), ours.run())) == []
+    study = replace(ours, **parts)
+    assert list(same(study.run(), ours.run())) == []
 
 
 @long_without_compiler
 @pytest.mark.parametrize("noise", [False, True])
 def test_the_toolkits_sensors_as_somebody_elses_give_the_same_record(noise: bool) -> None:
     ours = flown(noise=noise)
-    own = replace(ours, sensors=Bursts(share=0.0, specs=ours.specs))
-    assert list(same(own.run(), ours.run())) == []
+    study = replace(ours, sensors=Bursts(share=0.0, specs=ours.specs))
+    assert list(same(study.run(), ours.run())) == []
 
 
 @long_without_compiler
 def test_a_plant_of_ones_own_is_struck_by_the_faults_that_it_says_it_suffers() -> None:
     ours = flown(faults=("thruster3:dead@1",))
-    own = replace(ours, plant=ExtraDrag()).run()
+    record = replace(ours, plant=ExtraDrag()).run()
     sound = replace(ours, faults=()).run()
-    assert list(same(own, ours.run())) == []
-    assert "thrust" in list(same(own, sound))
+    assert list(same(record, ours.run())) == []
+    assert "thrust" in list(same(record, sound))
 
 
 @long_without_compiler
@@ -146,9 +146,9 @@ def test_runs_with_parts_of_ones_own_are_the_same_again_for_the_same_seed_alone(
     scenario = all_own()
     first = scenario.run()
     again = scenario.run()
-    other = replace(scenario, seed=1).run()
+    reseeded = replace(scenario, seed=1).run()
     assert list(same(first, again)) == []
-    assert {"q", "q_estimated"} <= set(same(first, other))
+    assert {"q", "q_estimated"} <= set(same(first, reseeded))
 
 
 def ran(scenario: Scenario) -> np.ndarray:
@@ -168,7 +168,7 @@ def test_parts_of_ones_own_go_to_another_process_with_their_scenario() -> None:
 @long_without_compiler
 def test_records_and_reports_name_the_parts() -> None:
     ours = flown(duration=0.1)
-    own = replace(all_own(), duration=0.1)
+    study = replace(all_own(), duration=0.1)
     names = ("plant", "sensors", "estimator", "controller")
     assert [summarize(ours.run())[name] for name in names] == [
         "dynamic",
@@ -176,7 +176,7 @@ def test_records_and_reports_name_the_parts() -> None:
         "PassThrough",
         "DynamicController",
     ]
-    assert [summarize(own.run())[name] for name in names] == [
+    assert [summarize(study.run())[name] for name in names] == [
         "ExtraDrag",
         "Bursts",
         "ComplementaryFilter",
@@ -200,11 +200,11 @@ def test_figures_scene_and_file_of_a_run_without_any_part_of_the_toolkit(tmp_pat
 
 
 def test_pre_flight_says_of_every_part_what_it_cannot_tell() -> None:
-    found = all_own().check().of_check("parts")
-    assert [finding.text.split(" is your own")[0] for finding in found] == [
+    findings = all_own().check().of_check("parts")
+    assert [finding.text.split(" is your own")[0] for finding in findings] == [
         *("plant ExtraDrag", "sensors Bursts", "estimator ComplementaryFilter", "controller Pid")
     ]
-    assert "cannot be exported" in found[-1].text
+    assert "cannot be exported" in findings[-1].text
     assert flown().check().of_check("parts") == ()
 
 

@@ -176,9 +176,9 @@ def test_a_measurement_that_no_controller_can_take(change: dict[str, Any], messa
 @pytest.mark.parametrize("outcomes", [np.zeros((9, 3)), np.zeros((9, 4), int), np.zeros((4, 9)).T])
 def test_outcomes_that_the_monitor_cannot_share(outcomes: np.ndarray) -> None:
     def made(scenario: Scenario) -> CopiedFilter:
-        own = CopiedFilter(replace(scenario, sensors=replace(IDEAL_SENSORS, depth=None)))
-        own.outcomes = outcomes
-        return own
+        estimator = CopiedFilter(replace(scenario, sensors=replace(IDEAL_SENSORS, depth=None)))
+        estimator.outcomes = outcomes
+        return estimator
 
     with pytest.raises(
         InvalidInput, match=r"outcomes of estimator made .*; give \(9, 4\), floats row by row"
@@ -196,15 +196,15 @@ def reading(change: dict[str, Any]) -> Any:
 class OddSensors:
     specs = replace(IDEAL_SENSORS, depth=None)
 
-    def __init__(self, made: Any) -> None:
-        self.made = made
+    def __init__(self, readings: Any) -> None:
+        self.made = readings
 
     def __call__(self, scenario: Scenario) -> Any:
         return self.made
 
 
 @pytest.mark.parametrize(
-    ("made", "message"),
+    ("readings", "message"),
     [
         (3.0, r"sensors OddSensors made float; make a callable \(State, t\) -> Readings"),
         (lambda state, t: None, "sensors OddSensors returned NoneType; return Readings"),
@@ -218,9 +218,9 @@ class OddSensors:
         ),
     ],
 )
-def test_readings_that_are_none(made: Any, message: str) -> None:
+def test_readings_that_are_none(readings: Any, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
-        short(sensors=OddSensors(made)).run()
+        short(sensors=OddSensors(readings)).run()
 
 
 def test_a_reading_that_is_no_number_is_a_sensor_that_fails() -> None:

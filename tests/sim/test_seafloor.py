@@ -98,12 +98,10 @@ def test_slopes_are_continuous_across_the_rims_of_bumps(name):
 @pytest.mark.parametrize("name", RELIEFS)
 def test_the_same_seed_gives_the_same_floor_and_another_seed_another(name):
     points = np.random.default_rng(0).uniform(-40.0, 40.0, (100, 2))
-    same, other = (
-        HeightField.random(name, z=-40.0, seed=4),
-        HeightField.random(name, z=-40.0, seed=5),
-    )
+    same = HeightField.random(name, z=-40.0, seed=4)
+    reseeded = HeightField.random(name, z=-40.0, seed=5)
     np.testing.assert_array_equal(same.ground_at(points)[0], FLOORS[name].ground_at(points)[0])
-    assert np.abs(other.ground_at(points)[0] - FLOORS[name].ground_at(points)[0]).max() > 0.01
+    assert np.abs(reseeded.ground_at(points)[0] - FLOORS[name].ground_at(points)[0]).max() > 0.01
 
 
 def test_rougher_reliefs_are_higher():
@@ -145,7 +143,8 @@ def test_the_clearance_to_the_shape_of_a_mesh_is_that_to_the_floor():
     for x, y in np.random.default_rng(3).uniform(-10.0, 10.0, (20, 2)):
         point = np.array([x, y, floor.height(x, y)]) + 0.5 * floor.normal(x, y)
         pose = coal.Transform3s(np.eye(3), point)
-        request, result = coal.DistanceRequest(), coal.DistanceResult()
+        request = coal.DistanceRequest()
+        result = coal.DistanceResult()
         distance = coal.distance(
             coal.Sphere(0.1), pose, shape, coal.Transform3s.Identity(), request, result
         )
@@ -187,7 +186,8 @@ def test_wrong_floors_are_refused_in_one_line():
 @pytest.mark.parametrize("form", ["csv", "titled.csv", "npz"])
 def test_a_survey_is_read_from_a_file_and_goes_through_its_points(form, tmp_path):
     """In any order of lines, with the place of W in the coordinates of the chart."""
-    x, y = np.array([500.0, 502.0, 507.0]), np.array([60.0, 61.5])
+    x = np.array([500.0, 502.0, 507.0])
+    y = np.array([60.0, 61.5])
     z = np.random.default_rng(1).uniform(-30.0, -20.0, (2, 3))
     path = tmp_path / f"bödén 1.{form}"
     if form == "npz":

@@ -112,10 +112,10 @@ def test_who_writes_to_a_reading_leaves_the_truth_and_the_other_readings_alone(s
     suite.read(state, 0.0)
     readings = suite.read(state, 1.0)
     for name in names:
-        others = {o: getattr(readings, o).value.copy() for o in names if o != name}
+        values = {o: getattr(readings, o).value.copy() for o in names if o != name}
         getattr(readings, name).value[:] = 7.0
-        for other, value in others.items():
-            np.testing.assert_array_equal(getattr(readings, other).value, value)
+        for channel, value in values.items():
+            np.testing.assert_array_equal(getattr(readings, channel).value, value)
     np.testing.assert_array_equal(state.q, q)
     np.testing.assert_array_equal(state.v, v)
 
@@ -165,9 +165,9 @@ def test_readings_come_at_the_rate_of_the_sensor_or_of_the_ticks(robot, rate, dt
     duration = 6.0
     suite = one("position", SensorSpec(rate=rate), robot)
     times, readings = series(suite, state_of(robot), duration, dt)
-    taken = sorted({r.position.t for r in readings})
-    assert len(taken) == pytest.approx(duration * min(rate, 1 / dt), abs=1)
-    assert np.diff(taken).min() > 1 / rate - dt - 1e-9
+    stamps = sorted({r.position.t for r in readings})
+    assert len(stamps) == pytest.approx(duration * min(rate, 1 / dt), abs=1)
+    assert np.diff(stamps).min() > 1 / rate - dt - 1e-9
     ages = times - np.array([r.position.t for r in readings])
     assert ages.max() < max(1 / rate, dt) + 1e-9
 
@@ -261,11 +261,9 @@ def test_a_bias_shifts_every_reading(robot, name):
 def test_an_accelerometer_shows_how_the_velocity_in_the_world_changes_less_gravity(robot):
     state = state_of(robot)
     h = 1e-4
-    R_WB, (v, w), a = (
-        pin.Quaternion(state.q[3:7]).matrix(),
-        (state.v[:3], state.v[3:6]),
-        state.a[:3],
-    )
+    R_WB = pin.Quaternion(state.q[3:7]).matrix()
+    v, w = (state.v[:3], state.v[3:6])
+    a = state.a[:3]
     before, after = (R_WB @ pin.exp3(s * h * w) @ (v + s * h * a) for s in (-1.0, 1.0))
     shown = one("specific_force", SensorSpec(), robot).read(state, 0.0).specific_force.value
     np.testing.assert_allclose(
@@ -361,8 +359,8 @@ def test_an_ideal_dvl_tells_of_the_vehicle_wherever_it_is_and_a_fault_errs_along
     state = state_of(mounted)
     faults = parse_faults(["linear_velocity:bias=0.01,0.02,-0.03"])
     sound, faulty = (
-        SensorSuite(mounted, FLOOR, IDEAL_SENSORS, faults=own).read(state, 0.0)
-        for own in ((), faults)
+        SensorSuite(mounted, FLOOR, IDEAL_SENSORS, faults=plant_faults).read(state, 0.0)
+        for plant_faults in ((), faults)
     )
     np.testing.assert_array_equal(sound.linear_velocity.value, state.v[:3])
     error = mounted.model.frames[mounted.frame_id("dvl")].placement.rotation @ [0.01, 0.02, -0.03]

@@ -92,15 +92,18 @@ class HigherFloor(HeightField):
 def sampled(current: Current, floor: Seafloor, q: np.ndarray) -> dict[str, np.ndarray]:
     n_links = len(DYNAMICS.symbolic.links)
     n_points = len(POINTS)
-    given = {name: np.full((n_links, 3), np.nan) for name in ("u", "Du_Dt")}
-    given |= {"floor_z": np.full(n_points, np.nan), "floor_normal": np.full((n_points, 3), np.nan)}
+    outputs = {name: np.full((n_links, 3), np.nan) for name in ("u", "Du_Dt")}
+    outputs |= {
+        "floor_z": np.full(n_points, np.nan),
+        "floor_normal": np.full((n_points, 3), np.nan),
+    }
     around = EnvironmentSampler(
         Environment(seafloor=floor, current=current), DYNAMICS.symbolic, POINTS
     )
-    around.bind(**given)
+    around.bind(**outputs)
     around.sample(ROBOT.configuration(position=(5.0, 5.0, 0.0)), 0.1, DT)
     around.sample(q, T, DT)
-    return given
+    return outputs
 
 
 @pytest.mark.parametrize("floor", FLOORS)
@@ -109,26 +112,26 @@ def test_every_link_and_point_feels_what_is_there(name: str, floor: str) -> None
     q = ROBOT.configuration(position=(1.0, 2.0, -39.5), rpy=(0.1, -0.2, 0.5))
     links = DYNAMICS.link_positions(q)
     corners = POINTS @ quaternion_to_matrix(q[3:7]).T + q[:3]
-    given = sampled(CURRENTS[name], FLOORS[floor], q)
+    outputs = sampled(CURRENTS[name], FLOORS[floor], q)
     water = water_at(CURRENTS[name], links, T)
     ground = FLOORS[floor]
-    np.testing.assert_allclose(given["u"], water.velocity, atol=1e-14)
-    np.testing.assert_allclose(given["Du_Dt"], water.acceleration, atol=1e-14)
+    np.testing.assert_allclose(outputs["u"], water.velocity, atol=1e-14)
+    np.testing.assert_allclose(outputs["Du_Dt"], water.acceleration, atol=1e-14)
     np.testing.assert_allclose(
-        given["floor_z"], [ground.height(x, y) for x, y, _ in corners], rtol=1e-14
+        outputs["floor_z"], [ground.height(x, y) for x, y, _ in corners], rtol=1e-14
     )
     np.testing.assert_allclose(
-        given["floor_normal"], [ground.normal(x, y) for x, y, _ in corners], atol=1e-14
+        outputs["floor_normal"], [ground.normal(x, y) for x, y, _ in corners], atol=1e-14
     )
 
 
 @pytest.mark.parametrize("name", CURRENTS)
 def test_a_current_and_a_floor_of_ones_own_are_asked_at_every_point(name: str) -> None:
     q = ROBOT.configuration(position=(1.0, 2.0, -39.5), rpy=(0.1, -0.2, 0.5))
-    known = sampled(CURRENTS[name], FLOORS["bumpy"], q)
-    own = sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q)
-    for key, value in known.items():
-        np.testing.assert_allclose(own[key], value, atol=1e-13, err_msg=key)
+    expected = sampled(CURRENTS[name], FLOORS["bumpy"], q)
+    outputs = sampled(OwnCurrent(CURRENTS[name]), OwnFloor(FLOORS["bumpy"]), q)
+    for key, value in expected.items():
+        np.testing.assert_allclose(outputs[key], value, atol=1e-13, err_msg=key)
 
 
 def test_a_floor_far_below_its_points_is_out_of_reach_and_no_higher_than_its_top() -> None:
@@ -197,10 +200,10 @@ def test_a_current_made_of_a_uniform_one_may_ask_for_that_one() -> None:
     np.testing.assert_array_equal(layered_tidal.velocity(points, T), np.outer([-2.0, -5.0], tide))
 
 
-@pytest.mark.parametrize("which", ["velocity", "rate"])
-def test_water_that_is_no_number_is_refused(which: str) -> None:
+@pytest.mark.parametrize("quantity", ["velocity", "rate"])
+def test_water_that_is_no_number_is_refused(quantity: str) -> None:
     broken = OwnCurrent(StillWater())
-    setattr(broken, which, lambda p_W, t: np.full((len(p_W), 3), np.nan))
+    setattr(broken, quantity, lambda p_W, t: np.full((len(p_W), 3), np.nan))
     with pytest.raises(InvalidInput, match="give finite numbers"):
         sampled(broken, FLOORS["flat"], ROBOT.configuration())
 

@@ -39,12 +39,13 @@ class ThrusterBank:
         self.model = Thrusters.of(robot)
         n = len(robot.description.thrusters)
         thrust = ca.SX.sym("f", n)
-        asked = ca.SX.sym("c", n)
+        requested = ca.SX.sym("c", n)
         decay = ca.SX.sym("d", n, N_DECAYS)
         dt = ca.SX.sym("h")
-        share, offset = ca.SX.sym("s", n), ca.SX.sym("o", n)
-        after = self.model.step(thrust, self.model.target(asked, share, offset), decay, dt)
-        self._step = ca.Function("bank", [thrust, asked, share, offset, decay, dt], after)
+        share = ca.SX.sym("s", n)
+        offset = ca.SX.sym("o", n)
+        after = self.model.step(thrust, self.model.target(requested, share, offset), decay, dt)
+        self._step = ca.Function("bank", [thrust, requested, share, offset, decay, dt], after)
         self.thrust = np.zeros(n)
         self.energy = np.zeros(n)
         self.share = np.ones(n)
@@ -52,11 +53,11 @@ class ThrusterBank:
 
     def step(self, command: ArrayLike, dt: float) -> np.ndarray:
         decay = self.model.decay(dt)
-        after, taken = self._step(
+        after, energy = self._step(
             self.thrust, np.array(command), self.share, self.offset, decay, dt
         )
         self.thrust = np.array(after)[:, 0]
-        self.energy = self.energy + np.array(taken)[:, 0]
+        self.energy = self.energy + np.array(energy)[:, 0]
         return self.thrust
 
     @property
@@ -143,10 +144,8 @@ def test_what_takes_unknown_power_takes_unknown_energy() -> None:
 
 def test_a_condition_acts_behind_the_dead_zone_and_within_the_limits() -> None:
     bank = ThrusterBank(robot_with(dead_zone=5.0, minimum=-20.0, maximum=30.0, time_constant=0.0))
-    bank.share, bank.offset = (
-        np.array([1.0, 0.5, -1.0, 0.0, 0.0]),
-        np.array([0.0, 0.0, 0.0, 12.0, 90.0]),
-    )
+    bank.share = np.array([1.0, 0.5, -1.0, 0.0, 0.0])
+    bank.offset = np.array([0.0, 0.0, 0.0, 12.0, 90.0])
     np.testing.assert_array_equal(
         bank.step([4.0, 6.0, 28.0, -9.0, 0.0], 1e-3), [0.0, 3.0, -20.0, 12.0, 30.0]
     )
@@ -183,10 +182,10 @@ def test_of_axes_that_are_equally_out_of_reach_rounding_decides_nothing(seed: in
     """One thruster that pushes ahead beside the middle: its moment, in the layout's own units,
     weighs as much as its force.
     """
-    one = np.array([[1.0], [0.0], [0.0], [0.0], [0.0], [0.3]])
+    force = np.array([[1.0], [0.0], [0.0], [0.0], [0.0], [0.3]])
     rng = np.random.default_rng(seed)
-    assert unreachable_axes(one * (1.0 + 1e-15 * rng.normal(size=one.shape))) == (1, 2, 3, 4, 5)
-    assert unreachable_axes(one + 1e-16 * rng.normal(size=one.shape)) == (1, 2, 3, 4, 5)
+    assert unreachable_axes(force * (1.0 + 1e-15 * rng.normal(size=force.shape))) == (1, 2, 3, 4, 5)
+    assert unreachable_axes(force + 1e-16 * rng.normal(size=force.shape)) == (1, 2, 3, 4, 5)
 
 
 def test_a_fixed_base_has_no_vehicle_axes() -> None:
@@ -229,7 +228,7 @@ def test_the_curve_of_a_table_is_the_thruster_s() -> None:
 
 def test_a_voltage_between_those_of_the_table_is_between_their_curves() -> None:
     volts = np.repeat([12.0, 16.0, 20.0], len(PWM))
-    thrust = np.concatenate([bench(one) for one in (12.0, 16.0, 20.0)])
+    thrust = np.concatenate([bench(voltage) for voltage in (12.0, 16.0, 20.0)])
     curve, _ = curve_of_table(np.tile(PWM, 3), thrust, volts, at=14.8)
     np.testing.assert_allclose(np.transpose(curve)[1], bench(14.8), atol=1e-9)
     with pytest.raises(InvalidInput, match="24 V given; allowed: 12 to 20 V"):

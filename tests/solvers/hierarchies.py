@@ -72,31 +72,35 @@ def reference(levels: list[Level]) -> tuple[Array, Array]:
     """
     n = levels[0].n_velocities
     v = np.zeros(n)
-    held = (np.zeros((0, n)), np.zeros(0), np.zeros(0))
+    rows_above = (np.zeros((0, n)), np.zeros(0), np.zeros(0))
     errors = []
     for level in levels:
-        v = _optimum(level, held, v)
-        errors.append(_optimality_error(level, held, v))
-        held = _held(level, held, v)
+        v = _optimum(level, rows_above, v)
+        errors.append(_optimality_error(level, rows_above, v))
+        rows_above = _held(level, rows_above, v)
     norms = [
         np.linalg.norm(distance(level.jacobian @ v, level.lower, level.upper)) for level in levels
     ]
     return np.array(norms), np.array(errors)
 
 
-def _held(level: Level, held: tuple[Array, Array, Array], v: Array) -> tuple[Array, Array, Array]:
-    C, lower, upper = held
+def _held(
+    level: Level, rows_above: tuple[Array, Array, Array], v: Array
+) -> tuple[Array, Array, Array]:
+    C, lower, upper = rows_above
     y = level.jacobian @ v
-    low, up = np.minimum(level.lower, y), np.maximum(level.upper, y)
+    low = np.minimum(level.lower, y)
+    up = np.maximum(level.upper, y)
     slack = distance(y, level.lower, level.upper)
     # At an optimum the rows of a level that had to be violated have one and the same value
     # everywhere.
-    low, up = np.where(np.abs(slack) > 1e-7, y, low), np.where(np.abs(slack) > 1e-7, y, up)
+    low = np.where(np.abs(slack) > 1e-7, y, low)
+    up = np.where(np.abs(slack) > 1e-7, y, up)
     return np.vstack([C, level.jacobian]), np.hstack([lower, low]), np.hstack([upper, up])
 
 
-def _optimum(level: Level, held: tuple[Array, Array, Array], v: Array) -> Array:
-    C, lower, upper = held
+def _optimum(level: Level, rows_above: tuple[Array, Array, Array], v: Array) -> Array:
+    C, lower, upper = rows_above
     multipliers = np.zeros(len(C))
     penalty = 1e5
     for _ in range(400):
@@ -109,10 +113,12 @@ def _optimum(level: Level, held: tuple[Array, Array, Array], v: Array) -> Array:
     return v
 
 
-def _newton(level: Level, held: tuple[Array, Array, Array], v: Array, penalty: float) -> Array:
-    J = np.vstack([level.jacobian, np.sqrt(penalty) * held[0]])
-    lower = np.hstack([level.lower, np.sqrt(penalty) * held[1]])
-    upper = np.hstack([level.upper, np.sqrt(penalty) * held[2]])
+def _newton(
+    level: Level, rows_above: tuple[Array, Array, Array], v: Array, penalty: float
+) -> Array:
+    J = np.vstack([level.jacobian, np.sqrt(penalty) * rows_above[0]])
+    lower = np.hstack([level.lower, np.sqrt(penalty) * rows_above[1]])
+    upper = np.hstack([level.upper, np.sqrt(penalty) * rows_above[2]])
     for _ in range(100):
         slack = distance(J @ v, lower, upper)
         active = slack != 0.0
@@ -138,9 +144,9 @@ def _cost(J: Array, lower: Array, upper: Array, v: Array) -> float:
     return float(slack @ slack)
 
 
-def _optimality_error(level: Level, held: tuple[Array, Array, Array], v: Array) -> float:
+def _optimality_error(level: Level, rows_above: tuple[Array, Array, Array], v: Array) -> float:
     """Norm of J' s + C' lambda over the multipliers that the active rows of C allow."""
-    C, lower, upper = held
+    C, lower, upper = rows_above
     y = C @ v
     slack = distance(level.jacobian @ v, level.lower, level.upper)
     outward = np.vstack([C[y >= upper - 1e-9], -C[y <= lower + 1e-9], np.zeros((1, len(v)))])

@@ -57,16 +57,22 @@ def reach_qp(seed: int, *, goal: bool, N: int = 30, n: int = 6) -> StageQp:
     M = np.eye(n) + 0.1 * rng.standard_normal((n, n))
     for k in range(N + 1):
         weight = 10.0 if k == N else 0.7
-        qp.J[k][:3, :n], qp.r[k][:3] = weight * tool, -0.5 * weight
+        qp.J[k][:3, :n] = weight * tool
+        qp.r[k][:3] = -0.5 * weight
         qp.J[k][3 : 3 + n_x, :n_x] = 0.01 * np.eye(n_x)
-        qp.z_lower[k][n:n_x], qp.z_upper[k][n:n_x] = -0.15, 0.15
+        qp.z_lower[k][n:n_x] = -0.15
+        qp.z_upper[k][n:n_x] = 0.15
         if k < N:
             qp.A[k][:] = np.kron([[1.0, dt], [0.0, 1.0]], np.eye(n))
             qp.B[k][:] = np.kron([[dt**2 / 2], [dt]], np.eye(n))
-            qp.J[k][3 + n_x :, n_x:], qp.C[k][:, n_x:] = 0.1 * M, M
-            qp.lower[k][:], qp.upper[k][:] = -0.3, 0.3
+            qp.J[k][3 + n_x :, n_x:] = 0.1 * M
+            qp.C[k][:, n_x:] = M
+            qp.lower[k][:] = -0.3
+            qp.upper[k][:] = 0.3
     if goal:
-        qp.C[N][:, :n], qp.lower[N][:], qp.upper[N][:] = tool, 0.1, 0.1
+        qp.C[N][:, :n] = tool
+        qp.lower[N][:] = 0.1
+        qp.upper[N][:] = 0.1
     qp.flat["damping"][:] = 1e-6
     qp.fix_initial_state(np.zeros(n_x))
     return qp
@@ -94,17 +100,17 @@ def dense(qp: StageQp) -> tuple[np.ndarray, ...]:
     lower = []
     upper = []
     for k in range(qp.shape.N + 1):
-        own = slice(begin[k], begin[k + 1])
-        H[own, own] = qp.J[k].T @ qp.J[k] + qp.H[k] + np.diag(qp.damping[k])
-        g[own] = qp.J[k].T @ qp.r[k] + qp.g[k]
+        stage = slice(begin[k], begin[k + 1])
+        H[stage, stage] = qp.J[k].T @ qp.J[k] + qp.H[k] + np.diag(qp.damping[k])
+        g[stage] = qp.J[k].T @ qp.r[k] + qp.g[k]
         rows = np.zeros((qp.shape.n_c[k], n))
-        rows[:, own] = qp.C[k]
+        rows[:, stage] = qp.C[k]
         A = [*A, rows]
         lower = [*lower, qp.lower[k]]
         upper = [*upper, qp.upper[k]]
         if k < qp.shape.N:
             rows = np.zeros((qp.shape.n_x[k + 1], n))
-            rows[:, own] = qp.dynamics[k]
+            rows[:, stage] = qp.dynamics[k]
             rows[:, begin[k + 1] : begin[k + 1] + qp.shape.n_x[k + 1]] -= np.eye(
                 qp.shape.n_x[k + 1]
             )
@@ -136,7 +142,7 @@ def softened(qp: StageQp, l1: float, l2: float) -> np.ndarray:
     slack[rows] = np.hstack([np.eye(m), -np.eye(m)])
     H = np.block([[H, np.zeros((n, 2 * m))], [np.zeros((2 * m, n)), (l2 + 1e-9) * np.eye(2 * m)]])
     shape = {"h": ca.DM(H).sparsity(), "a": ca.DM(np.hstack([A, slack])).sparsity()}
-    found = ca.conic("oracle", "daqp", shape, {"error_on_fail": True})(
+    optimum = ca.conic("oracle", "daqp", shape, {"error_on_fail": True})(
         h=H,
         g=np.concatenate([g, np.full(2 * m, l1)]),
         a=np.hstack([A, slack]),
@@ -145,29 +151,30 @@ def softened(qp: StageQp, l1: float, l2: float) -> np.ndarray:
         lbx=np.concatenate([qp.flat["z_lower"], np.zeros(2 * m)]),
         ubx=np.concatenate([qp.flat["z_upper"], np.full(2 * m, np.inf)]),
     )
-    return np.array(found["x"]).ravel()[:n]
+    return np.array(optimum["x"]).ravel()[:n]
 
 
 def flat(parts: tuple[np.ndarray, ...]) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def kkt_failure(qp: StageQp, found: StageQpSolution) -> float:
+def kkt_failure(qp: StageQp, solution: StageQpSolution) -> float:
     """Largest failure of the optimality conditions of hard rows, from the data alone."""
     H, g, A, lower, upper = dense(qp)
-    z = flat(found.z)
-    y_z = flat(found.y_z)
+    z = flat(solution.z)
+    y_z = flat(solution.y_z)
     y = []
     for k in range(qp.shape.N + 1):
-        y.append(found.y[k])
+        y.append(solution.y[k])
         if k < qp.shape.N:
-            y.append(found.costate[k + 1])
+            y.append(solution.costate[k + 1])
     rows = np.concatenate(y)
     everything = [(A @ z, lower, upper, rows), (z, qp.flat["z_lower"], qp.flat["z_upper"], y_z)]
     failures = [np.abs(H @ z + g + A.T @ rows + y_z).max()]
     for value, low, high, multiplier in everything:
         failures += [(low - value).max(initial=0.0), (value - high).max(initial=0.0)]
-        above, below = np.maximum(multiplier, 0.0), np.maximum(-multiplier, 0.0)
+        above = np.maximum(multiplier, 0.0)
+        below = np.maximum(-multiplier, 0.0)
         failures += [
             np.minimum(above, high - value).max(initial=0.0),
             np.minimum(below, value - low).max(initial=0.0),

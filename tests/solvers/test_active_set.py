@@ -134,17 +134,17 @@ def test_a_warm_tick_follows_slow_changes_exactly(solver: LexicographicActiveSet
     rng = np.random.default_rng(0)
     levels = random_hierarchy(2)
     tick = solver.bind(_tick_function(13, 59), [level.n_rows for level in levels])
-    J, *rest = _arguments(levels)
+    J, *bounds = _arguments(levels)
     for _ in range(50):
         J = J + np.where(np.arange(59)[:, None] < 46, 1e-3, 0.0) * rng.standard_normal(J.shape)
-        result = tick(J, *rest)
+        result = tick(J, *bounds)
         assert result.status is Status.SOLVED
         start = np.cumsum([0, *(level.n_rows for level in levels)])
-        now = [
-            Level(jacobian=J[a:b], lower=rest[0][a:b], upper=rest[1][a:b])
+        active_sets = [
+            Level(jacobian=J[a:b], lower=bounds[0][a:b], upper=bounds[1][a:b])
             for a, b in pairwise(start)
         ]
-        assert certificate(now, result.v) < 1e-9
+        assert certificate(active_sets, result.v) < 1e-9
 
 
 @pytest.mark.parametrize("solver", [pytest.param(COMPILED, marks=needs_compiler), NUMPY])
@@ -164,20 +164,20 @@ def test_a_tick_that_reads_its_inputs_where_they_are_gives_what_a_call_gives(
         )
         inputs[1][3] = np.nan if k == 10 else -1.0
         mine = adopted()
-        other = called(*inputs)
-        np.testing.assert_allclose(mine.v, other.v, atol=1e-9)
-        np.testing.assert_allclose(mine.residual, other.residual, atol=1e-9)
-        assert mine.status is other.status
+        result = called(*inputs)
+        np.testing.assert_allclose(mine.v, result.v, atol=1e-9)
+        np.testing.assert_allclose(mine.residual, result.residual, atol=1e-9)
+        assert mine.status is result.status
         assert mine.status.usable is (k != 10)
 
 
 def test_an_equality_that_becomes_an_inequality_is_released() -> None:
     tick = COMPILED.bind(_tick_function(2, 3), [1, 2])
     J = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    rest = [np.zeros(3), np.ones(3), np.ones(3)]
-    first = tick(J, [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *rest)
+    bounds = [np.zeros(3), np.ones(3), np.ones(3)]
+    first = tick(J, [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *bounds)
     np.testing.assert_allclose(first.v, [1.0, 0.0], atol=1e-12)
-    second = tick(J, [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *rest)
+    second = tick(J, [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], *bounds)
     np.testing.assert_allclose(second.v, [0.0, 0.0], atol=1e-12)
 
 
@@ -224,7 +224,8 @@ def test_the_certificate_fails_for_a_perturbed_solution() -> None:
 
 
 def test_the_certificate_sees_a_level_that_gave_way_to_a_lower_one() -> None:
-    upper, lower = np.array([[1.0, 0.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])
+    upper = np.array([[1.0, 0.0]])
+    lower = np.array([[1.0, 0.0], [0.0, 1.0]])
     levels = [
         Level(jacobian=upper, lower=1.0, upper=1.0),
         Level(jacobian=lower, lower=0.0, upper=0.0),

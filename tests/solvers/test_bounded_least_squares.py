@@ -31,10 +31,13 @@ def bounded_least_squares(
     """Return x (n,) [x] for A (m, n) [b/x], b (m,) [b], lower, upper (n,) [x] and weight (n,)
     [1/x^2]; in C unless `compiled` is false or there is no compiler.
     """
-    (m, n), sizes = A.shape, (A.shape[0], room_for(A.shape[1]))
+    m, n = A.shape
+    sizes = (A.shape[0], room_for(A.shape[1]))
     problem, solve = _bound(*sizes, compiled)
     p: Any = problem()
-    p.rows, p.columns, p.b[:] = m, n, b.tolist()
+    p.rows = m
+    p.columns = n
+    p.b[:] = b.tolist()
     for i in range(m):
         p.A[i][:n] = A[i].tolist()
     for name, values in (("lower", lower), ("upper", upper), ("weight", weight)):

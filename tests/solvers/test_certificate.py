@@ -86,13 +86,14 @@ def _nearly_slack(seed: int, slack: float) -> tuple[list[Level], np.ndarray]:
     it.
     """
     rng = np.random.default_rng(seed)
-    J, v = rng.standard_normal((3, 5)), rng.uniform(-0.5, 0.5, 5)
+    J = rng.standard_normal((3, 5))
+    v = rng.uniform(-0.5, 0.5, 5)
     size = 10.0 ** rng.uniform(-3, 1)
     box = Level(jacobian=np.eye(5), lower=-1.0, upper=1.0)
     missed = slack * rng.choice([-1.0, 0.0, 1.0], 3)
     lent = Level(jacobian=size * J, upper=size * (J @ v - missed))
-    wanted = rng.standard_normal((2, 5))
-    return [box, lent, Level(jacobian=wanted, lower=2.0, upper=2.0)], v
+    desired = rng.standard_normal((2, 5))
+    return [box, lent, Level(jacobian=desired, lower=2.0, upper=2.0)], v
 
 
 def _cases() -> list[tuple[list[Level], np.ndarray]]:
@@ -111,14 +112,14 @@ def test_no_better_velocity_is_found_than_the_certificate_allows() -> None:
     for levels, v in _cases():
         box = levels[0]
         unit = _normal(levels)
-        found = [_better(levels, k, v, box.lower, box.upper) for k in range(len(levels))]
-        tried += np.isfinite(found).tolist()
+        excesses = [_better(levels, k, v, box.lower, box.upper) for k in range(len(levels))]
+        tried += np.isfinite(excesses).tolist()
         bounds = level_excesses(levels, v)
-        assert (bounds >= np.array(found) - 1e-9).all()
+        assert (bounds >= np.array(excesses) - 1e-9).all()
         share = max(_share(levels, k, v, unit) for k in (1, 2))
         for normal in NORMAL:
             assert normal(levels, v) >= share - 1e-9
-        tight += bool((bounds <= 3.0 * np.maximum(found, 1e-9)).all())
+        tight += bool((bounds <= 3.0 * np.maximum(excesses, 1e-9)).all())
     assert np.mean(tried) > 0.9
     assert tight > 20
 
@@ -138,7 +139,8 @@ def test_a_slack_of_nearly_nothing_does_not_hide_what_a_lower_level_is_short_of(
 @needs_compiler
 def test_a_wrong_velocity_of_seven_joints_is_seen() -> None:
     rng = np.random.default_rng(0)
-    J, direction = rng.standard_normal((3, 7)), rng.standard_normal(7)
+    J = rng.standard_normal((3, 7))
+    direction = rng.standard_normal(7)
     direction *= 0.21 / np.linalg.norm(direction)
     box = Level(jacobian=np.eye(7), lower=-1.0, upper=1.0)
     levels = [
@@ -256,7 +258,8 @@ def test_without_a_box_no_loss_is_larger_than_the_certificate(seed: int) -> None
     null space.
     """
     rng = np.random.default_rng(seed)
-    A, B = rng.normal(size=(2, 4)), rng.normal(size=(3, 4))
+    A = rng.normal(size=(2, 4))
+    B = rng.normal(size=(3, 4))
     B[0] = A[0] + 10.0 ** rng.uniform(-4, 0) * B[0]
     a = A @ rng.normal(size=4)
     b = rng.normal(size=3)
@@ -264,8 +267,8 @@ def test_without_a_box_no_loss_is_larger_than_the_certificate(seed: int) -> None
     on_first = np.linalg.lstsq(A, a, rcond=None)[0]
     null = np.linalg.svd(A)[2][2:].T
     best = on_first + null @ np.linalg.lstsq(B @ null, b - B @ on_first, rcond=None)[0]
-    least = np.linalg.norm(B @ best - b)
+    smallest = np.linalg.norm(B @ best - b)
     assert certificate(levels, best) < 1e-7 * max(1.0, np.abs(best).max())
     for size in (1e-2, 1.0, 100.0):
         v = best + null @ rng.normal(size=2) * size
-        assert certificate(levels, v) >= (np.linalg.norm(B @ v - b) - least) * (1 - 1e-9)
+        assert certificate(levels, v) >= (np.linalg.norm(B @ v - b) - smallest) * (1 - 1e-9)

@@ -34,7 +34,8 @@ def test_without_certification_nothing_is_called_exact() -> None:
 def test_levels_without_slack_are_met_within_the_tolerance() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        J, v = rng.normal(size=(9, 12)), rng.normal(size=12)
+        J = rng.normal(size=(9, 12))
+        v = rng.normal(size=12)
         levels = [
             Level(jacobian=J[:4], lower=J[:4] @ v, upper=J[:4] @ v),
             Level(jacobian=J[4:], lower=J[4:] @ v),

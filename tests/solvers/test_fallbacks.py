@@ -58,8 +58,8 @@ def _broken(levels: list[Level], source: Callable[[str], str]) -> SolvedRows:
     rows = stack(levels)
     n = rows.jacobian.shape[1]
     v, active_set, (code, iterations), residual = (
-        np.array(found).ravel()
-        for found in _function(source(core_source(n, rows.sizes)))(
+        np.array(result).ravel()
+        for result in _function(source(core_source(n, rows.sizes)))(
             rows.jacobian,
             rows.lower,
             rows.upper,
@@ -107,11 +107,11 @@ def test_level_by_level_finds_what_the_core_finds(care: str) -> None:
         levels = (
             random_hierarchy(seed, 6, SIZES) if seed % 2 else dependent_hierarchy(seed, 6, SIZES)
         )
-        found = _broken(levels, only)
+        result = _broken(levels, only)
         usual = COMPILED.solve(levels)
-        assert found.status is Status.CASCADED, seed
-        assert _certificate(levels, found.v) <= tolerances.CERTIFIED
-        np.testing.assert_allclose(found.residual, np.concatenate(usual.residuals), atol=1e-7)
+        assert result.status is Status.CASCADED, seed
+        assert _certificate(levels, result.v) <= tolerances.CERTIFIED
+        np.testing.assert_allclose(result.residual, np.concatenate(usual.residuals), atol=1e-7)
 
 
 @needs_compiler
@@ -122,12 +122,13 @@ def test_with_fewer_levels_those_above_are_at_their_optimum() -> None:
     sizes = (6, 1, 1, 2, 6)
     for seed in range(20):
         levels = random_hierarchy(seed, 6, sizes)
-        found, (optimum, error) = _broken(levels, only), reference(levels[:-1])
+        result = _broken(levels, only)
+        optimum, error = reference(levels[:-1])
         assert error.max() < 1e-10
-        missed = np.split(found.residual, np.cumsum(sizes)[:-1])[:-1]
+        missed = np.split(result.residual, np.cumsum(sizes)[:-1])[:-1]
         np.testing.assert_allclose([np.linalg.norm(r) for r in missed], optimum, atol=1e-7)
-        assert found.status.exact == (_certificate(levels, found.v) <= tolerances.CERTIFIED)
-        statuses.add(found.status)
+        assert result.status.exact == (_certificate(levels, result.v) <= tolerances.CERTIFIED)
+        statuses.add(result.status)
     assert Status.INEXACT in statuses
 
 
@@ -146,9 +147,9 @@ def test_in_numpy_level_by_level_takes_over_where_the_core_gives_up(
     monkeypatch.setattr(fallbacks, "lexicographic_least_squares", lost)
     rows = stack(random_hierarchy(1, 6, SIZES))
     warm = np.ones(len(rows.lower)) if fails == 2 else np.zeros(len(rows.lower))
-    found = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, warm, SIZES)
-    assert found.status is Status.CASCADED
-    np.testing.assert_allclose(found.v, COMPILED.solve(random_hierarchy(1, 6, SIZES)).v, atol=1e-8)
+    result = solve_levels(rows.jacobian, rows.lower, rows.upper, rows.gate, warm, SIZES)
+    assert result.status is Status.CASCADED
+    np.testing.assert_allclose(result.v, COMPILED.solve(random_hierarchy(1, 6, SIZES)).v, atol=1e-8)
 
 
 @needs_compiler
@@ -161,9 +162,9 @@ def test_a_velocity_that_is_not_certified_is_the_best_and_called_inexact(
     for seed in range(8):
         levels = random_hierarchy(seed, 6, SIZES)
         usual = COMPILED.solve(levels)
-        for found in (NUMPY.solve(levels), _broken(levels, never)):
-            assert found.status is Status.INEXACT
-            np.testing.assert_allclose(found.v, usual.v, atol=1e-8)
+        for result in (NUMPY.solve(levels), _broken(levels, never)):
+            assert result.status is Status.INEXACT
+            np.testing.assert_allclose(result.v, usual.v, atol=1e-8)
 
 
 def test_where_no_run_ends_at_a_number_the_velocity_is_zero(
@@ -200,13 +201,13 @@ def test_where_velocities_have_limits_the_status_does_not_depend_on_a_compiler()
     what can be proven.
     """
     box = Level(jacobian=np.eye(7), lower=-0.5, upper=0.5)
-    seen = set()
+    statuses = set()
     for seed in range(60):
         levels = [box, *dependent_hierarchy(seed, 7, (1, 0, 6, 2, 7), 10.0 ** -(5 + seed % 5))]
         status = COMPILED.solve(levels).status
         assert NUMPY.solve(levels).status.exact is status.exact, seed
-        seen.add(status)
-    assert seen >= {Status.SOLVED, Status.CASCADED, Status.INEXACT}
+        statuses.add(status)
+    assert statuses >= {Status.SOLVED, Status.CASCADED, Status.INEXACT}
 
 
 def test_in_numpy_nearly_all_of_it_is_solved_too() -> None:
@@ -239,7 +240,7 @@ def _adversaries() -> list[list[Level]]:
     """Rows of few whole numbers, copied, combined and turned around, which stall and cycle; nearly
     dependent ones.
     """
-    found = [dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12)) for seed in range(60)]
+    hierarchies = [dependent_hierarchy(seed, 6, SIZES, 10.0 ** -(seed % 12)) for seed in range(60)]
     for seed in range(120):
         rng = np.random.default_rng(seed)
         J = rng.integers(-1, 2, (sum(SIZES), 6)).astype(float)
@@ -248,30 +249,30 @@ def _adversaries() -> list[list[Level]]:
         upper = lower + rng.integers(0, 2, len(J))
         cut = np.cumsum(SIZES)[:-1]
         parts = zip(np.split(J, cut), np.split(lower, cut), np.split(upper, cut), strict=True)
-        found.append([Level(jacobian=a, lower=b, upper=c) for a, b, c in parts])
-    return found
+        hierarchies.append([Level(jacobian=a, lower=b, upper=c) for a, b, c in parts])
+    return hierarchies
 
 
 @needs_compiler
 @pytest.mark.parametrize("certified", ["1e-07", "-1"])
 def test_no_call_takes_more_iterations_than_are_stated(certified: str) -> None:
     """Even if nothing were certified, so that everything is tried."""
-    most = iteration_budget(sum(SIZES)).most_of_all
-    assert most == 120 + 60 * sum(SIZES)
+    budget = iteration_budget(sum(SIZES)).most_of_all
+    assert budget == 120 + 60 * sum(SIZES)
     source = _without("#define CERTIFIED 1e-07", f"#define CERTIFIED {certified}")
-    taken = [_broken(levels, source).iterations for levels in _adversaries()]
-    assert max(taken) <= most
-    assert (max(taken) > 0.75 * most) == (certified == "-1")
+    iterations = [_broken(levels, source).iterations for levels in _adversaries()]
+    assert max(iterations) <= budget
+    assert (max(iterations) > 0.75 * budget) == (certified == "-1")
 
 
 def test_numpy_keeps_to_the_same_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fallbacks, "normal_certificate", lambda rows, w: np.inf)
     for levels in _adversaries()[::30]:
         rows = stack(levels)
-        found = solve_levels(
+        result = solve_levels(
             rows.jacobian, rows.lower, rows.upper, rows.gate, np.zeros(len(rows.lower)), SIZES
         )
-        assert 3 * len(SIZES) <= found.iterations <= iteration_budget(len(rows.lower)).most_of_all
+        assert 3 * len(SIZES) <= result.iterations <= iteration_budget(len(rows.lower)).most_of_all
 
 
 @needs_compiler
@@ -290,15 +291,15 @@ def test_ticks_whose_rows_are_dependent_to_1e_7_are_solved_warm_in_c_as_in_numpy
     """Two of obstacle_field. That they are solved is proven by multipliers of 1e7, which are hard
     to find.
     """
-    kept = np.load(Path(__file__).with_name("dependent_ticks.npz"))
-    sizes = tuple(kept["sizes"].tolist())
+    ticks = np.load(Path(__file__).with_name("dependent_ticks.npz"))
+    sizes = tuple(ticks["sizes"].tolist())
     for rows in zip(
-        *(kept[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True
+        *(ticks[name] for name in ("jacobian", "lower", "upper", "gate", "active_set")), strict=True
     ):
-        J, lower, upper, *others = rows
+        J, lower, upper, *inputs = rows
         core = _function(core_source(J.shape[1], sizes))
-        v, _, report, _ = (np.array(x).ravel() for x in core(J, lower, upper, 0.0, 0.0, *others))
-        found = solve_levels(*rows, sizes)
-        assert STATUSES[int(report[0])] is found.status is Status.SOLVED
+        v, _, report, _ = (np.array(x).ravel() for x in core(J, lower, upper, 0.0, 0.0, *inputs))
+        result = solve_levels(*rows, sizes)
+        assert STATUSES[int(report[0])] is result.status is Status.SOLVED
         assert report[1] <= 5
-        np.testing.assert_allclose(v, found.v, atol=1e-6)
+        np.testing.assert_allclose(v, result.v, atol=1e-6)

@@ -32,7 +32,8 @@ ODD = (np.nan, np.inf, -np.inf, 1e15, -1e16, 2.0, -0.1)
 
 def _random_rows(rng: np.random.Generator) -> Rows:
     """Valid rows with infinite bounds, equalities, rows of zeros and gates of every kind."""
-    J, lower = rng.standard_normal((M, N)), rng.standard_normal(M)
+    J = rng.standard_normal((M, N))
+    lower = rng.standard_normal(M)
     upper = lower + np.where(rng.random(M) < 0.4, 0.0, rng.random(M))
     J[rng.random(M) < 0.1] = 0.0
     lower[rng.random(M) < 0.3] = -np.inf
@@ -52,7 +53,8 @@ def _cases(count: int) -> Iterator[Rows]:
 
 @pytest.fixture(scope="module")
 def expressions() -> ca.Function:
-    J, v = ca.MX.sym("J", M, N), ca.MX.sym("v", N)
+    J = ca.MX.sym("J", M, N)
+    v = ca.MX.sym("v", N)
     lower, upper, gate = (ca.MX.sym(name, M) for name in ("lower", "upper", "gate"))
     outputs = [
         is_valid(J, lower, upper, gate),
@@ -72,7 +74,8 @@ def core() -> ca.Function:
 def _solved(
     core: ca.Function, J: np.ndarray, lower: np.ndarray, upper: np.ndarray, gate: np.ndarray
 ) -> list:
-    unread, cold = np.zeros(M), np.zeros(M)
+    unread = np.zeros(M)
+    cold = np.zeros(M)
     v, _, report, missed, _ = core(J, lower, upper, unread, unread, gate, cold)
     return [np.array(v).ravel(), STATUSES[int(report[0])], np.array(missed).ravel()]
 
@@ -122,7 +125,8 @@ def test_a_gate_of_one_keeps_the_bounds_and_a_gate_of_zero_leaves_none() -> None
 
 
 def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
-    J, bound = np.ones((1, N)), np.ones(1)
+    J = np.ones((1, N))
+    bound = np.ones(1)
     widths = [
         float(np.diff(widen_bounds(J, bound, bound, np.array([gate])), axis=0)[0, 0])
         for gate in (1.0, 0.999, 0.5, 0.1)
@@ -132,7 +136,8 @@ def test_bounds_widen_without_a_jump_as_the_gate_closes() -> None:
 
 @pytest.mark.parametrize("gate", [5e-324, 1e-300, 1e-9])
 def test_the_smallest_gates_leave_numbers_also_of_rows_of_zeros(gate: float) -> None:
-    J, bound = np.array([[0.0] * N, [1.0] * N]), np.ones(2)
+    J = np.array([[0.0] * N, [1.0] * N])
+    bound = np.ones(2)
     low, up = widen_bounds(J, bound, bound, np.full(2, gate))
     assert (low[0], up[0]) == (1.0, 1.0)
     assert low[1] < -1e4
@@ -148,16 +153,16 @@ def test_a_gate_that_closes_leads_to_the_problem_without_its_rows_and_one_that_o
         levels = random_hierarchy(seed, 7, (7, 2, 3, 1, 2, 7))
         index = 1 + seed % 4
         removed = _velocity(solver, levels, index, 0.0)
-        kept = _velocity(solver, levels, index, 1.0)
-        mattered += int(np.abs(removed - kept).max() > 1e-3)
+        with_row = _velocity(solver, levels, index, 1.0)
+        mattered += int(np.abs(removed - with_row).max() > 1e-3)
         for gate in (5e-324, 1e-9, 1e-3):
             np.testing.assert_allclose(
                 _velocity(solver, levels, index, gate), removed, rtol=0.0, atol=1e-6
             )
-        for left in (1e-14, 1e-10):
+        for opening in (1e-14, 1e-10):
             # The band is as wide as the root of what is left.
-            difference = np.abs(_velocity(solver, levels, index, 1.0 - left) - kept).max()
-            assert difference <= 1e3 * np.sqrt(left), seed
+            difference = np.abs(_velocity(solver, levels, index, 1.0 - opening) - with_row).max()
+            assert difference <= 1e3 * np.sqrt(opening), seed
     assert mattered >= 15
 
 

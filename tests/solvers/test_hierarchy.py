@@ -64,7 +64,8 @@ def _arguments(levels: list[Level]) -> list[np.ndarray]:
 def test_a_level_without_rows_changes_nothing_below_it(solver: AnySolver) -> None:
     levels = random_hierarchy(3, 5, (5, 2, 3))
     nothing = Level(jacobian=np.zeros((0, 5)), lower=np.zeros(0), upper=np.zeros(0))
-    alone, among = solver.solve(levels), solver.solve([levels[0], nothing, *levels[1:], nothing])
+    alone = solver.solve(levels)
+    among = solver.solve([levels[0], nothing, *levels[1:], nothing])
     np.testing.assert_allclose(among.v, alone.v, atol=1e-9)
     assert among.status is alone.status
 
@@ -103,7 +104,8 @@ def test_lower_levels_never_change_higher_ones(seed: int) -> None:
 
 def test_a_last_level_of_zero_velocity_gives_the_shortest_velocity() -> None:
     rng = np.random.default_rng(1)
-    J, b = rng.standard_normal((4, 9)), rng.standard_normal(4)
+    J = rng.standard_normal((4, 9))
+    b = rng.standard_normal(4)
     levels = [Level(jacobian=J, lower=b, upper=b), Level(jacobian=np.eye(9), lower=0.0, upper=0.0)]
     for solver in SOLVERS:
         np.testing.assert_allclose(solver.solve(levels).v, np.linalg.pinv(J) @ b, atol=1e-5)
@@ -210,8 +212,10 @@ def test_a_gate_removes_a_row_continuously() -> None:
     solver = LexicographicQp()
 
     def reached(gate: float) -> float:
-        rest = Level(jacobian=np.eye(2), lower=0.0, upper=0.0)
-        return float(solver.solve([Level(jacobian=J, lower=1.0, upper=1.0, gate=gate), rest]).v[0])
+        resting = Level(jacobian=np.eye(2), lower=0.0, upper=0.0)
+        return float(
+            solver.solve([Level(jacobian=J, lower=1.0, upper=1.0, gate=gate), resting]).v[0]
+        )
 
     gates = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 201))  # a bell in time, as missions have it
     path = np.array([reached(gate) for gate in gates])
@@ -324,8 +328,8 @@ class _Misled:
 
     def __call__(self, *inputs: np.ndarray) -> tuple[np.ndarray, ...]:
         self.calls += 1
-        v, status, *rest = self.honest(*inputs)
-        return (v, status, *rest) if self.calls > self.cured else (0.9 * v, np.ones(1), *rest)
+        v, status, *extras = self.honest(*inputs)
+        return (v, status, *extras) if self.calls > self.cured else (0.9 * v, np.ones(1), *extras)
 
 
 @pytest.mark.parametrize(

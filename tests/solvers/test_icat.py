@@ -78,9 +78,9 @@ def test_in_numpy_it_is_the_printed_equation() -> None:
         50, [(5, (2, 3, 1)), (9, (3, 6, 4)), (13, (6, 6, 3, 1))]
     ):
         expected = _as_printed(J, rate, activation, sizes)
-        found = Icat().velocity(J, rate, activation, sizes)
+        velocity = Icat().velocity(J, rate, activation, sizes)
         np.testing.assert_allclose(
-            found, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max())
+            velocity, expected, rtol=0, atol=1e-9 * max(1.0, np.abs(expected).max())
         )
 
 
@@ -106,9 +106,9 @@ def test_in_c_it_finds_what_numpy_finds(
     core = external_core(solver.core_source(*structure))
     assert core is not None
     for J, rate, activation, sizes in _problems(60, [structure]):
-        given = _given(J, rate, activation)
-        v, _, report, residual = (np.array(x).ravel() for x in core(*given))
-        expected, _, _, missed = solver.in_python(J.shape[1], sizes)(*given)
+        arguments = _given(J, rate, activation)
+        v, _, report, residual = (np.array(x).ravel() for x in core(*arguments))
+        expected, _, _, missed = solver.in_python(J.shape[1], sizes)(*arguments)
         size = max(1.0, np.abs(expected).max())
         np.testing.assert_allclose(
             v, expected, rtol=0, atol=(1e-12 if solver is not SHARP else 1e-9) * size
@@ -133,10 +133,10 @@ def test_in_c_special_matrices_are_made_diagonal_too(kind: str) -> None:
         Level(jacobian=J, rate=np.arange(n, dtype=float), activation=1.0),
         Level(jacobian=np.eye(n), rate=1.0, activation=0.5),
     ]
-    found, expected = (Icat(compiled=compiled).solve(levels) for compiled in (True, False))
-    assert found.status is expected.status is Status.REGULARISED
+    solution, expected = (Icat(compiled=compiled).solve(levels) for compiled in (True, False))
+    assert solution.status is expected.status is Status.REGULARISED
     np.testing.assert_allclose(
-        found.v, expected.v, rtol=0, atol=1e-11 * max(1.0, np.abs(expected.v).max())
+        solution.v, expected.v, rtol=0, atol=1e-11 * max(1.0, np.abs(expected.v).max())
     )
 
 
@@ -144,23 +144,23 @@ def test_in_c_special_matrices_are_made_diagonal_too(kind: str) -> None:
 @pytest.mark.parametrize("scale", [np.nan, np.inf, 1e200, 1e14])
 def test_in_c_what_is_invalid_is_that_in_numpy(scale: float) -> None:
     J = np.diag(np.full(3, scale)) if np.isfinite(scale) else np.full((3, 3), scale)
-    given = _given(J, np.array([1.0, -1.0, 1e250]), np.ones(3))
+    arguments = _given(J, np.array([1.0, -1.0, 1e250]), np.ones(3))
     core = external_core(Icat().core_source(3, (3,)))
     assert core is not None
-    for one, other in zip(core(*given), Icat().in_python(3, (3,))(*given), strict=True):
-        np.testing.assert_allclose(np.array(one).ravel(), other, rtol=1e-9)
+    for in_c, in_numpy in zip(core(*arguments), Icat().in_python(3, (3,))(*arguments), strict=True):
+        np.testing.assert_allclose(np.array(in_c).ravel(), in_numpy, rtol=1e-9)
 
 
 @needs_compiler
 @pytest.mark.parametrize("activation", [1e200, -1e200, np.nan])
 @pytest.mark.parametrize("J", [np.diag([1.0, 2.0, 3.0]), np.zeros((3, 3))], ids=["rows", "no rows"])
 def test_an_activation_that_is_none_is_invalid_in_both(J: np.ndarray, activation: float) -> None:
-    given = _given(J, np.ones(3), np.array([1.0, activation, 1.0]))
+    arguments = _given(J, np.ones(3), np.array([1.0, activation, 1.0]))
     core = external_core(Icat().core_source(3, (3,)))
     assert core is not None
     for v, _, (code, _), _ in (
-        [np.array(one).ravel() for one in core(*given)],
-        Icat().in_python(3, (3,))(*given),
+        [np.array(result).ravel() for result in core(*arguments)],
+        Icat().in_python(3, (3,))(*arguments),
     ):
         assert STATUSES[int(code)] is Status.INVALID_INPUT
         np.testing.assert_array_equal(v, np.zeros(3))
@@ -168,5 +168,5 @@ def test_an_activation_that_is_none_is_invalid_in_both(J: np.ndarray, activation
 
 def test_numbers_of_one_solver_are_not_those_of_another() -> None:
     level = Level(jacobian=[[0.05]], lower=1.0, upper=1.0, rate=1.0)
-    (much,), (little,) = (Icat(damping=d, threshold=0.01).solve([level]).v for d in (1e-2, 1e-8))
-    assert 0.0 < much < 0.1 * little
+    (damped,), (little,) = (Icat(damping=d, threshold=0.01).solve([level]).v for d in (1e-2, 1e-8))
+    assert 0.0 < damped < 0.1 * little

@@ -70,7 +70,7 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
 
 
 @pytest.mark.parametrize(
-    ("found", "allowed"),
+    ("candidate_merit", "allowed"),
     [
         (merit(0.01, 1.1, 2.0), True),
         (merit(0.0, 0.0, 0.0), True),
@@ -83,12 +83,12 @@ def test_below_the_first_only_levels_that_lack_more_than_they_may_lose_have_thei
     ],
 )
 def test_a_step_may_cost_no_level_above_and_no_constraint_more_than_the_tolerance(
-    found: LevelMerit, allowed: bool
+    candidate_merit: LevelMerit, allowed: bool
 ) -> None:
     rule = acceptance(
         [level(), level()], [1.0], merit(0.0, 1.05, 2.0), accuracy=0.01, tolerance=0.1
     )
-    assert rule.allows(found) is allowed
+    assert rule.allows(candidate_merit) is allowed
 
 
 def test_a_step_may_leave_constraints_as_broken_as_they_are() -> None:
@@ -105,8 +105,8 @@ def test_only_the_first_level_pays_for_a_guess_that_breaks_constraints() -> None
 
 
 def test_a_level_that_may_be_relaxed_keeps_its_share_of_the_cost() -> None:
-    kept = level(relax=0.21).kept(2.0, 0.0)
-    assert kept**2 / 2 == pytest.approx(1.21 * 2.0**2 / 2)
+    frozen = level(relax=0.21).kept(2.0, 0.0)
+    assert frozen**2 / 2 == pytest.approx(1.21 * 2.0**2 / 2)
     assert level().kept(2.0, 0.1) == pytest.approx(2.1)
 
 

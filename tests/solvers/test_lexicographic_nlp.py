@@ -104,7 +104,8 @@ def test_no_lower_level_raises_the_residual_of_a_higher_one(seed: int) -> None:
 
 
 def random_rows(rng: np.random.Generator, x: ca.SX) -> ca.SX:
-    A, b = rng.standard_normal((rng.integers(1, 4), 6)), rng.standard_normal()
+    A = rng.standard_normal((rng.integers(1, 4), 6))
+    b = rng.standard_normal()
     return ca.DM(A) @ (x + 0.3 * ca.sin(x)) + b
 
 
@@ -189,9 +190,9 @@ def test_a_machine_that_is_busy_changes_no_result_unless_time_is_asked_for(
         monkeypatch.setattr(nlp.deadline, "_clock", lambda: next(readings))
         return nlp.solve(start)
 
-    found = busy(NlpOptions())
-    assert (found.level_status, found.iterations) == (quiet.level_status, quiet.iterations)
-    np.testing.assert_array_equal(found.x, quiet.x)
+    result = busy(NlpOptions())
+    assert (result.level_status, result.iterations) == (quiet.level_status, quiet.iterations)
+    np.testing.assert_array_equal(result.x, quiet.x)
     assert busy(NlpOptions(time_limit=20.0)).status is NlpStatus.TIME_LIMIT
 
 

@@ -31,12 +31,10 @@ def solved(
     p: Any = structure()
     for i in range(m):
         p.A[i][:] = A[i].tolist()
-    p.b[:], p.c[:], p.lower[:n], p.upper[:n] = (
-        b.tolist(),
-        c.tolist(),
-        lower.tolist(),
-        upper.tolist(),
-    )
+    p.b[:] = b.tolist()
+    p.c[:] = c.tolist()
+    p.lower[:n] = lower.tolist()
+    p.upper[:n] = upper.tolist()
     return p if bind_kernels((solve_program,), (structure,), compiled=compiled)[0](p) else None
 
 
@@ -44,9 +42,11 @@ def solved(
 def test_the_answer_is_the_largest_value_and_there_is_one_where_scipy_finds_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     m, n = SIZES[seed % 4]
-    A, c = rng.normal(size=(m, n)), rng.normal(size=n)
+    A = rng.normal(size=(m, n))
+    c = rng.normal(size=n)
     if seed % 3 == 0:  # small whole numbers: many vertices in one place
-        A, c = np.round(A), np.round(c)
+        A = np.round(A)
+        c = np.round(c)
     if seed % 5 == 0:
         A[-1] = A[0]
     lower = np.round(rng.normal(size=n))
@@ -79,7 +79,8 @@ def test_in_c_and_in_python_the_answer_is_the_same_to_the_bit() -> None:
 
 
 def test_what_grows_without_end_and_what_cannot_be_have_no_answer() -> None:
-    one, endless = np.ones(2), np.full(2, np.inf)
+    upper = np.ones(2)
+    endless = np.full(2, np.inf)
     row = np.array([[1.0, -1.0]])
-    assert solved(row, np.zeros(1), one, 0.0 * one, endless) is None
-    assert solved(row, np.full(1, 3.0), one, 0.0 * one, one) is None
+    assert solved(row, np.zeros(1), upper, 0.0 * upper, endless) is None
+    assert solved(row, np.full(1, 3.0), upper, 0.0 * upper, upper) is None

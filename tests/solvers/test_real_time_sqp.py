@@ -29,7 +29,8 @@ def with_derivatives(program: LexicographicProgram) -> LexicographicProgram:
     nlps = []
     for level in program.nlps:
         x, p, f, g = (level.nlp[key] for key in ("x", "p", "f", "g"))
-        lam_f, lam_g = ca.SX.sym("lam_f"), ca.SX.sym("lam_g", g.numel())
+        lam_f = ca.SX.sym("lam_f")
+        lam_g = ca.SX.sym("lam_g", g.numel())
         H = ca.triu(ca.hessian(lam_f * f, x)[0])
         functions = {
             "nlp_g": ca.Function("nlp_g", [x, p], [g]),
@@ -86,10 +87,10 @@ def test_a_horizon_without_bounds_is_solved_by_hpipm() -> None:
         np.zeros(z.numel()), p=np.zeros(0)
     )
     assert result.status is NlpStatus.SOLVED
-    other = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(
+    by_piqp = RealTimeSqp(program, SqpOptions(plugin="piqp")).solve(
         np.zeros(z.numel()), p=np.zeros(0)
     )
-    np.testing.assert_allclose(result.x, other.x, atol=1e-5)
+    np.testing.assert_allclose(result.x, by_piqp.x, atol=1e-5)
 
 
 def test_a_step_along_rows_that_are_curved_is_mended_instead_of_cut() -> None:

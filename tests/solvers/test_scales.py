@@ -38,8 +38,8 @@ def _scaled(levels: list[Level], of_jacobian: list[float], of_bounds: list[float
 def _is_right(solution: Solution, levels: list[Level], of_bounds: list[float]) -> bool:
     optimum, error = reference(levels)
     assert error.max() < 1e-10
-    found = solution.level_residuals / np.array(of_bounds)
-    return bool(np.isfinite(solution.v).all() and np.abs(found - optimum).max() < 1e-6)
+    relative = solution.level_residuals / np.array(of_bounds)
+    return bool(np.isfinite(solution.v).all() and np.abs(relative - optimum).max() < 1e-6)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)

@@ -24,8 +24,8 @@ RANDOM_ROWS = Path(__file__).with_name("random_rows.c")
 
 def _symbols(built: Path) -> list[list[str]]:
     """Kind and name."""
-    said = subprocess.run(["nm", str(built)], capture_output=True, text=True, check=True).stdout
-    return [line.split()[-2:] for line in said.splitlines()]
+    symbols = subprocess.run(["nm", str(built)], capture_output=True, text=True, check=True).stdout
+    return [line.split()[-2:] for line in symbols.splitlines()]
 
 
 def _compiled(source: str, folder: Path, *options: str) -> Path:
@@ -81,8 +81,8 @@ def test_it_defines_one_function_and_takes_what_libm_and_memory_calls_give(tmp_p
 @pytest.mark.skipif(shutil.which("nm") is None, reason="needs nm: install binutils")
 def test_the_solver_of_stages_is_five_functions_that_allocate_nothing(tmp_path: Path) -> None:
     symbols = _symbols(_compiled(stagewise_source(), tmp_path, "-O2", "-c"))
-    own = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
-    assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == own
+    functions = ["products", "solve_qp", "solve_whole", "stationarity", "steepest"]
+    assert [name for kind, name in symbols if kind.isupper() and kind not in "UR"] == functions
     needed = {name for kind, name in symbols if kind == "U"}
     assert needed <= {"sqrt", "memset", "memcpy", "__stack_chk_fail"} | CHOICE
 
@@ -96,10 +96,10 @@ def test_it_keeps_its_promises_for_random_numbers_under_the_sanitizers(tmp_path:
         pytest.skip("needs the compiler's sanitizers: install libasan and libubsan")
     done = subprocess.run([str(program)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    *counts, most, allowed = map(int, done.stdout.split())
+    *counts, largest, allowed = map(int, done.stdout.split())
     count = dict(zip(STATUSES, counts, strict=False))
     assert sum(counts) == 10_000
-    assert most <= allowed
+    assert largest <= allowed
     assert all(count[status] > 100 for status in Status if status is not Status.REGULARISED)
 
 

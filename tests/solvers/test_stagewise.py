@@ -28,9 +28,9 @@ PIQP = StageQpOptions(compiled=False)
 
 
 def solved(qp: StageQp, warm: StageQpSolution | None = None) -> StageQpSolution:
-    found = StageQpSolver(qp.shape).solve(qp, warm=warm)
-    assert found.status is StageQpStatus.SOLVED
-    return found
+    solution = StageQpSolver(qp.shape).solve(qp, warm=warm)
+    assert solution.status is StageQpStatus.SOLVED
+    return solution
 
 
 @pytest.mark.parametrize("equalities", [False, True])
@@ -40,13 +40,13 @@ def test_every_random_qp_ends_where_the_optimality_conditions_hold(
 ) -> None:
     for seed in range(50 * block, 50 * (block + 1)):
         qp = random_qp(seed, equalities=equalities)
-        found = StageQpSolver(qp.shape).solve(qp)
-        assert found.status is StageQpStatus.SOLVED, seed
+        solution = StageQpSolver(qp.shape).solve(qp)
+        assert solution.status is StageQpStatus.SOLVED, seed
         # The smaller of a multiplier and what is left to its bound is the root of complementarity
         # where both vanish.
-        assert kkt_failure(qp, found) < 1e-5, seed
-        assert found.kkt.stationarity < 1e-8 * (
-            1.0 + np.abs(dense(qp)[1]).max() + np.abs(flat(found.y_z)).max()
+        assert kkt_failure(qp, solution) < 1e-5, seed
+        assert solution.kkt.stationarity < 1e-8 * (
+            1.0 + np.abs(dense(qp)[1]).max() + np.abs(flat(solution.y_z)).max()
         ), seed
 
 
@@ -66,11 +66,11 @@ def test_without_inequalities_the_optimum_solves_the_dense_kkt_system_with_one_f
     rows = np.vstack([A[np.isfinite(lower)], np.eye(len(g))[fixed]])
     right = np.concatenate([lower[np.isfinite(lower)], qp.flat["z_lower"][fixed]])
     kkt = np.block([[H, rows.T], [rows, np.zeros((len(rows), len(rows)))]])
-    found = solved(qp)
+    solution = solved(qp)
     np.testing.assert_allclose(
-        flat(found.z), np.linalg.solve(kkt, np.concatenate([-g, right]))[: len(g)], atol=1e-8
+        flat(solution.z), np.linalg.solve(kkt, np.concatenate([-g, right]))[: len(g)], atol=1e-8
     )
-    assert found.iterations == 1
+    assert solution.iterations == 1
 
 
 def test_bounds_that_are_not_reached_cost_no_further_factor() -> None:
@@ -119,12 +119,12 @@ def test_the_same_qp_gives_the_same_bits() -> None:
 
 
 def random_like(qp: StageQp) -> StageQp:
-    other = StageQp(qp.shape)
+    permuted = StageQp(qp.shape)
     rng = np.random.default_rng(0)
     for name in ("dynamics", "b", "J", "r"):
-        other.flat[name][:] = rng.standard_normal(len(other.flat[name]))
-    other.flat["damping"][:] = 1.0
-    return other
+        permuted.flat[name][:] = rng.standard_normal(len(permuted.flat[name]))
+    permuted.flat["damping"][:] = 1.0
+    return permuted
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -163,23 +163,27 @@ def test_a_qp_without_a_point_is_named_infeasible(seed: int) -> None:
     options = StageQpOptions(compiled=seed > 4)
     qp = random_qp(seed)
     n = qp.shape.n_x[-1]
-    qp.z_lower[-1][:n], qp.z_upper[-1][:n] = 3.0, 4.0
-    qp.dynamics[-1][:], qp.b[-1][:] = 0.0, 0.0
+    qp.z_lower[-1][:n] = 3.0
+    qp.z_upper[-1][:n] = 4.0
+    qp.dynamics[-1][:] = 0.0
+    qp.b[-1][:] = 0.0
     assert StageQpSolver(qp.shape, options).solve(qp).status is StageQpStatus.INFEASIBLE
 
 
 def test_equalities_that_contradict_each_other_are_infeasible_and_missed_least() -> None:
     qp = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(0, 0), n_c=(0, 3)))
-    qp.A[0][:], qp.B[0][:], qp.C[1][:] = 1.0, 1.0, 1.0
+    qp.A[0][:] = 1.0
+    qp.B[0][:] = 1.0
+    qp.C[1][:] = 1.0
     qp.flat["damping"][:] = 1.0
     qp.fix_initial_state(np.zeros(1))
     for bound in (qp.lower[1], qp.upper[1]):
         bound[:] = 1.0, 2.0, 5.0
-    found = StageQpSolver(qp.shape).solve(qp)
-    assert found.status is StageQpStatus.INFEASIBLE
+    solution = StageQpSolver(qp.shape).solve(qp)
+    assert solution.status is StageQpStatus.INFEASIBLE
     # The least sum of distances to three points is at the one in the middle.
-    np.testing.assert_allclose(found.x[1], 2.0, atol=1e-3)
-    np.testing.assert_allclose(found.excess[1], [1.0, 0.0, -3.0], atol=1e-3)
+    np.testing.assert_allclose(solution.x[1], 2.0, atol=1e-3)
+    np.testing.assert_allclose(solution.excess[1], [1.0, 0.0, -3.0], atol=1e-3)
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -190,10 +194,11 @@ def test_soft_rows_are_those_of_a_qp_with_slacks(
 ) -> None:
     qp = random_qp(seed, equalities=seed > 0)
     expected = softened(qp, l1, l2)
-    qp.flat["l1"][:], qp.flat["l2"][:] = l1, l2
-    found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
-    assert found.status is StageQpStatus.SOLVED
-    np.testing.assert_allclose(flat(found.z), expected, atol=1e-6)
+    qp.flat["l1"][:] = l1
+    qp.flat["l2"][:] = l2
+    solution = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
+    assert solution.status is StageQpStatus.SOLVED
+    np.testing.assert_allclose(flat(solution.z), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -206,12 +211,14 @@ def test_a_penalty_above_the_multipliers_is_exact(seed: int) -> None:
 
 def test_soft_bounds_are_missed_where_the_dynamics_leave_no_choice() -> None:
     qp = StageQp(StageShape(n_x=(1, 1), n_u=(0,), n_r=(0, 0), n_c=(0, 0)))
-    qp.A[0][:], qp.z_upper[1][:], qp.z_l1[1][:] = 1.0, 1.0, 7.0
+    qp.A[0][:] = 1.0
+    qp.z_upper[1][:] = 1.0
+    qp.z_l1[1][:] = 7.0
     qp.flat["damping"][:] = 1.0
     qp.fix_initial_state(np.array([3.0]))
-    found = solved(qp)
-    np.testing.assert_allclose(found.x[1], 3.0, atol=1e-8)
-    np.testing.assert_allclose(found.y_z[1], 7.0, atol=1e-6)
+    solution = solved(qp)
+    np.testing.assert_allclose(solution.x[1], 3.0, atol=1e-8)
+    np.testing.assert_allclose(solution.y_z[1], 7.0, atol=1e-6)
 
 
 @pytest.mark.parametrize("goal", [False, True])
@@ -248,9 +255,9 @@ def test_a_cold_solve_knows_which_bounds_are_not_reached(seed: int) -> None:
     lower, upper = (
         np.concatenate([qp.flat[name], qp.flat[f"z_{name}"]]) for name in ("lower", "upper")
     )
-    found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-7)).solve_flat(qp)
+    solution = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-7)).solve_flat(qp)
     bounded = (lower < upper) & (np.isfinite(lower) | np.isfinite(upper))
-    assert not found.y[bounded].all()
+    assert not solution.y[bounded].all()
 
 
 def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
@@ -278,9 +285,9 @@ def test_the_multiplier_of_the_initial_state_is_how_the_cost_rises() -> None:
 def test_numbers_that_are_none_are_a_status(name: str, value: float, compiled: bool) -> None:
     qp = random_qp(0)
     qp.flat[name][-1] = value
-    found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
-    assert found.status is StageQpStatus.NOT_A_NUMBER
-    assert np.isfinite(flat(found.z)).all()
+    solution = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
+    assert solution.status is StageQpStatus.NOT_A_NUMBER
+    assert np.isfinite(flat(solution.z)).all()
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -289,7 +296,8 @@ def test_a_residual_that_is_none_is_noticed_where_nothing_moves_it(
     value: float, compiled: bool
 ) -> None:
     qp = random_qp(0)
-    qp.J[-1][-1], qp.r[-1][-1] = 0.0, value
+    qp.J[-1][-1] = 0.0
+    qp.r[-1][-1] = value
     assert (
         StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status
         is StageQpStatus.NOT_A_NUMBER
@@ -328,20 +336,26 @@ def test_soft_bounds_end_a_fall_where_missing_them_costs_more(
     leads there.
     """
     qp = falling_qp()
-    qp.flat["z_lower"][:], qp.flat["z_upper"][:], qp.flat["z_l1"][:] = -1.0, 1.0, penalty
+    qp.flat["z_lower"][:] = -1.0
+    qp.flat["z_upper"][:] = 1.0
+    qp.flat["z_l1"][:] = penalty
     assert StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp).status is status
 
 
 def falling_qp() -> StageQp:
     """An integrator whose cost falls with its last state."""
     qp = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(1, 0), n_c=(0, 0)))
-    qp.A[0][:], qp.B[0][:], qp.J[0][0, 0], qp.g[1][:] = 1.0, 1.0, 1.0, 1.0
+    qp.A[0][:] = 1.0
+    qp.B[0][:] = 1.0
+    qp.J[0][0, 0] = 1.0
+    qp.g[1][:] = 1.0
     return qp
 
 
 def test_no_cost_falls_without_end_between_hard_bounds() -> None:
     qp = falling_qp()
-    qp.flat["z_lower"][:], qp.flat["z_upper"][:] = -1.0, 1.0
+    qp.flat["z_lower"][:] = -1.0
+    qp.flat["z_upper"][:] = 1.0
     assert not may_be_unbounded(qp)
     qp.flat["z_l1"][1] = 1.0
     assert may_be_unbounded(qp)
@@ -351,25 +365,25 @@ def test_no_cost_falls_without_end_between_hard_bounds() -> None:
 
 @pytest.mark.parametrize("length", [1e-9, 1.0, 1e9])
 def test_a_way_without_end_is_one_however_short_it_is_given(length: float) -> None:
-    other = recession_problem(falling_qp())
+    problem = recession_problem(falling_qp())
     down = (np.array([0.0, -length]), np.array([-length]))
-    assert is_recession_direction(other, down)
-    assert not is_recession_direction(other, tuple(-part for part in down))
-    assert not is_recession_direction(other, (np.zeros(2), down[1]))
-    assert not is_recession_direction(other, tuple(0.0 * part for part in down))
+    assert is_recession_direction(problem, down)
+    assert not is_recession_direction(problem, tuple(-part for part in down))
+    assert not is_recession_direction(problem, (np.zeros(2), down[1]))
+    assert not is_recession_direction(problem, tuple(0.0 * part for part in down))
 
 
 def test_the_iteration_limit_is_a_status() -> None:
     qp = random_qp(2)
-    found = StageQpSolver(qp.shape, StageQpOptions(max_iterations=2)).solve(qp)
-    assert found.status is StageQpStatus.ITERATION_LIMIT
-    assert np.isfinite(flat(found.z)).all()
+    solution = StageQpSolver(qp.shape, StageQpOptions(max_iterations=2)).solve(qp)
+    assert solution.status is StageQpStatus.ITERATION_LIMIT
+    assert np.isfinite(flat(solution.z)).all()
 
 
 def test_a_qp_of_another_shape_is_refused() -> None:
-    other = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(0, 0), n_c=(0, 0)))
+    empty = StageQp(StageShape(n_x=(1, 1), n_u=(1,), n_r=(0, 0), n_c=(0, 0)))
     with pytest.raises(InvalidInput, match="another shape"):
-        StageQpSolver(random_qp(0).shape).solve(other)
+        StageQpSolver(random_qp(0).shape).solve(empty)
 
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
@@ -383,20 +397,20 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 
 def moved_to(qp: StageQp, z: np.ndarray) -> StageQp:
     """The same with z as its origin."""
-    there = StageQp(qp.shape)
+    shifted = StageQp(qp.shape)
     parts = np.split(z, np.cumsum(qp.shape.n_z)[:-1])
     for name, array in qp.flat.items():
-        there.flat[name][:] = array
-    for k, own in enumerate(parts):
-        there.r[k][:] += qp.J[k] @ own
-        there.g[k][:] += qp.H[k] @ own + qp.damping[k] * own
-        there.lower[k][:] -= qp.C[k] @ own
-        there.upper[k][:] -= qp.C[k] @ own
+        shifted.flat[name][:] = array
+    for k, stage in enumerate(parts):
+        shifted.r[k][:] += qp.J[k] @ stage
+        shifted.g[k][:] += qp.H[k] @ stage + qp.damping[k] * stage
+        shifted.lower[k][:] -= qp.C[k] @ stage
+        shifted.upper[k][:] -= qp.C[k] @ stage
         if k < qp.shape.N:
-            there.b[k][:] += qp.dynamics[k] @ own - parts[k + 1][: qp.shape.n_x[k + 1]]
-    there.flat["z_lower"][:] -= z
-    there.flat["z_upper"][:] -= z
-    return there
+            shifted.b[k][:] += qp.dynamics[k] @ stage - parts[k + 1][: qp.shape.n_x[k + 1]]
+    shifted.flat["z_lower"][:] -= z
+    shifted.flat["z_upper"][:] -= z
+    return shifted
 
 
 @pytest.mark.parametrize("options", [StageQpOptions(), PIQP], ids=["c", "piqp"])
@@ -406,27 +420,27 @@ def test_multipliers_miss_the_conditions_nowhere_but_away_from_the_optimum(
 ) -> None:
     qp = random_qp(seed, equalities=seed % 2 > 0)
     solver = StageQpSolver(qp.shape, options)
-    found = solver.solve_flat(qp)
-    assert solver.error(moved_to(qp, found.z), found.warm_start()) < 1e-6
+    solution = solver.solve_flat(qp)
+    assert solver.error(moved_to(qp, solution.z), solution.warm_start()) < 1e-6
     rng = np.random.default_rng(seed)
-    away = found.z + 0.1 * rng.standard_normal(len(found.z))
-    assert solver.error(moved_to(qp, away), found.warm_start()) > 1e-4
+    away = solution.z + 0.1 * rng.standard_normal(len(solution.z))
+    assert solver.error(moved_to(qp, away), solution.warm_start()) > 1e-4
 
 
 @needs_compiler
 @pytest.mark.parametrize("seed", range(20))
 def test_from_a_qp_nearby_c_and_piqp_find_the_same(seed: int) -> None:
     qp = random_qp(seed)
-    other = random_qp(seed)
-    other.flat["r"][:] *= 1.1
+    nearby = random_qp(seed)
+    nearby.flat["r"][:] *= 1.1
     ours = StageQpSolver(qp.shape)
     twin = StageQpSolver(qp.shape, PIQP)
-    near = ours.solve_flat(other).warm_start()
-    found = ours.solve_flat(qp, near)
-    same = twin.solve_flat(qp, near)
-    assert found.status is same.status is StageQpStatus.SOLVED
-    np.testing.assert_allclose(found.z, same.z, atol=1e-8)
-    np.testing.assert_allclose(found.z, flat(solved(qp).z), atol=1e-6)
+    warm_start = ours.solve_flat(nearby).warm_start()
+    solution = ours.solve_flat(qp, warm_start)
+    same = twin.solve_flat(qp, warm_start)
+    assert solution.status is same.status is StageQpStatus.SOLVED
+    np.testing.assert_allclose(solution.z, same.z, atol=1e-8)
+    np.testing.assert_allclose(solution.z, flat(solved(qp).z), atol=1e-6)
 
 
 @needs_compiler
@@ -442,10 +456,10 @@ def test_a_rough_optimum_has_multipliers_of_reached_bounds_alone_so_that_the_nex
     seed: int,
 ) -> None:
     qp = reach_qp(seed, goal=False)
-    found = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-3)).solve(qp)
-    z = flat(found.z)
-    y = flat(found.y_z)
-    left = np.where(y > 0.0, qp.flat["z_upper"] - z, z - qp.flat["z_lower"])
+    solution = StageQpSolver(qp.shape, StageQpOptions(tolerance=1e-3)).solve(qp)
+    z = flat(solution.z)
+    y = flat(solution.y_z)
+    gap = np.where(y > 0.0, qp.flat["z_upper"] - z, z - qp.flat["z_lower"])
     limited = np.isfinite(qp.flat["z_upper"]) & (qp.flat["z_lower"] < qp.flat["z_upper"])
     assert 0 < (limited & (y != 0.0)).sum() < limited.sum()
-    assert left[limited & (y != 0.0)].max() < 0.01
+    assert gap[limited & (y != 0.0)].max() < 0.01

@@ -64,14 +64,12 @@ def bound(
     """About a value, which some miss."""
     draw = rng.random((2, len(value)))
     room = (np.abs(value) + 1e-6) * (rng.random((2, len(value))) - 0.05)
-    lower[draw[0] < 0.4], upper[draw[1] < 0.4] = (
-        (value - room[0])[draw[0] < 0.4],
-        (value + room[1])[draw[1] < 0.4],
-    )
+    lower[draw[0] < 0.4] = (value - room[0])[draw[0] < 0.4]
+    upper[draw[1] < 0.4] = (value + room[1])[draw[1] < 0.4]
     swapped = lower > upper
     lower[swapped] = upper[swapped] = value[swapped]
-    both = draw[0] > 1.0 - equal
-    lower[both] = upper[both] = value[both]
+    is_equal = draw[0] > 1.0 - equal
+    lower[is_equal] = upper[is_equal] = value[is_equal]
 
 
 def scaled(A: np.ndarray) -> np.ndarray:
@@ -87,15 +85,16 @@ def least_violation(qp: StageQp) -> float:
     A = A / norm[:, None]
     lower = lower / norm
     upper = upper / norm
-    above, below = np.isfinite(upper), np.isfinite(lower)
+    above = np.isfinite(upper)
+    below = np.isfinite(lower)
     rows = np.vstack([A[above], -A[below]])
-    found = linprog(
+    optimum = linprog(
         np.append(np.zeros(A.shape[1]), 1.0),
         A_ub=np.hstack([rows, -np.ones((len(rows), 1))]),
         b_ub=np.concatenate([upper[above], -lower[below]]),
         bounds=[*zip(qp.flat["z_lower"], qp.flat["z_upper"], strict=True), (0.0, None)],
     )
-    return float(found.x[-1]) if found.status == 0 else np.inf
+    return float(optimum.x[-1]) if optimum.status == 0 else np.inf
 
 
 def steepest_way(qp: StageQp) -> float:
@@ -108,9 +107,10 @@ def steepest_way(qp: StageQp) -> float:
         return 0.0
     A = A / scaled(A)[:, None]
     still = np.vstack([H / scaled(H)[:, None], A[lower == upper]])
-    above, below = np.isfinite(upper), np.isfinite(lower)
+    above = np.isfinite(upper)
+    below = np.isfinite(lower)
     sides = zip(np.isfinite(qp.flat["z_lower"]), np.isfinite(qp.flat["z_upper"]), strict=True)
-    found = linprog(
+    optimum = linprog(
         g / np.abs(g).max(),
         A_eq=still,
         b_eq=np.zeros(len(still)),
@@ -118,16 +118,17 @@ def steepest_way(qp: StageQp) -> float:
         b_ub=np.zeros(int(above.sum() + below.sum())),
         bounds=[(0.0 if low else -1.0, 0.0 if high else 1.0) for low, high in sides],
     )
-    assert found.status == 0
-    return float(found.fun)
+    assert optimum.status == 0
+    return float(optimum.fun)
 
 
-def relative_failure(qp: StageQp, found: StageQpSolution) -> float:
-    z = flat(found.z)
+def relative_failure(qp: StageQp, solution: StageQpSolution) -> float:
+    z = flat(solution.z)
     terms = [
-        np.abs(flat(part)).max(initial=0.0) for part in (found.y, found.y_z, found.costate, found.z)
+        np.abs(flat(part)).max(initial=0.0)
+        for part in (solution.y, solution.y_z, solution.costate, solution.z)
     ]
-    return kkt_failure(qp, found) / (1.0 + np.abs(dense(qp)[0] @ z).max() + max(terms))
+    return kkt_failure(qp, solution) / (1.0 + np.abs(dense(qp)[0] @ z).max() + max(terms))
 
 
 @pytest.mark.parametrize("compiled", IN_C_AND_PYTHON)
@@ -135,12 +136,15 @@ def test_what_rows_are_missed_by_is_that_of_the_point(compiled: bool) -> None:
     """Also of QPs that were looked at again with their residuals as rows."""
     for seed in SEEDS:
         qp = wild_qp(seed)
-        found = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
-        for k, z in enumerate(found.z):
+        solution = StageQpSolver(qp.shape, StageQpOptions(compiled=compiled)).solve(qp)
+        for k, z in enumerate(solution.z):
             y = qp.C[k] @ z
             missed = y - np.clip(y, qp.lower[k], qp.upper[k])
             np.testing.assert_allclose(
-                found.excess[k], missed, rtol=1e-9, atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0))
+                solution.excess[k],
+                missed,
+                rtol=1e-9,
+                atol=1e-9 * (1.0 + np.abs(y).max(initial=0.0)),
             )
 
 
@@ -149,11 +153,11 @@ def test_a_status_is_what_linear_programs_say(compiled: bool) -> None:
     options = StageQpOptions(compiled=compiled)
     for seed in SEEDS:
         qp = wild_qp(seed)
-        found = StageQpSolver(qp.shape, options).solve(qp)
-        if found.status is StageQpStatus.INFEASIBLE:
+        solution = StageQpSolver(qp.shape, options).solve(qp)
+        if solution.status is StageQpStatus.INFEASIBLE:
             assert least_violation(qp) > 1e-9, seed
-        elif found.status is StageQpStatus.UNBOUNDED:
+        elif solution.status is StageQpStatus.UNBOUNDED:
             assert steepest_way(qp) < -1e-9, seed
         else:
-            assert found.status.usable, (seed, found.status)
-            assert relative_failure(qp, found) < 1e-4, seed
+            assert solution.status.usable, (seed, solution.status)
+            assert relative_failure(qp, solution) < 1e-4, seed

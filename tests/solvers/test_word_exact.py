@@ -65,9 +65,9 @@ def test_a_wrong_active_set_method_is_not_called_exact(
         return wrong(w), reached, iterations
 
     monkeypatch.setattr(active_set_numpy, "lexicographic_least_squares", lying)
-    found = solved_in_numpy(levels)
-    assert np.isfinite(found.v).all()
-    assert found.status is Status.INEXACT or excess(levels, found.v) < EXCESS
+    solution = solved_in_numpy(levels)
+    assert np.isfinite(solution.v).all()
+    assert solution.status is Status.INEXACT or excess(levels, solution.v) < EXCESS
 
 
 @pytest.mark.parametrize("mended", [True, False])
@@ -87,13 +87,13 @@ def test_a_wrong_quadratic_program_is_mended_or_not_called_exact(
         polish = cascade.solve_levels
 
         def unhelpful(*inputs: Any) -> SolvedRows:
-            found = polish(*inputs)
-            nothing = np.zeros_like(found.active_set)
+            polished = polish(*inputs)
+            nothing = np.zeros_like(polished.active_set)
             return SolvedRows(
-                v=found.v + offset,
+                v=polished.v + offset,
                 active_set=nothing,
                 status=Status.INEXACT,
-                residual=found.residual,
+                residual=polished.residual,
                 iterations=1,
             )
 

@@ -26,7 +26,7 @@ class ReportingController(Protocol):
 
     @property
     def given_up(self) -> str:
-        """Why it cannot go on; empty while it can."""
+        """Reason why the controller cannot go on; empty while it can."""
 
 
 class SupervisedController(TableDisplay):
@@ -54,22 +54,22 @@ class SupervisedController(TableDisplay):
         name: what messages call the controller.
         """
         self.kinematic = kinematic
-        """Which watches."""
+        """Kinematic layer that follows the mission."""
         self._wrapped = controller
         self.name = name
         self._reporting = controller if isinstance(controller, ReportingController) else None
         self._heard = 0
         """Alarms that were taken over."""
         self._fault = ""
-        """Why the controller has given up, as the mission was told."""
+        """Reason why the controller has given up, as the mission was told."""
         robot = kinematic.robot
         self._shapes: dict[str, tuple[int, ...]] = {"v": (robot.n_v,)}
         if n_thrusters is not None:
             self._shapes |= {"thrust": (n_thrusters,), "torque": (robot.n_joints,)}
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """Their command for the tick at time t [s]. Raises `InvalidInput` for one that the plant
-        cannot take.
+        """Return the command for the tick at time t [s]. Raises `InvalidInput` for one that the
+        plant cannot take.
         """
         watched = self.kinematic.command(self.kinematic.observe(estimate, t))
         begin = perf_counter()

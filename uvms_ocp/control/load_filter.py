@@ -135,26 +135,24 @@ class LoadFilter:
         return math.hypot(math.sqrt(self.P[place, place]), self._settings.scale * self.x[place])
 
     def update(self, look: LoadSample) -> None:
-        """One look, a period after the last."""
+        """Update the estimate by a sample, a period after the last."""
         self._forget()
-        accelerates = np.linalg.norm(look.mass, axis=0) > LEAST_ACCELERATION * np.linalg.norm(
-            look.weight, axis=0
-        )
+        inertial_force = np.linalg.norm(look.mass, axis=0)
+        weight_force = np.linalg.norm(look.weight, axis=0)
+        accelerates = inertial_force > LEAST_ACCELERATION * weight_force
         mass = np.where(accelerates, look.mass, 0.0)
-        H = np.hstack(
-            [
-                np.stack([look.weight, mass], axis=2).reshape(len(mass), -1),
-                look.slopes,
-                np.eye(len(mass)),
-            ]
-        )
+        loads = np.stack([look.weight, mass], axis=2).reshape(len(mass), -1)
+        H = np.hstack([loads, look.slopes, np.eye(len(mass))])
         missed = look.disturbance - H @ self.x - look.drag
         self._listen(missed, look.usable)
         variance = np.einsum("ij,jk,ik->i", H, self.P, H) + self._variance
         usable = look.usable
         # What is known cannot be true any more: another load, or another current.
         surprises = usable.any() and np.mean(missed[usable] ** 2 / variance[usable]) > _SURPRISE**2
-        self._surprised = self._surprised + 1 if surprises else 0
+        if surprises:
+            self._surprised += 1
+        else:
+            self._surprised = 0
         if self._surprised >= _PATIENCE:
             self._begin_anew()
         if self._waits:
@@ -164,10 +162,8 @@ class LoadFilter:
         # mislead for good. Drag that is not as the model has it, and masses that are not looked at,
         # are noise too.
         self._heat *= math.exp(-self._settings.period / _COOLING)
-        variance = (
-            self._variance
-            + (self._settings.drag * np.abs(look.slopes @ look.velocity).max(axis=1)) ** 2
-        )
+        drag = np.abs(look.slopes @ look.velocity).max(axis=1)
+        variance = self._variance + (self._settings.drag * drag) ** 2
         squares = (np.diag(self.P) + self.x**2)[self.loads][MASS::2]
         noise = (1.0 + self._heat) * self._colour * variance + (look.mass - mass) ** 2 @ squares
         self._correct(H[look.usable], missed[look.usable], noise[look.usable])

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_constructor
-from uvms_ocp.control import solve_workers
+from uvms_ocp.control import replanning, solve_workers
 from uvms_ocp.control.force.computed_torque import ComputedTorque, TrackingGains
 from uvms_ocp.control.force.dynamic import VelocityGains, observer_of
 from uvms_ocp.control.planning_watch import PlanningWatch
@@ -165,8 +165,8 @@ class Nmpc(TableDisplay):
             water=Water(velocity=problem.current),
             rate_limit=robot.limits.velocity if problem.limited else None,
         )
-        self._now: solve_workers.TimedPlan | None = None
-        self._coming: solve_workers.TimedPlan | None = None
+        self._now: replanning.TimedPlan | None = None
+        self._coming: replanning.TimedPlan | None = None
         self._takes_over = np.inf
         """[s] when the coming plan does."""
         self._asked: float | None = None
@@ -215,7 +215,7 @@ class Nmpc(TableDisplay):
 
     @property
     def given_up(self) -> str:
-        """Why there is no plan to fly but the last one; empty while there is."""
+        """Reason why there is no plan to fly but the last one; empty while there is."""
         return self._watch.given_up
 
     def close(self) -> None:
@@ -245,11 +245,11 @@ class Nmpc(TableDisplay):
         self._plan_ahead(state, t, plan.begin)
         return command
 
-    def _followed(self, state: State, t: float) -> solve_workers.TimedPlan:
+    def _followed(self, state: State, t: float) -> replanning.TimedPlan:
         """Return the plan for this tick."""
         if self._now is None:
-            self._now = solve_workers.TimedPlan(
-                number=solve_workers.HOLD, trajectory=hold_guess(self._problem, state), begin=t
+            self._now = replanning.TimedPlan(
+                number=replanning.HOLD, trajectory=hold_guess(self._problem, state), begin=t
             )
             self._planning.begin(t)
             self._plan_ahead(state, t, t + self._worker.lead)
@@ -261,7 +261,7 @@ class Nmpc(TableDisplay):
             self._watch.on_wait(t, self._due, self._worker.status)
         return self._now
 
-    def _take_over(self, plan: solve_workers.TimedPlan, state: State, t: float) -> None:
+    def _take_over(self, plan: replanning.TimedPlan, state: State, t: float) -> None:
         """Fly a plan from now on, unless it is late and the step to it too large to be tracked."""
         model = self._robot.model
         q, v, _ = plan.trajectory.state_at(model, t - plan.begin)
@@ -287,7 +287,7 @@ class Nmpc(TableDisplay):
         delay = self._worker.delay(self._planning.tick_after(t) - t)
         self._due = max(begin, t + delay)
         self._worker.ask(
-            solve_workers.ReplanningRequest(
+            replanning.ReplanningRequest(
                 state=state, t=t, in_use=self._now.number, begin=begin, delay=delay
             )
         )

@@ -176,7 +176,7 @@ class PlanGuide:
         error: np.ndarray,
         waiting: Callable[[], str],
     ) -> str:
-        """Why the plan is left, or nothing."""
+        """Return why the plan is left; empty while it is not."""
         if tick.restriction.bad or tick.blind:
             return (
                 degraded_modes.describe_channels(tick.restriction.bad) or "measurements are too old"

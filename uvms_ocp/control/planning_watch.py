@@ -18,12 +18,12 @@ class PlanningWatch:
     """
 
     def __init__(self, period: float) -> None:
-        """Period [s] of planning."""
+        """period [s] of planning."""
         self._period = period
         self.alarms: list[tuple[float, str]] = []
-        """Time [s] and text of each."""
+        """Time [s] and text of each alarm."""
         self.given_up = ""
-        """Why there is nothing to fly; empty while there is."""
+        """Reason why there is nothing to fly; empty while there is."""
         self.missed = 0
         """Solves that took longer than the period."""
         self.rejected = 0

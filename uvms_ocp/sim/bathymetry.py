@@ -192,8 +192,8 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _last_column(title: str) -> str:
-    """Its name, without what stands in brackets; between blanks the last two words, as one may be a
-    unit.
+    """Return the name of the last column, without what stands in brackets; between blanks the last
+    two words, as one may be a unit.
     """
     bare = re.sub(r"\(.*?\)|\[.*?\]", " ", title)
     columns = [name for name in re.split(r"[;,\t]", bare) if name.strip()]

@@ -72,7 +72,7 @@ class DynamicPlant(Plant):
     memory: dynamic_step.PlantMemory
     """Memory of the kernel."""
     _arrays: Any
-    """Its arrays."""
+    """Arrays of `memory`."""
     _advance: Callable[[dynamic_step.PlantMemory], None]
     _sampling: CallbackBinding
     _dt: float

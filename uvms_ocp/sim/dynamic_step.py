@@ -82,7 +82,7 @@ class StepModel:
     robot: Robot
     """The robot that moves."""
     dynamics: symbolic_dynamics.SymbolicDynamics
-    """Its own, in water."""
+    """Dynamics of the robot in water."""
     points: np.ndarray
     """(n_points, 3) [m] contact points in B."""
     contact: ContactModel

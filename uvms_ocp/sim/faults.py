@@ -45,10 +45,10 @@ _LONGEST = 200
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ValueRange:
-    """One number that a kind takes."""
+    """Range of a number that a kind of fault takes."""
 
     what: str
-    """In words, with its unit."""
+    """Meaning of the number in words, with its unit."""
     lower: float = -_LARGEST
     """[unit of the value]"""
     upper: float = _LARGEST

@@ -33,7 +33,7 @@ from uvms_ocp.sim.sampling import SensorsMemory, read_sensors
 GO = 0
 LOOK = 1
 DIVERGED = 2
-"""Why a pass ends: it does not; Python has to look at what happened; there is no state any more."""
+"""Reasons why passes end: none; Python has to look at an event; the plant has diverged."""
 FARTHEST = LARGEST ** (1 / 3)
 """[m/s, rad/s] Norm of a velocity whose forces and powers, which grow by its square and cube, a
 record still holds.

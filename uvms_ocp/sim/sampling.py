@@ -38,17 +38,17 @@ class Disturbance(IntEnum):
 
 
 class ChannelSampler(Layout):
-    """One sensor, and its readings under way."""
+    """Memory of a sensor, and of its readings under way."""
 
     present: bool
     number: int
     """A `ChannelIndex`."""
     of_velocity: bool
-    """Its value is a part of v, and not of q."""
+    """The value is a part of v, and not of q."""
     first: int
     """Index at which that part begins."""
     size: int
-    """Numbers of its value."""
+    """Numbers of the value."""
     disturbance: int
     """A `Disturbance`."""
     exact: bool

@@ -43,7 +43,7 @@ class Thrusters:
 
     @staticmethod
     def of(robot: Robot) -> Thrusters:
-        """The thrusters of the robot's file."""
+        """Return the thrusters of the robot's file."""
         thrusters = robot.description.thrusters
         lower, upper = thrust_limits(robot)
         factor, exponent = power_law(robot)
@@ -57,7 +57,7 @@ class Thrusters:
         )
 
     def target(self, asked: Array, share: Array, offset: Array) -> Array:
-        """Steady thrust (n,) [N] for a command asked (n,) [N].
+        """Return the steady thrust (n,) [N] for a command asked (n,) [N].
 
         share (n,) and offset (n,) [N]: the condition of the thrusters, as `ThrusterCondition` has
         it.
@@ -67,7 +67,7 @@ class Thrusters:
         return clipped(share * sound + offset, self.lower, self.upper)
 
     def step(self, thrust: ca.SX, target: ca.SX, decay: ca.SX, dt: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Thrust (n,) [N] after dt [s] and the electrical energy (n,) [J] that this took.
+        """Return the thrust (n,) [N] after dt [s] and the electrical energy (n,) [J] that this took.
 
         thrust (n,) [N]: at the beginning. target (n,) [N]: held meanwhile. decay (n, N_DECAYS):
         `decay` of this dt.
@@ -79,12 +79,12 @@ class Thrusters:
         return target + distance * decay[:, -1], energy
 
     def power(self, thrust: Array) -> ca.SX:
-        """Electrical power (n,) [W] at a thrust (n,) [N]."""
+        """Return the electrical power (n,) [W] at a thrust (n,) [N]."""
         return electrical_power(thrust, self.factor, self.exponent)
 
     def decay(self, dt: float) -> np.ndarray:
-        """Share (n, N_DECAYS) of the distance to the target that is left at the nodes and at the
-        end of dt [s].
+        """Return the share (n, N_DECAYS) of the distance to the target that is left at the nodes
+        and at the end of dt [s].
 
         Raises `InvalidInput` for a dt that is not > 0.
         """
@@ -92,7 +92,7 @@ class Thrusters:
             raise InvalidInput(f"dt = {dt} s given; allowed: more than 0")
         times = np.append(dt * (_NODES + 1.0) / 2.0, dt)
         # No lag: the distance to the command is gone at once.
-        lagging = self.time_constant[:, None] > 0.0
-        return np.where(
-            lagging, np.exp(-times / np.where(lagging, self.time_constant[:, None], 1.0)), 0.0
-        )
+        time_constant = self.time_constant[:, None]
+        lagging = time_constant > 0.0
+        decay = np.exp(-times / np.where(lagging, time_constant, 1.0))
+        return np.where(lagging, decay, 0.0)

@@ -49,7 +49,7 @@ class WatchedEstimator:
     def __call__(
         self, readings: Readings, t: float, command: Command | None = None
     ) -> StateEstimate:
-        """Their measurement at time t [s]. Raises `InvalidInput` for one that no controller can
+        """Return the estimate at time t [s]. Raises `InvalidInput` for one that no controller can
         take.
         """
         estimate = self._wrapped(readings, t, command)

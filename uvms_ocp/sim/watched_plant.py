@@ -22,7 +22,7 @@ _MAYBE_UNKNOWN = "thruster_energy"
 
 
 class WatchedPlant(Plant):
-    """Another one, asked."""
+    """A user's plant whose states and telemetry are checked before they are recorded."""
 
     def __init__(self, plant: Any, robot: Robot, name: str) -> None:
         """name: what messages call it. Raises `InvalidInput` for what is no `Plant`, or one that

@@ -42,7 +42,7 @@ class WatchedSensors:
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
 
     def __call__(self, state: State, t: float) -> Readings:
-        """Their readings of the true state at time t [s]. Raises `InvalidInput` for what is no
+        """Return the readings of the true state at time t [s]. Raises `InvalidInput` for what is no
         reading of that channel.
         """
         # Copied: nobody who writes to a reading reaches the true state.

@@ -33,7 +33,7 @@ class LeastSquaresRows(Layout):
     W: Annotated[list[Vector], Sized("m", "n")]
     """Matrix of any other system; overwritten by the remainder of its rows beside the basis."""
     b: Annotated[Vector, Sized("m")]
-    """Its right side; overwritten."""
+    """Right side of that system; overwritten."""
     y: Annotated[Vector, Sized("n")]
     """The solution; before, the right side of a positive definite system."""
     basis: Annotated[list[Vector], Sized("m", "n")]

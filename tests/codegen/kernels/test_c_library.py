@@ -29,14 +29,15 @@ def run_c(folder: Path, sources: dict[str, str]) -> list[float]:
     subprocess.run(
         [str(part) for part in built], check=True, capture_output=True, text=True, timeout=100.0
     )
-    said = subprocess.run(
+    run = subprocess.run(
         [str(program)], check=True, capture_output=True, text=True, timeout=100.0
     ).stdout
-    return [float(line) for line in said.split()]
+    return [float(line) for line in run.split()]
 
 
 def pendulum() -> ca.Function:
-    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    x = ca.SX.sym("x", 2)
+    push = ca.SX.sym("push")
     rate = ca.vertcat(x[1], push - ca.sin(x[0]))
     return ca.Function(
         "pendulum",
@@ -85,7 +86,9 @@ def test_what_a_memory_holds_is_written_to_the_last_bit(tmp_path: Path) -> None:
     memory = structure()
     for x in (0.1, -7.0, math.pi):
         tick(memory, x, False)
-    memory.now, memory.double[1][2], memory.double[2][0] = math.nan, -math.inf, -0.0
+    memory.now = math.nan
+    memory.double[1][2] = -math.inf
+    memory.double[2][0] = -0.0
     memory.out[3] = 5e-324
     library = c_library((tick,), memory)
     main = f"""#include <stdio.h>

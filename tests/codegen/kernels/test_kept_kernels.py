@@ -168,7 +168,7 @@ from uvms_ocp.codegen.kernel_program import program_content
 from uvms_ocp.control.force import tick
 print(sha256(program_content([tick.begin_force, tick.force_step]).encode()).hexdigest())
 """
-    found = {
+    contents = {
         subprocess.run(
             [sys.executable, "-c", code],
             env=os.environ | {"PYTHONHASHSEED": seed},
@@ -178,4 +178,4 @@ print(sha256(program_content([tick.begin_force, tick.force_step]).encode()).hexd
         ).stdout
         for seed in ("1", "2", "3")
     }
-    assert len(found) == 1
+    assert len(contents) == 1

@@ -21,20 +21,20 @@ from uvms_ocp.errors import InvalidInput
 
 def _numbers(memory: ctypes.Structure) -> list[float]:
     """All that it holds, one after the other."""
-    found: list[float] = []
+    numbers: list[float] = []
     for name, _ in memory._fields_:  # type: ignore[misc]
-        _gather(getattr(memory, name), found)
-    return found
+        _gather(getattr(memory, name), numbers)
+    return numbers
 
 
-def _gather(value: Any, found: list[float]) -> None:
+def _gather(value: Any, numbers: list[float]) -> None:
     if isinstance(value, ctypes.Structure):
-        found += _numbers(value)
+        numbers += _numbers(value)
     elif isinstance(value, ctypes.Array):
         for item in value:
-            _gather(item, found)
+            _gather(item, numbers)
     else:
-        found.append(value)
+        numbers.append(value)
 
 
 @needs_compiler
@@ -45,18 +45,19 @@ def test_python_and_c_give_the_same_bits(n: int) -> None:
     (in_c,) = bind_kernels((tick,), (structure,))
     assert in_c is not tick
     mine = structure()
-    other = structure()
+    memory = structure()
     draw = np.random.default_rng(n)
     for _ in range(500):
         x = float(draw.choice([0.0, 0.75, -0.75, *draw.normal(0.0, 3.0, 3)]))
         quiet = bool(draw.random() < 0.3)
-        assert in_c(mine, x, quiet) == tick(other, x, quiet)
-    np.testing.assert_array_equal(_numbers(mine), _numbers(other))
+        assert in_c(mine, x, quiet) == tick(memory, x, quiet)
+    np.testing.assert_array_equal(_numbers(mine), _numbers(memory))
     assert mine.windows[0].count == 500
 
 
 def _pendulum() -> ca.Function:
-    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    x = ca.SX.sym("x", 2)
+    push = ca.SX.sym("push")
     rate = ca.vertcat(x[1], push - ca.sin(x[0]))
     slope = ca.densify(ca.jacobian(rate, x))
     return ca.Function("pendulum", [x, push], [rate, slope, x[1] ** 2 / 2 - ca.cos(x[0])])
@@ -67,13 +68,13 @@ def test_kernels_call_smooth_functions() -> None:
     """In machine code from machine code, and in Python with the same numbers up to rounding."""
     structure = structure_of(Motion, dynamics=_pendulum())
     mine, (in_c,) = make_memory(structure, (advance,))
-    other, (in_python,) = make_memory(structure, (advance,), compiled=False)
+    python_memory, (in_python,) = make_memory(structure, (advance,), compiled=False)
     assert in_python is advance
     assert in_c is not advance
-    for memory in (mine, other):
+    for memory in (mine, python_memory):
         memory.x[0] = 1.0
     for push in (0.3, -2.0, 0.0):
-        assert in_c(mine, push, 50) == pytest.approx(in_python(other, push, 50), abs=1e-12)
+        assert in_c(mine, push, 50) == pytest.approx(in_python(python_memory, push, 50), abs=1e-12)
     assert list(mine.slope) == pytest.approx(
         [0.0, -np.cos(mine.x[0] - 0.01 * mine.rate[0]), 1.0, 0.0], abs=1e-12
     )
@@ -81,7 +82,8 @@ def test_kernels_call_smooth_functions() -> None:
 
 def test_two_functions_of_one_form_are_not_mixed_up() -> None:
     """Which one a kernel calls is part of its memory, not of its code."""
-    x, push = ca.SX.sym("x", 2), ca.SX.sym("push")
+    x = ca.SX.sym("x", 2)
+    push = ca.SX.sym("push")
     for gain in (1.0, -2.0):
         function = ca.Function("linear", [x, push], [gain * x, ca.SX.ones(2, 2), ca.sumsqr(x)])
         memory, (in_c,) = make_memory(structure_of(Motion, dynamics=function), (advance,))
@@ -95,7 +97,8 @@ def test_a_layout_of_nothing_but_numbers_is_a_vector_of_them(compiled: bool) -> 
     memory, (roots,) = make_memory(
         structure_of(Roots, root=_ROOT), (take_roots,), compiled=compiled
     )
-    memory.given.first[0], memory.given.rest[:] = 4.0, [9.0, 16.0, 25.0]
+    memory.given.first[0] = 4.0
+    memory.given.rest[:] = [9.0, 16.0, 25.0]
     roots(memory)
     assert (*memory.told.first, *memory.told.rest) == (2.0, 3.0, 4.0, 5.0)
     np.testing.assert_array_equal(column_view(memory.told), [2.0, 3.0, 4.0, 5.0])

@@ -24,7 +24,8 @@ from uvms_ocp.control.payload import ForceResponse
 from uvms_ocp.errors import InvalidInput
 
 SETTINGS = LoadLearning()
-LIMIT, BANDWIDTH = np.array([200.0, 200.0, 200.0, 100.0, 100.0, 40.0]), np.full(6, 3.0)
+LIMIT = np.array([200.0, 200.0, 200.0, 100.0, 100.0, 40.0])
+BANDWIDTH = np.full(6, 3.0)
 RNG = np.random.default_rng(0)
 SLOPES = RNG.normal(size=(6, 3)) * [[40.0]] * 3 + [[30.0, 20.0, 10.0]]
 WEIGHT_COLUMN = np.array([0.0, 0.1, -1.0, 0.3, 0.8, 0.9])
@@ -56,66 +57,68 @@ def look(
 
 
 def fed(looks: list[LoadSample], settings: LoadLearning = SETTINGS) -> LoadFilter:
-    found = LoadFilter(settings, LIMIT, BANDWIDTH)
-    for one in looks:
-        found.update(one)
-    return found
+    load_filter = LoadFilter(settings, LIMIT, BANDWIDTH)
+    for sample in looks:
+        load_filter.update(sample)
+    return load_filter
 
 
 def test_a_weight_is_told_from_a_current_by_its_arm() -> None:
     flow = np.array([0.2, -0.1, 0.05])
-    found = fed([look(weight=20.0, flow=flow, turn=np.sin(0.05 * k)) for k in range(300)])
-    assert abs(found.x[WEIGHT] - 20.0) < 2.0 * found.error(WEIGHT) < 3.0
-    np.testing.assert_allclose(found.x[found.current], flow, atol=0.03)
+    load_filter = fed([look(weight=20.0, flow=flow, turn=np.sin(0.05 * k)) for k in range(300)])
+    assert abs(load_filter.x[WEIGHT] - 20.0) < 2.0 * load_filter.error(WEIGHT) < 3.0
+    np.testing.assert_allclose(load_filter.x[load_filter.current], flow, atol=0.03)
 
 
 def test_at_rest_the_mass_stays_as_unknown_as_it_was() -> None:
-    found = fed([look(weight=20.0)] * 300)
-    assert found.error(MASS) == pytest.approx(SETTINGS.mass)
-    assert found.x[MASS] == 0.0
+    load_filter = fed([look(weight=20.0)] * 300)
+    assert load_filter.error(MASS) == pytest.approx(SETTINGS.mass)
+    assert load_filter.x[MASS] == 0.0
 
 
 def test_accelerations_below_the_least_are_noise() -> None:
     small = 0.5 * LEAST_ACCELERATION
-    found = fed([look(weight=20.0, mass=2.0, acceleration=small * (-1.0) ** k) for k in range(300)])
-    assert found.error(MASS) == pytest.approx(SETTINGS.mass)
+    load_filter = fed(
+        [look(weight=20.0, mass=2.0, acceleration=small * (-1.0) ** k) for k in range(300)]
+    )
+    assert load_filter.error(MASS) == pytest.approx(SETTINGS.mass)
 
 
 def test_accelerations_tell_the_mass() -> None:
-    found = fed([look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)) for k in range(300)])
-    assert abs(found.x[MASS] - 2.0) < 2.0 * found.error(MASS) < 1.0
+    load_filter = fed(
+        [look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k)) for k in range(300)]
+    )
+    assert abs(load_filter.x[MASS] - 2.0) < 2.0 * load_filter.error(MASS) < 1.0
 
 
 def test_loads_of_two_tools_are_told_apart_by_their_arms() -> None:
     """Of which one alone accelerates: the mass of the other stays unknown."""
-    found = LoadFilter(SETTINGS, LIMIT, BANDWIDTH, 2)
+    load_filter = LoadFilter(SETTINGS, LIMIT, BANDWIDTH, 2)
     for k in range(300):
         first = look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k))
         second = look(weight=0.0, turn=1.5)
         disturbance = first.disturbance - 8.0 * second.weight[:, 0]
-        weight, mass = (
-            np.hstack([first.weight, second.weight]),
-            np.hstack([first.mass, second.mass]),
-        )
-        found.update(
+        weight = np.hstack([first.weight, second.weight])
+        mass = np.hstack([first.mass, second.mass])
+        load_filter.update(
             replace(
                 first, disturbance=disturbance, weight=weight, mass=mass, velocity=np.zeros((3, 2))
             )
         )
     for place, true in enumerate((20.0, 2.0, -8.0)):
-        assert abs(found.x[place] - true) < 2.0 * found.error(place) < 4.0
-    assert found.error(3) == pytest.approx(SETTINGS.mass)
+        assert abs(load_filter.x[place] - true) < 2.0 * load_filter.error(place) < 4.0
+    assert load_filter.error(3) == pytest.approx(SETTINGS.mass)
 
 
 def test_another_load_is_learnt_as_if_nothing_had_been_known() -> None:
-    found = fed([look(weight=0.0)] * 200)
-    before = found.error(WEIGHT)
+    load_filter = fed([look(weight=0.0)] * 200)
+    before = load_filter.error(WEIGHT)
     for _ in range(10):
-        found.update(look(weight=30.0))
-    assert found.error(WEIGHT) > 10.0 * before
+        load_filter.update(look(weight=30.0))
+    assert load_filter.error(WEIGHT) > 10.0 * before
     for _ in range(200):
-        found.update(look(weight=30.0))
-    assert abs(found.x[WEIGHT] - 30.0) < 3.0
+        load_filter.update(look(weight=30.0))
+    assert abs(load_filter.x[WEIGHT] - 30.0) < 3.0
 
 
 def test_an_axis_that_tells_nothing_is_not_listened_to() -> None:
@@ -128,19 +131,21 @@ def test_an_axis_that_tells_nothing_is_not_listened_to() -> None:
 def test_standard_errors_do_not_fall_below_what_the_model_lacks_for_long() -> None:
     """On one axis alone a force of the model's and a weight look the same."""
     lone = np.array([False, False, True, False, False, False])
-    found = fed([replace(look(weight=20.0), usable=lone)] * 600)
-    assert found.error(WEIGHT) > LASTING_FORCE * LIMIT[2]
+    load_filter = fed([replace(look(weight=20.0), usable=lone)] * 600)
+    assert load_filter.error(WEIGHT) > LASTING_FORCE * LIMIT[2]
 
 
 def test_a_covariance_stays_one() -> None:
-    found = fed(
+    load_filter = fed(
         [
             look(weight=20.0, mass=2.0, acceleration=np.sin(0.3 * k), turn=np.sin(0.1 * k))
             for k in range(500)
         ]
     )
-    np.testing.assert_allclose(found.P, found.P.T, atol=1e-9 * np.abs(found.P).max())
-    assert np.linalg.eigvalsh(found.P).min() > 0.0
+    np.testing.assert_allclose(
+        load_filter.P, load_filter.P.T, atol=1e-9 * np.abs(load_filter.P).max()
+    )
+    assert np.linalg.eigvalsh(load_filter.P).min() > 0.0
 
 
 @pytest.mark.parametrize("bandwidth", [0.3, 1.0])
@@ -156,14 +161,14 @@ def test_noise_of_a_slow_observer_counts_as_many_looks_as_it_is_alike_for(bandwi
     tick = ca.Function(
         "tick", [before.estimate, before.innovation, force], [after.estimate, after.innovation]
     )
-    now = (0.0, 0.0)
+    state = (0.0, 0.0)
     pulse = []
     for k in range(round(15.0 / bandwidth / dt)):
-        now = tick(*now, float(k == 0))
-        pulse.append(float(now[0]))
+        state = tick(*state, float(k == 0))
+        pulse.append(float(state[0]))
     alike = dt * np.sum(pulse) ** 2 / np.sum(np.square(pulse))
-    found = LoadFilter(SETTINGS, LIMIT, np.full(6, bandwidth))
-    np.testing.assert_allclose(found._colour * SETTINGS.period, alike, rtol=0.02)
+    load_filter = LoadFilter(SETTINGS, LIMIT, np.full(6, bandwidth))
+    np.testing.assert_allclose(load_filter._colour * SETTINGS.period, alike, rtol=0.02)
 
 
 @pytest.mark.parametrize(

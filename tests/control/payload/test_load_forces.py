@@ -73,7 +73,8 @@ def test_a_load_changes_the_dynamics_by_its_weight_and_by_what_its_mass_resists(
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_a_current_pushes_as_the_drag_of_the_model_says(name: str) -> None:
-    plain, (q, v, a) = dynamics(name), scene(load_robot(name), 4)
+    plain = dynamics(name)
+    q, v, a = scene(load_robot(name), 4)
     flow = np.array([0.2, -0.1, 0.05])
     columns = np.array(ca.DM(current_force(plain.symbolic, ca.SX(q), ca.SX(v), ca.SX(flow))))
     pushed = columns @ [1.0, *flow]
@@ -93,22 +94,24 @@ def test_an_observer_answers_forces_as_its_response_says() -> None:
     law = ObserverLaw(bandwidth=bandwidth, limit=np.full(robot.n_v, 1e3), dt=DT)
     observe = observer_function(law, model, robot)
     response = response_function(model.symbolic, law.response)
-    tool = ca.Function(
-        "tool", [x := ca.SX.sym("q", robot.n_q)], [load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]]
-    )
-    (q, v, _), ones, zeros = scene(robot, 5), np.ones(robot.n_v), np.zeros(3)
-    known = [np.zeros(robot.n_v), v, 1.0]
+    x = ca.SX.sym("q", robot.n_q)
+    weight_force = load_force(model.symbolic, x, ca.SX(3, 1))[:, 0]
+    tool = ca.Function("tool", [x], [weight_force])
+    q, v, _ = scene(robot, 5)
+    full_share = np.ones(robot.n_v)
+    zeros = np.zeros(3)
+    observer_state = [np.zeros(robot.n_v), v, 1.0]
     answer = 2 * [np.zeros((robot.n_v, COLUMNS + 2))]
     for _ in range(400):
         push = 5.0 * np.array(tool(q)).ravel()
         tau = model.inverse_dynamics(q, v, -0.5 * v) - push
-        known = [*observe(q, v, tau, *known)]
-        answer = [*response(q, v, zeros, zeros, ones, *answer)]
+        observer_state = [*observe(q, v, tau, *observer_state)]
+        answer = [*response(q, v, zeros, zeros, full_share, *answer)]
         q = pin.integrate(robot.model, q, DT * v)
         v = v - 0.5 * DT * v
-    found = np.array(known[0]).ravel()
+    estimate = np.array(observer_state[0]).ravel()
     expected = 5.0 * np.array(answer[0])[:, 1]
-    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(estimate, expected, atol=1e-9 * np.abs(expected).max())
     assert np.abs(expected - push).max() > 1e-4 * np.abs(push).max()
 
 

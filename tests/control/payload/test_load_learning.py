@@ -45,8 +45,8 @@ def learnt(robot: str, payload: str, *, rough: bool) -> list[LoadEstimate]:
     return run(replace(ROUGH if rough else CALM, robot=robot, payload=PAYLOADS[payload])).learnt
 
 
-def at(found: list[LoadEstimate], t: float) -> LoadEstimate:
-    return found[round(t / DT)]
+def at(estimates: list[LoadEstimate], t: float) -> LoadEstimate:
+    return estimates[round(t / DT)]
 
 
 @pytest.mark.slow
@@ -65,9 +65,9 @@ def test_after_30_s_the_net_weight_of_two_kilograms_is_known_within_a_tenth(
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> None:
-    found = learnt(robot, "float", rough=False)
-    still = at(found, 30.0)
-    moved = found[-1]
+    estimates = learnt(robot, "float", rough=False)
+    still = at(estimates, 30.0)
+    moved = estimates[-1]
     assert isnan(still.mass)
     assert abs(moved.mass - 2.0) < 2.0 * moved.mass_error < 1.0
 
@@ -77,11 +77,11 @@ def test_a_mass_is_undetermined_until_the_robot_has_accelerated(robot: str) -> N
 def test_with_noise_in_a_gusty_current_the_mass_is_within_its_interval_once_it_is_determined(
     robot: str,
 ) -> None:
-    found = [
+    estimates = [
         load for load in learnt(robot, "load", rough=True)[:: round(1 / DT)] if not isnan(load.mass)
     ]
-    assert found
-    assert all(abs(load.mass - 2.0) < 2.0 * load.mass_error for load in found)
+    assert estimates
+    assert all(abs(load.mass - 2.0) < 2.0 * load.mass_error for load in estimates)
 
 
 @pytest.mark.slow
@@ -127,13 +127,13 @@ def test_the_record_has_the_load_and_the_report_tells_it(runs: dict[str, Record]
 
 @pytest.mark.slow
 def test_two_tools_have_a_load_each() -> None:
-    found = reach(
+    learnt_load = reach(
         robot="bluerov2_two_alpha5", learn_load=True, faults=("payload2:mass=1@0",), duration=5.0
     ).run()
-    report = summarize(found)
-    assert found["load_weight"].shape == (len(found), 2)
+    report = summarize(learnt_load)
+    assert learnt_load["load_weight"].shape == (len(learnt_load), 2)
     assert (
-        found.to_dataframe()
+        learnt_load.to_dataframe()
         .columns.isin(["load_weight.port_tool", "load_weight.starboard_tool"])
         .sum()
         == 2
@@ -173,9 +173,9 @@ LEARNERS = {
 def test_pre_flight_and_controller_agree_on_who_can_learn_a_load(options: dict[str, Any]) -> None:
     # The mission is that of a robot with a tool: only who learns is another.
     scenario = reach(learn_load=True, observer=options.get("observer", True))
-    robot = (
-        load_robot(name) if isinstance(name := options.get("robot", scenario.robot), str) else name
-    )
+    robot = options.get("robot", scenario.robot)
+    if isinstance(robot, str):
+        robot = load_robot(robot)
     setup = replace(scenario.setup(), robot=robot, start=np.array(robot.configuration()))
     (finding,) = check_load(setup)
     refusal = refused(robot, scenario)

@@ -53,10 +53,10 @@ def frozen(name: str) -> Corrupt:
 
 def stuck(name: str) -> Corrupt:
     """A value far off, the same for ever."""
-    held = frozen(name)
+    freeze = frozen(name)
 
     def corrupt(reading: Reading[Any], t: float) -> Reading[Any]:
-        reading = held(reading, t)
+        reading = freeze(reading, t)
         return replace(reading, value=added(name, reading.value, STEPS[name]))
 
     return corrupt
@@ -81,12 +81,12 @@ def bias(name: str) -> Corrupt:
 
 def spikes(name: str) -> Corrupt:
     """Every third reading is far off, first up, then down."""
-    seen: list[float] = []
+    values: list[float] = []
 
     def corrupt(reading: Reading[Any], t: float) -> Reading[Any]:
-        if not seen or seen[-1] != reading.t:
-            seen.append(reading.t)
-        sign = (0.0, 1.0, -1.0)[len(seen) % 3]
+        if not values or values[-1] != reading.t:
+            values.append(reading.t)
+        sign = (0.0, 1.0, -1.0)[len(values) % 3]
         return replace(reading, value=added(name, reading.value, sign * STEPS[name]))
 
     return corrupt
@@ -145,10 +145,9 @@ def told_on_a_way(
         readings = suite.read(State(q=q, v=v), k * DT)
         t = k * DT
         q = np.concatenate([q[:3] + DT * v[:3], q[3:]])
-        bad = t > 2.0 and getattr(readings, channel) is not None
-        told.append(
-            guard(with_defect(readings, channel, corrupt, t) if bad else readings, t, Command(v=v))
-        )
+        if t > 2.0 and getattr(readings, channel) is not None:
+            readings = with_defect(readings, channel, corrupt, t)
+        told.append(guard(readings, t, Command(v=v)))
     return told
 
 

@@ -45,7 +45,7 @@ class HealthRun:
         dt: float = 0.01,
         start_z: float = -36.0,
         seed: int = 0,
-        asked: Motion | None = None,
+        requested: Motion | None = None,
     ) -> None:
         """spoil: what happens to the readings on their way. asked: the commanded velocity, the true
         one unless given.
@@ -75,7 +75,7 @@ class HealthRun:
                     [h.trust for h in m.health],
                 )
             )
-            command = Command(v=(asked or motion)(t + dt))
+            command = Command(v=(requested or motion)(t + dt))
             q = pin.integrate(robot.model, q, motion(t + dt / 2) * dt)
         columns = [np.array(column) for column in zip(*rows, strict=True)]
         self.q, self.q_estimated, self.v, self.v_estimated, self.std = columns[:5]
@@ -99,8 +99,10 @@ class HealthRun:
 def between(name: str, defect: str, start: float, end: float) -> Spoil:
     """A defect of a channel from `start` to `end` [s]."""
     corrupt = corruptors.DEFECTS[defect](name)
-    return lambda readings, t: (
-        corruptors.with_defect(readings, name, corrupt, t)
-        if start <= t < end and getattr(readings, name) is not None
-        else readings
-    )
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        if not start <= t < end or getattr(readings, name) is None:
+            return readings
+        return corruptors.with_defect(readings, name, corrupt, t)
+
+    return spoil

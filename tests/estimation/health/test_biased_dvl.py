@@ -18,11 +18,12 @@ EDGE = 0.31  # [m/s]: errors of the estimate bring some readings inside of the g
 
 def biased(by: float, since: float):
     def spoil(readings: Readings, t: float) -> Readings:
-        def add(reading, now):
+        def add(reading, t):
             return type(reading)(value=reading.value + np.array([by, 0.0, 0.0]), t=reading.t)
 
-        there = readings.linear_velocity is not None and readings.linear_velocity.t >= since
-        return with_defect(readings, "linear_velocity", add, t) if there else readings
+        if readings.linear_velocity is None or readings.linear_velocity.t < since:
+            return readings
+        return with_defect(readings, "linear_velocity", add, t)
 
     return spoil
 
@@ -61,7 +62,12 @@ def test_fixes_follow_a_vehicle_without_a_dvl_that_accelerates_as_it_can(
 
     silent = between("linear_velocity", "lost", 1.0, END)
     run = HealthRun(
-        robot, duration=END - 3.0, dt=dt, spoil=silent, motion=moves, asked=lambda t: 0.0 * along
+        robot,
+        duration=END - 3.0,
+        dt=dt,
+        spoil=silent,
+        motion=moves,
+        requested=lambda t: 0.0 * along,
     )
     assert (run.of("position") == Trust.GOOD).all()
     assert np.abs(run.q_estimated - run.q)[:, :3].max() < 0.3

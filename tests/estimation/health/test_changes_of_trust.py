@@ -36,12 +36,13 @@ def test_no_velocity_is_corrected_by_more_than_its_error_and_the_noise_of_two_re
     still = np.zeros(robot.n_v)
 
     def drifting(readings: Readings, t: float) -> Readings:
-        def add(reading: Reading, now: float) -> Reading:
+        def add(reading: Reading, t: float) -> Reading:
             along = 1.0 if channel == "depth" else np.array([1.0, 0.0, 0.0])
             return Reading(value=reading.value + rate * (reading.t - ONSET) * along, t=reading.t)
 
-        there = t >= ONSET and getattr(readings, channel) is not None
-        return with_defect(readings, channel, add, t) if there else readings
+        if t < ONSET or getattr(readings, channel) is None:
+            return readings
+        return with_defect(readings, channel, add, t)
 
     run = HealthRun(robot, duration=ONSET + lasts, dt=dt, spoil=drifting, motion=lambda t: still)
     assert (run.of("linear_velocity" if channel == "position" else channel) != Trust.GOOD).any()

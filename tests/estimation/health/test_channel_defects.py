@@ -63,8 +63,8 @@ def test_a_defect_leaves_the_estimate_finite_and_the_others_flowing(
     name, _, run = case
     assert np.isfinite(run.q_estimated).all()
     assert np.isfinite(run.v_estimated).all()
-    for other in set(STEPS) - {name}:
-        assert (run.of(other) != Trust.LOST).all(), other
+    for channel in set(STEPS) - {name}:
+        assert (run.of(channel) != Trust.LOST).all(), channel
     settled = run.t >= END + OVER
     assert np.abs(run.q_estimated[settled, :3] - run.q[settled, :3]).max() < 0.1
     assert np.abs(run.v_estimated - run.v)[settled].max() < 0.2

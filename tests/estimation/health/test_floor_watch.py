@@ -36,15 +36,15 @@ def sinking(robot: Robot, after: float = 3.0):
 def noisy_stuck(value: float, start: float) -> Spoil:
     """A range with noise that knows no floor."""
     rng = np.random.default_rng(0)
-    seen = [0.0, value]
+    last_reading = [0.0, value]
 
     def spoil(readings: Readings, t: float) -> Readings:
         reading = readings.altimeter_range
         if t < start or reading is None:
             return readings
-        if reading.t != seen[0]:
-            seen[:] = [reading.t, value + 0.01 * rng.standard_normal()]
-        return _with(readings, seen[1])
+        if reading.t != last_reading[0]:
+            last_reading[:] = [reading.t, value + 0.01 * rng.standard_normal()]
+        return _with(readings, last_reading[1])
 
     return spoil
 
@@ -59,13 +59,14 @@ def _with(readings: Readings, value: float) -> Readings:
 def test_an_altimeter_that_lies_never_shows_more_water_than_the_descent_leaves(
     robot: Robot, defect: str, start: float
 ) -> None:
-    spoil = (
-        noisy_stuck(100.0, start) if defect == "noisy" else between(NAME, defect, start, math.inf)
-    )
+    if defect == "noisy":
+        spoil = noisy_stuck(100.0, start)
+    else:
+        spoil = between(NAME, defect, start, math.inf)
     run = HealthRun(robot, duration=12.0, spoil=spoil, motion=sinking(robot))
     true = run.q[:, 2] - run.q[0, 2] + run.range[run.t > 1.5][0]
-    known = np.isfinite(run.range) & (run.t > 1.5)
-    assert (run.range - true)[known].max() < 0.15
+    has_echo = np.isfinite(run.range) & (run.t > 1.5)
+    assert (run.range - true)[has_echo].max() < 0.15
     assert run.first_bad(NAME, max(start, 4.0 if defect == "frozen" else 0.0)) < 1.2
     if defect != "spikes":
         assert math.isnan(run.range[-1])
@@ -91,7 +92,9 @@ class Cliff(Seafloor):
         self._edge = edge
 
     def height(self, x: float, y: float) -> float:
-        return self._high if x < self._edge else self._low
+        if x < self._edge:
+            return self._high
+        return self._low
 
     def normal(self, x: float, y: float) -> np.ndarray:
         return np.array([0.0, 0.0, 1.0])
@@ -102,7 +105,11 @@ class Cliff(Seafloor):
 
 def cruising(robot: Robot, climb: float):
     """Forward, and gently up or down after six seconds."""
-    return lambda t: np.array([0.4, 0.0, climb if t > 6.0 else 0.0] + [0.0] * (robot.n_v - 3))
+    level = np.zeros(robot.n_v)
+    level[0] = 0.4
+    climbing = level.copy()
+    climbing[2] = climb
+    return lambda t: climbing if t > 6.0 else level
 
 
 def test_a_floor_that_rises_at_once_is_believed_at_once(robot: Robot) -> None:
@@ -139,11 +146,9 @@ def test_the_farther_the_vehicle_goes_the_more_a_floor_may_have_fallen(robot: Ro
 
 def test_a_fish_below_the_vehicle_is_forgotten(robot: Robot) -> None:
     def fish(readings: Readings, t: float) -> Readings:
-        return (
-            _with(readings, 0.5)
-            if 3.0 <= t < 3.1 and readings.altimeter_range is not None
-            else readings
-        )
+        if not 3.0 <= t < 3.1 or readings.altimeter_range is None:
+            return readings
+        return _with(readings, 0.5)
 
     run = HealthRun(robot, duration=6.0, spoil=fish, motion=lambda t: np.zeros(robot.n_v))
     assert run.range[(run.t > 3.0) & (run.t < 3.1)].min() < 0.6

@@ -69,8 +69,8 @@ def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(
     suite = SensorSuite(robot, FLOOR, **specs)
     inner = PassThrough(robot) if ideal else Estimator(robot)
     guard = GuardedEstimator(inner, robot, **specs)
-    asked = np.zeros(robot.n_v)
-    asked[robot.joint_v] = 0.2
+    requested = np.zeros(robot.n_v)
+    requested[robot.joint_v] = 0.2
     state = State(q=robot.configuration(position=(0, 0, -36)), v=np.zeros(robot.n_v))
     first = None
     for k in range(60):
@@ -78,7 +78,7 @@ def test_encoders_that_stand_still_while_joints_are_asked_to_move_are_frozen(
         first = first or readings
         assert first.joint_positions is not None
         frozen = replace(first.joint_positions, t=k * DT)
-        measurement = guard(replace(readings, joint_positions=frozen), k * DT, Command(v=asked))
+        measurement = guard(replace(readings, joint_positions=frozen), k * DT, Command(v=requested))
     health = {h.channel: h for h in measurement.health}["joint_positions"]
     assert health.trust is not Trust.GOOD
     assert "joint1 does not change while" in health.why

@@ -29,7 +29,9 @@ def record() -> Record:
 
     def read(self: SensorSuite, state: State, t: float) -> Readings:
         readings = sound(self, state, t)
-        return with_defect(readings, "altimeter_range", corrupt, t) if t >= START else readings
+        if t < START:
+            return readings
+        return with_defect(readings, "altimeter_range", corrupt, t)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SensorSuite, "read", read)

@@ -99,14 +99,14 @@ def test_the_estimate_nearest_to_a_time_is_found_for_as_long_as_any_reading_take
     assert find(history, 0.0) == -1
     times = dt * np.arange(round(5.0 / dt))
     for t in times:
-        now = type(history.kept[0])(t=t)
-        now.q[0] = 10.0 * t
-        add(history, now)
+        estimate = type(history.kept[0])(t=t)
+        estimate.q[0] = 10.0 * t
+        add(history, estimate)
     finest = max(dt, history.spacing)
     for t in np.linspace(3.0, 4.99, 97):
-        found = history.kept[find(history, t)]
-        assert abs(found.t - t) <= 0.5 * finest + dt
-        assert found.q[0] == 10.0 * found.t
+        nearest = history.kept[find(history, t)]
+        assert abs(nearest.t - t) <= 0.5 * finest + dt
+        assert nearest.q[0] == 10.0 * nearest.t
     assert history.kept[find(history, 9.0)].t == times[-1]
     assert history.kept[find(history, 0.0)].t >= times[-1] - 2.0
 

@@ -42,12 +42,12 @@ def spoiled(
 
     def spoil(readings: Readings, t: float) -> Readings:
         reading = getattr(readings, channel)
-        value = None if reading is None else of(reading, reading.t)
-        return (
-            readings
-            if value is None
-            else replace(readings, **{channel: Reading(value=value, t=reading.t)})
-        )
+        if reading is None:
+            return readings
+        value = of(reading, reading.t)
+        if value is None:
+            return readings
+        return replace(readings, **{channel: Reading(value=value, t=reading.t)})
 
     return spoil
 
@@ -96,7 +96,9 @@ def test_what_comes_back_where_it_was_is_no_step(channel: str, robot: Robot) -> 
     def of(reading: Reading[np.ndarray], t: float) -> np.ndarray | None:
         if 6.0 <= t < 7.5:
             return np.full(len(reading.value), math.nan)
-        return stepped(channel, reading) if t >= ONSET and round(200 * t) % 67 == 0 else None
+        if t >= ONSET and round(200 * t) % 67 == 0:
+            return stepped(channel, reading)
+        return None
 
     run = flown(robot, channel, 0.005, of)
     assert not told(run)
@@ -105,13 +107,11 @@ def test_what_comes_back_where_it_was_is_no_step(channel: str, robot: Robot) -> 
 
 def test_a_step_is_told_once(robot: Robot) -> None:
     def of(reading: Reading[np.ndarray], t: float) -> np.ndarray | None:
-        return (
-            np.full(4, math.nan)
-            if 8.0 <= t < 8.5
-            else stepped("attitude", reading)
-            if t >= ONSET
-            else None
-        )
+        if 8.0 <= t < 8.5:
+            return np.full(4, math.nan)
+        if t >= ONSET:
+            return stepped("attitude", reading)
+        return None
 
     run = flown(robot, "attitude", 0.02, of)
     assert len(told(run)) == 1

@@ -57,7 +57,7 @@ def test_motion_at_the_limits_of_acceleration_is_believed(robot: Robot, axes: sl
 @pytest.mark.parametrize("axes", [slice(i, i + 1) for i in range(6)] + [JOINTS], ids=str)
 def test_motion_at_the_limits_that_nobody_asked_for_is_believed(robot: Robot, axes: slice) -> None:
     """Of one axis of the vehicle at a time: no thrusters give all at once."""
-    run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot))
+    run = HealthRun(robot, duration=6.0, motion=shuttling(robot, axes), requested=rest(robot))
     assert run.guard.monitor.alarms == []
 
 
@@ -74,7 +74,7 @@ def test_motion_that_nobody_asked_for_is_believed_of_late_sensors_too(
     robot: Robot, axes: slice
 ) -> None:
     run = HealthRun(
-        robot, duration=6.0, motion=shuttling(robot, axes), asked=rest(robot), specs=ALL_LATE
+        robot, duration=6.0, motion=shuttling(robot, axes), requested=rest(robot), specs=ALL_LATE
     )
     assert run.guard.monitor.alarms == []
 
@@ -87,7 +87,7 @@ def test_a_jump_of_a_late_sensor_is_found_at_once(robot: Robot, name: str) -> No
 
 @pytest.mark.parametrize("axes", [VEHICLE, JOINTS], ids=["vehicle", "joints"])
 def test_commands_that_nobody_follows_make_no_sensor_suspect(robot: Robot, axes: slice) -> None:
-    run = HealthRun(robot, duration=8.0, motion=rest(robot), asked=shuttling(robot, axes))
+    run = HealthRun(robot, duration=8.0, motion=rest(robot), requested=shuttling(robot, axes))
     assert run.guard.monitor.alarms == []
     assert np.abs(run.q_estimated[-100:, :3] - run.q[-100:, :3]).max() < 0.05
 
@@ -96,9 +96,8 @@ def test_commands_that_nobody_follows_make_no_sensor_suspect(robot: Robot, axes:
 def test_joints_that_stop_at_once_make_no_encoder_suspect(robot: Robot, told: bool) -> None:
     """A jam, brakes or a stop; whether the command goes on or not."""
     moving = braking(robot, JOINTS)
-    run = HealthRun(
-        robot, duration=4.0, motion=moving, asked=moving if told else (lambda t: moving(0.0))
-    )
+    requested = moving if told else (lambda t: moving(0.0))
+    run = HealthRun(robot, duration=4.0, motion=moving, requested=requested)
     late = [text for t, text in run.guard.monitor.alarms if "does not change" not in text]
     assert late == []
     assert np.abs(run.v_estimated[-20:, JOINTS]).max() < 0.1
@@ -109,14 +108,12 @@ def test_a_biased_gyro_is_named_and_the_attitude_neither_lost_nor_led_astray(
     robot: Robot, size: float
 ) -> None:
     def biased(readings: Readings, t: float) -> Readings:
-        def add(reading, now):
+        def add(reading, t):
             return type(reading)(value=reading.value + np.array([0.0, 0.0, size]), t=reading.t)
 
-        return (
-            with_defect(readings, "angular_velocity", add, t)
-            if t >= 3.0 and readings.angular_velocity
-            else readings
-        )
+        if t < 3.0 or not readings.angular_velocity:
+            return readings
+        return with_defect(readings, "angular_velocity", add, t)
 
     run = HealthRun(robot, duration=12.0, spoil=biased)
     assert run.first_bad("angular_velocity", 3.0) < 1.0
@@ -141,7 +138,10 @@ def test_what_gravity_and_motors_do_beyond_what_is_planned_is_believed(
         [0.0, 0.04, -0.04, 0.0, 0.0],
     )  # [s] and, per unit, how fast it then is
     run = HealthRun(
-        robot, duration=4.0, motion=lambda t: away * np.interp(t % 1.0, *pulse), asked=rest(robot)
+        robot,
+        duration=4.0,
+        motion=lambda t: away * np.interp(t % 1.0, *pulse),
+        requested=rest(robot),
     )
     assert run.guard.monitor.alarms == []
 
@@ -156,7 +156,7 @@ def test_a_motion_that_grows_by_a_third_at_every_tick_is_believed(robot: Robot) 
         v[8] = min(0.05 * 1.3 ** (100.0 * (t - 2.0)), 12.0) * (2.0 <= t < 2.3)
         return v
 
-    run = HealthRun(robot, duration=2.3, motion=whip, asked=rest(robot))
+    run = HealthRun(robot, duration=2.3, motion=whip, requested=rest(robot))
     assert run.guard.monitor.alarms == []
     assert np.abs(run.v_estimated[-5:, 8] - 12.0).max() < 1.0
 
@@ -172,16 +172,16 @@ def test_encoders_are_believed_again_once_brakes_hold_the_arm(robot: Robot) -> N
     fell = 0.0
     for k in range(400):
         t = 0.01 * k
-        fell += 0.01 * (share := np.interp(t, [1.0, 1.3, 1.5, 1.51], [0.0, 1.0, 1.0, 0.0]))
+        share = np.interp(t, [1.0, 1.3, 1.5, 1.51], [0.0, 1.0, 1.0, 0.0])
+        fell += 0.01 * share
         q = pin.integrate(
             robot.model, robot.configuration(position=(0.0, 0.0, -36.0)), fell * fallen
         )
         readings = suite.read(State(q=q, v=share * fallen), t)
         silent = replace(readings, joint_positions=None) if 1.5 <= t < 1.9 else readings
         measurement = guard(silent, t, Command(v=np.zeros(robot.n_v), brakes=t >= 1.51))
-    assert {item.channel: item.trust for item in guard.monitor.health}[
-        "joint_positions"
-    ] is Trust.GOOD
+    trusts = {item.channel: item.trust for item in guard.monitor.health}
+    assert trusts["joint_positions"] is Trust.GOOD
     assert np.abs(measurement.q - q)[robot.joint_q].max() < 0.01
 
 
@@ -193,16 +193,14 @@ def test_spikes_of_an_encoder_are_no_motion(robot: Robot, dt: float, size: float
     rng = np.random.default_rng(2)
 
     def spoil(readings: Readings, t: float) -> Readings:
-        def add(reading, now):
+        def add(reading, t):
             return replace(
                 reading, value=reading.value + size * (np.arange(len(reading.value)) == 2)
             )
 
-        return (
-            with_defect(readings, "joint_positions", add, t)
-            if t > 1.0 and rng.uniform() < 0.05
-            else readings
-        )
+        if t > 1.0 and rng.uniform() < 0.05:
+            return with_defect(readings, "joint_positions", add, t)
+        return readings
 
     run = HealthRun(robot, duration=6.0, dt=dt, spoil=spoil, motion=rest(robot))
     assert np.abs(run.q_estimated - run.q)[:, robot.joint_q].max() < 0.2 * size

@@ -117,7 +117,9 @@ def test_a_robot_at_rest_with_coarse_sensors_does_not_count_as_frozen(quantum: f
     moved = np.minimum(np.arange(4000), 300)[:, None] * 0.3 * sigma  # moves, then rests
     values = moved + sigma * rng.standard_normal((4000, 3))
     step = quantum * sigma
-    assert not any(_repeats(sigma, values if quantum == 0.0 else step * np.round(values / step)))
+    if step > 0.0:
+        values = step * np.round(values / step)
+    assert not any(_repeats(sigma, values))
 
 
 def test_a_fine_sensor_that_repeats_a_component_counts_as_frozen() -> None:
@@ -134,8 +136,8 @@ def test_every_channel_of_ideal_sensors_may_rest(robot: Robot) -> None:
     suite = SensorSuite(robot, FLOOR, IDEAL_SENSORS)
     guarded = GuardedEstimator(PassThrough(robot), robot, IDEAL_SENSORS)
     state = State(q=robot.configuration(position=(0.0, 0.0, -36.0)), v=np.zeros(robot.n_v))
-    rest = Command(v=np.zeros(robot.n_v))
-    ages = [guarded(suite.read(state, k * 0.005), k * 0.005, rest).age for k in range(400)]
+    at_rest = Command(v=np.zeros(robot.n_v))
+    ages = [guarded(suite.read(state, k * 0.005), k * 0.005, at_rest).age for k in range(400)]
     assert ages == [0.0] * 400
     assert guarded.monitor.alarms == []
     assert len(guarded.monitor.channels) == 8

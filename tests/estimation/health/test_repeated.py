@@ -55,11 +55,11 @@ class InOneKernel:
 def _told(in_one: bool, channel: str, defect: str) -> tuple[list[StateEstimate], HealthMonitor]:
     """What is measured of a robot on its way, with a defect after a while."""
     robot = load_robot("girona_maris7")
-    one = InOneKernel(robot)
+    kernel_run = InOneKernel(robot)
     suite = SensorSuite(robot, FLOOR, SPECS)
     return told_on_a_way(
-        one if in_one else one.guard, robot, suite, channel, defect
-    ), one.guard.monitor
+        kernel_run if in_one else kernel_run.guard, robot, suite, channel, defect
+    ), kernel_run.guard.monitor
 
 
 @pytest.mark.parametrize("defect", ["jump", "nan", "frozen", "late"])

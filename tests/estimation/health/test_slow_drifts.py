@@ -27,17 +27,16 @@ def drifting(channel: str, rate: np.ndarray | float):
         if reading is None or reading.t < ONSET:
             return readings
         off = np.asarray(rate) * (reading.t - ONSET)
-        turned = channel == "attitude"
-        value = (
-            (pin.Quaternion(reading.value) * pin.Quaternion(pin.exp3(off))).coeffs()
-            if turned
-            else reading.value + off
-        )
+        if channel == "attitude":
+            turn = pin.Quaternion(pin.exp3(off))
+            value = (pin.Quaternion(reading.value) * turn).coeffs()
+        else:
+            value = reading.value + off
+        if np.ndim(value) == 0:
+            value = float(value)
         fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
-        return Readings(
-            **fields
-            | {channel: Reading(value=value if np.ndim(value) else float(value), t=reading.t)}
-        )
+        fields[channel] = Reading(value=value, t=reading.t)
+        return Readings(**fields)
 
     return spoil
 
@@ -48,7 +47,7 @@ def _robot() -> Robot:
 
 
 @pytest.mark.parametrize(
-    ("channel", "rate", "within", "others"),
+    ("channel", "rate", "within", "sound_channels"),
     [
         ("position", (0.05, 0.0, 0.0), 12.0, {"depth", "attitude", "angular_velocity"}),
         ("position", (0.0, 0.0, 0.05), 12.0, {"attitude", "angular_velocity"}),
@@ -58,7 +57,7 @@ def _robot() -> Robot:
     ],
 )
 def test_a_slow_drift_is_found(
-    channel: str, rate: np.ndarray | float, within: float, others: set[str], robot: Robot
+    channel: str, rate: np.ndarray | float, within: float, sound_channels: set[str], robot: Robot
 ) -> None:
     """Before, only what drifts by more than a decimetre per second, or jumps, was."""
     still = np.zeros(robot.n_v)
@@ -70,7 +69,7 @@ def test_a_slow_drift_is_found(
         dt=0.02,
     )
     assert run.first_bad(channel, ONSET) < within
-    assert all((run.of(name) == Trust.GOOD).all() for name in others)
+    assert all((run.of(name) == Trust.GOOD).all() for name in sound_channels)
     assert run.last_bad(channel) > END - 0.1
 
 

@@ -47,11 +47,11 @@ class Vetting:
         self.t = -DT
         self.given = Readings()
 
-    def step(self, **other: Reading[Any] | None) -> Readings:
+    def step(self, **readings: Reading[Any] | None) -> Readings:
         """What is left of the readings of the next tick, with others in their place."""
         self.t += DT
         self.given = replace_unchecked(
-            self.suite.read(self.state, self.t), **other
+            self.suite.read(self.state, self.t), **readings
         )  # arrays of any shape too
         vetted = self.monitor.screen(self.given, self.t)
         self.monitor.judge(
@@ -86,8 +86,8 @@ def test_a_reading_that_is_withdrawn_stays(vetting: Vetting) -> None:
 
 def test_a_second_value_of_the_same_time_is_not_looked_at(vetting: Vetting) -> None:
     sound = vetting.given
-    other = Reading(value=-35.9, t=vetting.t)
-    assert vetting.step(depth=other).depth is sound.depth
+    depth_reading = Reading(value=-35.9, t=vetting.t)
+    assert vetting.step(depth=depth_reading).depth is sound.depth
 
 
 def test_a_channel_that_the_robot_does_not_have_is_not_passed_on(vetting: Vetting) -> None:
@@ -98,11 +98,11 @@ def test_a_channel_that_the_robot_does_not_have_is_not_passed_on(vetting: Vettin
 
 
 def test_lists_and_whole_numbers_are_values_too(vetting: Vetting) -> None:
-    other: dict[str, Reading[Any]] = {
+    readings: dict[str, Reading[Any]] = {
         "position": Reading(value=[0.0, 0.0, -36.0], t=vetting.t + DT),
         "depth": Reading(value=-36, t=vetting.t + DT),
     }
-    assert vetting.step(**other) is vetting.given
+    assert vetting.step(**readings) is vetting.given
     assert vetting.monitor.alarms == []
 
 

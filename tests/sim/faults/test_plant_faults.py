@@ -130,8 +130,8 @@ def test_a_dead_thruster_gives_no_thrust_and_takes_no_power(robot: Robot) -> Non
     first = round(ONSET / DT)
     assert (faulty[first:, 2] == 0.0).all()
     assert np.ptp([row[2] for row in energies[first - 1 :]]) == 0.0
-    others = np.arange(8) != 2
-    np.testing.assert_array_equal(sound[:, others], faulty[:, others])
+    is_sound = np.arange(8) != 2
+    np.testing.assert_array_equal(sound[:, is_sound], faulty[:, is_sound])
 
 
 def test_a_stuck_thruster_stays_at_its_thrust(robot: Robot) -> None:
@@ -174,14 +174,14 @@ def test_a_jammed_joint_stands_still_and_the_others_move(robot: Robot) -> None:
     rows = []
     rates = []
     carry_on(plant, robot, range(20))
-    here = plant.state.q[robot.joint_q][1]
+    position = plant.state.q[robot.joint_q][1]
     carry_on(
         plant,
         robot,
         range(20, 60),
         lambda k: (rows.append(plant.state.q[robot.joint_q]), rates.append(plant.state.v)),
     )
-    assert {row[1] for row in rows} == {here}
+    assert {row[1] for row in rows} == {position}
     assert {rate[7] for rate in rates} == {0.0}
     assert (np.ptp(np.delete(rows, 1, axis=1), axis=0) > 1e-4).all()
 
@@ -220,8 +220,8 @@ def test_a_jam_that_stops_a_moving_joint_keeps_all_other_momenta_and_takes_energ
     M = dynamics.mass_matrix(plant.state.q)
     plant.step(Command(v=v, thrust=np.zeros(8), torque=np.zeros(7)), 1e-9)
     assert plant.state.v[7] == 0.0
-    others = np.arange(robot.n_v) != 7
-    np.testing.assert_allclose((M @ plant.state.v)[others], (M @ v)[others], atol=1e-5)
+    is_free = np.arange(robot.n_v) != 7
+    np.testing.assert_allclose((M @ plant.state.v)[is_free], (M @ v)[is_free], atol=1e-5)
     assert dynamics.kinetic_energy(q, plant.state.v) < dynamics.kinetic_energy(q, v)
 
 
@@ -236,7 +236,8 @@ def test_the_energy_of_an_unforced_robot_with_a_jammed_joint_never_rises(robot: 
         energies = []
         for _ in range(300):
             plant.step(Command(v=np.zeros(robot.n_v), thrust=np.zeros(8), torque=np.zeros(7)), DT)
-            q, v = plant.state.q, plant.state.v
+            q = plant.state.q
+            v = plant.state.v
             energies.append(dynamics.kinetic_energy(q, v) + dynamics.potential_energy(q))
         rises.append(float((np.array(energies) - np.minimum.accumulate(energies)).max()))
     assert rises[1] <= max(0.5 * rises[0], 1e-6)
@@ -296,17 +297,18 @@ def test_a_payload_weighs_what_its_volume_does_not_bear(robot: Robot) -> None:
 
 @pytest.mark.parametrize("k", [1, 2])
 def test_a_payload_hangs_at_the_tool_of_its_number(k: int) -> None:
-    both = load_robot("bluerov2_two_alpha5")
-    model = loaded(both, parse_faults([f"payload{k}:mass=2"])).model
-    q = both.configuration()
-    data = [both.model.createData(), model.createData()]
+    robot = load_robot("bluerov2_two_alpha5")
+    model = loaded(robot, parse_faults([f"payload{k}:mass=2"])).model
+    q = robot.configuration()
+    data = [robot.model.createData(), model.createData()]
     centres = [
-        pin.centerOfMass(m, one, q) for m, one in zip((both.model, model), data, strict=True)
+        pin.centerOfMass(m, data_of_model, q)
+        for m, data_of_model in zip((robot.model, model), data, strict=True)
     ]
-    masses = [pin.computeTotalMass(m) for m in (both.model, model)]
+    masses = [pin.computeTotalMass(m) for m in (robot.model, model)]
     added = (masses[1] * centres[1] - masses[0] * centres[0]) / (masses[1] - masses[0])
     np.testing.assert_allclose(
-        added, Kinematics(both, q).pose(both.tools[k - 1]).translation, atol=1e-9
+        added, Kinematics(robot, q).pose(robot.tools[k - 1]).translation, atol=1e-9
     )
 
 

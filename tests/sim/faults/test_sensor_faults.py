@@ -71,8 +71,8 @@ def same(a: Reading[Any] | None, b: Reading[Any] | None) -> bool:
 
 def fresh(series: Series) -> list[Reading[Any]]:
     """The different readings in order of arrival."""
-    known = [reading for reading in series if reading is not None]
-    return [b for a, b in pairwise([None, *known]) if b is not a]
+    fresh_readings = [reading for reading in series if reading is not None]
+    return [b for a, b in pairwise([None, *fresh_readings]) if b is not a]
 
 
 def struck(series: Series) -> list[Reading[Any]]:
@@ -99,8 +99,8 @@ def test_all_is_well_again_after_the_end(text: str, robot: Robot) -> None:
 
 @pytest.mark.parametrize("text", SENSOR_TEXTS)
 def test_other_channels_do_not_notice(text: str, robot: Robot) -> None:
-    other = "depth" if channel_of(text) != "depth" else "position"
-    sound, faulty = (readings(robot, texts, other) for texts in ([], [f"{text}@{ONSET}"]))
+    sound_channel = "depth" if channel_of(text) != "depth" else "position"
+    sound, faulty = (readings(robot, texts, sound_channel) for texts in ([], [f"{text}@{ONSET}"]))
     assert all(same(a, b) for a, b in zip(sound, faulty, strict=True))
 
 
@@ -192,21 +192,21 @@ def test_late_readings_arrive_when_promised_and_tell_when_they_were_taken(
     sound, faulty = (
         readings(robot, texts, channel) for texts in ([], [f"{channel}:late={extra}@{ONSET}"])
     )
-    taken = {reading.t: reading for reading in fresh(sound)}
+    by_stamp = {reading.t: reading for reading in fresh(sound)}
     for k, reading in enumerate(faulty):
         t = k * DT
         if reading is not None:
-            np.testing.assert_array_equal(reading.value, taken[reading.t].value)
+            np.testing.assert_array_equal(reading.value, by_stamp[reading.t].value)
         if t >= ONSET + DELAY + extra:
             assert reading is not None
             assert DELAY + extra - 1e-9 <= t - reading.t < DELAY + extra + 1 / RATE + 1e-9
 
 
 def test_a_reading_that_was_overtaken_is_not_delivered_any_more(robot: Robot) -> None:
-    taken = [
+    stamps = [
         reading.t for reading in fresh(readings(robot, [f"depth:late=1@{ONSET}-{END}"], "depth"))
     ]
-    assert taken == sorted(taken)
+    assert stamps == sorted(stamps)
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
@@ -238,8 +238,8 @@ def test_a_single_encoder_leaves_the_others_alone(text: str, robot: Robot) -> No
 
 
 def test_faults_of_one_channel_act_one_after_the_other(robot: Robot) -> None:
-    both = fresh(readings(robot, ["depth:stuck=1", "depth:bias=0.5"], "depth"))
-    assert {reading.value for reading in both} == {1.5}
+    combined = fresh(readings(robot, ["depth:stuck=1", "depth:bias=0.5"], "depth"))
+    assert {reading.value for reading in combined} == {1.5}
 
 
 def test_joints_that_are_no_vector_space_stay_on_their_manifold() -> None:

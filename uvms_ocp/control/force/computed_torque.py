@@ -156,20 +156,17 @@ def undriven_axes(robot: Robot) -> np.ndarray:
 
 
 def attained_acceleration(
-    undriven: np.ndarray, M: np.ndarray, bias: np.ndarray, wanted: np.ndarray
+    undriven: np.ndarray, M: np.ndarray, bias: np.ndarray, desired: np.ndarray
 ) -> np.ndarray:
-    """Return the acceleration (n_v,) [m/s2, rad/s2] that is as `wanted` but along the undriven axes
-    (n_v, k), which move as the bias force (n_v,) [N, N m] and the others make them.
+    """Return the acceleration (n_v,) [m/s2, rad/s2] that is as `desired` but along the undriven
+    axes (n_v, k), which move as the bias force (n_v,) [N, N m] and the others make them.
 
-    M (n_v, n_v) [kg, kg m, kg m2]. Forces for `wanted` itself would make driven axes miss what the
+    M (n_v, n_v) [kg, kg m, kg m2]. Forces for `desired` itself would make driven axes miss what the
     undriven ones were to do for them.
     """
-    missing = undriven.T @ (M @ wanted + bias)
+    missing = undriven.T @ (M @ desired + bias)
     along = np.linalg.solve(undriven.T @ M @ undriven, missing)
-    return wanted - undriven @ along
-
-
-# Rates that pass no limit: no acceleration is asked for that would lead beyond one.
+    return desired - undriven @ along
 
 
 class RateLimiter:
@@ -225,20 +222,21 @@ class ComputedTorque:
         water: Water,
         rate_limit: np.ndarray | None = None,
     ) -> None:
-        """Dt [s]: control period. water: as far as the controller knows it. rate_limit (n_v,)
+        """dt [s]: control period. water: as far as the controller knows it. rate_limit (n_v,)
         [m/s, rad/s]: that no rate is to pass, by default none.
         """
-        chosen = gains or TrackingGains()
+        gains = gains or TrackingGains()
         self._robot = robot
         self._dynamics = dynamics
         self._dt = dt
         self._water = water
-        self._open = chosen == OPEN_LOOP
-        self._K_p, self._K_d = feedback_gains(robot, chosen)
-        self._actuators = Actuators(robot, lead=chosen.lead, dt=dt)
+        self._open = gains == OPEN_LOOP
+        self._K_p, self._K_d = feedback_gains(robot, gains)
+        self._actuators = Actuators(robot, lead=gains.lead, dt=dt)
         self._undriven = undriven_axes(robot)
-        unlimited = np.full(robot.n_v, np.inf)
-        self._rates = RateLimiter(robot, unlimited if rate_limit is None else rate_limit, dt)
+        if rate_limit is None:
+            rate_limit = np.full(robot.n_v, np.inf)
+        self._rates = RateLimiter(robot, rate_limit, dt)
 
     @property
     def force(self) -> np.ndarray:
@@ -246,7 +244,7 @@ class ComputedTorque:
         return self._actuators.force
 
     def correction(self, error: np.ndarray, rate_error: np.ndarray) -> np.ndarray:
-        """Acceleration (n_v,) [m/s2, rad/s2] by which the law answers an error of the
+        """Return the acceleration (n_v,) [m/s2, rad/s2] by which the law answers an error of the
         configuration (n_v,) [m, rad] and of the velocity (n_v,) [m/s, rad/s].
         """
         return self._K_p * error + self._K_d * rate_error
@@ -260,7 +258,7 @@ class ComputedTorque:
         a: np.ndarray,
         disturbance: np.ndarray | float = 0.0,
     ) -> Command:
-        """Command for a measured state and the planned q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and
+        """Return the command for a measured state and the planned q (n_q,) [m, rad], v (n_v,) [m/s, rad/s] and
         a (n_v,) [m/s2, rad/s2].
 
         disturbance (n_v,) [N, N m]: force to work against.
@@ -272,7 +270,7 @@ class ComputedTorque:
         M = self._dynamics.mass_matrix(state.q)
         bias = self._dynamics.bias_force(state.q, state.v, self._water) - disturbance
 
-        # the vehicle, when its thrust has come
+        # The vehicle is driven as its thrust will act once the lag has passed.
         lag = self._actuators.lag
         moving = np.linalg.solve(M, self._actuators.force - bias)
         v_then = state.v + lag * moving
@@ -281,36 +279,36 @@ class ComputedTorque:
         planned_then = pin.integrate(model, q, lag * v + lag * lag / 2 * a)
         error_then = pin.difference(model, q_then, planned_then)
         bias_then = self._dynamics.bias_force(q_then, v_then, self._water) - disturbance
-        asked_then = a + self.correction(error_then, reference_then - v_then)
-        wanted_then = self._rates.acceleration(asked_then, v_then)
-        attained = attained_acceleration(self._undriven, M, bias_then, wanted_then)
+        unlimited_then = a + self.correction(error_then, reference_then - v_then)
+        desired_then = self._rates.acceleration(unlimited_then, v_then)
+        attained = attained_acceleration(self._undriven, M, bias_then, desired_then)
         realized = self._actuators.realize(M @ attained + bias_then)
         before = self._actuators.vehicle_force
         thrust = self._actuators.drive(realized)
 
-        # joints now, as the vehicle is pushed now
+        # The joints are driven as the vehicle is pushed in this tick.
         pushed = (before + self._actuators.vehicle_force) / 2
         error = pin.difference(model, state.q, q)
-        asked = a + self.correction(error, reference - state.v)
-        wanted = self._rates.acceleration(asked, state.v)
+        unlimited = a + self.correction(error, reference - state.v)
+        desired = self._rates.acceleration(unlimited, state.v)
         slope = self._dynamics.drag_slope(state.q, state.v, self._water)
         inertia = held_inertia(M, slope, self._dt)
-        torque = self._actuators.turn(self._joint_torque(inertia, bias, wanted, pushed))
+        torque = self._actuators.turn(self._joint_torque(inertia, bias, desired, pushed))
         return signals.unchecked_command(v=reference, thrust=thrust, torque=torque)
 
     def _open_command(
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, disturbance: np.ndarray | float
     ) -> Command:
-        """Command of the planned motion, whatever the state is."""
+        """Return the command of the planned motion, whatever the state is."""
         tau = self._dynamics.inverse_dynamics(q, v, a, self._water) - disturbance
         realized = self._actuators.realize(tau)
         thrust = self._actuators.drive(realized)
         return signals.unchecked_command(v=v, thrust=thrust, torque=realized.torque)
 
     def _joint_torque(
-        self, M: np.ndarray, bias: np.ndarray, wanted: np.ndarray, pushed: np.ndarray
+        self, M: np.ndarray, bias: np.ndarray, desired: np.ndarray, pushed: np.ndarray
     ) -> np.ndarray:
-        """Torque (n_joints,) [N m or N] for the wanted accelerations of the joints, of (n_v,)
+        """Compute the torque (n_joints,) [N m or N] for the desired accelerations of the joints, of (n_v,)
         [m/s2, rad/s2], while the thrusters push the vehicle with pushed (n_vehicle,) [N, N m].
 
         M (n_v, n_v) [kg, kg m, kg m2]: with the drag that grows over a tick in which the torque is
@@ -318,6 +316,6 @@ class ComputedTorque:
         """
         vehicle = self._robot.vehicle_v
         joints = self._robot.joint_v
-        coupled = M[vehicle, joints] @ wanted[joints]
+        coupled = M[vehicle, joints] @ desired[joints]
         moved = np.linalg.solve(M[vehicle, vehicle], pushed - bias[vehicle] - coupled)
-        return M[joints, vehicle] @ moved + M[joints, joints] @ wanted[joints] + bias[joints]
+        return M[joints, vehicle] @ moved + M[joints, joints] @ desired[joints] + bias[joints]

@@ -65,7 +65,8 @@ class ObserverLaw:
     """[s]"""
 
     def __post_init__(self) -> None:
-        w, dt = self.bandwidth, self.dt
+        w = self.bandwidth
+        dt = self.dt
         if not (np.isfinite(w).all() and (w > 0).all() and (w * dt < 1).all()):
             raise InvalidInput(
                 f"observer bandwidth {w} rad/s; give values between 0 and 1 / dt = {1 / dt:g}"

@@ -45,13 +45,16 @@ def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
     """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt
     [s]: control period.
     """
-    time_constants = np.array([thruster.time_constant for thruster in robot.description.thrusters])
+    thrusters = robot.description.thrusters
+    time_constants = np.array([thruster.time_constant for thruster in thrusters])
+    dead_zones = np.array([thruster.dead_zone for thruster in thrusters])
     lower, upper = thrust_limits(robot)
+    # Faster than the control period would ring.
+    largest_lead = np.maximum(time_constants / (2 * dt), 1.0)
     return ThrusterLag(
         lower=lower,
         upper=upper,
-        # Faster than the control period would ring.
-        lead=np.clip(lead, 1.0, np.maximum(time_constants / (2 * dt), 1.0)),
+        lead=np.clip(lead, 1.0, largest_lead),
         decay=np.exp(-dt / np.maximum(time_constants, 1e-9)),
-        dead_zone=np.array([thruster.dead_zone for thruster in robot.description.thrusters]),
+        dead_zone=dead_zones,
     )

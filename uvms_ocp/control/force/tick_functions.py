@@ -187,10 +187,12 @@ def parts_of(parts: type[Parts], sizes: Mapping[str, int], column: Array) -> Par
 
 def column_of(parts: Any) -> ca.SX:
     """Stack all parts, which are expressions, into one column."""
-    columns = [getattr(parts, part.name) for part in fields(parts)]
-    return ca.densify(
-        ca.vertcat(*(column if column.numel() else ca.SX(1, 1) for column in columns))
-    )
+    columns = list[ca.SX]()
+    for part in fields(parts):
+        column = getattr(parts, part.name)
+        # C knows no empty array.
+        columns.append(column if column.numel() else ca.SX(1, 1))
+    return ca.densify(ca.vertcat(*columns))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -344,15 +346,16 @@ def command_function(laws: ForceLaws) -> ca.Function:
         before=inputs.reference,
         spent=observed.spent + laws.velocity.dt * (ca.sum1(power) + ca.sum1(drives)),
     )
+    push = ca.SX(1, 1)
+    if n and laws.lift > 0.0:
+        push = ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift
     outputs = ForceOutputs(
         command=command,
         torque=desired.torque,
         disturbance=observed.estimate,
         vehicle_force=desired.force[:n, :],
         unreachable=allocated.unreachable,
-        push=ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift
-        if n and laws.lift > 0.0
-        else ca.SX(1, 1),
+        push=push,
     )
     return ca.Function(
         "command",
@@ -382,13 +385,14 @@ def _observed(
         follows=observed.follows,
     )
     updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
-    held = partial(ca.if_else, inputs.hold)
+    choose = partial(ca.if_else, inputs.hold)
+    kept_estimate = ca.if_else(inputs.stop, 0.0, observed.estimate)
     return replace(
         observed,
-        estimate=held(ca.if_else(inputs.stop, 0.0, observed.estimate), updated.estimate),
-        lead=held(observed.lead, updated.lead),
-        v_hat=held(observed.v_hat, updated.v_hat),
-        follows=held(0.0, updated.follows),
+        estimate=choose(kept_estimate, updated.estimate),
+        lead=choose(observed.lead, updated.lead),
+        v_hat=choose(observed.v_hat, updated.v_hat),
+        follows=choose(0.0, updated.follows),
     )
 
 
@@ -399,9 +403,9 @@ def _taken_in(
     bandwidth.
     """
     joints = inputs.joints if laws.robot.n_joints else 1.0
-    watches = ca.logic_and(
-        ca.logic_and(1.0 - inputs.hold, joints), observed.share[0] >= _FULL * laws.derating.vehicle
-    )
+    is_fed_back = ca.logic_and(1.0 - inputs.hold, joints)
+    has_bandwidth = observed.share[0] >= _FULL * laws.derating.vehicle
+    watches = ca.logic_and(is_fed_back, has_bandwidth)
     before = FilteredCommands(thrust=observed.asked, way=observed.way, ticks=observed.ticks)
     after = residual_filter.after(before, observed.thrust, observed.before)
     when = partial(ca.if_else, watches)
@@ -420,9 +424,8 @@ def _symbols(laws: ForceLaws, **kinds: type[Any]) -> tuple[dict[str, ca.SX], tup
     columns = {}
     parts = []
     for name, kind in kinds.items():
-        columns[name] = ca.SX.sym(
-            name, sum(max(1, size) for size in declared_sizes(kind, laws.sizes).values())
-        )
+        sizes = declared_sizes(kind, laws.sizes).values()
+        columns[name] = ca.SX.sym(name, sum(max(1, size) for size in sizes))
         parts.append(parts_of(kind, laws.sizes, columns[name]))
     if laws.gains.numel():
         columns["gains"] = laws.gains
@@ -433,13 +436,13 @@ def _by_part(laws: ForceLaws, vehicle: ca.SX, joints: ca.SX) -> ca.SX:
     """Join values of the vehicle's axes and of the joints to (n_v,); either may be one number for
     all.
     """
-    n_v, n = laws.robot.n_v, laws.robot.n_vehicle
-    vehicle, joints = (
-        ca.repmat(part, n_v) if part.is_scalar() else part for part in (vehicle, joints)
-    )
-    return ca.vertcat(
-        vehicle[:n, :], joints[n:, :]
-    )  # one entry, sliced without its other axis, would become a row
+    n = laws.robot.n_vehicle
+    if vehicle.is_scalar():
+        vehicle = ca.repmat(vehicle, laws.robot.n_v)
+    if joints.is_scalar():
+        joints = ca.repmat(joints, laws.robot.n_v)
+    # One entry, sliced without its other axis, would become a row.
+    return ca.vertcat(vehicle[:n, :], joints[n:, :])
 
 
 def _up(q: ca.SX) -> ca.SX:

@@ -236,7 +236,7 @@ def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
 
 
 class AbortMonitor:
-    """Why the mission is to be given up, asked at every tick. Remembers since when: build one per
+    """Monitor of the reasons to give up the mission. Remembers since when each holds: build one per
     run.
     """
 

@@ -86,7 +86,7 @@ def begin_stop(m: StopMemory, q: Vector, v: Vector) -> None:
 
 
 def step_stop(m: StopMemory) -> None:
-    """One tick nearer to rest. A kernel."""
+    """Advance the stop by a tick. A kernel."""
     m.step(m.q, m.v, m.time, m.next_q, m.next_v)
     m.q[:] = m.next_q
     m.velocity[:] = m.v

@@ -78,9 +78,9 @@ class _Asked:
     place: slice
     """Place of its goal among the parameters of all tasks."""
     reference: Callable[[float], np.ndarray]
-    """Its goal at a time [s], and what stands for distances behind it."""
+    """Goal at a time [s], and behind it the places of distances."""
     of_phase: bool
-    """That time is the time since the start of the phase, and not of the mission."""
+    """True where the time is that since the start of the phase, and not of the mission."""
 
 
 class MissionParameters:

@@ -23,7 +23,7 @@ class GuideOutput:
     is left to that.
     """
     why: str = ""
-    """Why it is left, at the tick where that happens."""
+    """Reason why the guide is left, at the tick where that happens."""
 
 
 class Guide(Protocol):

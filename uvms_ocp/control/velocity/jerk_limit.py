@@ -38,13 +38,13 @@ def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Row
     # it backwards.
     falling = stopping_speed(ca.fabs(previous), deceleration=jerk, dt=dt) * dt
     largest_change = falling + ca.if_else(change * previous > 0, ca.inf, 0)
-    held = previous + ca.fmin(ca.fmax(change, -largest_change), largest_change)
+    continued = previous + ca.fmin(ca.fmax(change, -largest_change), largest_change)
     free = symbolic_bodies.sparse(unlimited_axes(symbols.robot))
     return Rows(
         jacobian=ca.SX.eye(n_v),
         rate=ca.SX.zeros(n_v),
-        lower=held - jerk * dt**2 - free,
-        upper=held + jerk * dt**2 + free,
+        lower=continued - jerk * dt**2 - free,
+        upper=continued + jerk * dt**2 + free,
         activation=ca.SX.zeros(n_v),
     )
 

@@ -64,13 +64,9 @@ def swing_frequency(robot: Robot) -> float:
     q = robot.configuration()
     M = dynamics.cached_dynamics(robot).mass_matrix(q)[np.ix_(axes, axes)]
     K = np.array(_balance(robot)(q, 0.0)[0])[:, axes]
-    return float(
-        np.clip(
-            np.sqrt(max(np.linalg.eigvals(np.linalg.solve(M, K)).real.min(), 0.0)),
-            _SLOWEST,
-            _QUICKEST,
-        )
-    )
+    smallest_eigenvalue = np.linalg.eigvals(np.linalg.solve(M, K)).real.min()
+    frequency = np.sqrt(max(smallest_eigenvalue, 0.0))
+    return float(np.clip(frequency, _SLOWEST, _QUICKEST))
 
 
 def memory_time(robot: Robot) -> float:
@@ -89,10 +85,9 @@ def mean_attitude(symbols: TickSymbols, passive: ca.SX) -> TickSymbols:
     motions = _swinging_motions(robot)
     model = SymbolicModel(robot.model)
     velocity = symbols.velocity - motions @ symbols.velocity[axes]
-    q = model.integrate(symbols.q, -motions @ passive[[axis - 3 for axis in axes]])
-    q[robot.joint_q] = symbols.q[
-        robot.joint_q
-    ]  # as symbols, which tasks differentiate by, of endless joints too
+    q = model.integrate(symbols.q, -motions @ _swing_angles(robot, passive))
+    # As symbols, which tasks differentiate by, of endless joints too.
+    q[robot.joint_q] = symbols.q[robot.joint_q]
     return replace(symbols, kinematics=model.forward_kinematics(q), q=q, velocity=velocity)
 
 
@@ -114,16 +109,14 @@ def countered_rows(
         J[:, robot.n_vehicle :] += free @ lean.slope
     limit = ca.diag(ca.DM(np.minimum(robot.limits.velocity[robot.joint_v], ENDLESS)))
     arm = rows.jacobian[:, robot.n_vehicle :] @ limit
-    ahead = (
-        symbols.velocity[axes]
-        - _LEAD * swing_frequency(robot) * passive[[axis - 3 for axis in axes]]
-    )
+    lead = _LEAD * swing_frequency(robot) * _swing_angles(robot, passive)
+    ahead = symbols.velocity[axes] - lead
     regularization = (_SINGULAR * ca.norm_fro(arm)) ** 2 + _NOTHING
-    share = -arm.T @ ca.solve(arm @ arm.T + regularization * ca.SX.eye(rows.n_rows), free @ ahead)
+    gram = arm @ arm.T + regularization * ca.SX.eye(rows.n_rows)
+    share = -arm.T @ ca.solve(gram, free @ ahead)
+    largest_joint_share: ca.SX | int = 1
     if robot.n_joints:
         largest_joint_share = ca.fmax(_JOINT_SHARE, ca.mmax(ca.fabs(share)))
-    else:
-        largest_joint_share = 1
     met = J[:, robot.n_vehicle :] @ limit @ share * _JOINT_SHARE / largest_joint_share
     return replace(
         rows, jacobian=J, rate=mean.rate + met, lower=mean.lower + met, upper=mean.upper + met
@@ -135,9 +128,9 @@ class Lean:
     """Configuration in which the free axes come to rest."""
 
     slope: ca.SX
-    """(n_swinging, n_joints) [rad/rad or rad/m] of that by each joint."""
+    """(n_swinging, n_joints) [rad/rad or rad/m] change of the configuration by each joint."""
     offset: ca.SX
-    """(n_swinging,) [rad] from the mean attitude."""
+    """(n_swinging,) [rad] distance of the configuration from the mean attitude."""
 
 
 def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
@@ -152,10 +145,9 @@ def lean_of(symbols: TickSymbols, passive: ca.SX) -> Lean:
     K = slope[:, axes]
     upright = np.array(_balance(robot)(robot.configuration(), 0.0)[0])[:, axes]
     regularization = (_SOFT * np.linalg.norm(upright)) ** 2 + _NOTHING
-    lean = -K.T @ ca.solve(
-        K @ K.T + regularization * ca.SX.eye(len(axes)),
-        ca.horzcat(slope[:, robot.n_vehicle :], moment),
-    )
+    gram = K @ K.T + regularization * ca.SX.eye(len(axes))
+    moments = ca.horzcat(slope[:, robot.n_vehicle :], moment)
+    lean = -K.T @ ca.solve(gram, moments)
     return Lean(slope=lean[:, :-1], offset=lean[:, -1])
 
 
@@ -167,10 +159,9 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
     robot = symbols.robot
     axes = swinging_axes(symbols.robot)
     up = symbols.R_WB[2, :]
-    angle = (
-        ca.vertcat(ca.atan2(up[1], up[2]), ca.atan2(-up[0], up[2]))[[axis - 3 for axis in axes]]
-        + lean.offset
-    )
+    roll = ca.atan2(up[1], up[2])
+    pitch = ca.atan2(-up[0], up[2])
+    angle = _swing_angles(robot, ca.vertcat(roll, pitch)) + lean.offset
     J = ca.horzcat(ca.SX(len(axes), robot.n_vehicle), lean.slope)
     bound = partial(
         approach_speed,
@@ -187,6 +178,13 @@ def lean_rows(symbols: TickSymbols, lean: Lean) -> Rows:
         upper=bound(_LARGEST_LEAN - angle),
         activation=zeros,
     )
+
+
+def _swing_angles(robot: Robot, angles: ca.SX) -> ca.SX:
+    """Return the angles (n_swinging,) [rad] of the axes that swing, of roll and pitch first in
+    `angles` [rad].
+    """
+    return angles[[axis - 3 for axis in swinging_axes(robot)]]
 
 
 @lru_cache(maxsize=8)

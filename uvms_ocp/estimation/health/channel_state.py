@@ -102,7 +102,7 @@ class ChannelMemory(Layout):
     other_rival: int
     """`ChannelIndex` of a second rival; -1 for none."""
     gate: plausibility.PlausibilityGate
-    """How far a reading may be from the estimate."""
+    """Allowed distance of a reading from the estimate."""
     # The newest reading.
     fresh: bool
     """A reading has come since the last tick."""
@@ -148,7 +148,7 @@ class ChannelMemory(Layout):
     gated: bool
     """The filter has a gate of its own for it."""
     complaint: Complaint
-    """Why the channel is not good."""
+    """Reason why the channel is not good."""
     refusal: Complaint
     """Last refusal by the filter's gate."""
     trust: int

@@ -65,15 +65,15 @@ class EstimateSupport(Layout):
     n: int
     """Channels that q and v rest on."""
     needed: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) their numbers."""
+    """(9,) numbers of the channels that q and v rest on."""
     fallback: Annotated[list[int], Sized(N_CHANNELS)]
-    """(9,) by the channel that is missing, -1 for none."""
+    """(9,) number of the substitute of each channel, -1 for none."""
     max_duration: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] for which it replaces that."""
+    """(9,) [s] for which the substitute replaces the channel."""
     age: float
-    """[s] of what is least supported; inf before the first reading of any needed channel."""
+    """[s] of the least supported channel; inf before the first reading of any needed one."""
     oldest: int
-    """Its channel, -1 for none."""
+    """Number of the least supported channel, -1 for none."""
     joint_age: float
     """[s] of the joint positions alone."""
     echo: bool

@@ -211,7 +211,7 @@ class PlausibilityGate(Layout):
     by: int
     """A channel that carries the estimate, -1 for none."""
     or_by: int
-    """Another one."""
+    """A second channel that carries the estimate, -1 for none."""
     most: float
     """[unit of the channel] norm that no value exceeds."""
 

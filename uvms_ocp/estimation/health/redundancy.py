@@ -77,7 +77,7 @@ def append_value(s: SampleRing, t: float, value: Vector, n: int) -> None:
 
 
 def drop_oldest(s: SampleRing) -> None:
-    """One goes."""
+    """Drop the oldest number."""
     s.first = ring_slot(s, 1)
     s.count -= 1
 

@@ -124,11 +124,11 @@ class LevelStep:
     """
 
     solve: ca.Function
-    """V at the optimum of the level."""
+    """Function that gives v at the optimum of the level."""
     give_up: ca.Function
-    """Keeps v; for a plugin that fails even on a fresh start."""
+    """Function that keeps v; for a plugin that fails even on a fresh start."""
     conic: ca.Function
-    """Its memory holds the active set of the last call."""
+    """The program; its memory holds the active set of the last call."""
 
 
 def cascade(

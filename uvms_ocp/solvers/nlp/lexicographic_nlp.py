@@ -38,7 +38,7 @@ class LexicographicResult:
     status: nlp.NlpStatus
     """Status of the worst level."""
     level_status: tuple[nlp.NlpStatus, ...]
-    """One per level."""
+    """Status of each level."""
     values: tuple[np.ndarray, ...]
     """(m,) [unit of the row] rows y of every level at x."""
     residuals: tuple[np.ndarray, ...]
@@ -216,7 +216,7 @@ class LexicographicNlp:
 
 
 class _Run:
-    """One solve of all levels."""
+    """Solve of all levels."""
 
     def __init__(
         self,

@@ -249,12 +249,12 @@ class RowRanges:
 
 @checked_dataclass(eq=False)
 class LexicographicProgram:
-    """Everything that is built once."""
+    """Functions and rows of all levels, built once for many solves."""
 
     ranges: RowRanges
     """Ranges of the rows, for solves that are given none."""
     nlps: tuple[LevelNlp, ...]
-    """One per level."""
+    """Program of each level."""
     values: ca.Function
     """``x, p -> y`` of every level, one output each."""
 

@@ -371,7 +371,7 @@ class StartMode(IntEnum):
     """Treatment of the start point of a run."""
 
     EQUALITIES = 0
-    """Its z is where the optimum without inequalities is sought, from which the run starts."""
+    """The optimum without inequalities is sought from z, and the run starts there."""
     WARM = 1
     """Z, costates and multipliers, those of all rows in y, are near the optimum."""
     COLD = 2
