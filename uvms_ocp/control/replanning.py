@@ -43,68 +43,6 @@ _UNDRIVEN = 0.5
 """Share of an axis that lies along the undriven ones, from which on it counts as one of them."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class TimedPlan:
-    """A plan, and when it begins."""
-
-    number: int
-    """Number of the solve that made the plan."""
-    trajectory: Trajectory
-    """Trajectory, with times from its first node."""
-    begin: float
-    """[s] time of the first node."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ReplanningRequest:
-    """Start of a solve."""
-
-    state: State
-    """Measured state."""
-    t: float
-    """[s] time of the measurement."""
-    in_use: int
-    """Number of the plan that is tracked then."""
-    begin: float
-    """[s] when that one began, which is later than planned for a first plan that came late; of the
-    request for the first plan, when that is to begin.
-    """
-    delay: float
-    """[s] from t to the beginning of the plan; for the first one it does not count."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class ReplanningResult:
-    """Result of a solve."""
-
-    planned: TimedPlan | None
-    """Plan to fly; None where none may be flown, so that the last one goes on."""
-    reason: str
-    """Reason why no plan may be flown; else empty."""
-    first: bool
-    """The plan is the first, for which the robot stays where it is."""
-    solve_time: float
-    """[s] by the clock that was given."""
-    processor_time: float
-    """[s] without what other processes took."""
-
-
-class GuessKind(Enum):
-    """Kind of the guess from which a solve begins."""
-
-    NEWEST = 0
-    """The end of the last solve, moved on in time."""
-    IN_USE = 1
-    """The plan that is tracked, moved on in time."""
-    HOLD = 2
-    """Standing still."""
-
-    @property
-    def following(self) -> GuessKind:
-        """The kind that is tried next."""
-        return GuessKind((self.value + 1) % len(GuessKind))
-
-
 class Replanner:
     """Solver of one problem, again and again. Holds the plans that may be in use, and the newest point as a guess:
     build one per run.
@@ -133,15 +71,13 @@ class Replanner:
         self._clock = clock
         self._transcription = Transcription(problem)
         self._bounds = planned_bounds(self._transcription)
-        chosen = options or SqpOptions()
-        self._sqp = RealTimeSqp(
-            program_for(chosen.plugin or stagewise_or(SPARSE_PLUGIN, problem), self._transcription),
-            chosen,
-        )
-        self._check = PlanCheck(self._transcription, accuracy=chosen.accuracy, gains=gains)
+        options = options or SqpOptions()
+        plugin = options.plugin or stagewise_or(SPARSE_PLUGIN, problem)
+        self._sqp = RealTimeSqp(program_for(plugin, self._transcription), options)
+        self._check = PlanCheck(self._transcription, accuracy=options.accuracy, gains=gains)
         self._plans: dict[int, TimedPlan] = {}
         self._newest: TimedPlan | None = None
-        """Fit for use or not."""
+        """End of the last solve, whether it may be flown or not."""
         self._guess = GuessKind.NEWEST
         """Guess with which the next solve begins."""
         self._rejected: deque[np.ndarray] = deque(maxlen=_REMEMBERED)
@@ -149,8 +85,8 @@ class Replanner:
         self._solves = 0
 
     def __call__(self, request: ReplanningRequest) -> ReplanningResult:
-        """A plan that begins as long after it was asked for as the request has it, or the first
-        one.
+        """Return a plan that begins as long after it was asked for as the request has it, or the
+        first one.
         """
         wall = self._clock()
         processor = process_time()
@@ -174,7 +110,8 @@ class Replanner:
         """
         stay = hold_guess(self._problem, request.state)
         hold = TimedPlan(number=HOLD, trajectory=stay, begin=request.t)
-        self._plans[HOLD] = self._newest = hold
+        self._newest = hold
+        self._plans[HOLD] = hold
         lead = request.begin - request.t
         began = self._clock()
         best = None
@@ -192,7 +129,8 @@ class Replanner:
         if best is None:
             self._newest = self._numbered(last, request.begin)
             return None, reason
-        self._plans[best.number] = self._newest = best
+        self._newest = best
+        self._plans[best.number] = best
         return best, ""
 
     def _replanned(self, request: ReplanningRequest) -> tuple[TimedPlan | None, str]:
@@ -286,6 +224,22 @@ class Replanner:
         )
 
 
+class GuessKind(Enum):
+    """Kind of the guess from which a solve begins."""
+
+    NEWEST = 0
+    """The end of the last solve, moved on in time."""
+    IN_USE = 1
+    """The plan that is tracked, moved on in time."""
+    HOLD = 2
+    """Standing still."""
+
+    @property
+    def following(self) -> GuessKind:
+        """Kind that is tried next."""
+        return GuessKind((self.value + 1) % len(GuessKind))
+
+
 def planned_bounds(transcription: Transcription) -> tuple[np.ndarray, np.ndarray]:
     """Return the bounds (n_x,) of the variables of a plan that is tracked: those of the problem,
     with a share of the limits of all rates.
@@ -300,3 +254,49 @@ def planned_bounds(transcription: Transcription) -> tuple[np.ndarray, np.ndarray
     lower[columns] *= share
     upper[columns] *= share
     return lower, upper
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class TimedPlan:
+    """A plan, and when it begins."""
+
+    number: int
+    """Number of the solve that made the plan."""
+    trajectory: Trajectory
+    """Trajectory, with times from its first node."""
+    begin: float
+    """[s] time of the first node."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReplanningRequest:
+    """Start of a solve."""
+
+    state: State
+    """Measured state."""
+    t: float
+    """[s] time of the measurement."""
+    in_use: int
+    """Number of the plan that is tracked then."""
+    begin: float
+    """[s] when that one began, which is later than planned for a first plan that came late; of the
+    request for the first plan, when that is to begin.
+    """
+    delay: float
+    """[s] from t to the beginning of the plan; for the first one it does not count."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ReplanningResult:
+    """Result of a solve."""
+
+    planned: TimedPlan | None
+    """Plan to fly; None where none may be flown, so that the last one goes on."""
+    reason: str
+    """Reason why no plan may be flown; else empty."""
+    first: bool
+    """The plan is the first, for which the robot stays where it is."""
+    solve_time: float
+    """[s] by the clock that was given."""
+    processor_time: float
+    """[s] without what other processes took."""
