@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from itertools import pairwise
+from itertools import chain, pairwise
 from types import MappingProxyType
 from typing import Annotated, Literal
 
@@ -83,7 +83,7 @@ class ObstacleMeta(FileModel):
                 f"a {self.shape} has {N_SIZES[self.shape]} sizes, not {len(self.size)}"
             )
         is_mesh = self.shape == _MESH
-        corners = [corner for triangle in self.triangles for corner in triangle]
+        corners = [*chain.from_iterable(self.triangles)]
         are_vertices = all(0 <= corner < len(self.vertices) for corner in corners)
         if is_mesh != bool(corners) or not are_vertices:
             raise ValueError(

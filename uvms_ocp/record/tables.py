@@ -82,16 +82,20 @@ def _series_rows() -> Iterator[list[str]]:
             yield [name + suffix, about, *further_fields]
 
 
-SERIES: Mapping[str, SeriesKind] = {
-    name: SeriesKind(
-        meaning=meaning,
-        shape=shape,
-        units=_units(units),
-        frame=frame,
-        columns=tuple(columns.split()),
-    )
-    for name, meaning, shape, units, frame, columns in _series_rows()
-}
+def _series() -> dict[str, SeriesKind]:
+    series = dict[str, SeriesKind]()
+    for name, meaning, shape, units, frame, columns in _series_rows():
+        series[name] = SeriesKind(
+            meaning=meaning,
+            shape=shape,
+            units=_units(units),
+            frame=frame,
+            columns=tuple(columns.split()),
+        )
+    return series
+
+
+SERIES: Mapping[str, SeriesKind] = _series()
 """By name. Controllers of one's own may record others."""
 
 
@@ -248,13 +252,10 @@ def series_description(name: str, array: np.ndarray) -> dict[str, str]:
 
 def series_markdown() -> str:
     """Return the table, for documentation."""
-    rows = (
-        f"| `{name}` | {row.meaning} | {row.shape} | {row.unit} | {row.frame} |"
-        for name, row in SERIES.items()
-    )
-    return "\n".join(
-        ("| series | meaning | shape | unit | frame |", "|---|---|---|---|---|", *rows)
-    )
+    lines = ["| series | meaning | shape | unit | frame |", "|---|---|---|---|---|"]
+    for name, kind in SERIES.items():
+        lines.append(f"| `{name}` | {kind.meaning} | {kind.shape} | {kind.unit} | {kind.frame} |")
+    return "\n".join(lines)
 
 
 __doc__ = f"{__doc__}\n\n{series_markdown()}\n"

@@ -36,8 +36,8 @@ be.
 """
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=6)))
 """All signs (64, 6) of a velocity."""
-_RATIOS = np.outer((1, -1), np.geomspace(1e-3, 1, 25)).ravel()
-_PAIRS = np.array([a + t * b for a, b in permutations(np.eye(6), 2) for t in _RATIOS])
+_RATIOS = np.outer((1, -1), np.geomspace(1e-3, 1, 25)).reshape(-1, 1)
+_PAIRS = np.concatenate([a + _RATIOS * b for a, b in permutations(np.eye(6), 2)])
 """Velocities (n, 6) along two axes each, the second the slower one."""
 
 

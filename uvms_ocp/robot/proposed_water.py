@@ -39,9 +39,12 @@ def links_by_shape(models: UrdfModels, *, floats: bool) -> tuple[dict[str, Any],
         if mass <= 0.0:
             continue
         on_vehicle = _carrier(models.model, name) <= vehicle_joint
-        if on_vehicle and name != hull:
+        if on_vehicle and not hull:
             descriptions[name] = {"coefficients": {}}
-            sources[name] = f"in the box around {hull}" if hull else "does not move"
+            sources[name] = "does not move"
+        elif on_vehicle and name != hull:
+            descriptions[name] = {"coefficients": {}}
+            sources[name] = f"in the box around {hull}"
         else:
             coefficients, source = _by_shape(models, name, mass, is_hull=name == hull)
             descriptions[name] = {"coefficients": coefficients}
@@ -74,11 +77,15 @@ def _by_shape(
     or of a box with its inertia. is_hull: around all that is fixed to the vehicle.
     """
     model = models.model
-    joint = _carrier(model, name) if is_hull else None
+    if is_hull:
+        joint = _carrier(model, name)
+        source = "box around its shapes"
+    else:
+        joint = None
+        source = "cylinder around its shapes"
     corners = link_boxes.box_around(model, models.collision, name, joint=joint)
     if np.isnan(corners).any():
         corners = link_boxes.box_around(model, models.visual, name, joint=joint)
-    source = f"{'box' if is_hull else 'cylinder'} around its shapes"
     if np.isnan(corners).any() or _is_too_large(np.ptp(corners, axis=0), mass):
         corners = _box_by_inertia(model, name, mass)
         source = "box with its mass and inertia, as it has no fitting shapes"

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import pinocchio as pin
@@ -99,7 +100,7 @@ class Roles:
     @property
     def candidates(self) -> tuple[str, ...]:
         """All candidates for the tool."""
-        return tuple(name for chain in self.tools for name in chain)
+        return tuple(chain.from_iterable(self.tools))
 
 
 def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:

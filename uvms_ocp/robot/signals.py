@@ -33,16 +33,12 @@ UNITS: Mapping[str, str] = {
     "attitude": "rad",
     "angular_velocity": "rad/s",
     "linear_velocity": "m/s",
-} | {
     "joint_positions": "rad or m",
     "joint_velocities": "rad/s or m/s",
     "altimeter_range": "m",
     "specific_force": "m/s2",
 }
 """Units of the values of each channel."""
-
-
-# How far each sensor can be trusted, and why.
 
 
 class Trust(enum.IntEnum):
@@ -66,14 +62,7 @@ class ChannelHealth:
     why: str = ""
     """A few words with the figures; empty where it is good."""
     since: float = 0.0
-    """[s] since when."""
-
-
-# What flows between plant and controller: `Readings` to an estimator, its `StateEstimate` in,
-# `Command` out.
-#
-# Configuration ``q`` and velocity ``v`` follow Pinocchio's free-flyer order, see
-# `uvms_ocp.robot.spatial`.
+    """Time [s] since when it is so."""
 
 
 @checked_dataclass(eq=False)
@@ -81,11 +70,11 @@ class State:
     """True or estimated state of the robot."""
 
     q: _Configuration
-    """(n_q,) [m, rad] configuration."""
+    """Configuration (n_q,) [m, rad]."""
     v: _Velocity
-    """(n_v,) [m/s, rad/s] generalized velocity, vehicle part in B."""
+    """Generalized velocity (n_v,) [m/s, rad/s], vehicle part in B."""
     a: _Velocity | None = None
-    """(n_v,) [m/s2, rad/s2] rate of v, where it is known; an accelerometer needs it."""
+    """Rate of v (n_v,) [m/s2, rad/s2], where it is known; an accelerometer needs it."""
 
 
 @checked_dataclass(eq=False)
@@ -94,7 +83,7 @@ class Reading(Generic[Value]):
 
     value: Value
     t: float
-    """[s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
+    """Time [s] when it was taken, which is earlier than when it arrived if the sensor has a delay."""
 
 
 @checked_dataclass(eq=False)
@@ -104,23 +93,23 @@ class Readings:
     """
 
     position: Reading[Vector3] | None = None
-    """(3,) [m] p_WB"""
+    """Position p_WB (3,) [m]."""
     depth: Reading[float] | None = None
-    """[m] z of p_WB."""
+    """Height z of p_WB [m]."""
     attitude: Reading[_Quaternion] | None = None
-    """(4,) quaternion xyzw of R_WB."""
+    """Quaternion xyzw of R_WB (4,)."""
     angular_velocity: Reading[Vector3] | None = None
-    """(3,) [rad/s] in B."""
+    """Angular velocity (3,) [rad/s] in B."""
     linear_velocity: Reading[Vector3] | None = None
-    """(3,) [m/s] of B over ground, in B."""
+    """Velocity (3,) [m/s] of B over ground, in B."""
     joint_positions: Reading[_JointPositions] | None = None
-    """(n_q - 7,) or (n_q,) [rad or m] the joint part of q."""
+    """Joint part of q (n_q - 7,) or (n_q,) [rad or m]."""
     joint_velocities: Reading[_JointVelocities] | None = None
-    """(n_joints,) [rad/s or m/s]"""
+    """Joint rates (n_joints,) [rad/s or m/s]."""
     altimeter_range: Reading[float] | None = None
-    """[m] along -z of the altimeter frame; nan without an echo."""
+    """Distance [m] along -z of the altimeter frame; nan without an echo."""
     specific_force: Reading[Vector3] | None = None
-    """(3,) [m/s2] in B: acceleration of the origin of B less gravity."""
+    """Acceleration of the origin of B less gravity (3,) [m/s2] in B."""
 
 
 @checked_dataclass(eq=False)
@@ -128,25 +117,25 @@ class StateEstimate:
     """The navigation solution at one tick; the only thing a controller sees."""
 
     q: _Configuration
-    """(n_q,) [m, rad] configuration."""
+    """Configuration (n_q,) [m, rad]."""
     v: _Velocity
-    """(n_v,) [m/s, rad/s] generalized velocity."""
+    """Generalized velocity (n_v,) [m/s, rad/s]."""
     altimeter_range: float
-    """[m] along -z of the altimeter frame; nan where there is no echo."""
+    """Distance [m] along -z of the altimeter frame; nan where there is no echo."""
     age: float = 0.0
-    """[s] of the oldest reading that it needs; inf before the first."""
+    """Age [s] of the oldest reading that it needs; inf before the first."""
     oldest: str = ""
-    """The channel of that reading; empty where nobody tells."""
+    """Channel of the oldest reading; empty where nobody tells."""
     joint_age: float = 0.0
-    """[s] of the joint positions alone."""
+    """Age [s] of the joint positions alone."""
     health: tuple[ChannelHealth, ...] = ()
     """Health of every channel that the robot has; empty where nobody judges."""
     std: _Velocity | None = None
-    """(n_v,) [m, rad] standard deviations of q: position in W, attitude in B, joints; `None` where
+    """Standard deviations of q (n_v,) [m, rad]: position in W, attitude in B, joints; `None` where
     nobody tells.
     """
     altimeter_std: float = np.nan
-    """[m] standard deviation of `altimeter_range`; nan where it is not known."""
+    """Standard deviation [m] of `altimeter_range`; nan where it is not known."""
 
 
 @checked_dataclass(eq=False)
@@ -154,11 +143,11 @@ class Command:
     """Setpoints for the plant at one tick."""
 
     v: _Velocity
-    """(n_v,) [m/s, rad/s] reference velocity."""
+    """Reference velocity (n_v,) [m/s, rad/s]."""
     thrust: Annotated[np.ndarray, Shape("n_thrusters")] | None = None
-    """(n_thrusters,) [N] asked of the thrusters; kinematic layers leave it out."""
+    """Desired thrust (n_thrusters,) [N]; kinematic layers leave it out."""
     torque: Annotated[np.ndarray, Shape("n_joints")] | None = None
-    """(n_joints,) [N m or N] asked of the joint motors."""
+    """Desired torque or force (n_joints,) [N m or N] of the joint motors."""
     hold: bool = False
     """The vehicle's measured velocity is not to be trusted."""
     stop: bool = False
@@ -181,22 +170,20 @@ tick.
 """
 
 
-# What the sensors of a robot are like: rates, noise, delays. The simulated sensors and the
-# estimator read the same.
-
-
 @checked_dataclass()
 class SensorSpec:
-    """One channel. Raises `InvalidInput` for a value outside its range."""
+    """Rate, noise and delay of one channel, for the simulated sensors and the estimator alike.
+    Raises `InvalidInput` for a value outside its range.
+    """
 
     rate: float = math.inf
-    """[Hz]; inf is once per tick."""
+    """Readings per second [Hz]; inf is once per tick."""
     sigma: Magnitude = 0.0
-    """[unit of the channel] standard deviation of the noise of every component."""
+    """Standard deviation [unit of the channel] of the noise of every component."""
     bias: Finite | tuple[Finite, ...] = 0.0
-    """[unit of the channel] constant error, of all components or of each."""
+    """Constant error [unit of the channel], of all components or of each."""
     delay: Magnitude = 0.0
-    """[s] between taking a reading and delivering it."""
+    """Time [s] between taking a reading and delivering it."""
     dropout: Annotated[float, Range(0.0, 1.0)] = 0.0
     """Probability that a reading is lost."""
 

@@ -72,12 +72,13 @@ def matrix(*rows: Sequence[Array]) -> Array:
     """
     if not any(is_symbolic(*row) for row in rows):
         return np.array(rows, dtype=float)
-    return ca.vertcat(
-        *[
-            ca.horzcat(*[ca.DM(1, 1) if isinstance(x, int) and x == 0 else x for x in row])
-            for row in rows
-        ]
-    )
+    return ca.vertcat(*[ca.horzcat(*[_with_structural_zero(x) for x in row]) for row in rows])
+
+
+def _with_structural_zero(entry: Array) -> Array:
+    if isinstance(entry, int) and entry == 0:
+        return ca.DM(1, 1)
+    return entry
 
 
 def diagonal(entries: Array) -> Array:

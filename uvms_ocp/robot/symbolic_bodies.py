@@ -1,24 +1,17 @@
-"""Rigid bodies and joints as CasADi expressions: poses, twists, wrenches, inertias, and steps on
-joint manifolds.
+"""Poses, twists, wrenches and inertias of rigid bodies as CasADi expressions, each in its body's own
+frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-import pinocchio as pin
 
-from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import spatial
 
-# Poses, twists, wrenches and inertias of rigid bodies as CasADi expressions, each in its body's own
-# frame.
-
 _EQUAL = 1e-15  # relative, of the diagonal of an isotropic matrix
-
 _ROUNDING = 1e-14  # entries of constant matrices below this are structural zeros
 
 
@@ -154,217 +147,8 @@ def _times(inertia: ca.DM, twist: Twist) -> Wrench:
     return Wrench(force=rows[:3], moment=rows[3:])
 
 
-# Joints of a Pinocchio model as CasADi expressions: poses across them, and steps on their
-# manifolds.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class JointKind:
-    """Terms that differ between joint types, as functions of the joint's own part of q and v."""
-
-    pose: Callable[[np.ndarray, ca.SX], tuple[ca.SX, ca.SX]]
-    """Function of S (6, n) and q: R (3, 3) and p (3,) [m] of the child body in the joint's fixed
-    frame.
-    """
-    integrate: Callable[[ca.SX, ca.SX], ca.SX]
-    """Function of q and v: q after one second of v."""
-    difference: Callable[[ca.SX, ca.SX], ca.SX]
-    """Function of q0 and q1: the v that moves one to the other in one second."""
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class SymbolicJoint:
-    """One joint: where it sits in the tree, in q and v, and its constant motion subspace."""
-
-    name: str
-    kind: JointKind
-    parent: int
-    q: slice
-    v: slice
-    R_PJ: ca.DM
-    """(3, 3) of its fixed frame in the parent body."""
-    p_PJ: ca.DM
-    """(3,) [m]"""
-    S: np.ndarray
-    """(6, n) motion subspace in the child body, n being the joint's size in v."""
-    S_linear: ca.DM
-    """(3, n) first rows of S."""
-    S_angular: ca.DM
-    """(3, n) last rows of S."""
-
-    def pose(self, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Pose (R, p) of this joint's body in the parent body, from the whole configuration."""
-        R, p = self.kind.pose(self.S, q[self.q])
-        return self.R_PJ @ R, self.p_PJ + self.R_PJ @ p
-
-
 def sparse(constant: np.ndarray) -> ca.DM:
-    """The constant matrix or vector (...) [any] with rounding errors and zeros removed from its
+    """Return the constant matrix or vector (...) [any] with rounding errors and zeros removed from its
     sparsity.
     """
     return ca.sparsify(ca.DM(np.where(np.abs(constant) < _ROUNDING, 0.0, constant)))
-
-
-def symbolic_joint(model: pin.Model, index: int) -> SymbolicJoint:
-    """Read one joint of a model. Raises InvalidInput for a joint type that is not supported."""
-    joint = model.joints[index]
-    name = model.names[index]
-    X_PJ = model.jointPlacements[index]
-    S = np.asarray(joint.createData().S, dtype=float).reshape(6, joint.nvExtended)
-    follows = joint.shortname() == "JointModelMimic"
-    return SymbolicJoint(
-        name=name,
-        kind=_following(joint.extract(), S) if follows else _kind(joint.shortname(), name),
-        parent=model.parents[index],
-        q=slice(joint.idx_q, joint.idx_q + (joint.nq or 1)),
-        v=slice(joint.idx_v, joint.idx_v + joint.nvExtended),
-        R_PJ=sparse(X_PJ.rotation),
-        p_PJ=sparse(X_PJ.translation),
-        S=S,
-        S_linear=sparse(S[:3]),
-        S_angular=sparse(S[3:]),
-    )
-
-
-def _following(joint: pin.JointModelMimic, S: np.ndarray) -> JointKind:
-    """A joint that mimics another one, of one coordinate as it is itself: it moves with that one's
-    q and v, and has none.
-    """
-    leader_kind = REVOLUTE if S[3:].any() else PRISMATIC
-    scaling = joint.scaling
-    offset = joint.offset
-    nothing = ca.SX(0, 1)
-    return JointKind(
-        pose=lambda S, q: leader_kind.pose(S / scaling, scaling * q + offset),
-        integrate=lambda q, v: nothing,
-        difference=lambda q0, q1: nothing,
-    )
-
-
-def _kind(shortname: str, joint_name: str) -> JointKind:
-    if shortname not in JOINT_KINDS:
-        supported = ", ".join(name.removeprefix("JointModel") for name in JOINT_KINDS)
-        raise InvalidInput(
-            f"joint {joint_name!r} has type {shortname.removeprefix('JointModel')}; supported:"
-            f" {supported}"
-        )
-    return JOINT_KINDS[shortname]
-
-
-# --- free-flyer: q = (p (3), quaternion xyzw (4)), v = body twist (6) -----------------------------
-
-
-def _free_flyer_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return spatial.quaternion_to_matrix(q[3:]), q[:3]
-
-
-def _free_flyer_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    step = spatial.quaternion_exp(v[3:])
-    step *= ca.if_else(
-        step[3] < 0, -1, 1
-    )  # stay in the hemisphere of the old quaternion, as Pinocchio does
-    quaternion = _towards_unit(spatial.quaternion_multiply(q[3:], step))
-    return ca.vertcat(
-        q[:3] + spatial.quaternion_to_matrix(q[3:]) @ spatial.exp6_translation(v), quaternion
-    )
-
-
-def _free_flyer_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    turn: ca.SX = spatial.quaternion_log(
-        spatial.quaternion_multiply(spatial.quaternion_conjugate(q0[3:]), q1[3:])
-    )
-    return ca.vertcat(
-        spatial.log6_translation(turn, spatial.quaternion_to_matrix(q0[3:]).T @ (q1[:3] - q0[:3])),
-        turn,
-    )
-
-
-def _towards_unit(x: ca.SX) -> ca.SX:
-    """One Newton step of normalisation: rounding errors do not accumulate, and nothing is
-    divided.
-    """
-    return x * ((3 - ca.sumsqr(x)) / 2)
-
-
-# --- planar: q = (x, y, cos, sin), v = (v_x, v_y in the body, rate) -------------------------------
-
-
-def _planar_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1)), ca.vertcat(
-        q[0], q[1], ca.SX(1, 1)
-    )
-
-
-def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    p = spatial.exp6_translation(ca.vertcat(v[0], v[1], 0, 0, 0, v[2]))
-    moved = ca.vertcat(q[0] + q[2] * p[0] - q[3] * p[1], q[1] + q[3] * p[0] + q[2] * p[1])
-    return ca.vertcat(moved, _circle_integrate(q[2:], v[2]))
-
-
-def _planar_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    d = q1[:2] - q0[:2]
-    angle = _circle_difference(q0[2:], q1[2:])
-    p = ca.vertcat(q0[2] * d[0] + q0[3] * d[1], q0[2] * d[1] - q0[3] * d[0], 0)
-    return ca.vertcat(spatial.log6_translation(ca.vertcat(0, 0, angle), p)[:2], angle)
-
-
-# --- unbounded revolute: q = (cos, sin) -----------------------------------------------------------
-
-
-def _circle_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return _rotation_about(S[3:, 0], q[0], q[1]), ca.SX(3, 1)
-
-
-def _circle_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    c = ca.cos(v)
-    s = ca.sin(v)
-    return _towards_unit(ca.vertcat(q[0] * c - q[1] * s, q[1] * c + q[0] * s))
-
-
-def _circle_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
-    return ca.atan2(q0[0] * q1[1] - q0[1] * q1[0], q0[0] * q1[0] + q0[1] * q1[1])
-
-
-# --- one coordinate -------------------------------------------------------------------------------
-
-
-def _revolute_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return _rotation_about(S[3:, 0], ca.cos(q), ca.sin(q)), ca.SX(3, 1)
-
-
-def _rotation_about(axis: np.ndarray, c: ca.SX, s: ca.SX) -> ca.SX:
-    """Rodrigues' formula with a constant axis; zeros of an aligned axis stay structural."""
-    outer = np.outer(axis, axis)
-    return sparse(outer) + c * sparse(np.eye(3) - outer) + s * sparse(spatial.skew(axis))
-
-
-FREE_FLYER = JointKind(
-    pose=_free_flyer_pose, integrate=_free_flyer_integrate, difference=_free_flyer_difference
-)
-PLANAR = JointKind(pose=_planar_pose, integrate=_planar_integrate, difference=_planar_difference)
-UNBOUNDED = JointKind(pose=_circle_pose, integrate=_circle_integrate, difference=_circle_difference)
-REVOLUTE = JointKind(
-    pose=_revolute_pose, integrate=lambda q, v: q + v, difference=lambda q0, q1: q1 - q0
-)
-PRISMATIC = replace(REVOLUTE, pose=lambda S, q: (ca.SX.eye(3), sparse(S[:3, 0]) * q))
-
-JOINT_KINDS: Mapping[str, JointKind] = {
-    "JointModelFreeFlyer": FREE_FLYER,
-    "JointModelPlanar": PLANAR,
-    **dict.fromkeys(
-        ("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"), REVOLUTE
-    ),
-    **dict.fromkeys(
-        (
-            "JointModelRUBX",
-            "JointModelRUBY",
-            "JointModelRUBZ",
-            "JointModelRevoluteUnboundedUnaligned",
-        ),
-        UNBOUNDED,
-    ),
-    **dict.fromkeys(
-        ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"), PRISMATIC
-    ),
-}
-"""Joint types of Pinocchio that have a symbolic form."""

@@ -17,14 +17,13 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import FrameNotFound, InvalidInput
 from uvms_ocp.robot import spatial
 from uvms_ocp.robot.symbolic_bodies import (
-    SymbolicJoint,
     SymbolicPose,
     Twist,
     TwistToWrench,
     Wrench,
     sparse,
-    symbolic_joint,
 )
+from uvms_ocp.robot.symbolic_joints import SymbolicJoint, symbolic_joint
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

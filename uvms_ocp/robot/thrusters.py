@@ -278,8 +278,8 @@ def left_null_space(B: np.ndarray) -> np.ndarray:
     share = np.append(s, np.zeros(len(U) - len(s))) / s.max(initial=1e-300)
     null_space = U[:, share <= _ROUNDING]
     weakly_driven = U[:, share <= _WEAK]
-    roll, pitch = 3, 4
-    undriven_or_righting = {*_heaviest_axes(null_space), roll, pitch}
+    righting = (AXES.index("roll"), AXES.index("pitch"))
+    undriven_or_righting = {*_heaviest_axes(null_space), *righting}
     if undriven_or_righting.issuperset(_heaviest_axes(weakly_driven)):
         return weakly_driven
     return null_space

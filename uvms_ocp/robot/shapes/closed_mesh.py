@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import coal
 import numpy as np
 
 _SAME_VERTEX = 1e-9  # share of the size of a mesh within which two of its vertices are one
@@ -80,6 +81,15 @@ def closed_solid(vertices: np.ndarray, triangles: np.ndarray) -> Solid | None:
     if not (np.array_equal(forward, backward) and np.array_equal(n_forward, n_backward)):
         return None
     return Solid(corners=vertices[triangles[is_triangle]])
+
+
+def mesh_triangles(shape: coal.BVHModelBase) -> list[list[int]]:
+    """Return the indices of the vertices of every triangle of a mesh, three each."""
+    triangles = list[list[int]]()
+    for k in range(shape.num_tris):
+        a, b, c = (shape.tri_indices(k)[i] for i in range(3))
+        triangles.append([a, b, c])
+    return triangles
 
 
 def _nearest_on_triangles(corners: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.robot.shapes.pair_distances import CoalPairs, CompiledPairs
-from uvms_ocp.robot.shapes.shape_pairs import self_pairs, shapes_among
+from uvms_ocp.robot.shapes.shape_pairs import self_pairs, shapes_among, shapes_in
 
 _Engine: TypeAlias = CompiledPairs | CoalPairs
 
@@ -89,7 +89,7 @@ class CollisionModel:
     def without_c_form(self) -> tuple[str, ...]:
         """Names of the shapes that only coal measures, such as meshes."""
         names = list[str]()
-        for k in _used(self._pairs):
+        for k in sorted(shapes_in(self._pairs)):
             shape = self._geometry.geometryObjects[k]
             if not distance_kernels.has_kernel(shape.geometry):
                 names.append(shape.name)
@@ -98,7 +98,7 @@ class CollisionModel:
     @property
     def n_solids(self) -> int:
         """Shapes that are in some pair."""
-        return len(_used(self._pairs))
+        return len(shapes_in(self._pairs))
 
     def is_of(self, robot: Robot) -> bool:
         """True where its shapes are on a robot of the same joints."""
@@ -181,11 +181,6 @@ def _counted(chosen: np.ndarray) -> np.ndarray:
     return np.where(chosen, np.cumsum(chosen) - 1, -1)
 
 
-def _used(pairs: Sequence[tuple[int, int]]) -> list[int]:
-    """Return the indices of the shapes in the pairs."""
-    return sorted({k for pair in pairs for k in pair})
-
-
 def _pair_reach(
     robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
 ) -> np.ndarray:
@@ -197,7 +192,8 @@ def _pair_reach(
     leads_others = np.isin(np.arange(robot.n_v), leading)
     largest = np.zeros(robot.n_v)
     for a, b in pairs:
-        first, second = reaches[a], reaches[b]
+        first = reaches[a]
+        second = reaches[b]
         moves_either = (first > 0) != (second > 0)
         alone = np.where(moves_either, np.maximum(first, second), 0.0)
         reach = np.where(leads_others, first + second, alone)

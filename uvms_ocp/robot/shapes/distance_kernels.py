@@ -27,9 +27,10 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector, zeros
-from uvms_ocp.robot import spatial, symbolic_bodies, symbolic_model
+from uvms_ocp.robot import spatial, symbolic_bodies, symbolic_joints, symbolic_model
 from uvms_ocp.robot.shapes import gjk
 from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
+from uvms_ocp.robot.shapes.shape_pairs import shapes_in
 
 # The signed distance of two solids: apart, or overlapping.
 
@@ -268,19 +269,21 @@ def write_distances(
     """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they
     are used.
     """
-    used = sorted({k for pair in pairs for k in pair})
+    used = sorted(shapes_in(pairs))
     places = {k: i for i, k in enumerate(used)}
     memory.n_solids = len(used)
     memory.n_pairs = len(pairs)
-    joints = list(enumerate(model.joints))[1:]
-    columns = [
-        (joint, moving.idx_v + k) for joint, moving in joints for k in range(moving.nvExtended)
-    ]  # of what mimics, its leader's
-    memory.axes[:] = [axis for _, axis in columns]
+    axes = list[int]()  # of what mimics, its leader's
+    joint_of_axis = list[int]()
+    for index, joint in enumerate(model.joints):
+        if index > 0:
+            axes += range(joint.idx_v, joint.idx_v + joint.nvExtended)
+            joint_of_axis += [index] * joint.nvExtended
+    memory.axes[:] = axes
     for k, i in places.items():
         _write_solid(memory.solids[i], shapes[k])
         carriers = list(model.supports[shapes[k].parentJoint])
-        memory.moves[i][:] = [int(joint in carriers) for joint, _ in columns]
+        memory.moves[i][:] = [int(index in carriers) for index in joint_of_axis]
     for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
         pair.first = places[first]
         pair.second = places[second]
@@ -331,7 +334,7 @@ def _places(model: pin.Model) -> ca.Function:
     return symbolic_model.function("places", {"q": q}, outputs)
 
 
-def _twists(joint: symbolic_bodies.SymbolicJoint, pose: symbolic_bodies.SymbolicPose) -> ca.SX:
+def _twists(joint: symbolic_joints.SymbolicJoint, pose: symbolic_bodies.SymbolicPose) -> ca.SX:
     """(6, n) of a joint's axes at unit speed."""
     angular = pose.R @ joint.S_angular
     return ca.vertcat(pose.R @ joint.S_linear + spatial.skew(pose.p) @ angular, angular)

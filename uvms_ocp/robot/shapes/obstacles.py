@@ -27,6 +27,7 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.model_errors import FileModel, printable
 from uvms_ocp.record.meta_values import N_SIZES, ObstacleMeta
 from uvms_ocp.record.yaml_file import read_yaml
+from uvms_ocp.robot.shapes.closed_mesh import mesh_triangles
 from uvms_ocp.types import Finite, Range, Shape
 
 Numbers = Annotated[ArrayLike, Range(open=True)]
@@ -208,8 +209,11 @@ def require_distinct_names(obstacles: Sequence[Obstacle]) -> None:
 def _shape_fields(shape: coal.CollisionGeometry) -> dict[str, Any] | None:
     """Return shape and size of `ObstacleMeta`, or shape, vertices and triangles."""
     if isinstance(shape, coal.BVHModelBase):
-        triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
-        return {"shape": _MESH, "vertices": shape.vertices().tolist(), "triangles": triangles}
+        return {
+            "shape": _MESH,
+            "vertices": shape.vertices().tolist(),
+            "triangles": mesh_triangles(shape),
+        }
     if isinstance(shape, coal.ConvexBase):
         from scipy.spatial import ConvexHull  # a quarter of a second, which few need
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 from uvms_ocp.codegen.kernel_layout import structure_of, view
 from uvms_ocp.codegen.kernels import make_memory
 from uvms_ocp.robot.shapes import distance_kernels
-from uvms_ocp.robot.shapes.shape_pairs import with_pairs
+from uvms_ocp.robot.shapes.shape_pairs import shapes_in, with_pairs
 from uvms_ocp.robot.shapes.signed_distance import PairContact, SignedDistances
 
 # coal's default of 1e-6 shows as noise in finite differences. 1e-12 made 4 of 264,000 distances
@@ -104,7 +104,7 @@ class CompiledPairs:
         self, model: pin.Model, geometry: pin.GeometryModel, pairs: Sequence[tuple[int, int]]
     ) -> None:
         """geometry: the shapes, of which those of the pairs (by index) are measured."""
-        n_solids = len({k for pair in pairs for k in pair})
+        n_solids = len(shapes_in(pairs))
         sizes = distance_kernels.distance_sizes(model, n_solids=n_solids, n_pairs=len(pairs))
         self._memory, (self._distances, self._gradients) = make_memory(
             structure_of(distance_kernels.DistanceMemory, **sizes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 import pinocchio as pin
@@ -34,6 +34,11 @@ def self_pairs(robot: Robot) -> list[tuple[int, int]]:
             separate.append((a, b))
     distances = stowed_distances(robot, with_pairs(robot.collision_model, separate))
     return [pair for pair, distance in zip(separate, distances, strict=True) if distance > 0.0]
+
+
+def shapes_in(pairs: Iterable[tuple[int, int]]) -> set[int]:
+    """Return the indices of the shapes that are in some pair."""
+    return set(chain.from_iterable(pairs))
 
 
 def stowed_distances(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:

@@ -16,7 +16,8 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.robot.shapes.closed_mesh import Solid, closed_solid
+from uvms_ocp.robot.shapes.closed_mesh import Solid, closed_solid, mesh_triangles
+from uvms_ocp.robot.shapes.shape_pairs import shapes_in
 
 _BESIDE = 1e-6  # [m] from a surface to where it is asked which side is inside
 _UNIT = 1e-6  # by which the length of a normal that coal has set may differ from 1
@@ -42,8 +43,7 @@ class SignedDistances:
     def __init__(self, geometry: pin.GeometryModel) -> None:
         self._geometry = geometry
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        used = {k for pair in pairs for k in pair}
-        bodies = {k: Body(geometry.geometryObjects[k].geometry) for k in used}
+        bodies = {k: Body(geometry.geometryObjects[k].geometry) for k in shapes_in(pairs)}
         self._bodies = bodies
         self._has_mesh = [bodies[a].is_mesh or bodies[b].is_mesh for a, b in pairs]
         self._pairs = pairs
@@ -196,9 +196,8 @@ class Body:
         """The solid inside a closed mesh; `None` for an open one."""
         if not self.is_mesh:
             return None
-        shape = self._shape
-        triangles = [[shape.tri_indices(k)[i] for i in range(3)] for k in range(shape.num_tris)]
-        return closed_solid(self.vertices, np.array(triangles, dtype=int).reshape(-1, 3))
+        triangles = np.array(mesh_triangles(self._shape), dtype=int).reshape(-1, 3)
+        return closed_solid(self.vertices, triangles)
 
     def lowest(self, direction: np.ndarray) -> np.ndarray:
         """Return the point (3,) [m] of it that is least along a direction (3,); its origin, where
