@@ -38,9 +38,8 @@ class Dynamics(FieldTable):
     """Functions by the name of their term, made when first asked for: few callers need them all."""
 
     def __post_init__(self) -> None:
-        len(
-            self.symbolic.links
-        )  # what has no equations is refused here, not when they are asked for
+        # What has no equations is refused here, not when they are asked for.
+        len(self.symbolic.links)
 
     def inverse_dynamics(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, water: Water = STILL_WATER
@@ -49,9 +48,9 @@ class Dynamics(FieldTable):
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._evaluate("inverse_dynamics", q, v, a, water.velocity.T, water.acceleration.T)[
-            0
-        ]
+        u = water.velocity.T
+        Du_Dt = water.acceleration.T
+        return self._evaluate("inverse_dynamics", q, v, a, u, Du_Dt)
 
     def forward_dynamics(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, water: Water = STILL_WATER
@@ -60,23 +59,23 @@ class Dynamics(FieldTable):
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._evaluate(
-            "forward_dynamics", q, v, tau, water.velocity.T, water.acceleration.T
-        )[0]
+        u = water.velocity.T
+        Du_Dt = water.acceleration.T
+        return self._evaluate("forward_dynamics", q, v, tau, u, Du_Dt)
 
     def bias_force(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Generalized force (n_v,) [N, N m] for zero acceleration: ``C v + D v + g``.
 
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
-        return self._evaluate("bias_force", q, v, water.velocity.T, water.acceleration.T)[0]
+        return self._evaluate("bias_force", q, v, water.velocity.T, water.acceleration.T)
 
     def mass_matrix(self, q: ArrayLike) -> np.ndarray:
         """Rigid-body plus added mass M (n_v, n_v) [kg, kg m, kg m2], symmetric, at q (n_q,) [m,
         rad].
         """
         n_v = self.symbolic.model.nv
-        return self._evaluate("mass_matrix", q)[0].reshape(n_v, n_v)
+        return self._evaluate("mass_matrix", q).reshape(n_v, n_v)
 
     def damping_matrix(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Symmetric part of D(q, v_r) (n_v, n_v) [N/(m/s), N m/(rad/s)]: drag of all links and
@@ -85,45 +84,48 @@ class Dynamics(FieldTable):
         q (n_q,) [m, rad]; v (n_v,) [m/s, rad/s].
         """
         n_v = self.symbolic.model.nv
-        return self._evaluate("damping_matrix", q, v, water.velocity.T)[0].reshape(n_v, n_v)
+        return self._evaluate("damping_matrix", q, v, water.velocity.T).reshape(n_v, n_v)
 
     def drag_slope(self, q: ArrayLike, v: ArrayLike, water: Water = STILL_WATER) -> np.ndarray:
         """Derivative (n_v, n_v) [N/(m/s), N m/(rad/s)] of drag and joint friction with respect to v
         (n_v,) [m/s, rad/s], its symmetric part, at q (n_q,) [m, rad].
         """
         n_v = self.symbolic.model.nv
-        return self._evaluate("drag_slope", q, v, water.velocity.T)[0].reshape(n_v, n_v)
+        return self._evaluate("drag_slope", q, v, water.velocity.T).reshape(n_v, n_v)
 
     def kinetic_energy(self, q: ArrayLike, v: ArrayLike) -> float:
         """``1/2 v.T M v`` [J] at q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s].
 
         With v relative to a uniform current it is the energy in the drifting frame.
         """
-        return float(self._evaluate("kinetic_energy", q, v)[0][0])
+        return float(self._evaluate("kinetic_energy", q, v)[0])
 
     def potential_energy(self, q: ArrayLike) -> float:
         """Potential energy of weight and buoyancy [J] at q (n_q,) [m, rad], zero at the origin of
         W.
         """
-        return float(self._evaluate("potential_energy", q)[0][0])
+        return float(self._evaluate("potential_energy", q)[0])
 
     def link_positions(self, q: ArrayLike) -> np.ndarray:
         """Positions in W (n_links, 3) [m] at which a sheared current acts on the links, at q (n_q,)
         [m, rad].
         """
-        return self._evaluate("link_positions", q)[0].reshape(3, -1).T
+        return self._evaluate("link_positions", q).reshape(3, -1).T
 
-    def _evaluate(self, term: str, q: ArrayLike, *others: ArrayLike) -> tuple[np.ndarray, ...]:
+    def _evaluate(self, term: str, q: ArrayLike, *arguments: ArrayLike) -> np.ndarray:
+        """Return the only output of the function of a term. Raises `InvalidInput` for a q of
+        another shape, or that is not normalized.
+        """
         if term not in self._functions:
             self._functions[term] = BufferedFunction(_function(self.symbolic, term))
-        outputs = self._functions[term](q, *others)  # says of which shape q has to be
+        (output,) = self._functions[term](q, *arguments)
         require_normalized(self.symbolic.model, q)
-        return outputs
+        return output
 
 
 @checked
 def robot_dynamics(robot: Robot, density: Positive | None = None) -> Dynamics:
-    """Dynamics of a robot with the water of its description and the joint friction of its URDF.
+    """Return the dynamics of a robot with the water of its description and the joint friction of its URDF.
 
     density: of the water [kg/m3]; default the description's.
     """

@@ -17,94 +17,6 @@ STEEP = 0.1
 """Cosine of a beam's tilt below which its range says nothing about the height."""
 
 
-# How far an axis of a robot can move the points of its shapes.
-
-
-def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
-    """(n_v,) upper bound on the speed of any point of a shape per unit of each axis, within the
-    joint limits [m, or 1].
-
-    Infinite for what turns a joint that travels without limit.
-    """
-    if shape.parentJoint == 0:
-        return np.zeros(robot.n_v)  # a floor has no end
-    shape.geometry.computeLocalAABB()
-    centre = shape.placement.act(np.array(shape.geometry.aabb_center))
-    return _reach_of_ball(
-        robot, shape.parentJoint, float(np.linalg.norm(centre)) + shape.geometry.aabb_radius
-    )
-
-
-def point_reach(robot: Robot, frame: str) -> np.ndarray:
-    """(n_v,) as `shape_reach`, for the origin of a frame. Raises FrameNotFound."""
-    point_frame = robot.model.frames[robot.frame_id(frame)]
-    return _reach_of_ball(
-        robot, point_frame.parentJoint, float(np.linalg.norm(point_frame.placement.translation))
-    )
-
-
-def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each
-    axis; (...) for one (n,).
-
-    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands
-    still costs nothing, however far it reaches.
-    """
-    endless = ~np.isfinite(reach)
-    if not endless.any():
-        return np.asarray(motion @ reach.T)
-    return np.where((motion > 0.0) @ endless.T, np.inf, motion @ np.where(endless, 0.0, reach).T)
-
-
-def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
-    """`length` [m] is the radius of a ball around the joint `carrier` that holds all points; it
-    grows to the base.
-    """
-    reach = np.zeros(robot.n_v)
-    while carrier:
-        joint = robot.model.joints[carrier]
-        linear, angular = _speeds(joint)
-        turns = angular > 0.0
-        speed = linear.copy()
-        speed[turns] += angular[turns] * length
-        reach[joint.idx_v : joint.idx_v + joint.nvExtended] += (
-            speed  # of what mimics, with that of its leader
-        )
-        length += _travel(robot, joint, linear)
-        length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
-        carrier = robot.model.parents[carrier]
-    return reach
-
-
-def _speeds(joint: pin.JointModel) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular speed (nv,) per unit of each axis; the same at any configuration for the
-    joints of a URDF.
-    """
-    subspace = np.array(joint.createData().S).reshape(6, joint.nvExtended)
-    return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
-
-
-def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
-    """[m] from zero to the farthest corner of the limits of the axes that are `linear`, at that
-    speed per unit.
-    """
-    moved = np.flatnonzero(linear)
-    axes = joint.idx_v - robot.n_vehicle + moved
-    if (axes < 0).any():
-        return np.inf
-    lower = robot.limits.position_lower[axes]
-    upper = robot.limits.position_upper[axes]
-    if joint.nv or not len(moved):
-        offset = 0.0
-    else:
-        offset = abs(joint.extract().offset)
-    return float(np.linalg.norm(linear[moved] * np.maximum(np.abs(lower), np.abs(upper)))) + offset
-
-
-# Where the frames of a robot are, and how they move, at one configuration; and where its altimeter
-# looks.
-
-
 @checked_dataclass(check=checked_on_failure, kw_only=False, eq=False, repr=False)
 class Kinematics(FieldTable):
     """A robot at a configuration; its existence proves that q is valid.
@@ -115,7 +27,7 @@ class Kinematics(FieldTable):
     robot: Robot
     """The robot whose frames have poses here."""
     q: np.ndarray
-    """(n_q,) [m, rad]"""
+    """Configuration (n_q,) [m, rad]."""
     _data: pin.Data = field(init=False, repr=False)
     """With poses of all frames and Jacobians of all joints."""
 
@@ -160,9 +72,9 @@ class Beam:
     """Ray of a range sensor S: along -z of its frame."""
 
     origin: np.ndarray
-    """P_WS (3,) [m]."""
+    """Position p_WS (3,) [m]."""
     direction: np.ndarray
-    """(3,) unit vector in W."""
+    """Unit vector (3,) in W."""
     cosine: float
     """Cosine of the angle between the beam and straight down."""
 
@@ -181,8 +93,90 @@ class AltimeterBeam:
         self._frame = robot.frame_id(frame)
 
     def at(self, q: np.ndarray) -> Beam:
-        """The beam at q (n_q,) [m, rad]."""
+        """Return the beam at q (n_q,) [m, rad]."""
         pin.forwardKinematics(self._model, self._data, q)
         X_WS = pin.updateFramePlacement(self._model, self._data, self._frame)
         R_WS = X_WS.rotation
         return Beam(origin=X_WS.translation.copy(), direction=-R_WS[:, 2], cosine=float(R_WS[2, 2]))
+
+
+def shape_reach(robot: Robot, shape: pin.GeometryObject) -> np.ndarray:
+    """Return an upper bound (n_v,) on the speed of any point of a shape per unit of each axis,
+    within the joint limits [m, or 1].
+
+    Infinite for what turns a joint that travels without limit.
+    """
+    if shape.parentJoint == 0:
+        return np.zeros(robot.n_v)  # a floor has no end
+    shape.geometry.computeLocalAABB()
+    centre = shape.placement.act(np.array(shape.geometry.aabb_center))
+    radius = float(np.linalg.norm(centre)) + shape.geometry.aabb_radius
+    return _reach_of_ball(robot, shape.parentJoint, radius)
+
+
+def point_reach(robot: Robot, frame: str) -> np.ndarray:
+    """Return an upper bound (n_v,) on the speed of the origin of a frame per unit of each axis,
+    within the joint limits [m, or 1]. Raises FrameNotFound.
+    """
+    point_frame = robot.model.frames[robot.frame_id(frame)]
+    radius = float(np.linalg.norm(point_frame.placement.translation))
+    return _reach_of_ball(robot, point_frame.parentJoint, radius)
+
+
+def largest_change(reach: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """Return an upper bound (..., m) [m] of what moves by at most `reach` (m, n) [m, or 1] per unit of each
+    axis; (...) for one (n,).
+
+    `motion` (..., n) [rad, or m] is how far each axis moves, not negative. An axis that stands
+    still costs nothing, however far it reaches.
+    """
+    endless = ~np.isfinite(reach)
+    if not endless.any():
+        return np.asarray(motion @ reach.T)
+    moves_endlessly = (motion > 0.0) @ endless.T
+    return np.where(moves_endlessly, np.inf, motion @ np.where(endless, 0.0, reach).T)
+
+
+def _reach_of_ball(robot: Robot, carrier: int, length: float) -> np.ndarray:
+    """Return the reach (n_v,) [m, or 1] of points in a ball around the joint `carrier`; its radius
+    `length` [m] grows to the base.
+    """
+    reach = np.zeros(robot.n_v)
+    while carrier:
+        joint = robot.model.joints[carrier]
+        linear, angular = _speeds(joint)
+        turns = angular > 0.0
+        speed = linear.copy()
+        speed[turns] += angular[turns] * length
+        # of what mimics, with that of its leader
+        reach[joint.idx_v : joint.idx_v + joint.nvExtended] += speed
+        length += _travel(robot, joint, linear)
+        length += float(np.linalg.norm(robot.model.jointPlacements[carrier].translation))
+        carrier = robot.model.parents[carrier]
+    return reach
+
+
+def _speeds(joint: pin.JointModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return linear and angular speed (nv,) per unit of each axis; the same at any configuration for the
+    joints of a URDF.
+    """
+    subspace = np.array(joint.createData().S).reshape(6, joint.nvExtended)
+    return np.linalg.norm(subspace[:3], axis=0), np.linalg.norm(subspace[3:], axis=0)
+
+
+def _travel(robot: Robot, joint: pin.JointModel, linear: np.ndarray) -> float:
+    """Return the distance [m] from zero to the farthest corner of the limits of the axes that are
+    `linear`, at that speed per unit.
+    """
+    moved = np.flatnonzero(linear)
+    axes = joint.idx_v - robot.n_vehicle + moved
+    if (axes < 0).any():
+        return np.inf
+    lower = robot.limits.position_lower[axes]
+    upper = robot.limits.position_upper[axes]
+    farthest = np.maximum(np.abs(lower), np.abs(upper))
+    travel = float(np.linalg.norm(linear[moved] * farthest))
+    mimics = joint.nv == 0
+    if mimics and len(moved):
+        travel += abs(joint.extract().offset)
+    return travel
