@@ -10,7 +10,7 @@ from horizon.tracking import tracked
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP, Actuators, TrackingGains
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.ocp.plan import tracking_error
+from uvms_ocp.ocp.tracking_error import tracking_error
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot

@@ -16,10 +16,11 @@ from reaches import CHEAP, PATIENCE, patient, reach, tool_goal
 
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
-from uvms_ocp.ocp.plan import OcpStatus, tracking_error
+from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import AtRest, TaskTerm
+from uvms_ocp.ocp.tracking_error import tracking_error
 from uvms_ocp.ocp.trajectory import guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot

@@ -18,7 +18,7 @@ from uvms_ocp.ocp.bound_groups import BoundGroup, GroupIndex, RelaxationUnit
 from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
-from uvms_ocp.ocp.relaxation import _constraint_rows, _Elastic, bindings, phase_one
+from uvms_ocp.ocp.relaxation import _constraint_rows, _ElasticProgram, bindings, phase_one
 from uvms_ocp.ocp.terms import At, AtRest, Effort, StageSymbols, TaskTerm, Term, residual_term
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.kinematics import Kinematics
@@ -252,10 +252,10 @@ def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_s
     problem = on_arm(arm, arm.configuration(), along(arm, "goal", 1.0, 1.0), 2.0)
     transcription = Planner(problem, NlpOptions(time_limit=PATIENCE)).transcription
     p, hold = transcription.parameters(), transcription.pack(hold_guess(problem))
-    elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
+    elastic = _ElasticProgram(transcription, problem, _constraint_rows(transcription, problem), p)
     x = hold + np.random.default_rng(1).normal(scale=20.0, size=len(hold))
     values = np.concatenate([np.array(elastic.functions["nlp_g"](x, p)).ravel(), x])
-    amounts = elastic._amounts(values)
+    amounts = elastic._sufficient_amounts(values)
     P = elastic.P.full()
     Q = elastic.Q.full()
     soft = Q.any(axis=1)

@@ -1,5 +1,5 @@
-"""Clearance between balls, for robots and obstacles that a few of them describe, as rows of an optimal
-control problem.
+"""Clearance between balls, for robots and obstacles that a few of them describe, as rows of an
+optimal control problem.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class BallClearance(Term):
     def _gap(
         self, ball: Ball, other: Ball, place: ca.SX, side: ca.SX, symbols: TickSymbols
     ) -> ca.SX:
-        """Distance of the balls; with a side (3,), a direction in W, how far one is beyond the other
-        along it, which is never more.
+        """Distance of the balls; with a side (3,), a direction in W, how far one is beyond the
+        other along it, which is never more.
         """
         d = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0)))) - other.placed(
             symbols, place[:3]

@@ -4,7 +4,7 @@ the constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -14,7 +14,7 @@ import numpy as np
 from uvms_ocp.ocp.first_order_gain import level_residuals
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.problem import OcpProblem
-from uvms_ocp.ocp.relaxation import Binding, PhaseOne, bindings, phase_one
+from uvms_ocp.ocp.relaxation import Binding, PhaseOne, Relaxation, bindings, phase_one
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import (
     Verdict,
@@ -26,14 +26,15 @@ from uvms_ocp.ocp.verdict import (
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.types import DAY
 
-_LONGER = (2.0, 4.0)  # shares of the horizon that are tried to tell "too short" from "unreachable"
-_UNHELD = "; no limit, constraint or level above holds it back: the robot does not get nearer"
-_HELPS = 0.9  # share of the residual that more time must leave at most to count as a help
+# shares of the horizon that are tried to tell "too short" from "unreachable"
+_LONGER_HORIZONS = (2.0, 4.0)
+_NOTHING_BINDS = (
+    "; no limit, constraint or level above holds it back: the robot does not get nearer"
+)
+_HELPFUL = 0.9  # share of the residual that more time must leave at most to count as a help
 
 Solve = Callable[[OcpProblem, np.ndarray | None, float], LexicographicResult]
-"""A problem, variables to start from (by default its start, held) and a time limit [s] to a
-result.
-"""
+"""Solves a problem from variables (by default its start, held) within a time limit [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -42,16 +43,16 @@ class SolveVerdict:
 
     status: OcpStatus
     reason: str
-    """In words, with numbers."""
+    """Reason of the status in words, with numbers."""
     result: LexicographicResult
     """Result of the solve, or of one more that was better."""
     verdict: Verdict | None = None
-    """Word of the judge on the motion of the result; `None` where that has no numbers."""
+    """Verdict on the motion of the result; `None` where that has no numbers."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Diagnosis:
-    """Judges one result."""
+    """Finds out what a result of the solver means, and why a goal is missed."""
 
     transcription: Transcription
     problem: OcpProblem
@@ -66,13 +67,16 @@ class Diagnosis:
     """[s] by `perf_counter`, until which longer horizons are tried; `None`: nothing is tried."""
 
     def verdict(self, result: LexicographicResult, *, again: bool = True) -> SolveVerdict:
-        """again: one more solve is made where the search for what gives way finds a point that
-        keeps all constraints.
+        """Judge a result, and find the reason.
+
+        again: one more solve is made where the search for what gives way finds a point that keeps
+        all constraints.
         """
         if NlpStatus.NOT_A_NUMBER in result.level_status or not np.isfinite(result.x).all():
             return self._undefined(result)
         verdict = self.judge(result)
-        status, reason = verdict.status, verdict.reason
+        status = verdict.status
+        reason = verdict.reason
         if NlpStatus.INTERRUPTED in result.level_status:
             status = OcpStatus.INTERRUPTED
             reason = self._interrupted(result)
@@ -81,14 +85,15 @@ class Diagnosis:
         elif status is OcpStatus.MISSED:
             status, reason = self._missed(result, verdict)
         elif status is OcpStatus.BROKEN and verdict.missed is not None:
-            _, missed = self._missed(result, verdict)
-            reason = f"{reason}; {missed}"
+            _, missed_reason = self._missed(result, verdict)
+            reason = f"{reason}; {missed_reason}"
         elif status is OcpStatus.IMPROVABLE:
             assert verdict.improvable is not None
             reason += _ended(result, verdict.improvable)
         return SolveVerdict(status=status, reason=reason, result=result, verdict=verdict)
 
     def _interrupted(self, result: LexicographicResult) -> str:
+        """Describe where a search was stopped by hand."""
         level = result.level_status.index(NlpStatus.INTERRUPTED)
         residual = self._residuals(result)[level]
         return (
@@ -97,7 +102,7 @@ class Diagnosis:
         )
 
     def _residuals(self, result: LexicographicResult) -> np.ndarray:
-        """(n_levels,) see `uvms_ocp.ocp.plan_file.LevelReport.residual`."""
+        """Return the residuals (n_levels,); see `uvms_ocp.ocp.plan_file.LevelReport.residual`."""
         t = self.transcription.unpack(result.x, self.problem).t
         return level_residuals(self.transcription, self.problem, result.values, t)
 
@@ -105,12 +110,10 @@ class Diagnosis:
         return repr(self.problem.levels[level].name)
 
     def _undefined(self, result: LexicographicResult) -> SolveVerdict:
+        """Name the terms that are no numbers."""
         names = self.transcription.undefined(self.problem)
-        wrong = [
-            i for i, status in enumerate(result.level_status) if status is NlpStatus.NOT_A_NUMBER
-        ]
-        if wrong:
-            level = wrong[0]
+        if NlpStatus.NOT_A_NUMBER in result.level_status:
+            level = result.level_status.index(NlpStatus.NOT_A_NUMBER)
         else:
             level = len(result.level_status) - 1
         text = f"level {self._name(level)}: {NlpStatus.NOT_A_NUMBER.value}"
@@ -121,51 +124,53 @@ class Diagnosis:
             )
         return SolveVerdict(status=OcpStatus.UNFINISHED, reason=text, result=result)
 
-    # --- no motion was found --------------------------------------------------------------------------
-
     def _broken(self, result: LexicographicResult, verdict: Verdict, again: bool) -> SolveVerdict:
+        """Find out why no motion was found that keeps the constraints: by how much they would have
+        to give way.
+        """
         groups = self.transcription.violations(result.x, self.p, self.problem)
         name = max(groups, key=lambda key: groups[key])
-        failed = _first_failure(result)
-        if failed is None:
-            level = len(result.level_status) - 1
-        else:
-            level = failed
-        status = result.level_status[level]
-        text = f"level {self._name(level)}: {status.value} with {name} broken by {groups[name]:.4g}"
+        failed_level = _first_failure(result)
+        level = len(result.level_status) - 1 if failed_level is None else failed_level
+        nlp_status = result.level_status[level]
+        reason = f"level {self._name(level)}: {nlp_status.value}"
         if groups[name] <= self.feasibility:
-            text = (
-                f"level {self._name(level)}: {status.value}: {describe_broken(verdict.broken[0])}"
-            )
-        called = OcpStatus.UNFINISHED
-        phase = self._least(result)
+            reason += f": {describe_broken(verdict.broken[0])}"
+        else:
+            reason += f" with {name} broken by {groups[name]:.4g}"
+        status = OcpStatus.UNFINISHED
+        phase = self._phase_one(result)
         if phase is not None and phase.converged:
             if not phase.relaxations and again:
-                return self.verdict(self.solve(self.problem, phase.x, self._left), again=False)
+                next_result = self.solve(self.problem, phase.x, self._time_left)
+                return self.verdict(next_result, again=False)
             if phase.relaxations:
-                called = OcpStatus.INFEASIBLE
-                text += f"; {_describe_relaxations(phase)}"
+                status = OcpStatus.INFEASIBLE
+                reason += f"; {_describe_relaxations(phase)}"
             else:
-                text += "; a motion that keeps all constraints was found, but no optimum from there"
-        if status is NlpStatus.INFEASIBLE and phase is None:
-            called = OcpStatus.INFEASIBLE
-            text += ", and no small change helps"
-        return SolveVerdict(status=called, reason=text, result=result, verdict=verdict)
+                reason += (
+                    "; a motion that keeps all constraints was found, but no optimum from there"
+                )
+        if nlp_status is NlpStatus.INFEASIBLE and phase is None:
+            status = OcpStatus.INFEASIBLE
+            reason += ", and no small change helps"
+        return SolveVerdict(status=status, reason=reason, result=result, verdict=verdict)
 
-    def _least(self, result: LexicographicResult) -> PhaseOne | None:
-        """`None` where there is no time for it, or nobody waits for it."""
-        if self._left > 0.0 and np.isfinite(result.x).all():
+    def _phase_one(self, result: LexicographicResult) -> PhaseOne | None:
+        """Find what would have to give way; `None` where there is no time for it, or nobody waits
+        for it.
+        """
+        time_left = self._time_left
+        if time_left > 0.0 and np.isfinite(result.x).all():
             with suppress(KeyboardInterrupt):
                 return phase_one(
-                    self.transcription, self.problem, self.p, result.x, time_limit=self._left
+                    self.transcription, self.problem, self.p, result.x, time_limit=time_left
                 )
         return None
 
-    # --- a goal is missed -----------------------------------------------------------------------------
-
     def _missed(self, result: LexicographicResult, verdict: Verdict) -> tuple[OcpStatus, str]:
-        """Why the first goal that is missed is so, if its level and those above are at their
-        best.
+        """Find out why the first goal that is missed is so, if its level and those above are at
+        their best.
         """
         missed = verdict.missed
         assert missed is not None
@@ -182,94 +187,93 @@ class Diagnosis:
         """
         residual = float(self._residuals(result)[missed])
         text = f"level {self._name(missed)} is missed by {residual:.4g}"
-        held = self._held(missed, result)
+        held = self._describe_binding(missed, result)
         failed = ""
         if self.problem.free_time:
             return OcpStatus.MISSED, f"{text} with the best of all durations allowed{held}"
         if self.deadline is None:
             return OcpStatus.MISSED, text
-        for longer in self._longer(residual):
-            trial = self.solve(longer, None, self._left)
+        for longer in self._longer_problems(residual):
+            trial = self.solve(longer, None, self._time_left)
             if trial.violation > self.feasibility or not trial.level_status[missed].optimal:
                 failed = f"; a horizon of {_seconds(longer)} was tried in vain"
                 continue
             t = self.transcription.unpack(trial.x, longer).t
-            rest = float(level_residuals(self.transcription, longer, trial.values, t)[missed])
-            rates = "" if held == _UNHELD else held
-            if not is_missed(self.problem.levels[missed], rest):
+            residuals = level_residuals(self.transcription, longer, trial.values, t)
+            remaining = float(residuals[missed])
+            rates = "" if held == _NOTHING_BINDS else held
+            if not is_missed(self.problem.levels[missed], remaining):
                 return OcpStatus.TOO_SHORT, f"{text}; {_seconds(longer)} would do{rates}"
-            if rest < _HELPS * residual:
-                return (
-                    OcpStatus.TOO_SHORT,
-                    f"{text}; with {_seconds(longer)} it would be {rest:.4g}{rates}",
-                )
+            if remaining < _HELPFUL * residual:
+                text += f"; with {_seconds(longer)} it would be {remaining:.4g}{rates}"
+                return OcpStatus.TOO_SHORT, text
         if failed:
             return OcpStatus.MISSED, f"{text}{failed}{held}"
         return OcpStatus.UNREACHABLE, f"{text}, and more time does not help{held}"
 
     @property
-    def _left(self) -> float:
-        """[s] until the deadline."""
+    def _time_left(self) -> float:
+        """Time [s] until the deadline."""
         if self.deadline is None:
             return 0.0
         return max(self.deadline - perf_counter(), 0.0)
 
-    def _longer(self, residual: float) -> Iterator[OcpProblem]:
-        """The last leaves every axis the time to move by the residual, at its limits from rest to
-        rest.
+    def _longer_problems(self, residual: float) -> Iterator[OcpProblem]:
+        """Yield the problem with longer horizons; the last leaves every axis the time to move by
+        the residual, at its limits from rest to rest.
         """
         limits = self.problem.robot.limits
-        needed = np.concatenate(
-            [residual / limits.velocity, 2 * (residual / limits.acceleration) ** 0.5]
-        ).max(initial=0.0)
-        enough = 2 * float(needed) / float(self.problem.nominal_times()[-1])
-        for share in (
-            *_LONGER,
-            *([enough] if np.isfinite(enough) and enough > _LONGER[-1] else []),
-        ):
-            phases = tuple(
-                replace(phase, duration=min(phase.nominal * share, DAY))
-                for phase in self.problem.phases
-            )
-            yield replace(self.problem, phases=phases)
+        at_top_speed = residual / limits.velocity
+        from_rest_to_rest = 2 * (residual / limits.acceleration) ** 0.5
+        needed = np.concatenate([at_top_speed, from_rest_to_rest]).max(initial=0.0)
+        sufficient = 2 * float(needed) / float(self.problem.nominal_times()[-1])
+        shares = [*_LONGER_HORIZONS]
+        if np.isfinite(sufficient) and sufficient > _LONGER_HORIZONS[-1]:
+            shares.append(sufficient)
+        for share in shares:
+            phases = []
+            for phase in self.problem.phases:
+                phases.append(replace(phase, duration=min(phase.nominal * share, DAY)))
+            yield replace(self.problem, phases=tuple(phases))
 
-    def _held(self, missed: int, result: LexicographicResult) -> str:
+    def _describe_binding(self, missed: int, result: LexicographicResult) -> str:
         """Describe what holds the goal back, for the end of a sentence; empty where that is not
         known.
         """
         residual = float(result.level_residuals[missed])
-        if self._left <= 0.0:
+        time_left = self._time_left
+        if time_left <= 0.0:
             return ""
         holding = bindings(
-            self.transcription, self.problem, self.p, result, missed, time_limit=self._left / 2
+            self.transcription, self.problem, self.p, result, missed, time_limit=time_left / 2
         )
         if holding is None:
             return ""
         if not holding:
-            return _UNHELD
-        names = [item.group.named(item.axes) for binding in holding for item in binding.relaxations]
-        return (
-            f"; held back by {_listed(names)}:"
-            f" {'; or '.join(_change(binding, residual) for binding in holding)}"
-        )
+            return _NOTHING_BINDS
+        names = []
+        for binding in holding:
+            names += [item.group.named(item.axes) for item in binding.relaxations]
+        changes = "; or ".join(_describe_change(binding, residual) for binding in holding)
+        return f"; held back by {_listed(names)}: {changes}"
 
 
-def _change(binding: Binding, residual: float) -> str:
+def _describe_change(binding: Binding, residual: float) -> str:
+    """Describe what would have to give way for a level to be met, or to get nearer."""
     aim = f"for {binding.left * residual:.4g}" if binding.left > 0 else "to meet it"
-    return (
-        f"{aim},"
-        f" {_listed([item.group.change(item.amount, item.axes) for item in binding.relaxations])}"
-    )
+    return f"{aim}, {_listed_changes(binding.relaxations)}"
 
 
 def _describe_relaxations(phase: PhaseOne) -> str:
     """Describe the relaxations that are needed, and the bounds that oppose them."""
-    changes = _listed([item.group.change(item.amount, item.axes) for item in phase.relaxations])
+    text = f"for any motion near to keep them all, {_listed_changes(phase.relaxations)}"
     if phase.opposing:
-        against = f", against {_listed([group.name for group in phase.opposing])}"
-    else:
-        against = ""
-    return f"for any motion near to keep them all, {changes}{against}"
+        text += f", against {_listed([group.name for group in phase.opposing])}"
+    return text
+
+
+def _listed_changes(relaxations: Sequence[Relaxation]) -> str:
+    return _listed([item.group.change(item.amount, item.axes) for item in relaxations])
 
 
 def _listed(texts: list[str]) -> str:
@@ -293,4 +297,8 @@ def _ended(result: LexicographicResult, level: int) -> str:
 
 
 def _first_failure(result: LexicographicResult) -> int | None:
-    return next((i for i, status in enumerate(result.level_status) if not status.optimal), None)
+    """Return the index of the first level without an optimum."""
+    for i, status in enumerate(result.level_status):
+        if not status.optimal:
+            return i
+    return None

@@ -102,8 +102,8 @@ class _GuessSearch:
                 self._watch.cheapest = min(self._coarse)
 
     def _compare_over_all_steps(self) -> bool:
-        """Iterate once from each of those that cost least; False where there was nothing to compare,
-        or no time for all.
+        """Iterate once from each of those that cost least; False where there was nothing to
+        compare, or no time for all.
         """
         limit = _CLOSE * min(self._coarse, default=0.0)
         cheapest = [
@@ -128,8 +128,8 @@ class _GuessSearch:
 
 
 class _LastLevelWatch:
-    """Looks on at the last level, and stops a solve that is of no use: where levels above it are not
-    met at once, or the motion costs much more than the cheapest so far.
+    """Looks on at the last level, and stops a solve that is of no use: where levels above it are
+    not met at once, or the motion costs much more than the cheapest so far.
     """
 
     def __init__(self, last_level: str) -> None:

@@ -34,13 +34,15 @@ _QP = "piqp"  # proximal interior point of CasADi's wheel, by which nothing here
 # largest errors of its optimum; the next where rounding keeps it from one
 _QP_TOLERANCES = (1e-9, 1e-7)
 _LONGEST_STEP = 1.0  # [unit of the variable] as far as the linearization is followed
-# rounds in which planes at the end of a step are kept too, where shapes are near, and how far it
-# goes
-_ROUNDS = 6
-_STEP_NEAR_SHAPES = 0.1  # [unit of the variable]
-_CURVATURE = 1e-9  # [share of the cost / unit^2] least one, which makes the step one
-_HELD = 1e-7  # [unit of the row] by which rows that are kept may give way: rounding of these
-_NOTHING = 1e-12  # cost of a level that has none
+# rounds in which planes at the end of a step are kept too, where shapes are near
+_SHAPE_ROUNDS = 6
+_STEP_NEAR_SHAPES = 0.1  # [unit of the variable] how far the step of such a round goes
+_SMALLEST_CURVATURE = 1e-9  # [share of the cost / unit^2] makes the step unique
+_ROUNDING = 1e-7  # [unit of the row] by which rows that are kept may give way
+_NO_COST = 1e-12  # cost of a level that has none
+
+LinearRows = tuple["csc_matrix", Array, Array]
+"""Slopes (m, n_x) of rows by the variables, and lower and upper bounds (m,) of their change."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -67,8 +69,8 @@ class LevelGain:
 
 
 def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) -> list[Array]:
-    """Shares (n_nodes, n_rows) with which the squares of the rows of every block count in the cost
-    of their level, for nodes at times t (N + 1,) [s].
+    """Return the shares (n_nodes, n_rows) with which the squares of the rows of every block count
+    in the cost of their level, for nodes at times t (N + 1,) [s].
 
     Along the path that of the step in the nominal time, at the last node half of it; 1 for terms at
     the end of a phase; 0 for states that are given.
@@ -76,17 +78,13 @@ def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) ->
     total = float(problem.nominal_times()[-1])
     steps = np.diff(t) / total
     last = float(np.diff(problem.nominal_times())[-1]) / (2.0 * total)
+    node_shares = np.append(steps, last)
     shares = []
     for block in blocks:
-        on_path = np.concatenate(
-            [np.zeros(0, dtype=bool)]
-            + [
-                np.full(member.residual.n_rows, member.term.at is At.PATH)
-                for member in block.rows.members
-            ]
-        )
-        along = np.append(steps, last)[block.nodes][:, None]
-        share = np.where(on_path, along, 1.0)
+        is_on_path: list[bool] = []
+        for member in block.rows.members:
+            is_on_path += [member.term.at is At.PATH] * member.residual.n_rows
+        share = np.where(np.array(is_on_path, dtype=bool), node_shares[block.nodes][:, None], 1.0)
         if problem.fixed_start:
             share = np.where((block.nodes == 0)[:, None] & block.rows.state_only, 0.0, share)
         shares.append(share)
@@ -96,28 +94,24 @@ def path_shares(problem: OcpProblem, blocks: tuple[TermBlock, ...], t: Array) ->
 def level_residuals(
     transcription: Transcription, problem: OcpProblem, values: tuple[Array, ...], t: Array
 ) -> Array:
-    """Residuals (n_levels,) of levels whose rows have these values, for nodes at times t (N + 1,)
-    [s]; see `LevelGain.residual`.
+    """Return the residuals (n_levels,) of levels whose rows have these values, for nodes at times t
+    (N + 1,) [s]; see `LevelGain.residual`.
     """
     shares = _row_shares(transcription, problem, t)
-    levels = zip(
-        transcription.ranges(problem).levels, transcription.row_layout.levels, values, strict=True
-    )
-    return np.array(
-        [
-            float(np.linalg.norm(np.sqrt(shares[rows]) * level_ranges.distance(y)))
-            for level_ranges, rows, y in levels
-        ]
-    )
+    levels = transcription.ranges(problem).levels
+    residuals = []
+    for level, rows, y in zip(levels, transcription.row_layout.levels, values, strict=True):
+        weighted = np.sqrt(shares[rows]) * level.distance(y)
+        residuals.append(float(np.linalg.norm(weighted)))
+    return np.array(residuals)
 
 
 def _row_shares(transcription: Transcription, problem: OcpProblem, t: Array) -> Array:
-    """(n_rows,) shares of all raw rows."""
-    shares = np.ones(transcription.row_layout.n_rows)
-    blocks = transcription.blocks
-    for rows, block_shares in zip(
-        transcription.row_layout.terms, path_shares(problem, blocks, t), strict=True
-    ):
+    """Return the shares (n_rows,) of all raw rows."""
+    layout = transcription.row_layout
+    shares = np.ones(layout.n_rows)
+    shares_of_blocks = path_shares(problem, transcription.blocks, t)
+    for rows, block_shares in zip(layout.terms, shares_of_blocks, strict=True):
         shares[rows] = block_shares
     return shares
 
@@ -150,8 +144,8 @@ class LinearizedMotion:
         return self._rows_near(self.trajectory.q)
 
     def _rows_near(self, q: Array) -> tuple[Array, csc_matrix]:
-        """Values and slopes at the motion, with terms that follow it written at q (n_nodes, n_q)
-        [m, rad].
+        """Return values and slopes at the motion, with terms that follow it written at q (n_nodes,
+        n_q) [m, rad].
         """
         p = self.transcription.parameters(
             self.problem, t0=self.t0, near=q, tightened=self.tightened
@@ -166,14 +160,13 @@ class LinearizedMotion:
         layout = self.transcription.row_layout
         return np.array([layout.names[row] in names for row in layout.constraints], dtype=bool)
 
-    def _planes_after(self, step: Array) -> tuple[csc_matrix, Array, Array]:
-        """Rows of shapes as they are after a step (n_x,): edges and corners have other planes
-        there, of which the linearization at the motion knows nothing.
+    def _planes_after(self, step: Array) -> LinearRows:
+        """Return the rows of shapes as they are after a step (n_x,): edges and corners have other
+        planes there, of which the linearization at the motion knows nothing.
         """
         after = self.transcription.unpack(self.x + step, self.problem)
-        return self._constraints_of(
-            self._rows_near(admissible(after, self.problem.robot).q), self._shapes
-        )
+        q = admissible(after, self.problem.robot).q
+        return self._constraints_of(self._rows_near(q), self._shapes)
 
     @cached_property
     def _shares(self) -> Array:
@@ -183,23 +176,26 @@ class LinearizedMotion:
         """Find the gain of a step for each level, with those above it held; enough: share of the
         residual that is not looked at more closely.
         """
-        result = []
-        held: list[tuple[csc_matrix, Array, Array]] = [self._constraints()]
+        gains = []
+        held: list[LinearRows] = [self._constraints()]
+        has_shapes = bool(self._shapes.any())
         for level in range(len(self.problem.levels)):
             cost, gradient, jacobian = self.cost(level)
             gain, step = self._gain(cost, gradient, jacobian, held, _LONGEST_STEP)
-            for _ in range(_ROUNDS if self._shapes.any() else 0):
+            rounds = 0
+            while has_shapes and rounds < _SHAPE_ROUNDS:
                 if gain.share <= enough or not np.isfinite(step).all():
                     break
                 held.append(self._planes_after(step))
                 gain, step = self._gain(cost, gradient, jacobian, held, _STEP_NEAR_SHAPES)
-            result.append(gain)
+                rounds += 1
+            gains.append(gain)
             held.append(self._held(level, cost, gradient, gain))
-        return result
+        return gains
 
     def cost(self, level: int) -> tuple[float, Array, csc_matrix]:
-        """Cost of a level, its gradient (n_x,), and the slopes (m, n_x) of the residuals whose half
-        squares it is.
+        """Return the cost of a level, its gradient (n_x,), and the slopes (m, n_x) of the residuals
+        whose half squares it is.
         """
         from scipy.sparse import diags
 
@@ -216,8 +212,8 @@ class LinearizedMotion:
         return 0.5 * float(residual @ residual), gradient, jacobian
 
     def _by_durations(self, rows: Array, distance: Array) -> Array:
-        """Gradient (n_x,) of the cost by the lengths of steps, as far as these are shares of
-        time.
+        """Return the gradient (n_x,) of the cost by the lengths of steps, as far as these are
+        shares of time.
         """
         gradient = np.zeros(self.transcription.n_x)
         if not self.problem.free_time:
@@ -225,36 +221,31 @@ class LinearizedMotion:
         row_costs = np.zeros(self.transcription.row_layout.n_rows)
         row_costs[rows] = 0.5 * distance**2 / float(self.problem.nominal_times()[-1])
         h = self.transcription.variables.all_columns[:, self.transcription.model.layout.h]
-        path = zip(
-            self.transcription.blocks[: len(self.problem.phases)],
-            self.transcription.row_layout.terms,
-            strict=False,
-        )
-        for block, numbers in path:
-            on_path = self._shares[numbers] > 0.0
-            np.add.at(gradient, h[block.nodes], (row_costs[numbers] * on_path).sum(axis=1))
+        path_blocks = self.transcription.blocks[: len(self.problem.phases)]
+        layout = self.transcription.row_layout
+        for block, block_rows in zip(path_blocks, layout.terms, strict=False):
+            has_share = self._shares[block_rows] > 0.0
+            node_costs = (row_costs[block_rows] * has_share).sum(axis=1)
+            np.add.at(gradient, h[block.nodes], node_costs)
         return gradient
 
-    def _constraints(self) -> tuple[csc_matrix, Array, Array]:
+    def _constraints(self) -> LinearRows:
+        """Return the rows of all constraints at the motion."""
         return self._constraints_of(self._rows, np.ones_like(self._shapes))
 
-    def _constraints_of(
-        self, linearized: tuple[Array, csc_matrix], chosen: Array
-    ) -> tuple[csc_matrix, Array, Array]:
-        """Rows of the constraints (n_constraints,) that are chosen and have a range."""
+    def _constraints_of(self, linearized: tuple[Array, csc_matrix], chosen: Array) -> LinearRows:
+        """Return the rows of the constraints (n_constraints,) that are chosen and have a range."""
         values, slopes = linearized
         rows = self.transcription.row_layout.constraints
         ranges = self.transcription.ranges(self.problem, self.tightened)
         lower = ranges.lower - values[rows]
         upper = ranges.upper - values[rows]
-        bound = chosen & (np.isfinite(lower) | np.isfinite(upper))
-        return slopes[rows[bound]], lower[bound], upper[bound]
+        is_bounded = chosen & (np.isfinite(lower) | np.isfinite(upper))
+        return slopes[rows[is_bounded]], lower[is_bounded], upper[is_bounded]
 
-    def _held(
-        self, level: int, cost: float, gradient: Array, gain: LevelGain
-    ) -> tuple[csc_matrix, Array, Array]:
-        """Rows that keep a level where it is; one that may be relaxed may rise to its share above
-        the best that it could have.
+    def _held(self, level: int, cost: float, gradient: Array, gain: LevelGain) -> LinearRows:
+        """Return the rows that keep a level where it is; one that may be relaxed may rise to its
+        share above the best that it could have.
         """
         from scipy.sparse import csc_matrix
 
@@ -262,9 +253,9 @@ class LinearizedMotion:
         rows = self.transcription.row_layout.levels[level]
         ranges = self.transcription.ranges(self.problem).levels[level]
         if ranges.relax is not None:
-            best = 0.5 * max(gain.residual - gain.gain, 0.0) ** 2
-            room = max((1.0 + ranges.relax) * best - cost, 0.0)
-            return csc_matrix(gradient[None]), np.array([-np.inf]), np.array([room])
+            best_cost = 0.5 * max(gain.residual - gain.gain, 0.0) ** 2
+            allowed_rise = max((1.0 + ranges.relax) * best_cost - cost, 0.0)
+            return csc_matrix(gradient[None]), np.array([-np.inf]), np.array([allowed_rise])
         lower, upper = ranges.frozen_bounds(values[rows], cost, 0.0)
         return slopes[rows], lower - values[rows], upper - values[rows]
 
@@ -273,27 +264,28 @@ class LinearizedMotion:
         cost: float,
         gradient: Array,
         jacobian: csc_matrix,
-        held: list[tuple[csc_matrix, Array, Array]],
+        held: list[LinearRows],
         longest: float,
     ) -> tuple[LevelGain, Array]:
-        """The gain, and the step (n_x,) that promises it."""
+        """Return the gain, and the step (n_x,) that promises it, of entries up to `longest`."""
         from scipy.sparse import identity, vstack
 
-        # What the motion leaves already may not get worse, so that no step is a step at all times.
         n = len(gradient)
         residual = float((2.0 * cost) ** 0.5)
-        if cost <= _NOTHING:
+        if cost <= _NO_COST:
             return LevelGain(residual=residual, gain=0.0, stationarity=0.0), np.zeros(n)
-        low, up = self.transcription.bounds(self.problem, self.tightened)
-        hessian = (jacobian.T @ jacobian) / cost + _CURVATURE * identity(n)
-        rows = vstack([part for part, _, _ in held]).tocsc()
+        slopes, rows_lower, rows_upper = zip(*held, strict=True)
+        x_lower, x_upper = self.transcription.bounds(self.problem, self.tightened)
+        hessian = (jacobian.T @ jacobian) / cost + _SMALLEST_CURVATURE * identity(n)
+        rows = vstack(slopes).tocsc()
         H = _casadi(hessian.tocsc())
         A = _casadi(rows)
+        # What the motion leaves already may not get worse, so that no step is a step at all times.
         bounds = {
-            "lba": np.minimum(np.concatenate([part for _, part, _ in held]), 0.0) - _HELD,
-            "uba": np.maximum(np.concatenate([part for _, _, part in held]), 0.0) + _HELD,
-            "lbx": np.maximum(np.minimum(low - self.x, 0.0) - _HELD, -longest),
-            "ubx": np.minimum(np.maximum(up - self.x, 0.0) + _HELD, longest),
+            "lba": np.minimum(np.concatenate(rows_lower), 0.0) - _ROUNDING,
+            "uba": np.maximum(np.concatenate(rows_upper), 0.0) + _ROUNDING,
+            "lbx": np.maximum(np.minimum(x_lower - self.x, 0.0) - _ROUNDING, -longest),
+            "ubx": np.minimum(np.maximum(x_upper - self.x, 0.0) + _ROUNDING, longest),
         }
         for tolerance in _QP_TOLERANCES:
             options = {
@@ -307,8 +299,8 @@ class LinearizedMotion:
                 break
         else:
             return LevelGain(residual=residual, gain=np.inf, stationarity=np.inf), step
-        bent = jacobian @ step
-        remaining = max(cost + float(gradient @ step) + 0.5 * float(bent @ bent), 0.0)
+        change = jacobian @ step
+        remaining = max(cost + float(gradient @ step) + 0.5 * float(change @ change), 0.0)
         of_rows = np.array(solution["lam_a"]).ravel()
         of_variables = np.array(solution["lam_x"]).ravel()
         lagrangian = gradient + cost * (rows.T @ of_rows + of_variables)
@@ -321,7 +313,7 @@ class LinearizedMotion:
 
 
 def _casadi(matrix: csc_matrix) -> ca.DM:
-    """Convert a matrix for CasADi."""
+    """Convert a matrix to one of CasADi."""
     matrix.sum_duplicates()
     matrix.sort_indices()
     n_rows, n_columns = matrix.shape

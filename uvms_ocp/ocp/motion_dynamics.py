@@ -20,64 +20,78 @@ from uvms_ocp.types import Array, Indices
 
 
 def check_dynamics(motion: Motion) -> list[RangeCheck]:
-    problem = motion.problem
+    """Check that every node is where the one before leads, and that thrust and torque are the
+    forces that the motion takes.
+    """
     path = motion.trajectory
-    robot = motion.robot
-    state = axis_names(robot)
-    speeds = tuple(f"velocity of {name}" for name in state)
-    moved = _arrivals(motion)
-    defects = np.array(
-        [pin.difference(robot.model, *pair) for pair in zip(moved, path.q[1:], strict=True)]
-    )
-    gained = path.v[1:] - path.v[:-1] - motion.h[:, None] * path.a
-    none = np.zeros(2 * robot.n_v)
-    law = QuantityRange(
+    n_v = motion.robot.n_v
+    axes = axis_names(motion.robot)
+    law_of_motion = QuantityRange(
         kind=RangeKind.MOTION,
         name="motion",
         unit="m, rad, m/s, rad/s",
-        quantities=(*state, *speeds),
-        lower=none,
-        upper=none,
+        quantities=(*axes, *(f"velocity of {name}" for name in axes)),
+        lower=np.zeros(2 * n_v),
+        upper=np.zeros(2 * n_v),
     )
-    forces = QuantityRange(
+    balance_of_forces = QuantityRange(
         kind=RangeKind.FORCES,
         name="forces",
         unit="N, N m",
-        quantities=state,
-        lower=none[: robot.n_v],
-        upper=none[: robot.n_v],
+        quantities=axes,
+        lower=np.zeros(n_v),
+        upper=np.zeros(n_v),
     )
+    middles = path.t[:-1] + motion.h / 2
+    return [
+        law_of_motion.of_nodes(motion, _defects(motion), path.t[1:]),
+        balance_of_forces.of_nodes(motion, _missing_forces(motion), middles),
+    ]
+
+
+def _defects(motion: Motion) -> Array:
+    """Return by how much each node is off where the one before leads (N, 2 n_v)."""
+    path = motion.trajectory
+    model = motion.robot.model
+    pairs = zip(_arrivals(motion), path.q[1:], strict=True)
+    q_defects = np.array([pin.difference(model, arrival, q) for arrival, q in pairs])
+    v_defects = path.v[1:] - path.v[:-1] - motion.h[:, None] * path.a
+    return np.hstack([q_defects.reshape(v_defects.shape), v_defects])
+
+
+def _missing_forces(motion: Motion) -> Array:
+    """Return the forces (N, n_v) [N, N m] that the motion takes beyond those of the actuators."""
+    path = motion.trajectory
     h = motion.h[:, None]
-    if problem.integrator is Integrator.EULER:
+    if motion.problem.integrator is Integrator.EULER:
         q = path.q[:-1]
         v = path.v[:-1]
     else:
-        middle = h / 2 * path.v[:-1] + h**2 / 8 * path.a + _bracket(motion, h / 2)
-        q = np.array(
-            [pin.integrate(robot.model, *pair) for pair in zip(path.q, middle, strict=False)]
-        )
+        half_ways = h / 2 * path.v[:-1] + h**2 / 8 * path.a + _bracket(motion, h / 2)
+        q = _moved(motion, half_ways)
         v = path.v[:-1] + h / 2 * path.a
-    lacking = required_forces(motion, np.arange(motion.N), q, v) - given_forces(motion)
-    times = path.t[1:]
-    return [
-        law.of_nodes(motion, np.hstack([defects.reshape(gained.shape), gained]), times),
-        forces.of_nodes(motion, lacking, path.t[:-1] + motion.h / 2),
-    ]
+    return required_forces(motion, np.arange(motion.N), q, v) - given_forces(motion)
 
 
-def _arrivals(motion: Motion) -> list[Array]:
-    """(N, n_q) Where the integrator of the problem leads from every node."""
+def _arrivals(motion: Motion) -> Array:
+    """Return the configurations (N, n_q) to which the integrator of the problem leads from every
+    node.
+    """
     path = motion.trajectory
     h = motion.h[:, None]
     share = 1.0 if motion.problem.integrator is Integrator.EULER else 0.5
-    ways = h * path.v[:-1] + share * h**2 * path.a + _bracket(motion, h)
-    return [
-        pin.integrate(motion.robot.model, *pair) for pair in zip(path.q[:-1], ways, strict=True)
-    ]
+    return _moved(motion, h * path.v[:-1] + share * h**2 * path.a + _bracket(motion, h))
+
+
+def _moved(motion: Motion, ways: Array) -> Array:
+    """Return the configurations (N, n_q) at the end of ways (N, n_v) from the nodes."""
+    model = motion.robot.model
+    starts = motion.trajectory.q[:-1]
+    return np.array([pin.integrate(model, q, way) for q, way in zip(starts, ways, strict=True)])
 
 
 def _bracket(motion: Motion, h: Array) -> Array:
-    """(N, n_v) What `Integrator.MAGNUS` adds to a step of h (N, 1) [s]."""
+    """Return what `Integrator.MAGNUS` adds (N, n_v) to a step of h (N, 1) [s]."""
     path = motion.trajectory
     result = np.zeros_like(path.a)
     if motion.problem.integrator is Integrator.MAGNUS and motion.robot.n_vehicle:
@@ -89,7 +103,8 @@ def _bracket(motion: Motion, h: Array) -> Array:
 
 
 def required_forces(motion: Motion, steps: Indices, q: Array, v: Array) -> Array:
-    """(n, n_v) [N, N m] Forces that the accelerations of steps (n,) take at q (n, n_q), v (n, n_v)."""
+    """(n, n_v) [N, N m] Forces that the accelerations of steps (n,) take at q (n, n_q), v (n, n_v).
+    """
     problem = motion.problem
     function = _inverse_dynamics(problem.robot, problem.water)
     n_links = function.size2_in(3)
@@ -108,33 +123,36 @@ def _inverse_dynamics(robot: Robot, water: bool) -> ca.Function:
 
 
 def given_forces(motion: Motion) -> Array:
-    """(N, n_v) [N, N m]"""
+    """Return the forces (N, n_v) [N, N m] of thrust and torque."""
     path = motion.trajectory
     actuators = ActuationModel(motion.robot, motion.problem.actuation)
     return np.hstack([path.thrust @ actuators.matrix.T, path.torque])
 
 
 def axis_names(robot: Robot) -> tuple[str, ...]:
-    joints = [
-        joint.name if joint.n_v == 1 else f"{joint.name}[{i}]"
-        for joint in robot.joints
-        for i in range(joint.n_v)
-    ]
-    return (*AXES[: robot.n_vehicle], *joints)
+    """Return the names of all axes (n_v,): those of the vehicle, then joints."""
+    names = [*AXES[: robot.n_vehicle]]
+    for joint in robot.joints:
+        if joint.n_v == 1:
+            names.append(joint.name)
+        else:
+            names += [f"{joint.name}[{i}]" for i in range(joint.n_v)]
+    return tuple(names)
 
 
 def check_ends(motion: Motion) -> list[RangeCheck]:
+    """Check the first and the last state, and durations."""
     problem = motion.problem
     path = motion.trajectory
     model = motion.robot.model
-    state = (*(f"axis {i}" for i in range(2 * motion.robot.n_v)),)
+    state = tuple(f"axis {i}" for i in range(2 * motion.robot.n_v))
     freedom = problem.start_freedom
     if freedom is None:
         width = np.zeros(len(state))
     else:
         width = np.asarray(freedom, dtype=float)
     first = (path.q[0], path.v[0])
-    given = (problem.start.q, problem.start.v)
+    required_first = (problem.start.q, problem.start.v)
     start = QuantityRange(
         kind=RangeKind.START,
         name="start",
@@ -143,28 +161,31 @@ def check_ends(motion: Motion) -> list[RangeCheck]:
         lower=-width,
         upper=width,
     )
-    checks = [start.of_nodes(motion, _difference(model, given, first)[None], path.t[:1])]
+    checks = [start.of_nodes(motion, _difference(model, required_first, first)[None], path.t[:1])]
     if problem.periodic:
-        none = np.zeros(len(state))
+        zeros = np.zeros(len(state))
         closed = QuantityRange(
             kind=RangeKind.PERIODIC,
             name="periodic",
             unit="m, rad, m/s, rad/s",
             quantities=state,
-            lower=none,
-            upper=none,
+            lower=zeros,
+            upper=zeros,
         )
         last = (path.q[-1], path.v[-1])
         checks.append(closed.of_nodes(motion, _difference(model, first, last)[None], path.t[-1:]))
     return [*checks, _durations(motion)]
 
 
-def _difference(model: pin.Model, one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
-    """(2 n_v,) from one state to another."""
-    return np.concatenate([pin.difference(model, one[0], other[0]), other[1] - one[1]])
+def _difference(model: pin.Model, first: tuple[Array, Array], second: tuple[Array, Array]) -> Array:
+    """Return the way (2 n_v,) from one state, q and v, to another."""
+    first_q, first_v = first
+    second_q, second_v = second
+    return np.concatenate([pin.difference(model, first_q, second_q), second_v - first_v])
 
 
 def _durations(motion: Motion) -> RangeCheck:
+    """Check how long phases last, and all of them together."""
     problem = motion.problem
     t = motion.trajectory.t
     lengths = np.diff(t[problem.starts_of_phases()])

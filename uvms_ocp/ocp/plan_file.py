@@ -29,19 +29,14 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.solvers import LexicographicResult, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import NlpPoint
 
-# A plan as arrays and one text of values, in an ``.npz`` file or all of it in a ``.json`` file; and
-# back, within bounds.
-
 _TEXT = "summary"
 _NO_PLAN = f"no text {_TEXT!r}; give the plan.npz that `Plan.save` wrote"
-_LARGEST = 256 << 20  # [B] of a text
+_LARGEST_TEXT = 256 << 20  # [B]
+# norm of a quaternion; that of a plan which breaks its constraints may be far from 1
+_SMALLEST_NORM = 1e-6
 
 Arrays = Mapping[str, np.ndarray]
 """Arrays by name."""
-
-_SHORTEST = (
-    1e-6  # norm of a quaternion; that of a plan which breaks its constraints may be far from 1
-)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -134,8 +129,9 @@ class SolverValues(MetaValue):
 
 
 class ClearanceValues(MetaValue):
-    """See `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `NearestPair` for the
-    last three.
+    """Result of the certificate of clearance; see
+    `uvms_ocp.planning.conservative_advancement.ClearanceReport`, and `NearestPair` for the last
+    three.
     """
 
     unshaped: tuple[str, ...] = ()
@@ -191,10 +187,10 @@ def write_arrays(target: Path, key: str, text: str, arrays: Arrays) -> Path:
     """Write a text under a key beside arrays as ``.npz``, with that ending; returns the path.
     Raises `OutputError`.
     """
-    place = target.with_suffix(".npz")
-    with as_output_errors(place, "choose another place"), place.open("wb") as file:
+    path = target.with_suffix(".npz")
+    with as_output_errors(path, "choose another place"), path.open("wb") as file:
         np.savez(file, allow_pickle=False, **{key: np.array(text)}, **arrays)
-    return place
+    return path
 
 
 def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
@@ -228,10 +224,10 @@ def read_plan(source: Path) -> tuple[PlanValues, dict[str, np.ndarray]]:
 def from_arrays(
     source: Path, key: str, missing: str
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """The object in the text under a key, and the arrays beside it, of a file that anyone may have
-    written.
+    """Read the object in the text under a key, and the arrays beside it, of a file that anyone may
+    have written.
 
-    missing: what to say where there is none. Raises `InvalidInput`.
+    missing: message where there is no such text. Raises `InvalidInput`.
     """
     arrays = dict(read_arrays(source))
     text = arrays.pop(key, np.zeros(0))
@@ -241,101 +237,103 @@ def from_arrays(
 
 
 def _from_text(source: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Lists beside the values are the arrays."""
-    whole = json_object(read_text(source, _LARGEST))
-    values = {name: whole.pop(name) for name in PlanValues.model_fields if name in whole}
+    """Read a text, in which the lists beside the values are the arrays."""
+    texts = json_object(read_text(source, _LARGEST_TEXT))
+    values = {name: texts.pop(name) for name in PlanValues.model_fields if name in texts}
     try:
-        return values, {
-            name: np.atleast_1d(np.array(item, dtype=float)) for name, item in whole.items()
-        }
+        arrays = {name: np.atleast_1d(np.array(item, dtype=float)) for name, item in texts.items()}
     except (ValueError, TypeError, OverflowError) as error:
         raise InvalidInput(f"lists that are no arrays of numbers: {str(error)[:100]}") from error
+    return values, arrays
 
 
-# Arrays of a trajectory and of a solver's result, by names, what is proven of it, and back.
-
-
-def trajectory_arrays(t: Trajectory) -> dict[str, np.ndarray]:
+def trajectory_arrays(trajectory: Trajectory) -> dict[str, np.ndarray]:
     """Return the arrays of a trajectory by the names of its fields."""
-    return {"t": t.t, "q": t.q, "v": t.v, "a": t.a, "thrust": t.thrust, "torque": t.torque}
+    return {
+        "t": trajectory.t,
+        "q": trajectory.q,
+        "v": trajectory.v,
+        "a": trajectory.a,
+        "thrust": trajectory.thrust,
+        "torque": trajectory.torque,
+    }
 
 
 def stored_trajectory(robot: Robot, arrays: Arrays, *, of_wrench: bool) -> Trajectory:
-    """The trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none of this
-    robot.
+    """Return the trajectory of `trajectory_arrays`. Raises `InvalidInput` for arrays that are none
+    of this robot.
     """
     if "t" in arrays and arrays["t"].ndim == 1:
         n = len(arrays["t"])
     else:
         n = 0
-    if of_wrench:
-        thrusters = robot.n_vehicle
-    else:
-        thrusters = len(robot.description.thrusters)
-    widths = {
-        "q": robot.n_q,
-        "v": robot.n_v,
-        "a": robot.n_v,
-        "thrust": thrusters,
-        "torque": robot.n_joints,
+    n_thrust = robot.n_vehicle if of_wrench else len(robot.description.thrusters)
+    required_shapes = {
+        "q": (n, robot.n_q),
+        "v": (n, robot.n_v),
+        "a": (n - 1, robot.n_v),
+        "thrust": (n - 1, n_thrust),
+        "torque": (n - 1, robot.n_joints),
     }
-    shapes = {
-        name: (n - (name in ("a", "thrust", "torque")), width) for name, width in widths.items()
-    }
-    for name, shape in shapes.items():
-        given = arrays[name].shape if name in arrays else None
-        if n < 2 or given != shape:
+    for name, required in required_shapes.items():
+        shape = arrays[name].shape if name in arrays else None
+        if n < 2 or shape != required:
             raise InvalidInput(
-                f"array {name!r} has shape {given}; {robot.name} with {n} times needs {shape}"
+                f"array {name!r} has shape {shape}; {robot.name} with {n} times needs {required}"
             )
     t = arrays["t"]
     if t[0] != 0.0 or not (np.diff(t) > 0).all():
         raise InvalidInput("times t do not rise from 0")
-    if robot.n_vehicle and np.linalg.norm(arrays["q"][:, 3:7], axis=1).min() < _SHORTEST:
+    if robot.n_vehicle and np.linalg.norm(arrays["q"][:, 3:7], axis=1).min() < _SMALLEST_NORM:
         raise InvalidInput("array 'q' has a quaternion, columns 3 to 6, of norm 0")
-    return Trajectory(t=arrays["t"], **{name: arrays[name] for name in widths}, of_wrench=of_wrench)
+    return Trajectory(
+        t=t,
+        q=arrays["q"],
+        v=arrays["v"],
+        a=arrays["a"],
+        thrust=arrays["thrust"],
+        torque=arrays["torque"],
+        of_wrench=of_wrench,
+    )
 
 
 def result_arrays(result: LexicographicResult) -> dict[str, np.ndarray]:
-    """All arrays of the result of a solver; multipliers as far as there are any."""
+    """Return all arrays of the result of a solver; multipliers as far as there are any."""
     arrays = {"x": result.x}
-    for i, (values, residuals, point) in enumerate(
-        zip(result.values, result.residuals, result.points, strict=True)
-    ):
-        arrays |= {f"values_{i}": values, f"residuals_{i}": residuals, f"point_{i}": point.x}
+    levels = zip(result.values, result.residuals, result.points, strict=True)
+    for i, (values, residuals, point) in enumerate(levels):
+        arrays[f"values_{i}"] = values
+        arrays[f"residuals_{i}"] = residuals
+        arrays[f"point_{i}"] = point.x
         if point.x_multipliers is not None and point.row_multipliers is not None:
-            arrays |= {
-                f"x_multipliers_{i}": point.x_multipliers,
-                f"row_multipliers_{i}": point.row_multipliers,
-            }
+            arrays[f"x_multipliers_{i}"] = point.x_multipliers
+            arrays[f"row_multipliers_{i}"] = point.row_multipliers
     return arrays
 
 
 def solver_values(result: LexicographicResult) -> SolverValues:
-    """Its values beside the arrays."""
+    """Return the values of the result of a solver beside its arrays."""
     return SolverValues(**{name: getattr(result, name) for name in SolverValues.model_fields})
 
 
 def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
-    """The result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does not
-    belong together.
+    """Return the result of `result_arrays` and `solver_values`. Raises `InvalidInput` for what does
+    not belong together.
     """
     levels = range(len(values.level_status))
-    if "x" in arrays and arrays["x"].ndim == 1:
-        n = arrays["x"].shape
-    else:
-        n = None
     try:
         points = tuple(_point(arrays, i) for i in levels)
-        rows = {
+        row_shapes = {
             point.row_multipliers.shape for point in points if point.row_multipliers is not None
         }
-        right = (
-            len(rows) <= 1
-            and all(point.x.shape == n for point in points)
+        is_consistent = (
+            "x" in arrays
+            and arrays["x"].ndim == 1
+            and len(row_shapes) <= 1
+            and all(point.x.shape == arrays["x"].shape for point in points)
             and len(values.iterations) == len(levels)
         )
-        if n is None or not right:
+        if not is_consistent:
             raise InvalidInput("arrays of the solver's result do not fit each other")
         return LexicographicResult(
             x=arrays["x"],
@@ -349,15 +347,20 @@ def stored_result(values: SolverValues, arrays: Arrays) -> LexicographicResult:
 
 
 def _point(arrays: Arrays, i: int) -> NlpPoint:
-    """Raises `KeyError` where it has no x, `InvalidInput` for multipliers of another size."""
+    """Return the point of a level. Raises `KeyError` where it has no x, `InvalidInput` for
+    multipliers of another size.
+    """
     x = arrays[f"point_{i}"]
-    own = arrays.get(f"x_multipliers_{i}")
-    rows = arrays.get(f"row_multipliers_{i}")
-    if (own is None) != (rows is None) or (own is not None and own.shape != x.shape):
+    x_multipliers = arrays.get(f"x_multipliers_{i}")
+    row_multipliers = arrays.get(f"row_multipliers_{i}")
+    has_one_of_two = (x_multipliers is None) != (row_multipliers is None)
+    if has_one_of_two or (x_multipliers is not None and x_multipliers.shape != x.shape):
         raise InvalidInput("multipliers of the solver's result do not fit its points")
-    if rows is not None and rows.ndim != 1:
-        raise InvalidInput(f"multipliers of rows have shape {rows.shape}; allowed: a vector")
-    return NlpPoint(x=x, x_multipliers=own, row_multipliers=rows)
+    if row_multipliers is not None and row_multipliers.ndim != 1:
+        raise InvalidInput(
+            f"multipliers of rows have shape {row_multipliers.shape}; allowed: a vector"
+        )
+    return NlpPoint(x=x, x_multipliers=x_multipliers, row_multipliers=row_multipliers)
 
 
 def clearance_values(report: ClearanceReport) -> ClearanceValues:
@@ -367,9 +370,7 @@ def clearance_values(report: ClearanceReport) -> ClearanceValues:
 
 
 def stored_clearance(values: ClearanceValues) -> ClearanceReport:
-    """The report of `clearance_values`."""
-    given = values.model_dump()
-    return ClearanceReport(
-        nearest=NearestPair(**{name: given.pop(name) for name in ("distance", "time", "pair")}),
-        **given,
-    )
+    """Return the report of `clearance_values`."""
+    nearest = NearestPair(distance=values.distance, time=values.time, pair=values.pair)
+    others = values.model_dump(exclude={"distance", "time", "pair"})
+    return ClearanceReport(nearest=nearest, **others)

@@ -66,7 +66,8 @@ class OcpStatus(AdvisedStatus):
 
     @property
     def usable(self) -> bool:
-        """True if the trajectory keeps all constraints, at nodes and between; goals may be missed."""
+        """True if the trajectory keeps all constraints, at nodes and between; goals may be missed.
+        """
         return self in (
             OcpStatus.SOLVED,
             OcpStatus.IMPROVABLE,

@@ -19,8 +19,8 @@ from uvms_ocp.ocp.bound_groups import (
     BoundGroup,
     GroupIndex,
     RelaxationUnit,
+    join_groups,
     row_groups,
-    together,
     variable_groups,
 )
 from uvms_ocp.ocp.problem import OcpProblem
@@ -29,16 +29,15 @@ from uvms_ocp.solvers import LexicographicResult
 from uvms_ocp.solvers.nlp.program import nlp_functions
 
 _STAY = 1e-6  # weight of staying near the start, which makes the minimum one point
-_KEPT = 1e-4  # amount that is none
-_AGAINST = 0.05  # share of a group in what holds against the others, from which it is named
-_ITERATIONS = 500
+_NEGLIGIBLE_AMOUNT = 1e-4  # amount that is none
+_OPPOSING_SHARE = 0.05  # share of a group in what holds against the others, from which it is named
+_MAX_ITERATIONS = 500
 _SILENT = {"print_level": 0, "sb": "yes"}
-_FARTHEST = (
-    2.0  # amount by which a group gives way at most in the search for those that hold a level back
-)
-_GAIN = 1e-5  # share of the residual of a level that is none
-_FULL = 1e-3  # share of the residual with which a level is met
-_BESIDE = 1e-3  # share of the residual that rows of a level that are met may lose
+# amount by which a group gives way at most in the search for those that hold a level back
+_LARGEST_AMOUNT = 2.0
+_NEGLIGIBLE_GAIN = 1e-5  # share of the residual of a level that is none
+_MET_SHARE = 1e-3  # share of the residual with which a level is met
+_MET_ROW_SHARE = 1e-3  # share of the residual that rows of a level that are met may lose
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -57,10 +56,11 @@ class PhaseOne:
     """Result of phase one: the point of least violation."""
 
     x: np.ndarray
-    """(n_x,) [unit of x]"""
+    """(n_x,) [unit of x] that point."""
     converged: bool
+    """The search ended at a minimum."""
     relaxations: tuple[Relaxation, ...]
-    """The largest amount first."""
+    """Groups that give way, the largest amount first."""
     opposing: tuple[BoundGroup, ...]
     """Groups that are kept and hold against them."""
     iterations: int
@@ -71,9 +71,9 @@ class Binding:
     """Groups that hold a level back, and what they would have to give."""
 
     left: float
-    """[-] Share of the residual that is left then; 0 where the level is met."""
+    """[-] Share of the residual that remains then; 0 where the level is met."""
     relaxations: tuple[Relaxation, ...]
-    """The largest amount first."""
+    """Groups that give way, the largest amount first."""
 
 
 def phase_one(
@@ -85,9 +85,11 @@ def phase_one(
     time_limit: float,
 ) -> PhaseOne:
     """Search from x (n_x,) [unit of x], with parameters p (n_p,), for `time_limit` [s] at most."""
-    elastic = _Elastic(transcription, problem, _constraint_rows(transcription, problem), p)
+    rows = _constraint_rows(transcription, problem)
+    elastic = _ElasticProgram(transcription, problem, rows, p)
     weights = np.ones(len(elastic.groups))
-    return elastic.least(x, weights, np.inf * weights, time_limit=time_limit)[2]
+    _, result = elastic.minimize(x, weights, np.inf * weights, time_limit=time_limit)
+    return result
 
 
 def bindings(
@@ -106,37 +108,38 @@ def bindings(
     with which no more is left than half of the way there, or nothing where the level can be met.
     Empty where nothing gains; None where that is not found within `time_limit` [s].
     """
-    ends = perf_counter() + time_limit
+    deadline = perf_counter() + time_limit
     rows = _level_rows(transcription, problem, result, level)
-    elastic = _Elastic(transcription, problem, rows, p)
-    goal = np.arange(len(elastic.groups)) == len(rows.grouped.groups) - 1
-    limits = np.array([group.measure is not RelaxationUnit.ROW for group in elastic.groups])
+    elastic = _ElasticProgram(transcription, problem, rows, p)
+    is_goal = np.arange(len(elastic.groups)) == len(rows.grouped.groups) - 1
+    is_limit = np.array([group.measure is not RelaxationUnit.ROW for group in elastic.groups])
     holding: list[Binding] = []
     all_converged = True
-    for chosen in (limits, ~limits & ~goal, ~goal):
-        if holding and (chosen == ~goal).all():
+    for may_give in (is_limit, ~is_limit & ~is_goal, ~is_goal):
+        is_all = bool((may_give == ~is_goal).all())
+        if holding and is_all:
             break
-        limits_of_amounts = np.where(chosen, _FARTHEST, 1.0 * goal)
-        x, amounts, best = elastic.least(
+        amounts, best = elastic.minimize(
             result.x,
-            1.0 * goal,
-            limits_of_amounts,
-            time_limit=ends - perf_counter(),
+            1.0 * is_goal,
+            np.where(may_give, _LARGEST_AMOUNT, 1.0 * is_goal),
+            time_limit=deadline - perf_counter(),
             stay=1e-6 * _STAY,
         )
-        gain = 1.0 - float(amounts[goal][0])
+        remaining = float(amounts[is_goal][0])
+        gain = 1.0 - remaining
         all_converged &= best.converged
-        if not best.converged or gain < _GAIN:
+        if not best.converged or gain < _NEGLIGIBLE_GAIN:
             continue
-        if amounts[goal][0] < _FULL:
+        if remaining < _MET_SHARE:
             share_left = 0.0
         else:
             share_left = 1.0 - gain / 2
-        limits_of_amounts = np.where(chosen, np.inf, max(share_left, _FULL) * goal)
-        for start in (x, result.x):
-            smallest = elastic.least(
-                start, 1.0 * chosen, limits_of_amounts, time_limit=ends - perf_counter()
-            )[2]
+        upper = np.where(may_give, np.inf, max(share_left, _MET_SHARE) * is_goal)
+        for start in (best.x, result.x):
+            _, smallest = elastic.minimize(
+                start, 1.0 * may_give, upper, time_limit=deadline - perf_counter()
+            )
             if smallest.converged:
                 break
         if smallest.converged and smallest.relaxations:
@@ -176,41 +179,43 @@ def _level_rows(
     rows = _constraint_rows(transcription, problem)
     ranges = transcription.ranges(problem)
     layout = transcription.row_layout
+    levels = ranges.levels[: level + 1]
+    raw = []
+    lower = []
+    upper = []
+    scale = []
+    for k, level_above in enumerate(levels[:-1]):
+        cost = 0.5 * float(result.residuals[k] @ result.residuals[k])
+        level_lower, level_upper = level_above.frozen_bounds(
+            result.values[k], cost, _NEGLIGIBLE_AMOUNT
+        )
+        raw.append(layout.held[k])
+        lower.append(level_lower)
+        upper.append(level_upper)
+        scale.append(np.ones(len(level_lower)))
     residual = np.abs(result.residuals[level])
-    parts = []
-    for k, own in enumerate(ranges.levels[:level]):
-        bounds = own.frozen_bounds(
-            result.values[k], 0.5 * float(result.residuals[k] @ result.residuals[k]), _KEPT
-        )
-        parts.append((layout.held[k], *bounds, np.ones(len(bounds[0]))))
-    goal = ranges.levels[level]
-    parts.append(
-        (
-            layout.levels[level],
-            goal.lower,
-            goal.upper,
-            np.maximum(residual, _BESIDE * np.linalg.norm(residual)),
-        )
-    )
-    raw, lower, upper, scale = (np.concatenate(column) for column in zip(*parts, strict=True))
-    above = GroupIndex(
+    raw.append(layout.levels[level])
+    lower.append(levels[-1].lower)
+    upper.append(levels[-1].upper)
+    scale.append(np.maximum(residual, _MET_ROW_SHARE * np.linalg.norm(residual)))
+    group_of_row = np.repeat(np.arange(len(raw)), [len(level_rows) for level_rows in raw])
+    groups = GroupIndex(
         groups=tuple(
-            BoundGroup(name=f"level {own.name!r}", measure=RelaxationUnit.ROW)
-            for own in ranges.levels[: level + 1]
+            BoundGroup(name=f"level {item.name!r}", measure=RelaxationUnit.ROW) for item in levels
         ),
-        number=np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts]),
-        scale=scale,
-        axes=("",) * len(raw),
+        number=group_of_row,
+        scale=np.concatenate(scale),
+        axes=("",) * len(group_of_row),
     )
     return _ElasticRows(
-        raw=np.concatenate([rows.raw, raw]),
-        lower=np.concatenate([rows.lower, lower]),
-        upper=np.concatenate([rows.upper, upper]),
-        grouped=together(rows.grouped, above),
+        raw=np.concatenate([rows.raw, *raw]),
+        lower=np.concatenate([rows.lower, *lower]),
+        upper=np.concatenate([rows.upper, *upper]),
+        grouped=join_groups(rows.grouped, groups),
     )
 
 
-class _Elastic:
+class _ElasticProgram:
     """Rows ``P [g; x] + Q s`` within bounds, with amounts s >= 0 of the groups, and IPOPT for their
     weighted sum.
     """
@@ -219,25 +224,27 @@ class _Elastic:
         self, transcription: Transcription, problem: OcpProblem, rows: _ElasticRows, p: np.ndarray
     ) -> None:
         """p: (n_p,) [unit of the parameter]."""
-        self.grouped = grouped = together(rows.grouped, variable_groups(transcription))
-        self.groups = grouped.groups
+        self.grouped = join_groups(rows.grouped, variable_groups(transcription))
+        self.groups = self.grouped.groups
         self.n_x = transcription.n_x
-        number = grouped.number
-        (low, up) = transcription.bounds(problem)
-        lower = np.concatenate([rows.lower, low])
-        upper = np.concatenate([rows.upper, up])
-        hard = number < 0
-        soft = number >= 0
-        parts = (
-            (np.flatnonzero(hard & (np.isfinite(lower) | np.isfinite(upper))), 0.0),
-            (np.flatnonzero(soft & np.isfinite(upper)), -1.0),
-            (np.flatnonzero(soft & np.isfinite(lower)), 1.0),
+        number = self.grouped.number
+        x_lower, x_upper = transcription.bounds(problem)
+        lower = np.concatenate([rows.lower, x_lower])
+        upper = np.concatenate([rows.upper, x_upper])
+        is_soft = number >= 0
+        is_bounded = np.isfinite(lower) | np.isfinite(upper)
+        # Hard rows keep both sides in one row; soft ones give way at either side in a row of its
+        # own.
+        hard = np.flatnonzero(~is_soft & is_bounded)
+        soft_above = np.flatnonzero(is_soft & np.isfinite(upper))
+        soft_below = np.flatnonzero(is_soft & np.isfinite(lower))
+        chosen = np.concatenate([hard, soft_above, soft_below])
+        sign = np.concatenate(
+            [np.zeros(len(hard)), np.full(len(soft_above), -1.0), np.ones(len(soft_below))]
         )
-        chosen = np.concatenate([members for members, _ in parts])
-        sign = np.concatenate([np.full(len(members), value) for members, value in parts])
         m = len(chosen)
         Q = np.zeros((m, len(self.groups)))
-        Q[np.arange(m), np.maximum(number[chosen], 0)] = sign * grouped.scale[chosen]
+        Q[np.arange(m), np.maximum(number[chosen], 0)] = sign * self.grouped.scale[chosen]
         self.P = ca.DM.triplet(list(range(m)), chosen.tolist(), ca.DM.ones(m), m, len(number))
         self.Q = ca.sparsify(ca.DM(Q))
         self.lower = np.where(sign < 0, -np.inf, lower[chosen])
@@ -245,91 +252,98 @@ class _Elastic:
         self.functions = transcription.row_functions(rows.raw)
         self.p = p
 
-    def least(
+    def minimize(
         self,
         x: np.ndarray,
         weights: np.ndarray,
-        most: np.ndarray,
+        upper: np.ndarray,
         *,
         time_limit: float,
         stay: float = _STAY,
-    ) -> tuple[np.ndarray, np.ndarray, PhaseOne]:
-        """Minimise the sum of amounts with `weights` (n_groups,), `most` (n_groups,) at most, from
-        x (n_x,); time_limit [s].
+    ) -> tuple[np.ndarray, PhaseOne]:
+        """Minimise the sum of amounts with `weights` (n_groups,), each at most `upper` (n_groups,),
+        from x (n_x,); time_limit [s].
 
         Returns the amounts (n_groups,), and what they mean.
         """
         n = self.n_x
-        count = len(self.groups)
+        n_groups = len(self.groups)
         g = np.array(self.functions["nlp_g"](x, self.p)).ravel()
+        first_amounts = np.minimum(self._sufficient_amounts(np.concatenate([g, x])), upper)
         infinite = np.full(n, np.inf)
         solver = self._solver(x, time_limit)
         solution = solver(
-            x0=np.concatenate([x, np.minimum(self._amounts(np.concatenate([g, x])), most)]),
+            x0=np.concatenate([x, first_amounts]),
             p=np.concatenate([weights, [stay]]),
-            lbx=np.concatenate([-infinite, np.zeros(count)]),
-            ubx=np.concatenate([infinite, most]),
+            lbx=np.concatenate([-infinite, np.zeros(n_groups)]),
+            ubx=np.concatenate([infinite, upper]),
             lbg=self.lower,
             ubg=self.upper,
         )
-        variables = np.array(solution["x"]).ravel()
-        rows = np.abs(np.array(solution["lam_g"]).ravel())
-        # What each variable and row holds, by the multipliers of its own rows.
-        held = np.abs(np.array(self.P.T @ rows).ravel()) * self.grouped.scale
-        amounts = variables[n:]
         stats = solver.stats()
-        relaxations = [
-            Relaxation(
-                group=self.groups[i], amount=float(amounts[i]), axes=self.grouped.strongest(i, held)
+        variables = np.array(solution["x"]).ravel()
+        amounts = variables[n:]
+        multipliers = np.abs(np.array(solution["lam_g"]).ravel())
+        # What each variable and row holds, by the multipliers of its rows.
+        held = np.abs(np.array(self.P.T @ multipliers).ravel()) * self.grouped.scale
+        relaxations = []
+        for i in np.flatnonzero((amounts > _NEGLIGIBLE_AMOUNT) & (weights > 0)).tolist():
+            axes = self.grouped.strongest(i, held)
+            relaxations.append(
+                Relaxation(group=self.groups[i], amount=float(amounts[i]), axes=axes)
             )
-            for i in np.flatnonzero((amounts > _KEPT) & (weights > 0)).tolist()
-        ]
-        kept = np.flatnonzero(amounts <= _KEPT).tolist()
-        meaning = PhaseOne(
+        opposing = []
+        for i in np.flatnonzero(amounts <= _NEGLIGIBLE_AMOUNT).tolist():
+            if held[self.grouped.number == i].sum() > _OPPOSING_SHARE:
+                opposing.append(self.groups[i])
+        result = PhaseOne(
             x=variables[:n],
             converged=bool(stats["success"]) and bool(np.isfinite(variables).all()),
             relaxations=tuple(sorted(relaxations, key=lambda item: -item.amount)),
-            opposing=tuple(
-                self.groups[i] for i in kept if held[self.grouped.number == i].sum() > _AGAINST
-            ),
+            opposing=tuple(opposing),
             iterations=int(stats["iter_count"]),
         )
-        return variables[:n], amounts, meaning
+        return amounts, result
 
-    def _amounts(self, values: np.ndarray) -> np.ndarray:
-        """Return relaxations of a start whose rows and variables have these values: enough to keep
-        all, and a little more.
+    def _sufficient_amounts(self, values: np.ndarray) -> np.ndarray:
+        """Return amounts (n_groups,) for a start whose rows and variables have these values: enough
+        to keep all, and a little more.
         """
-        w = np.array(self.P @ values).ravel()
+        rows = np.array(self.P @ values).ravel()
         Q = np.abs(self.Q.full())
-        broken = np.maximum(np.maximum(w - self.upper, self.lower - w), 0.0)
-        return np.asarray(
-            np.where(Q > 0, broken[:, None] / np.where(Q > 0, Q, 1.0), 0.0).max(axis=0, initial=0.0)
-            + 0.01
-        )
+        excess = np.maximum(np.maximum(rows - self.upper, self.lower - rows), 0.0)
+        amounts_of_rows = np.where(Q > 0, excess[:, None] / np.where(Q > 0, Q, 1.0), 0.0)
+        return np.asarray(amounts_of_rows.max(axis=0, initial=0.0) + 0.01)
 
     def _solver(self, x: np.ndarray, time_limit: float) -> ca.Function:
-        """IPOPT with the derivatives of the transcription; parameters are the weights, and that of
-        staying.
+        """Build IPOPT with the derivatives of the transcription; parameters are the weights, and
+        that of staying.
         """
         functions = self.functions
         n = len(x)
-        k = len(self.groups)
-        X = ca.MX.sym("X", n + k)
-        w = ca.MX.sym("w", k + 1)
+        n_groups = len(self.groups)
+        n_rows, n_values = self.P.shape
+        variables = ca.MX.sym("X", n + n_groups)
+        X = variables[:n]
+        amounts = variables[n:]
+        parameters = ca.MX.sym("w", n_groups + 1)
+        weights = parameters[:n_groups]
+        stay = parameters[n_groups]
         lam_f = ca.MX.sym("lam_f")
-        lam = ca.MX.sym("lam_g", self.P.shape[0])
-        n_g = self.P.shape[1] - n
-        g, J = functions["nlp_jac_g"](X[:n], self.p)
-        away = X[:n] - x
-        f = ca.dot(w[:k], X[n:]) + w[k] / 2 * ca.sumsqr(away)
-        rows = self.P @ ca.vertcat(g, X[:n]) + self.Q @ X[n:]
-        jacobian = ca.horzcat(self.P @ ca.vertcat(J, ca.MX(ca.DM.eye(n))), ca.MX(self.Q))
-        H = functions["nlp_hess_l"](X[:n], self.p, 0.0, (self.P.T @ lam)[:n_g])
-        hessian = ca.diagcat(H + lam_f * w[k] * ca.DM.eye(n), ca.MX(k, k))
-        derivatives = ca.vertcat(w[k] * away, w[:k]), jacobian, ca.triu(hessian)
+        lam_g = ca.MX.sym("lam_g", n_rows)
+        g, J = functions["nlp_jac_g"](X, self.p)
+        away = X - x
+        f = ca.dot(weights, amounts) + stay / 2 * ca.sumsqr(away)
+        rows = self.P @ ca.vertcat(g, X) + self.Q @ amounts
+        gradient = ca.vertcat(stay * away, weights)
+        value_slopes = ca.vertcat(J, ca.MX(ca.DM.eye(n)))
+        jacobian = ca.horzcat(self.P @ value_slopes, ca.MX(self.Q))
+        lam_of_g = (self.P.T @ lam_g)[: n_values - n]
+        H = functions["nlp_hess_l"](X, self.p, 0.0, lam_of_g)
+        hessian = ca.diagcat(H + lam_f * stay * ca.DM.eye(n), ca.MX(n_groups, n_groups))
+        derivatives = (gradient, jacobian, ca.triu(hessian))
         options = {
-            "cache": nlp_functions([X, w], [f, rows], [lam_f, lam], derivatives),
+            "cache": nlp_functions([variables, parameters], [f, rows], [lam_f, lam_g], derivatives),
             "error_on_fail": False,
             "print_time": False,
             "calc_lam_p": False,
@@ -337,9 +351,10 @@ class _Elastic:
             # for hundreds of iterations.
             "ipopt": {
                 "mu_strategy": "adaptive",
-                "max_iter": _ITERATIONS,
+                "max_iter": _MAX_ITERATIONS,
                 "max_wall_time": max(time_limit, 0.1),
                 **_SILENT,
             },
         }
-        return ca.nlpsol("elastic", "ipopt", {"x": X, "p": w, "f": f, "g": rows}, options)
+        nlp = {"x": variables, "p": parameters, "f": f, "g": rows}
+        return ca.nlpsol("elastic", "ipopt", nlp, options)

@@ -12,7 +12,8 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import Interrupted
-from uvms_ocp.ocp.plan import OcpStatus, Plan, sample_times
+from uvms_ocp.ocp.motion_record import sample_times
+from uvms_ocp.ocp.plan import OcpStatus, Plan
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.shape_clearance import ShapeClearance

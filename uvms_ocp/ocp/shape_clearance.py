@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import Annotated, ClassVar
 
 import casadi as ca
@@ -26,11 +25,12 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, describe_obstacles
 from uvms_ocp.tasks.task import Residual, bounded_residual
 from uvms_ocp.types import Array, AtLeastOne, Count, Indices, Mask, Shape
 
-_IN_TURN = 0.25
-"""[m] beyond its margin up to which a pair has its first row before any other has its second: one pair
-that is always near, with the eight corners of its shape, would leave none to those that come near.
+_NEAR = 0.25
+"""[m] beyond its margin up to which a pair has its first row before any other has its second: one
+pair that is always near, with the eight corners of its shape, would leave none to those that come
+near.
 """
-_BEFORE = 1e6  # [m] so that rows of sides come first
+_SIDES_FIRST = 1e6  # [m] off the heights of rows of sides, so that they are chosen before others
 _BINDING = 5e-3  # [m] beyond the margin within which a row decides
 
 Place = Callable[[float], pin.SE3]
@@ -57,12 +57,12 @@ class ShapeClearance(Term):
     margins: Array
     """(n_pairs,) [m] of the pairs of the scene."""
     n_rows: AtLeastOne = 10
-    """Per node on pairs with what stands in the world."""
+    """Rows of each node on pairs with what stands in the world."""
     n_own_rows: AtLeastOne = 6
-    """Per node on pairs of the robot's own links."""
+    """Rows of each node on pairs of the robot's own links."""
     n_pair_rows: Count = 0
-    """Per node on each of these pairs instead, where it is not 0: simpler rows, for a scene of few
-    pairs.
+    """Rows of each node on each of these pairs instead, where it is not 0: simpler rows, for a
+    scene of few pairs.
     """
     moving: Mapping[str, Place] = field(default_factory=dict)
     """Places of obstacles that move, by name."""
@@ -71,9 +71,9 @@ class ShapeClearance(Term):
         Term.__post_init__(self)
         scene = self.scene
         if np.shape(self.margins) != (scene.n_pairs,) or not np.isfinite(self.margins).all():
-            given = f"{self.name}: margins {np.shape(self.margins)}"
             raise InvalidInput(
-                f"{given}; give one finite number [m] for each of {scene.n_pairs} pairs"
+                f"{self.name}: margins {np.shape(self.margins)}; give one finite number [m] for"
+                f" each of {scene.n_pairs} pairs"
             )
         if scene.coordinates.n_axes != scene.coordinates.robot.n_v:
             raise InvalidInput(
@@ -86,104 +86,102 @@ class ShapeClearance(Term):
 
     @cached_property
     def _coal(self) -> CoalDistances:
-        """With shapes of its own where it moves them."""
-        scene = self.scene
-        return CoalDistances(
-            replace(scene, geometry=pin.GeometryModel(scene.geometry)) if self.moving else scene
-        )
+        """Distances by coal, with shapes that belong to this term alone where it moves them."""
+        if not self.moving:
+            return CoalDistances(self.scene)
+        shapes = pin.GeometryModel(self.scene.geometry)
+        return CoalDistances(replace(self.scene, geometry=shapes))
 
     def scenery(self, t: float) -> tuple[ObstacleMeta, ...]:
-        """Obstacles that have an end, as they are at time t [s]."""
-        shapes = [
-            item
-            for i, item in enumerate(self.scene.geometry.geometryObjects)
-            if self.scene.is_obstacle(i)
-        ]
-        places = [
-            self.moving[item.name](t) if item.name in self.moving else item.placement
-            for item in shapes
-        ]
-        pairs = zip(shapes, places, strict=True)
-        return describe_obstacles(
-            Obstacle(name=item.name, shape=item.geometry, X_WO=X) for item, X in pairs
-        )
-
-    # --- rows -------------------------------------------------------------------------------------
+        """Describe the obstacles that have an end, as they are at time t [s]."""
+        obstacles = []
+        for i, item in enumerate(self.scene.geometry.geometryObjects):
+            if not self.scene.is_obstacle(i):
+                continue
+            X_WO = self.moving[item.name](t) if item.name in self.moving else item.placement
+            obstacles.append(Obstacle(name=item.name, shape=item.geometry, X_WO=X_WO))
+        return describe_obstacles(obstacles)
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        ends = np.cumsum([0, *(group.n_parameters for group in self._groups)]).tolist()
-        parts = [parameters[first:stop] for first, stop in pairwise(ends)]
-        rows = [
-            group.rows(stage.tick, part) for group, part in zip(self._groups, parts, strict=True)
-        ]
-        return bounded_residual(
-            ca.vertcat(ca.SX(0, 1), *(row for part in rows for row in part)), lower=0.0
-        )
+        """Return the heights of points over planes less their offsets."""
+        rows: list[ca.SX] = []
+        first = 0
+        for group in self._groups:
+            stop = first + group.n_parameters
+            rows += group.rows(stage.tick, parameters[first:stop])
+            first = stop
+        return bounded_residual(ca.vertcat(ca.SX(0, 1), *rows), lower=0.0)
 
     @cached_property
     def _groups(self) -> tuple[PlaneRowGroup, ...]:
         """Return the row groups: with the world, between links, and of each pair of links."""
         pairs = self.scene.pairs
-        carried = np.array(
-            [(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int
-        ).reshape(-1, 2)
-        world = carried[:, 0] == 0
-        n = self.n_pair_rows
-        groups = [(world, self.n_rows)]
-        groups += (
-            [(np.arange(len(pairs)) == k, n) for k in np.flatnonzero(~world)]
-            if n
-            else [(~world, self.n_own_rows)]
-        )
-        return tuple(_group(carried, chosen, rows) for chosen, rows in groups if chosen.any())
-
-    # --- parameters -------------------------------------------------------------------------------
+        joints = np.array([(pair.first_joint, pair.second_joint) for pair in pairs], dtype=int)
+        joints = joints.reshape(-1, 2)
+        is_with_world = joints[:, 0] == 0
+        groups = []
+        if is_with_world.any():
+            groups.append(_group(joints, is_with_world, self.n_rows))
+        if self.n_pair_rows:
+            for k in np.flatnonzero(~is_with_world):
+                groups.append(_group(joints, np.arange(len(pairs)) == k, self.n_pair_rows))
+        elif not is_with_world.all():
+            groups.append(_group(joints, ~is_with_world, self.n_own_rows))
+        return tuple(groups)
 
     def n_parameters(self, robot: Robot) -> int:
+        """Return the number of parameters of the rows."""
         return sum(group.n_parameters for group in self._groups)
 
     def reference(self, t: float) -> Array:
-        """At the configuration in which the coordinates of the scene stay, at time t [s]."""
+        """Return the parameters (n_parameters,) at time t [s], at the configuration in which the
+        coordinates of the scene stay.
+        """
         coordinates = self.scene.coordinates
         return self.references([t], coordinates.configurations(coordinates.reference[None]))[0]
 
     def references(
         self, times: Sequence[float], q: Configurations, tightened: NodeMargins | None = None
     ) -> Array:
-        """At times (n,) [s] and configurations q (n, n_q) [m, rad], with margins wider by what is
-        asked of pairs beyond them, and planes on the sides that it says.
+        """Return the parameters (n, n_parameters) at times (n,) [s] and configurations q (n, n_q)
+        [m, rad], with margins wider by what is asked of pairs beyond them, and planes on the sides
+        that it says.
         """
-        wider = None if tightened is None else tightened.below
-        sides = () if tightened is None else tightened.sides
-        margins = self._margins(len(q), wider)
-        parts = []
-        for group, found in zip(self._groups, self._chosen(times, q, margins, sides), strict=True):
-            parts.append(np.tile(group.nothing(), (len(q), 1)))
-            group.write(parts[-1], found, found.offset + margins[found.sample, found.pair])
-        return np.concatenate([np.zeros((len(q), 0)), *parts], axis=1)
+        if tightened is None:
+            margins = self._margins(len(q), None)
+            sides: Sequence[Side] = ()
+        else:
+            margins = self._margins(len(q), tightened.below)
+            sides = tightened.sides
+        parts = [np.zeros((len(q), 0))]
+        for group, chosen in zip(self._groups, self._chosen(times, q, margins, sides), strict=True):
+            parameters = np.tile(group.nothing(), (len(q), 1))
+            offset = chosen.offset + margins[chosen.sample, chosen.pair]
+            group.write(parameters, chosen, offset)
+            parts.append(parameters)
+        return np.concatenate(parts, axis=1)
 
     def mismatch(self, times: Sequence[float], written: Configurations, q: Configurations) -> float:
-        """[m] By how much rows written at configurations written (n, n_q) [m, rad] are off at q
-        (n, n_q) [m, rad]: those that decide there by the difference from the true distance, those
-        that leave a pair free by what it lacks of its margin.
+        """Return by how much [m] rows written at configurations written (n, n_q) [m, rad] are off
+        at q (n, n_q) [m, rad]: those that decide there by the difference from the true distance,
+        those that leave a pair free by what it lacks of its margin.
 
         times (n,) [s].
         """
         poses = Poses.of(self.scene.coordinates.robot.model, q)
-        true = self.distances(times, q)
-        by_rows = np.full(true.shape, np.inf)
+        true_distances = self.distances(times, q)
+        by_rows = np.full(true_distances.shape, np.inf)
         for chosen in self._chosen(times, written, self._margins(len(q), None)):
             np.minimum.at(by_rows, (chosen.sample, chosen.pair), chosen.heights(poses))
         decides = by_rows - self.margins < _BINDING
-        difference = np.abs(by_rows[decides] - true[decides])
-        overlooked = (self.margins - true)[~decides]
+        difference = np.abs(by_rows[decides] - true_distances[decides])
+        overlooked = (self.margins - true_distances)[~decides]
         return float(np.concatenate([difference, overlooked]).max(initial=0.0))
 
     def _margins(self, n: int, tightened: Array | None) -> Array:
-        """(n, n_pairs) [m]"""
-        return np.broadcast_to(
-            self.margins if tightened is None else self.margins + tightened, (n, self.scene.n_pairs)
-        )
+        """Return the margins (n, n_pairs) [m] at n nodes."""
+        margins = self.margins if tightened is None else self.margins + tightened
+        return np.broadcast_to(margins, (n, self.scene.n_pairs))
 
     def _chosen(
         self, times: Sequence[float], q: Array, margins: Array, sides: Sequence[Side] = ()
@@ -193,126 +191,133 @@ class ShapeClearance(Term):
         """
         contacts = self._contacts(times, q)
         poses = Poses.of(self.scene.coordinates.robot.model, q)
-        found = planes(self.scene, contacts, poses)
-        beyond = found.heights(poses) - margins[found.sample, found.pair]
+        candidates = planes(self.scene, contacts, poses)
+        beyond = candidates.heights(poses) - margins[candidates.sample, candidates.pair]
         if sides:
-            aside = self._aside(times, sides)
-            found = Planes.joined(aside, found)
-            first = aside.heights(poses) - _BEFORE
-            beyond = np.concatenate([first, beyond])
-        kept = []
+            side_planes = self._side_planes(times, sides)
+            candidates = Planes.joined(side_planes, candidates)
+            beyond = np.concatenate([side_planes.heights(poses) - _SIDES_FIRST, beyond])
+        chosen = []
         for group in self._groups:
-            rows = np.flatnonzero(group.pairs[found.pair])
-            turn = _turns(found, rows, beyond)
-            order = rows[np.lexsort((beyond[rows], turn, found.sample[rows]))]
-            kept.append(found.of(order[ranks(found.sample[order]) < group.n]))
-        return kept
+            rows = np.flatnonzero(group.pairs[candidates.pair])
+            turn = _turns(candidates, rows, beyond)
+            order = rows[np.lexsort((beyond[rows], turn, candidates.sample[rows]))]
+            has_room = ranks(candidates.sample[order]) < group.n
+            chosen.append(candidates.of(order[has_room]))
+        return chosen
 
-    def _aside(self, times: Sequence[float], sides: Sequence[Side]) -> Planes:
-        """Planes that part the pairs at moments between nodes, for the nodes that stay on their
-        side; an obstacle that moves takes its plane along.
+    def _side_planes(self, times: Sequence[float], sides: Sequence[Side]) -> Planes:
+        """Return planes that part the pairs at moments between nodes, for the nodes that stay on
+        their side; an obstacle that moves takes its plane along.
         """
         model = self.scene.coordinates.robot.model
-        found = []
+        parts = []
         for side in sides:
             q = side.q[None]
             contacts = self._contacts([side.time], q)
-            own = planes(self.scene, contacts, Poses.of(model, q))
-            own = own.of(np.flatnonzero(own.pair == side.row))
-            found.append(
-                replace(
-                    self._carried(own, side, times[side.node]),
-                    sample=np.full(len(own.sample), side.node),
-                )
-            )
-        return Planes.joined(*found)
+            all_planes = planes(self.scene, contacts, Poses.of(model, q))
+            pair_planes = all_planes.of(np.flatnonzero(all_planes.pair == side.row))
+            moved = self._moved_with_obstacle(pair_planes, side, times[side.node])
+            parts.append(replace(moved, sample=np.full(len(pair_planes.sample), side.node)))
+        return Planes.joined(*parts)
 
-    def _carried(self, own: Planes, side: Side, t: float) -> Planes:
-        """The planes of a side at time t [s], to where their obstacle has moved."""
+    def _moved_with_obstacle(self, pair_planes: Planes, side: Side, t: float) -> Planes:
+        """Return the planes of a side at time t [s], where their obstacle has moved."""
         pair = self.scene.pairs[side.row]
         name = self.scene.geometry.geometryObjects[pair.first].name
         if name not in self.moving:
-            return own
+            return pair_planes
         X = self.moving[name](t) * self.moving[name](side.time).inverse()
-        normal = own.normal @ X.rotation.T
-        return replace(own, normal=normal, offset=own.offset + normal @ X.translation)
-
-    # --- distances --------------------------------------------------------------------------------
+        normal = pair_planes.normal @ X.rotation.T
+        offset = pair_planes.offset + normal @ X.translation
+        return replace(pair_planes, normal=normal, offset=offset)
 
     def distances(
         self, times: Sequence[float], q: Configurations, chosen: ChosenPairs | None = None
     ) -> Array:
-        """(n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q (n, n_q) [m, rad],
-        by coal; infinite for those that are not chosen (n, n_pairs).
+        """Return the distances (n, n_pairs) [m] of all pairs at times (n,) [s] and configurations q
+        (n, n_q) [m, rad], by coal; infinite for those that are not chosen (n, n_pairs).
         """
         if not self.moving:
             return self._coal.distances_at(q, chosen)
         if chosen is None:
-            wanted = np.ones((len(q), self.scene.n_pairs), dtype=bool)
-        else:
-            wanted = chosen
-        parts = [
-            self._placed(t).distances_at(row[None], asked[None])
-            for t, row, asked in zip(times, q, wanted, strict=True)
-        ]
-        return np.concatenate([np.zeros((0, self.scene.n_pairs)), *parts])
+            chosen = np.ones((len(q), self.scene.n_pairs), dtype=bool)
+        parts = [np.zeros((0, self.scene.n_pairs))]
+        for t, configuration, pairs in zip(times, q, chosen, strict=True):
+            coal = self._coal_at(t)
+            parts.append(coal.distances_at(configuration[None], pairs[None]))
+        return np.concatenate(parts)
 
     def obstacle_motion(
         self, times: Annotated[Array, Shape("n")], half: Annotated[Array, Shape("n")]
     ) -> Array:
-        """(n, n_pairs) [m] How far the obstacle of each pair moves within half (n,) [s] of times
-        (n,) [s], by its places there and at both ends.
+        """Return how far [m] the obstacle of each pair moves (n, n_pairs) within half (n,) [s] of
+        times (n,) [s], by its places there and at both ends.
         """
         shapes = self.scene.geometry.geometryObjects
         result = np.zeros((len(times), self.scene.n_pairs))
         for name, place in self.moving.items():
-            (item,) = (item for item in shapes if item.name == name)
-            own = [k for k, pair in enumerate(self.scene.pairs) if shapes[pair.first].name == name]
-            item.geometry.computeLocalAABB()
-            centre = np.linalg.norm(np.array(item.geometry.aabb_center))
-            radius = float(centre + item.geometry.aabb_radius)
+            (obstacle,) = [shape for shape in shapes if shape.name == name]
+            columns = [
+                k for k, pair in enumerate(self.scene.pairs) if shapes[pair.first].name == name
+            ]
+            obstacle.geometry.computeLocalAABB()
+            centre = np.linalg.norm(np.array(obstacle.geometry.aabb_center))
+            radius = float(centre + obstacle.geometry.aabb_radius)
             for row, t, delta in zip(result, times.tolist(), half.tolist(), strict=True):
-                here = place(t)
-                row[own] = max(_way(here, place(t + side), radius) for side in (-delta, delta))
+                middle = place(t)
+                before = _largest_way(middle, place(t - delta), radius)
+                after = _largest_way(middle, place(t + delta), radius)
+                row[columns] = max(before, after)
         return result
 
     def _contacts(self, times: Sequence[float], q: Array) -> Contacts:
+        """Return where pairs are nearest at times (n,) [s] and configurations q (n, n_q)."""
         if not self.moving:
             return self._coal.contacts(q)
-        found = [self._placed(t).contacts(row[None]) for t, row in zip(times, q, strict=True)]
-        sample = np.repeat(np.arange(len(q)), [len(one.sample) for one in found])
-        names = ("pair", "distance", "normal", "first", "second")
+        parts = []
+        for t, configuration in zip(times, q, strict=True):
+            parts.append(self._coal_at(t).contacts(configuration[None]))
         return Contacts(
-            sample=sample,
-            **{name: np.concatenate([getattr(one, name) for one in found]) for name in names},
+            sample=np.repeat(np.arange(len(q)), [len(part.sample) for part in parts]),
+            pair=np.concatenate([part.pair for part in parts]),
+            distance=np.concatenate([part.distance for part in parts]),
+            normal=np.concatenate([part.normal for part in parts]),
+            first=np.concatenate([part.first for part in parts]),
+            second=np.concatenate([part.second for part in parts]),
         )
 
-    def _placed(self, t: float) -> CoalDistances:
+    def _coal_at(self, t: float) -> CoalDistances:
+        """Return the distances with moving obstacles where they are at time t [s]."""
         for item in self._coal.scene.geometry.geometryObjects:
             if item.name in self.moving:
                 item.placement = self.moving[item.name](t)
         return self._coal
 
 
-def _turns(found: Planes, rows: Indices, beyond: Array) -> Indices:
-    """(n,) Turn in which each of the chosen rows (n,) is taken: the first for the nearest point of
-    every pair, the next ones for its further points; the last for what is far; beyond (n_all,) [m].
+def _turns(candidates: Planes, rows: Indices, beyond: Array) -> Indices:
+    """Return the turn (n,) in which each of the rows (n,) is taken: the first for the nearest point
+    of every pair, the next ones for its further points; the last for what is far; beyond (n_all,)
+    [m].
     """
-    pair = found.sample[rows] * (int(found.pair.max(initial=0)) + 1) + found.pair[rows]
-    order = np.lexsort((beyond[rows], pair))
-    place = np.empty(len(rows), dtype=np.intp)
-    place[order] = ranks(pair[order])
-    return np.where(beyond[rows] < _IN_TURN, place, len(rows))
+    n_pairs = int(candidates.pair.max(initial=0)) + 1
+    pair_of_sample = candidates.sample[rows] * n_pairs + candidates.pair[rows]
+    order = np.lexsort((beyond[rows], pair_of_sample))
+    turn = np.empty(len(rows), dtype=np.intp)
+    turn[order] = ranks(pair_of_sample[order])
+    return np.where(beyond[rows] < _NEAR, turn, len(rows))
 
 
-def _way(one: pin.SE3, other: pin.SE3, radius: float) -> float:
-    """[m] How far a point of a ball of that radius about the origin moves at most."""
-    chord = np.linalg.norm(other.rotation - one.rotation) / np.sqrt(8.0)  # sine of half the turn
-    turn = 2.0 * np.arcsin(min(float(chord), 1.0))
-    return float(np.linalg.norm(other.translation - one.translation) + turn * radius)
+def _largest_way(first: pin.SE3, second: pin.SE3, radius: float) -> float:
+    """Return how far [m] a point of a ball of that radius about the origin moves at most."""
+    chord = np.linalg.norm(second.rotation - first.rotation)
+    sine_of_half_turn = chord / np.sqrt(8.0)
+    turn = 2.0 * np.arcsin(min(float(sine_of_half_turn), 1.0))
+    return float(np.linalg.norm(second.translation - first.translation) + turn * radius)
 
 
-def _group(carried: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
+def _group(joints: Indices, chosen: Mask, n: int) -> PlaneRowGroup:
     """Return the row group of the chosen of pairs (n_pairs, 2) of joints."""
-    first, second = (tuple(np.unique(carried[chosen, side]).tolist()) for side in (0, 1))
+    first = tuple(np.unique(joints[chosen, 0]).tolist())
+    second = tuple(np.unique(joints[chosen, 1]).tolist())
     return PlaneRowGroup(pairs=chosen, n=n, first=first, second=second)

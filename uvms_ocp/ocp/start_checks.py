@@ -16,16 +16,13 @@ from uvms_ocp.planning.request import Goal, PostureGoal, ToolGoal
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.signed_distance import Body, signed_contact
 
-_ROUNDING = 1e-9
+_ROUNDING = 1e-9  # [unit of the axis] by which a limit is left that is none
 _POINT = 1e-6  # [m] radius of a ball that stands for a point
 
 
-# What no input can bring within the limits in the first step: a proof, before any NLP, that a start
-# is impossible.
-
-
 def impossible_start(problem: OcpProblem) -> str | None:
-    """An axis whose limits the second node cannot keep, in words; None where every axis can.
+    """Describe an axis whose limits the second node cannot keep, whatever the input; None where
+    every axis can. It is a proof, before any NLP, that a start is impossible.
 
     Velocity changes by at most the acceleration limit times the step, and a joint goes on
     meanwhile. These are limits of single axes: where they can be kept, forces, constraints or goals
@@ -40,7 +37,9 @@ def impossible_start(problem: OcpProblem) -> str | None:
 
 
 def _too_fast(problem: OcpProblem, h: float) -> str | None:
-    """After the longest step, which leaves the most time to slow down."""
+    """Describe an axis that is too fast even after the longest step h [s], which leaves the most
+    time to slow down.
+    """
     limits = problem.robot.limits
     v = problem.start.v
     excess = np.abs(v) - limits.acceleration * h - limits.velocity
@@ -55,11 +54,11 @@ def _too_fast(problem: OcpProblem, h: float) -> str | None:
 
 
 def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | None:
-    """After the best step: a short one does not get to the limit, a long one may have turned
-    back.
+    """Describe a joint that leaves its range even after the best step: a short one does not get to
+    the limit, a long one may have turned back.
     """
     robot = problem.robot
-    limits = problem.robot.limits
+    limits = robot.limits
     lower, upper = robot.configuration_bounds
     for joint in robot.joints:
         for i in range(joint.n_v):
@@ -67,65 +66,62 @@ def _too_near(problem: OcpProblem, shortest: float, longest: float) -> str | Non
             v = float(problem.start.v[joint.idx_v + i])
             a = limits.acceleration[joint.idx_v + i]
             speed = limits.velocity[joint.idx_v + i]
-            least = q + _least_way(v, a, speed, shortest, longest)
-            most = q - _least_way(-v, a, speed, shortest, longest)
-            low = lower[joint.q][i]
-            high = upper[joint.q][i]
-            if least > high + _ROUNDING or most < low - _ROUNDING:
+            lowest_q = q + _smallest_displacement(v, a, speed, shortest, longest)
+            highest_q = q - _smallest_displacement(-v, a, speed, shortest, longest)
+            q_lower = lower[joint.q][i]
+            q_upper = upper[joint.q][i]
+            if lowest_q > q_upper + _ROUNDING or highest_q < q_lower - _ROUNDING:
                 if shortest == longest:
                     span = f"{longest:.3g}"
                 else:
                     span = f"{shortest:.3g} to {longest:.3g}"
                 return (
                     f"joint {joint.name!r} starts at {q:.4g} with {v:.4g} per second and cannot"
-                    f" stay between {low:.4g} and {high:.4g} in the first step of {span} s"
+                    f" stay between {q_lower:.4g} and {q_upper:.4g} in the first step of {span} s"
                 )
     return None
 
 
-def _least_way(v: float, a: float, speed: float, shortest: float, longest: float) -> float:
-    """Smallest displacement after any step in the range; concave in the step but for where the
-    speed limit is met.
+def _smallest_displacement(
+    v: float, a: float, speed: float, shortest: float, longest: float
+) -> float:
+    """Return the smallest displacement after any step in the range, from the velocity v, slowing
+    down by a up to the speed limit; concave in the step but for where that limit is met.
     """
     kink = (v + speed) / a if np.isfinite(a) else 0.0
-    return min(
-        h * (v + max(v - a * h, -speed)) / 2
-        for h in (shortest, longest, min(max(kink, shortest), longest))
-    )
+    kink_in_range = min(max(kink, shortest), longest)
+    displacements = []
+    for h in (shortest, longest, kink_in_range):
+        v_end = max(v - a * h, -speed)
+        displacements.append(h * (v + v_end) / 2)
+    return min(displacements)
 
 
 def _axes(problem: OcpProblem) -> list[str]:
-    vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")[
-        : problem.robot.n_vehicle
-    ]
-    return [*vehicle, *(f"rate of {name!r}" for name in problem.robot.joint_names)]
-
-
-# Which shapes are nearer at the start than a constraint allows, in words.
+    vehicle = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
+    joints = [f"rate of {name!r}" for name in problem.robot.joint_names]
+    return [*vehicle[: problem.robot.n_vehicle], *joints]
 
 
 def describe_crowded_start(problem: OcpProblem, constraint: str) -> str:
-    """The pair that a constraint of that name finds nearest for its margin, as a bracket; empty for
-    one without shapes.
+    """Describe the pair of shapes that a constraint of that name finds nearest for its margin at
+    the start, as a bracket; empty for one without shapes.
     """
-    terms = [
-        term
-        for term in problem.constraints
-        if isinstance(term, ShapeClearance) and term.name == constraint
-    ]
-    return max((_lack(term, problem) for term in terms), default=(0.0, ""))[1]
+    worst = (0.0, "")
+    for term in problem.constraints:
+        if isinstance(term, ShapeClearance) and term.name == constraint:
+            worst = max(worst, _largest_lack(term, problem))
+    return worst[1]
 
 
-def _lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str]:
+def _largest_lack(term: ShapeClearance, problem: OcpProblem) -> tuple[float, str]:
+    """Return by how much [m] a margin is missed at the start, and the pair in words."""
     distances = term.distances([0.0], problem.start.q[None])[0]
     lack = term.margins - distances
     k = int(lack.argmax())
-    return float(
-        lack[k]
-    ), f" ({term.scene.pairs[k].name}: {distances[k]:.4g} m apart, margin {term.margins[k]:.4g} m)"
-
-
-# A goal that only a robot inside something could reach is said so before anything is solved.
+    pair = term.scene.pairs[k].name
+    text = f" ({pair}: {distances[k]:.4g} m apart, margin {term.margins[k]:.4g} m)"
+    return float(lack[k]), text
 
 
 def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
@@ -141,47 +137,46 @@ def check_goal(scene: CollisionScene, goal: Goal, start: np.ndarray) -> None:
 
 
 def start_distances(scene: CollisionScene, start: np.ndarray) -> np.ndarray:
-    """(n_pairs,) [m] at the start (n_q,) [m, rad]."""
+    """Return the distances (n_pairs,) [m] at the start (n_q,) [m, rad]."""
     return CoalDistances(scene).distances_at(start[None])[0]
 
 
 def goal_distances(scene: CollisionScene, goal: Goal, start: np.ndarray) -> np.ndarray:
-    """(n_pairs,) [m] of the pairs whose places a posture decides, infinite for others; start (n_q,)
-    [m, rad].
+    """Return the distances (n_pairs,) [m] of the pairs whose places a posture decides, infinite for
+    others; start (n_q,) [m, rad].
     """
     if isinstance(goal, ToolGoal):
         return np.full(scene.n_pairs, np.inf)
     robot = scene.coordinates.robot
     q = robot.configuration(position=goal.position, rpy=goal.rpy, joints=dict(goal.joints)).copy()
-    if robot.n_vehicle:
-        q[:3] = start[:3] if goal.position is None else q[:3]
-        q[3:7] = start[3:7] if goal.rpy is None else q[3:7]
-    known = _determined_joints(robot, goal)
-    return np.where(
-        [{pair.first_joint, pair.second_joint} <= known for pair in scene.pairs],
-        start_distances(scene, q),
-        np.inf,
-    )
+    if robot.n_vehicle and goal.position is None:
+        q[:3] = start[:3]
+    if robot.n_vehicle and goal.rpy is None:
+        q[3:7] = start[3:7]
+    determined = _determined_joints(robot, goal)
+    is_determined = [{pair.first_joint, pair.second_joint} <= determined for pair in scene.pairs]
+    return np.where(is_determined, start_distances(scene, q), np.inf)
 
 
 def _determined_joints(robot: Robot, goal: PostureGoal) -> set[int]:
-    """Joints whose places the goal decides, the world among them: those behind joints that it all
-    names.
+    """Return the joints whose places the goal decides, the world among them: those behind joints
+    that it all names.
     """
-    known = {0}
+    determined = {0}
     model = robot.model
     for joint in range(1, model.njoints):
-        vehicle = model.joints[joint].nv == 6
-        if vehicle:
-            named = goal.position is not None or goal.rpy is not None
+        is_vehicle = model.joints[joint].nv == 6
+        if is_vehicle:
+            is_named = goal.position is not None or goal.rpy is not None
         else:
-            named = model.names[joint] in goal.joints
-        if named and model.parents[joint] in known:
-            known.add(joint)
-    return known
+            is_named = model.names[joint] in goal.joints
+        if is_named and model.parents[joint] in determined:
+            determined.add(joint)
+    return determined
 
 
 def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
+    """Raise `InvalidInput` where shapes of the tool's link, or the point, would touch obstacles."""
     robot = scene.coordinates.robot
     shapes = list(scene.geometry.geometryObjects)
     links = shapes[: robot.collision_model.ngeoms]
@@ -190,18 +185,19 @@ def _check_tool(scene: CollisionScene, goal: ToolGoal) -> None:
     placed: list[tuple[str, coal.CollisionGeometry, pin.SE3]] = []
     if isinstance(goal.target, pin.SE3):
         X_WJ = goal.target * frame.placement.inverse()
-        own = [shape for shape in links if shape.parentJoint == frame.parentJoint]
-        placed = [(shape.name, shape.geometry, X_WJ * shape.placement) for shape in own]
+        for shape in links:
+            if shape.parentJoint == frame.parentJoint:
+                placed.append((shape.name, shape.geometry, X_WJ * shape.placement))
     else:
         placed = [(goal.frame, coal.Sphere(_POINT), pin.SE3(np.eye(3), goal.target))]
     for obstacle in obstacles:
         for name, geometry, X in placed:
             depth = -_distance(obstacle.geometry, obstacle.placement, geometry, X)
             if depth >= 0.0:
-                text = (
-                    f"the goal is in collision: {obstacle.name} - {name} overlap by {depth:.3g} m"
+                raise InvalidInput(
+                    f"the goal is in collision: {obstacle.name} - {name} overlap by"
+                    f" {depth:.3g} m; move it or the obstacle"
                 )
-                raise InvalidInput(f"{text}; move it or the obstacle")
 
 
 def _distance(
@@ -210,8 +206,10 @@ def _distance(
     second: coal.CollisionGeometry,
     X_second: pin.SE3,
 ) -> float:
-    places = [coal.Transform3s(X.rotation, X.translation) for X in (X_first, X_second)]
+    """Return the signed distance [m] of two shapes."""
+    first_place = coal.Transform3s(X_first.rotation, X_first.translation)
+    second_place = coal.Transform3s(X_second.rotation, X_second.translation)
     result = coal.DistanceResult()
-    coal.distance(first, places[0], second, places[1], coal.DistanceRequest(), result)
+    coal.distance(first, first_place, second, second_place, coal.DistanceRequest(), result)
     bodies = (Body(first), Body(second))
     return signed_contact(bodies, (X_first, X_second), result).distance

@@ -1,5 +1,5 @@
-"""Describe what there is around the robot of a problem, as records keep it: goals of poses, obstacles,
-a floor.
+"""Describe what there is around the robot of a problem, as records keep it: goals of poses,
+obstacles, a floor.
 """
 
 from __future__ import annotations

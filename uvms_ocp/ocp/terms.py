@@ -202,8 +202,9 @@ class Energy(_PathCost):
     """Electrical energy: rows whose squares are the powers of thrusters and joints [kW], smooth at
     zero.
 
-    Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description. For a vehicle it needs the
-    power of every thruster, and thrusters instead of a wrench: `OcpProblem` refuses what it would leave out.
+    Thruster ``k |T|^n`` and joint ``|tau q_dot| / efficiency``, as in the robot's description. For
+    a vehicle it needs the power of every thruster, and thrusters instead of a wrench: `OcpProblem`
+    refuses what it would leave out.
     """
 
     state_only: ClassVar[bool] = False

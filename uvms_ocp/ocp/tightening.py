@@ -24,8 +24,8 @@ from uvms_ocp.types import Array
 KEPT = 2e-4
 """[unit of the quantity] By how much a range may be left between nodes."""
 FORCE_KEPT = 1e-2
-"""Share of its largest force by which a thruster or a joint may pass it inside a step, whose forces are
-those at its middle.
+"""Share of its largest force by which a thruster or a joint may pass it inside a step, whose forces
+are those at its middle.
 """
 _MORE = 1.2  # times what is missing is what nodes are asked for more
 _LEAST_EFFECT = 0.2  # of that, at which what is missing is taken to shrink

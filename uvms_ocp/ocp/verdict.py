@@ -10,7 +10,7 @@ multipliers, planes or scalings. See the guide on optimal control for what each 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,10 +42,11 @@ class Verdict:
     is found by longer searches than this.
     """
     reason: str
-    """In words, with numbers."""
+    """Reason of the status in words, with numbers."""
     broken: tuple[RangeCheck, ...]
     """Ranges that are left by more than their tolerance."""
     check: MotionCheck
+    """By how much ranges are left, at nodes and between them."""
     report: VerdictReport
     """The part of the verdict that a plan keeps."""
 
@@ -60,8 +61,12 @@ class Verdict:
         return _first(not level.optimal for level in self.report.levels)
 
 
-def _first(holds: Iterable[bool]) -> int | None:
-    return next((i for i, holds_here in enumerate(holds) if holds_here), None)
+def _first(flags: Iterable[bool]) -> int | None:
+    """Return the index of the first that is True."""
+    for i, flag in enumerate(flags):
+        if flag:
+            return i
+    return None
 
 
 @checked
@@ -81,30 +86,36 @@ def judge_motion(
     the gain of a step is that of motions which do so as well. Raises `InvalidInput` for another
     number of steps.
     """
-    rows = transcription or Transcription(problem, plugin=stagewise_or(IPOPT, problem))
+    if transcription is None:
+        transcription = Transcription(problem, plugin=stagewise_or(IPOPT, problem))
     motion = LinearizedMotion(
-        transcription=rows, problem=problem, trajectory=trajectory, t0=t0, tightened=tightened
+        transcription=transcription,
+        problem=problem,
+        trajectory=trajectory,
+        t0=t0,
+        tightened=tightened,
     )
     check = motion_check(problem, trajectory, t0=t0)
     broken = tuple(item for item in check.ranges if _excess(item, problem) > 1.0)
-    levels = tuple(
-        _level_verdict(level, gain, has_levels_below=level is not problem.levels[-1])
-        for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True)
-    )
+    levels = []
+    for level, gain in zip(problem.levels, motion.gains(TOLERANCES.gain), strict=True):
+        has_levels_below = level is not problem.levels[-1]
+        levels.append(_level_verdict(level, gain, has_levels_below=has_levels_below))
     unseen = max((_unseen(item, problem) for item in check.ranges), default=0.0)
     report = VerdictReport(
         tolerances=TOLERANCES,
-        levels=levels,
+        levels=tuple(levels),
         time_resolution=check.time_resolution,
         unseen=unseen if np.isfinite(unseen) else None,
     )
-    status, reason = _status(broken, levels)
+    status, reason = _status(broken, report.levels)
     return Verdict(status=status, reason=reason, broken=broken, check=check, report=report)
 
 
 def _status(
     broken: tuple[RangeCheck, ...], levels: tuple[LevelVerdict, ...]
 ) -> tuple[OcpStatus, str]:
+    """Return the status and the reason for it."""
     if broken:
         return OcpStatus.BROKEN, "; ".join(describe_broken(item) for item in broken)
     missed = _first(level.missed for level in levels)
@@ -118,13 +129,10 @@ def _status(
 
 def describe_broken(item: RangeCheck) -> str:
     """Say by how much a range is left, and where."""
-    at_nodes = item.at_nodes.amount >= item.between.amount
+    is_at_nodes = item.at_nodes.amount >= item.between.amount
     peak = item.worst
-    place = "at" if at_nodes else "between nodes, at"
-    if peak.quantity:
-        name = f"{item.name} ({peak.quantity})"
-    else:
-        name = item.name
+    place = "at" if is_at_nodes else "between nodes, at"
+    name = f"{item.name} ({peak.quantity})" if peak.quantity else item.name
     return f"{name} is broken by {peak.amount:.3g} {item.unit} {place} {peak.time:.3g} s"
 
 
@@ -144,19 +152,20 @@ def describe_gain(level: LevelVerdict) -> str:
 
 
 def _level_verdict(level: OcpLevel, step: LevelGain, *, has_levels_below: bool) -> LevelVerdict:
-    gain = step
+    """Judge a level by the gain that a step promises."""
+    gain = step.gain
     if level.relax is not None and has_levels_below:
-        gain = replace(step, gain=_gain_beyond(step, level.relax))
-    missed = is_missed(level, gain.residual)
-    is_known = bool(np.isfinite(gain.gain))
+        gain = _gain_beyond(step, level.relax)
+    missed = is_missed(level, step.residual)
+    is_known = bool(np.isfinite(gain))
     is_met = all(term.is_goal for term in level.terms) and not missed
-    enough = max(TOLERANCES.gain * gain.residual, TOLERANCES.gain_floor)
+    negligible_gain = max(TOLERANCES.gain * step.residual, TOLERANCES.gain_floor)
     return LevelVerdict(
         name=level.name,
-        residual=gain.residual,
-        gain=gain.gain if is_known else None,
+        residual=step.residual,
+        gain=gain if is_known else None,
         missed=missed,
-        optimal=is_met or bool(gain.gain <= enough),
+        optimal=is_met or bool(gain <= negligible_gain),
     )
 
 
@@ -165,7 +174,9 @@ def is_missed(level: OcpLevel, residual: float) -> bool:
     others, not that it is met. A residual that is no number is missed.
     """
     weights = [term.weight for term in level.terms if term.is_goal]
-    return bool(weights) and not residual <= TOLERANCES.goal * min(1.0, *weights) ** 0.5
+    if not weights:
+        return False
+    return not residual <= TOLERANCES.goal * min(1.0, *weights) ** 0.5
 
 
 def _gain_beyond(step: LevelGain, relax: float) -> float:
@@ -178,11 +189,8 @@ def _gain_beyond(step: LevelGain, relax: float) -> float:
     return max(step.residual - allowed, 0.0)
 
 
-# By how much ranges may be left.
-
-
 def _excess(item: RangeCheck, problem: OcpProblem) -> float:
-    """The largest amount by which a range is left, as a multiple of its tolerance."""
+    """Return the largest amount by which a range is left, as a multiple of its tolerance."""
     nodes = _multiple(item, item.at_nodes, problem, between=False)
     return max(nodes, _multiple(item, item.between, problem, between=True))
 
@@ -195,14 +203,16 @@ def _multiple(item: RangeCheck, peak: Peak, problem: OcpProblem, *, between: boo
 
 
 def _unseen(item: RangeCheck, problem: OcpProblem) -> float:
-    """Bound of what may be left unseen beyond what was seen, as a multiple of the tolerance."""
+    """Return a bound of what may be left unseen beyond what was seen, as a multiple of the
+    tolerance.
+    """
     if not item.resolution > 0.0:
         return 0.0
     return item.resolution / float(_tolerances(item, problem, between=True).max())
 
 
 def _tolerances(item: RangeCheck, problem: OcpProblem, *, between: bool) -> Array:
-    """(m,) [unit of the quantity]"""
+    """Return by how much (m,) [unit of the quantity] ranges may be left."""
     m = len(item.quantities)
     if item.kind is RangeKind.MOTION:
         return np.full(m, TOLERANCES.motion)
@@ -218,7 +228,7 @@ def _tolerances(item: RangeCheck, problem: OcpProblem, *, between: bool) -> Arra
 
 
 def _force_units(problem: OcpProblem) -> Array:
-    """(n_v,) [N, N m] the most that actuators give on every axis."""
+    """Return the most that actuators give on every axis (n_v,) [N, N m]."""
     actuators = ActuationModel(problem.robot, problem.actuation)
     largest = np.abs(actuators.matrix) @ actuators.thrust_unit
     vehicle = np.maximum(largest, 1e-3 * largest.max(initial=1.0))

@@ -117,8 +117,8 @@ class CoalDistances:
         return self.distances_at(self.scene.coordinates.configurations(x))
 
     def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
-        """Signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite for pairs that are not chosen
-        (n, n_pairs), by default all are. Raises `InvalidInput` for what
+        """Signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite for
+        pairs that are not chosen (n, n_pairs), by default all are. Raises `InvalidInput` for what
         chooses by other than truth values.
         """
         result = np.full((len(q), self.scene.n_pairs), np.inf)

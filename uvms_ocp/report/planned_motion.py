@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked
-from uvms_ocp.ocp.plan import OcpStatus, axis_series, motion_series
+from uvms_ocp.ocp.motion_record import axis_series, motion_series
+from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.request import OcpRequest, OcpResult
 from uvms_ocp.planning import (
     CoalDistances,

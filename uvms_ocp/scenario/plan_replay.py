@@ -14,7 +14,9 @@ from uvms_ocp.control.force.computed_torque import OPEN_LOOP
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.ocp.plan import TOOL, Plan, TrackingError, tool_series, tracking_error
+from uvms_ocp.ocp.motion_record import TOOL, tool_series
+from uvms_ocp.ocp.plan import Plan
+from uvms_ocp.ocp.tracking_error import TrackingError, tracking_error
 from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import IDEAL_SENSORS, State, Water

@@ -25,7 +25,8 @@ from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel
 from uvms_ocp.types import Keyed
 
-# Derivatives of the expressions of a step along its states and controls.
+Expressions = tuple[Sequence[ca.SX], Sequence[ca.SX]]
+"""Inputs and outputs of a function."""
 
 
 class Tangent:
@@ -54,19 +55,15 @@ class Tangent:
     @property
     def content(self) -> str:
         """Hash of the robot's motion and forces, which stands for all that is derived from them."""
-        m = self.model
-        z_next = ca.SX.sym("z_next", self.model.layout.n_z)
+        model = self.model
+        z_next = ca.SX.sym("z_next", model.layout.n_z)
         x = ca.SX.sym("x", self.n_x + self.n_u)
 
-        def made() -> str:
-            return content_of(
-                [m.z, z_next, x],
-                [m.midpoint, self.motion(z_next), self.moved(x)],
-                m.layout,
-                m.content,
-            )
+        def compute() -> str:
+            expressions = [model.midpoint, self.motion(z_next), self.moved(x)]
+            return content_of([model.z, z_next, x], expressions, model.layout, model.content)
 
-        return stage.kept_content(Keyed((*m.kind, self.free), made))
+        return stage.kept_content(Keyed((*model.kind, self.free), compute))
 
     @cached_property
     def force_slope(self) -> ca.SX:
@@ -80,37 +77,42 @@ class Tangent:
         """``z, water -> forces`` (n_v,) [N, N m], and ``z, water -> forces, force_slope``: of the
         robot, for all terms.
         """
-        m = self.model
-        of = self.content
         inputs = [self.model.z, self.model.water]
+
+        def build_forces() -> Expressions:
+            return inputs, [ca.densify(self.model.required_force)]
+
+        def build_slopes() -> Expressions:
+            forces = self.model.required_force
+            return inputs, [ca.densify(forces), self.jacobian(forces)]
+
+        content = self.content
         return (
-            compile_made("forces", of, lambda: (inputs, [ca.densify(m.required_force)])),
-            compile_made(
-                "forces_linear",
-                of,
-                lambda: (inputs, [ca.densify(m.required_force), self.jacobian(m.required_force)]),
-            ),
+            compile_made("forces", content, build_forces),
+            compile_made("forces_linear", content, build_slopes),
         )
 
     def jacobian(self, rows: ca.SX, *, controls: bool = True) -> ca.SX:
-        """(m, n_x + n_u) derivative of rows (m,) in z; (m, n_x) without the controls."""
-        own = self._along(ca.jacobian(rows, self.model.z), controls)
-        through = ca.jacobian(rows, self.model.force)
-        if through.nnz():
-            return own + through @ self.force_slope[:, : own.shape[1]]
-        return own
+        """Return the derivative (m, n_x + n_u) of rows (m,) in z; (m, n_x) without the controls."""
+        by_z = self._along(ca.jacobian(rows, self.model.z), controls)
+        by_force = ca.jacobian(rows, self.model.force)
+        if by_force.nnz():
+            return by_z + by_force @ self.force_slope[:, : by_z.shape[1]]
+        return by_z
 
     def _along(self, slope: ca.SX, controls: bool) -> ca.SX:
-        """Project a derivative (m, n_z) in z."""
+        """Project a derivative (m, n_z) in z on the tangent space."""
         layout = self.model.layout
         parts = [slope[:, layout.q] @ self._turned, slope[:, layout.v]]
-        parts += [slope[:, layout.h]] if self.free else []
-        parts += [slope[:, self.controls]] if controls else []
+        if self.free:
+            parts.append(slope[:, layout.h])
+        if controls:
+            parts.append(slope[:, self.controls])
         return ca.horzcat(*parts)
 
     def curvature(self, value: ca.SX, *, controls: bool = True) -> ca.SX:
-        """(n, n) second derivative of a scalar in z along states and controls: of geodesics, hence
-        symmetric.
+        """Return the second derivative (n, n) of a scalar in z along states and controls: of
+        geodesics, hence symmetric.
 
         What forces bend is not in it, see `step_curvature`.
         """
@@ -122,27 +124,26 @@ class Tangent:
         return (H + H.T) / 2
 
     def weights(self, value: ca.SX) -> ca.SX:
-        """(n_v, 1) that a scalar gives the forces."""
+        """Return the weights (n_v, 1) that a scalar gives the forces."""
         return ca.jacobian(value, self.model.force).T
 
     @cached_property
     def step_curvature(self) -> ca.Function:
         """``z, z_next, costates, bent -> lower triangle`` of what motion and forces bend."""
 
-        def made() -> tuple[list[ca.SX], list[ca.SX]]:
+        def build() -> Expressions:
             middle = self.model.midpoint
             z = self.model.z
-            (bent, slope, H) = self.model.bent
+            bent, slope, H = self.model.bent
             z_next = ca.SX.sym("z_next", z.shape)
             costates = ca.SX.sym("costates", self.n_x)
             D = self.jacobian(middle)
             # Derivatives of what is weighted leave the weights as they are, which are symbols.
-            H = D.T @ H @ D + self.curvature(
-                ca.dot(slope, middle) + ca.dot(costates, self.motion(z_next))
-            )
+            weighted = ca.dot(slope, middle) + ca.dot(costates, self.motion(z_next))
+            H = D.T @ H @ D + self.curvature(weighted)
             return [z, z_next, costates, bent], [ca.tril(H)]
 
-        return compile_made("step_curvature", self.content, made)
+        return compile_made("step_curvature", self.content, build)
 
     def motion(self, z_next: ca.SX) -> ca.SX:
         """Return by how much the state after a step is ahead of that of z_next (n_z,), in its
@@ -157,20 +158,18 @@ class Tangent:
         a = z[layout.a]
         ahead = self.symbolic.difference(z_next[layout.q], model.moved(q, v, a, h))
         parts = [ahead, v + h * a - z_next[layout.v]]
-        return ca.vertcat(*parts, *([h - z_next[layout.h]] if self.free else []))
+        if self.free:
+            parts.append(h - z_next[layout.h])
+        return ca.vertcat(*parts)
 
     def moved(self, x: ca.SX) -> ca.SX:
-        """Z (n_z,) after the displacement x (n_x + n_u,) of its states and controls."""
+        """Return z (n_z,) after the displacement x (n_x + n_u,) of its states and controls."""
         z = self.model.z
         layout = self.model.layout
         n = self.n_v
         q = self.symbolic.integrate(z[layout.q], x[:n])
         h = z[layout.h] + (x[2 * n] if self.free else 0)
         return ca.vertcat(q, z[layout.v] + x[n : 2 * n], h, z[self.controls] + x[self.n_x :])
-
-
-# Compiled functions of single steps: motion, rows of limits and terms, and their dense derivatives,
-# row after row.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -180,28 +179,28 @@ class ForceRows:
     """
 
     rows: ca.SX
-    """(m,) """
+    """(m,) [-]"""
     lower: np.ndarray
-    """(m,) """
+    """(m,) [-]"""
     upper: np.ndarray
-    """(m,) """
+    """(m,) [-]"""
     inputs: np.ndarray
     """(m,) thruster, or behind them joint, of each row; -1 for wrenches."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class HeldRows:
-    """Rows that are asked for together."""
+    """Rows that a function returns together: constraints, a level's rows, or its residuals."""
 
     rows: ca.SX
-    """(m,) """
+    """(m,) expressions."""
     numbers: np.ndarray
-    """(n,) rows of the block that they are: the last n of them; residuals of costs are all of their
-    level's.
+    """(n,) indices in the block of the last n of them; residuals of costs are all of their level's.
     """
 
     @property
     def n(self) -> int:
+        """Number of rows."""
         return int(self.rows.numel())
 
 
@@ -211,7 +210,9 @@ class BlockFunctions:
     def __init__(
         self, *, block: TermBlock, tangent: Tangent, forces: ForceRows | None, extra: int = 0
     ) -> None:
-        """forces: at steps only. extra: columns of zeros behind those of the state, where the stage
+        """Begin to compile values and derivatives.
+
+        forces: at steps only. extra: columns of zeros behind those of the state, where the stage
         has controls and the rows have not.
         """
         self.block = block
@@ -219,9 +220,10 @@ class BlockFunctions:
         self.forces = forces
         self.extra = extra
         rows = block.rows
-        levels = range(len(block.rows.errors))
+        levels = range(len(rows.errors))
+        limits = [] if forces is None else [forces.rows]
         self.held = (
-            _group(rows, CONSTRAINT, [] if forces is None else [forces.rows]),
+            _group(rows, CONSTRAINT, limits),
             *(_group(rows, i, []) for i in levels),
         )
         """Constraints, then the rows of each level; those of the last are never held, and have no
@@ -244,9 +246,7 @@ class BlockFunctions:
         )
         self.values = self._function("values", lambda: groups)
         """``z, parameters, water, forces, force_slope -> errors..., held...``"""
-        self.linear = self._function(
-            "linear", lambda: [*groups[:-1], *(self._jacobian(group) for group in groups[:-1])]
-        )
+        self.linear = self._function("linear", lambda: self._values_and_jacobians(groups[:-1]))
         """Values of all groups but the last, then their Jacobians (n_z, m): columns are rows, so
         that in memory row follows row.
         """
@@ -272,13 +272,13 @@ class BlockFunctions:
         value, y, e = self._weighted
         bent = ca.SX.sym("bent", self.tangent.step_curvature.sparsity_out(0))
 
-        def made() -> list[ca.SX]:
+        def build() -> list[ca.SX]:
             H = self.tangent.curvature(value, controls=self.forces is not None)
             if self.bends:
                 H += ca.tril2symm(bent)[: H.shape[0], : H.shape[0]]
             return [ca.diagcat(H, ca.SX(self.extra, self.extra))]
 
-        return self._function("curvature", made, y, e, bent)
+        return self._function("curvature", build, y, e, bent)
 
     @property
     def bends(self) -> bool:
@@ -294,11 +294,14 @@ class BlockFunctions:
         e = ca.SX.sym("e", errors.numel())
         return ca.dot(y, held) + ca.dot(e, errors), y, e
 
+    def _values_and_jacobians(self, groups: Sequence[ca.SX]) -> list[ca.SX]:
+        return [*groups, *(self._jacobian(rows) for rows in groups)]
+
     def _jacobian(self, rows: ca.SX) -> ca.SX:
-        return ca.horzcat(
-            self.tangent.jacobian(rows, controls=self.forces is not None),
-            ca.SX(rows.numel(), self.extra),
-        ).T
+        """Return the Jacobian (n_x + n_u, m) of rows, whose columns are rows."""
+        jacobian = self.tangent.jacobian(rows, controls=self.forces is not None)
+        zeros = ca.SX(rows.numel(), self.extra)
+        return ca.horzcat(jacobian, zeros).T
 
     @property
     def _inputs(self) -> list[ca.SX]:
@@ -314,20 +317,21 @@ class BlockFunctions:
     def _function(
         self, kind: str, outputs: Callable[[], Sequence[ca.SX]], *more: ca.SX
     ) -> ca.Function:
-        def made() -> tuple[list[ca.SX], list[ca.SX]]:
-            return [*self._inputs, *more], [ca.densify(one) for one in outputs()]
+        def build() -> Expressions:
+            return [*self._inputs, *more], [ca.densify(output) for output in outputs()]
 
-        return compile_made(f"{self.block.rows.name}_{kind}", self._content, made)
+        return compile_made(f"{self.block.rows.name}_{kind}", self._content, build)
 
 
 def _group(rows: TermRows, level: int, before: Sequence[ca.SX]) -> HeldRows:
+    """Return the rows of a level or of constraints, behind the ones that come `before` them."""
     numbers = np.flatnonzero(rows.level == level)
     return HeldRows(rows=ca.vertcat(*before, chosen(rows.rows, numbers)), numbers=numbers)
 
 
 def chosen(rows: ca.SX, numbers: np.ndarray) -> ca.SX:
-    """Rows numbered `numbers` (n,) of rows (m,); none of them where an index of CasADi would mean
-    all.
+    """Return the rows numbered `numbers` (n,) of rows (m,); none of them where an index of CasADi
+    would mean all.
     """
     return ca.vertcat(ca.SX(0, 1), *(rows[i] for i in numbers.tolist()))
 
@@ -340,47 +344,54 @@ def force_rows(model: stage.StageModel) -> ForceRows:
     shares = ca.vertcat(*model.inputs)
     lower = np.concatenate([actuators.thrust_lower, -actuators.torque_limit])
     upper = np.concatenate([actuators.thrust_upper, actuators.torque_limit])
-    kept = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
+    bounded = np.flatnonzero((np.isfinite(lower) | np.isfinite(upper)) & limited)
     beyond = ca.DM(actuators.beyond.T / actuators.force_unit[:n]) @ model.force[:n, 0]
-    none = np.zeros(beyond.numel())
+    zeros = np.zeros(beyond.numel())
     return ForceRows(
-        rows=ca.vertcat(chosen(shares, kept), beyond),
-        lower=np.concatenate([lower[kept], none]),
-        upper=np.concatenate([upper[kept], none]),
-        inputs=np.concatenate([kept, np.full(len(none), -1)]),
+        rows=ca.vertcat(chosen(shares, bounded), beyond),
+        lower=np.concatenate([lower[bounded], zeros]),
+        upper=np.concatenate([upper[bounded], zeros]),
+        inputs=np.concatenate([bounded, np.full(len(zeros), -1)]),
     )
 
 
 def motion_functions(tangent: Tangent) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """``z, z_next -> b`` (n_x,), ``z, z_next -> b, F'`` with the derivative F (n_x, n_x + n_u), and
-    ``z, x, u, share -> z`` moved by that share of a step x (n_x,), u (n_u,).
+    """Compile ``z, z_next -> b`` (n_x,), ``z, z_next -> b, F'`` with the derivative F (n_x, n_x +
+    n_u), and ``z, x, u, share -> z`` moved by that share of a step x (n_x,), u (n_u,).
     """
     x = ca.SX.sym("x", tangent.n_x)
     u = ca.SX.sym("u", tangent.n_u)
     share = ca.SX.sym("share")
     z = tangent.model.z
     z_next = ca.SX.sym("z_next", tangent.model.layout.n_z)
-    of = tangent.content
+    content = tangent.content
     ahead = cache(partial(tangent.motion, z_next))
+
+    def build_motion() -> Expressions:
+        return [z, z_next], [ca.densify(ahead())]
+
+    def build_motion_linear() -> Expressions:
+        transposed = tangent.jacobian(ahead()).T
+        return [z, z_next], [ca.densify(ahead()), ca.densify(transposed)]
+
+    def build_moved() -> Expressions:
+        step = share * ca.vertcat(x, u)
+        return [z, x, u, share], [tangent.moved(step)]
+
     return (
-        compile_made("motion", of, lambda: ([z, z_next], [ca.densify(ahead())])),
-        compile_made(
-            "motion_linear",
-            of,
-            lambda: ([z, z_next], [*map(ca.densify, (ahead(), tangent.jacobian(ahead()).T))]),
-        ),
-        compile_made(
-            "moved", of, lambda: ([z, x, u, share], [tangent.moved(share * ca.vertcat(x, u))])
-        ),
+        compile_made("motion", content, build_motion),
+        compile_made("motion_linear", content, build_motion_linear),
+        compile_made("moved", content, build_moved),
     )
 
 
-def compile_made(
-    name: str, content: str, made: Callable[[], tuple[Sequence[ca.SX], Sequence[ca.SX]]]
-) -> ca.Function:
-    """Compile the function of the inputs and outputs that are made of a content, unless that was
-    done before.
+def compile_made(name: str, content: str, build: Callable[[], Expressions]) -> ca.Function:
+    """Compile the function whose inputs and outputs are built, unless that was done before for the
+    same content.
     """
-    return compiled_from(
-        name, content, lambda: ca.Function(name, *made(), {"cse": True}), __file__, stage.__file__
-    )
+
+    def make() -> ca.Function:
+        inputs, outputs = build()
+        return ca.Function(name, inputs, outputs, {"cse": True})
+
+    return compiled_from(name, content, make, __file__, stage.__file__)

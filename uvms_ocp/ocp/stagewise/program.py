@@ -87,14 +87,14 @@ class StagewiseProgram:
         ]
 
     def level_model(self, tolerance: float) -> StagewiseLevelModel:
-        """Return the levels for steps in real time. tolerance [unit of the row]: by which the norm of
-        frozen rows may rise.
+        """Return the levels for steps in real time. tolerance [unit of the row]: by which the norm
+        of frozen rows may rise.
         """
         return StagewiseLevelModel(self.levels.memory, tolerance)
 
     def rows_at(self, x: Array, p: Array) -> tuple[Array, ...]:
-        """Return the rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
-        parameter].
+        """Return the rows of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of
+        the parameter].
         """
         return self.levels.rows_at(x, p)
 
@@ -109,8 +109,8 @@ class StagewiseProgram:
 def program_for(
     plugin: str, transcription: Transcription
 ) -> LexicographicProgram | StagewiseProgram:
-    """Return the program of a transcription as a solver of that name takes it. Raises `InvalidInput` as
-    `StagewiseProgram` does.
+    """Return the program of a transcription as a solver of that name takes it. Raises
+    `InvalidInput` as `StagewiseProgram` does.
     """
     if plugin == STAGEWISE:
         return StagewiseProgram(transcription)

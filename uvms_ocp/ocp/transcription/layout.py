@@ -87,8 +87,8 @@ class RowLayout:
         longest: float,
         margins: Sequence[BlockMargins] = (),
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return bounds (n_rows,) [unit of the row] with those of another problem of the same shape, block
-        by block.
+        """Return bounds (n_rows,) [unit of the row] with those of another problem of the same
+        shape, block by block.
 
         longest [s]: of all steps together. margins: what is asked of some of the rows beyond them.
         """
@@ -243,8 +243,8 @@ def _costs_group(problem: OcpProblem) -> _Group:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class BoundaryRows:
-    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``: the first one is given, or near
-    the given one, and may be the last one too. The given state ``[q, v]`` is their parameter.
+    """Rows of the first and the last state ``[q_0, v_0, q_N, v_N]``: the first one is given, or
+    near the given one, and may be the last one too. The given state ``[q, v]`` is their parameter.
     """
 
     functions: Derivatives

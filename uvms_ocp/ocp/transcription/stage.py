@@ -268,8 +268,8 @@ class StageModel:
 
     @cached_property
     def force(self) -> ca.SX:
-        """(n_v,) [N, N m] `required_force`; where forces are `eliminated` a symbol for it: differentiated
-        once for all rows.
+        """(n_v,) [N, N m] `required_force`; where forces are `eliminated` a symbol for it:
+        differentiated once for all rows.
         """
         if self._eliminated:
             return ca.SX.sym("f", self.robot.n_v)
@@ -374,14 +374,16 @@ class StepLayout:
 
 @lru_cache(maxsize=8)
 def kept_content(model_hash: Keyed) -> str:
-    """Return the hash that the function in `model_hash` computes, once for each kind of model, which is
-    its key.
+    """Return the hash that the function in `model_hash` computes, once for each kind of model,
+    which is its key.
     """
     return str(model_hash.value())
 
 
 def altimeter_range(problem: OcpProblem, kinematics: SymbolicKinematics) -> ca.SX:
-    """Return the range over a level floor: what makes the vertical part of the beam the height above it."""
+    """Return the range over a level floor: what makes the vertical part of the beam the height
+    above it.
+    """
     if not np.isfinite(problem.floor) or not problem.robot.has_frame(problem.altimeter_frame):
         return ca.SX(ca.inf)
     R, p = kinematics.pose(problem.altimeter_frame)

@@ -216,8 +216,8 @@ class Transcription:
         return result
 
     def pack(self, trajectory: Trajectory) -> np.ndarray:
-        """Return the variables (n_x,) of a trajectory; times are taken as they are where durations are
-        free.
+        """Return the variables (n_x,) of a trajectory; times are taken as they are where durations
+        are free.
         """
         return self.variables.pack(trajectory)
 
@@ -236,15 +236,15 @@ class Transcription:
         return self._horizon.derivative_functions(0, raw)["nlp_jac_g"]
 
     def rows_and_slopes(self, x: np.ndarray, p: np.ndarray) -> tuple[ca.DM, ca.DM]:
-        """Return values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are the last,
-        at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
+        """Return values (m,) and Jacobian (m, n_x) of all raw rows but those of costs, which are
+        the last, at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the parameter].
         """
         values, slopes = self._rows_and_slopes(x, p)
         return values, slopes
 
     def row_functions(self, raw_rows: np.ndarray) -> dict[str, ca.Function]:
-        """Return ``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as IPOPT
-        asks for them.
+        """Return ``nlp_g``, ``nlp_jac_g`` and ``nlp_hess_l`` of the rows numbered raw_rows (m,), as
+        IPOPT asks for them.
         """
         return self._horizon.derivative_functions(0, raw_rows)
 
@@ -253,8 +253,8 @@ class Transcription:
         return ca.Function("costs", [self._horizon.x, self._horizon.p], [self._horizon.costs])
 
     def costs(self, x: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Return the cost (n_levels,) of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit
-        of the parameter].
+        """Return the cost (n_levels,) of every level at x (n_x,) [unit of x], with parameters p
+        (n_p,) [unit of the parameter].
         """
         return np.array(self._costs(x, p)).ravel()
 
