@@ -5,6 +5,7 @@ optimal control problem.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import ClassVar
 
 import casadi as ca
@@ -54,21 +55,21 @@ class BallClearance(Term):
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         places = ca.reshape(parameters[: self._n_places], 4, len(self.obstacles))
         sides = ca.reshape(parameters[self._n_places :], 3, len(self._pairs))
-        gaps = [
-            self._gap(ball, self.obstacles[i], places[:, i], sides[:, k], stage.tick)
-            for k, (ball, i) in enumerate(self._pairs)
-        ]
+        gaps = []
+        for k, (ball, i) in enumerate(self._pairs):
+            obstacle = self.obstacles[i]
+            gaps.append(self._gap(ball, obstacle, places[:, i], sides[:, k], stage.tick))
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *gaps), lower=0.0)
 
     def _gap(
-        self, ball: Ball, other: Ball, place: ca.SX, side: ca.SX, symbols: TickSymbols
+        self, ball: Ball, obstacle: Ball, place: ca.SX, side: ca.SX, symbols: TickSymbols
     ) -> ca.SX:
         """Distance of the balls; with a side (3,), a direction in W, how far one is beyond the
         other along it, which is never more.
         """
-        d = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0)))) - other.placed(
-            symbols, place[:3]
-        )
+        centre = ball.placed(symbols, ca.SX(ca.DM(ball.centre_at(0.0))))
+        obstacle_centre = obstacle.placed(symbols, place[:3])
+        d = centre - obstacle_centre
         distance = ca.sqrt(ca.sumsqr(d) + _ROUNDING)
         between = (1.0 - ca.sumsqr(side)) * distance + ca.dot(side, d)
         return between - ball.radius - place[3]
@@ -76,7 +77,7 @@ class BallClearance(Term):
     @property
     def _pairs(self) -> list[tuple[Ball, int]]:
         """Every ball of the robot with every obstacle, by its index."""
-        return [(ball, i) for ball in self.robot_balls for i in range(len(self.obstacles))]
+        return list(product(self.robot_balls, range(len(self.obstacles))))
 
     @property
     def _n_places(self) -> int:
@@ -86,14 +87,16 @@ class BallClearance(Term):
         return self._n_places + 3 * len(self._pairs)
 
     def reference(self, t: float) -> np.ndarray:
-        """Centre of every obstacle at time t [s], its radius with the margin [m], and no sides."""
+        """Return the centre of every obstacle at time t [s], its radius with the margin [m], and no
+        sides.
+        """
         places = [(*ball.centre_at(t), ball.radius + self.margin) for ball in self.obstacles]
         return np.concatenate([np.array(places).ravel(), np.zeros(3 * len(self._pairs))])
 
     def references(
         self, times: Sequence[float], q: np.ndarray, tightened: NodeMargins | None = None
     ) -> np.ndarray:
-        """`reference` at times (n,) [s], with the sides on which nodes pass thin things."""
+        """Return `reference` at times (n,) [s], with the sides on which nodes pass thin things."""
         result = np.array([self.reference(t) for t in times])
         if tightened is None:
             return result
@@ -103,8 +106,8 @@ class BallClearance(Term):
         return result
 
     def _direction(self, robot: Robot, side: Side) -> np.ndarray:
-        """(3,) in W across the way of the robot's ball past the obstacle, on the side of a moment;
-        as far up as can be where their centres meet.
+        """Return the direction (3,) in W across the way of the robot's ball past the obstacle, on
+        the side of a moment; as far up as can be where their centres meet.
         """
         d = self._way_apart(robot, side.row, side.time, side.q)
         way = self._way_apart(robot, side.row, side.later, side.q_later) - d
@@ -118,7 +121,9 @@ class BallClearance(Term):
         return np.asarray(across / np.linalg.norm(across))
 
     def _way_apart(self, robot: Robot, row: int, t: float, q: np.ndarray) -> np.ndarray:
-        """(3,) [m] in W from the obstacle of a pair to the robot's ball, at q (n_q,) [m, rad]."""
+        """Return the way (3,) [m] in W from the obstacle of a pair to the robot's ball, at q (n_q,)
+        [m, rad].
+        """
         ball, i = self._pairs[row]
         return ball.centre_in_world(robot, q, t) - self.obstacles[i].centre_in_world(robot, q, t)
 
@@ -127,17 +132,16 @@ class BallClearance(Term):
         radii of 0 have nothing to draw.
         """
         balls = [ball for ball in self.obstacles if ball.frame is None and ball.radius > 0]
-        return tuple(
-            ObstacleMeta(
-                name=name,
+        obstacles = []
+        for i, ball in enumerate(balls, start=1):
+            obstacle = ObstacleMeta(
+                name=f"obstacle {i}",
                 shape="sphere",
                 size=(ball.radius,),
                 position=tuple(ball.centre_at(t).tolist()),
             )
-            for name, ball in zip(
-                (f"obstacle {i}" for i in range(1, len(balls) + 1)), balls, strict=True
-            )
-        )
+            obstacles.append(obstacle)
+        return tuple(obstacles)
 
 
 @checked_dataclass(eq=False)
@@ -154,21 +158,23 @@ class Ball:
     frame: str | None = None
 
     def centre_at(self, t: float) -> np.ndarray:
-        """(3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a reference that is not
-        finite there.
+        """Return the centre (3,) [m] in the frame at time t [s]. Raises `InvalidInput` for a
+        reference that is not finite there.
         """
-        goal: VectorReference | np.ndarray
+        reference: VectorReference | np.ndarray
         if callable(self.centre):
-            goal = self.centre
+            reference = self.centre
         else:
-            goal = np.array(self.centre, dtype=float)
-        centre = evaluate_vector("ball", goal, t)[0]
+            reference = np.array(self.centre, dtype=float)
+        centre, _ = evaluate_vector("ball", reference, t)
         if centre.shape != (3,):
             raise InvalidInput(f"ball: centre {centre} at t = {t} s; give three numbers [m]")
         return centre
 
     def centre_in_world(self, robot: Robot, q: np.ndarray, t: float) -> np.ndarray:
-        """(3,) [m] in W at q (n_q,) [m, rad], whatever the limits of joints, and time t [s]."""
+        """Return the centre (3,) [m] in W at q (n_q,) [m, rad], whatever the limits of joints, and
+        time t [s].
+        """
         centre = self.centre_at(t)
         if self.frame is None:
             return centre
@@ -177,7 +183,7 @@ class Ball:
         return np.asarray(data.oMf[robot.frame_id(self.frame)].act(centre))
 
     def placed(self, symbols: TickSymbols, centre: ca.SX) -> ca.SX:
-        """In W (3,) [m], for a centre (3,) [m] in the frame."""
+        """Return the centre (3,) [m] in W, for one (3,) [m] in the frame."""
         if self.frame is None:
             return centre
         R, p = symbols.kinematics.pose(self.frame)

@@ -26,15 +26,13 @@ from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.types import Array, Indices
 
-_PER_STEP = 2  # intervals that are looked at first
-_LOOKS = 8  # at each step, where nothing is to be proven
-_CLOSER = (
-    4,
-    16,
-    64,
-)  # looks at each step for margins; more of them where a distance changes by as much as is left of it
+_FIRST_INTERVALS = 2  # intervals of each step that are looked at first
+_SAMPLES = 8  # of each step, where nothing is to be proven
+# samples of each step for margins; more of them where a distance changes by as much as remains of it
+_MARGIN_SAMPLES = (4, 16, 64)
 
-_PARTS = (slice(0, 3), slice(3, 6))
+_LINEAR = slice(0, 3)
+_ANGULAR = slice(3, 6)
 
 
 def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport:
@@ -48,12 +46,13 @@ def certificate(term: ShapeClearance, trajectory: Trajectory) -> ClearanceReport
 
 
 def _unproven(motion: SteppedMotion) -> ClearanceReport:
+    """Return the report of a motion of which only samples are known."""
     nearest = motion.nearest()
     return ClearanceReport(
         collision_free=False,
         undecided=nearest.distance > 0.0,
         nearest=nearest,
-        n_samples=_LOOKS * len(motion.trajectory.a) + 1,
+        n_samples=_SAMPLES * len(motion.trajectory.a) + 1,
         unshaped=links_without_shape(motion.term.scene.coordinates.robot),
         surfaces=open_surfaces(motion.term.scene.geometry),
     )
@@ -72,42 +71,50 @@ class SteppedMotion:
 
     @property
     def robot(self) -> Robot:
+        """Robot that moves."""
         return self.term.scene.coordinates.robot
 
     @property
     def duration(self) -> float:
+        """Duration [s]."""
         return float(self.trajectory.t[-1])
 
     def intervals(self) -> tuple[Array, Array]:
+        """Return the middle (n,) and half the length (n,) [s] of the intervals that are looked at
+        first.
+        """
         t = self.trajectory.t
         h = np.diff(t)[:, None]
-        middle = t[:-1, None] + (np.arange(_PER_STEP) + 0.5) / _PER_STEP * h
-        return middle.ravel(), np.broadcast_to(h / (2 * _PER_STEP), middle.shape).ravel()
+        middle = t[:-1, None] + (np.arange(_FIRST_INTERVALS) + 0.5) / _FIRST_INTERVALS * h
+        half = np.broadcast_to(h / (2 * _FIRST_INTERVALS), middle.shape)
+        return middle.ravel(), half.ravel()
 
     def distances(self, t: Array) -> Array:
-        """(n, n_pairs) [m] at times t (n,) [s]."""
+        """Return the distances (n, n_pairs) [m] at times t (n,) [s]."""
         return self.term.distances(t.tolist(), self.configurations(t))
 
     def nearest(self) -> NearestPair:
-        """The least distance that is met, looked for at every node and between them."""
+        """Return the smallest distance of samples at every node and between them."""
         path = self.trajectory
-        t = np.interp(np.arange(_LOOKS * len(path.a) + 1) / _LOOKS, np.arange(len(path.t)), path.t)
+        step = np.arange(_SAMPLES * len(path.a) + 1) / _SAMPLES
+        t = np.interp(step, np.arange(len(path.t)), path.t)
         return self.term.scene.nearest(t, self.distances(t))
 
     def configurations(self, t: Array) -> Array:
-        """(n, n_q) [m, rad] at times t (n,) [s]."""
+        """Return the configurations (n, n_q) [m, rad] at times t (n,) [s]."""
         k, s = self._steps(t)
         path = self.trajectory
         model = self.robot.model
-        moved = s * self._v[k] + s * s / 2 * path.a[k]
-        q = [
-            pin.integrate(model, path.q[i], step) for i, step in zip(k.tolist(), moved, strict=True)
-        ]
-        return np.array([pin.normalize(model, row) for row in q])
+        ways = s * self._v[k] + s * s / 2 * path.a[k]
+        configurations = []
+        for i, way in zip(k.tolist(), ways, strict=True):
+            q = pin.integrate(model, path.q[i], way)
+            configurations.append(pin.normalize(model, q))
+        return np.array(configurations)
 
     def bounds(self, middle: Array, half: Array) -> Array:
-        """(n, n_axes) [m, rad] by which axes move at most within half (n,) [s] of middle (n,)
-        [s].
+        """Return by how much (n, n_axes) [m, rad] axes move at most within half (n,) [s] of middle
+        (n,) [s].
         """
         k, s = self._steps(middle)
         path = self.trajectory
@@ -118,9 +125,8 @@ class SteppedMotion:
         a = path.a[k]
         result = np.abs(speed) * delta + np.abs(a) * delta**2 / 2
         if n:
-            way, turn = (
-                _norm(speed[:, part]) * half + _norm(a[:, part]) * half**2 / 2 for part in _PARTS
-            )
+            way = _norm(speed[:, _LINEAR]) * half + _norm(a[:, _LINEAR]) * half**2 / 2
+            turn = _norm(speed[:, _ANGULAR]) * half + _norm(a[:, _ANGULAR]) * half**2 / 2
             h = np.diff(path.t)[k]
             farthest = _norm(v[k, :3]) * h + _norm(a[:, :3]) * h**2 / 2
             result[:, :n] = 0.0
@@ -138,7 +144,7 @@ class SteppedMotion:
         return np.array([path.leaving(model, k) for k in range(len(path.a))])
 
     def _steps(self, t: Array) -> tuple[Indices, Array]:
-        """The step of each time, and the time (n, 1) [s] since it began."""
+        """Return the step of each time, and the time (n, 1) [s] since it began."""
         path = self.trajectory
         k = intervals_of(path.t, t)
         return k, (t - path.t[k])[:, None]
@@ -149,8 +155,8 @@ def _norm(x: Array) -> Array:
 
 
 def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
-    """(n_nodes, n_pairs) [m] By how much margins are missed in the steps beside each node; the
-    first is at t0 [s].
+    """Return by how much (n_nodes, n_pairs) [m] margins are missed in the steps beside each node;
+    the first is at t0 [s].
 
     Steps in which a distance may come near its margin are looked at closely.
     """
@@ -159,14 +165,17 @@ def shortfall(term: ShapeClearance, trajectory: Trajectory, t0: float) -> Array:
     n_pairs = len(term.margins)
     motion = SteppedMotion(term=term, trajectory=trajectory)
     of_steps = np.zeros((len(steps), n_pairs))
-    for looks in _CLOSER:
-        at = (t[steps, None] + np.arange(looks) / looks * np.diff(t)[steps, None]).ravel()
-        left = (
-            term.distances((t0 + at).tolist(), motion.configurations(at)) - term.margins
-        ).reshape(-1, looks, n_pairs)
-        least = left.min(axis=1)
-        change = np.abs(np.diff(left, axis=1)).max(axis=1)
-        of_steps[steps] = np.maximum(-least, 0.0)
-        if not len(steps := steps[(least < change).any(axis=1)]):
+    for n_samples in _MARGIN_SAMPLES:
+        share = np.arange(n_samples) / n_samples
+        times = (t[steps, None] + share * np.diff(t)[steps, None]).ravel()
+        distances = term.distances((t0 + times).tolist(), motion.configurations(times))
+        slack = (distances - term.margins).reshape(-1, n_samples, n_pairs)
+        smallest = slack.min(axis=1)
+        change = np.abs(np.diff(slack, axis=1)).max(axis=1)
+        of_steps[steps] = np.maximum(-smallest, 0.0)
+        steps = steps[(smallest < change).any(axis=1)]
+        if not len(steps):
             break
-    return np.maximum(np.pad(of_steps, ((0, 1), (0, 0))), np.pad(of_steps, ((1, 0), (0, 0))))
+    of_step_after = np.pad(of_steps, ((0, 1), (0, 0)))
+    of_step_before = np.pad(of_steps, ((1, 0), (0, 0)))
+    return np.maximum(of_step_after, of_step_before)

@@ -29,15 +29,16 @@ from uvms_ocp.solvers.nlp.solve_monitor import IterationReport
 if TYPE_CHECKING:
     from uvms_ocp.ocp.planner import Planner
 
-_SHARE = 0.2  # of a time limit, for the guess
-# iterations, after which motions of so many times the least residual are given up
-_EARLY = 3
+_TIME_SHARE = 0.2  # of a time limit, for the guess
+# After so many iterations a motion is given up whose residual is so many times the smallest.
+_FIRST_ITERATIONS = 3
 _COSTLY = 1.08
-_TRIED = 2  # motions that all fail, as where shapes are in the way, after which no other is tried
-# share within which residuals are one; up to which, and how many, meet over all steps
-_SAME = 5e-4
-_CLOSE = 1.05
-_COMPARED = 3
+# motions that all fail, as where shapes are in the way, after which no other is tried
+_FAILED_MOTIONS = 2
+_SAME_RESIDUAL = 5e-4  # share within which residuals are of the same motion
+# Over all steps so many motions are compared, whose residuals are within so many times the smallest.
+_COMPARED_MOTIONS = 3
+_CLOSE_RESIDUAL = 1.05
 
 
 def first_guess(planner: Planner, problem: OcpProblem, *, t0: float, deadline: float) -> Trajectory:
@@ -46,8 +47,8 @@ def first_guess(planner: Planner, problem: OcpProblem, *, t0: float, deadline: f
     than stage by stage plans.
     """
     hold = hold_guess(problem)
-    by_stages = planner.options.plugin == STAGEWISE
-    if not by_stages or problem.free_time or problem.n_steps < 2 * COARSE_STEPS:
+    is_by_stages = planner.options.plugin == STAGEWISE
+    if not is_by_stages or problem.free_time or problem.n_steps < 2 * COARSE_STEPS:
         return hold
     search = _GuessSearch(planner, problem, t0, deadline)
     return search.best() or hold
@@ -61,7 +62,7 @@ class _GuessSearch:
         self._planner = planner
         self._problem = problem
         self._t0 = t0
-        self._end = begin + _SHARE * (deadline - begin)
+        self._end = begin + _TIME_SHARE * (deadline - begin)
         self._presses: list[object] = []
         self._watch = _LastLevelWatch(problem.levels[-1].name)
         self._coarse: dict[float, Trajectory] = {}
@@ -89,12 +90,12 @@ class _GuessSearch:
         few_steps = coarse_problem(self._problem)
         coarse = self._planner.coarse
         for number, guess in enumerate(coarse_guesses(few_steps)):
-            if self._is_over or (number == _TRIED and not self._coarse):
+            if self._is_over or (number == _FAILED_MOTIONS and not self._coarse):
                 return
             refinement = self._refinement(coarse, few_steps)
             result = refinement.solved_once(guess, guess.q).result
             residual = self._watch.residual
-            is_known = np.isclose(list(self._coarse), residual, rtol=_SAME).any()
+            is_known = np.isclose(list(self._coarse), residual, rtol=_SAME_RESIDUAL).any()
             if result.status.optimal and not is_known:
                 motion = coarse.transcription.unpack(result.x, few_steps)
                 start = self._problem.start
@@ -105,10 +106,9 @@ class _GuessSearch:
         """Iterate once from each of those that cost least; False where there was nothing to
         compare, or no time for all.
         """
-        limit = _CLOSE * min(self._coarse, default=0.0)
-        cheapest = [
-            self._coarse[cost] for cost in sorted(self._coarse)[:_COMPARED] if cost <= limit
-        ]
+        limit = _CLOSE_RESIDUAL * min(self._coarse, default=0.0)
+        residuals = sorted(self._coarse)[:_COMPARED_MOTIONS]
+        cheapest = [self._coarse[residual] for residual in residuals if residual <= limit]
         if len(cheapest) < 2:
             return False
         self._watch.most_iterations = 1
@@ -144,6 +144,8 @@ class _LastLevelWatch:
         if report.level != self._last_level:
             raise KeyboardInterrupt
         self.residual = report.residual
-        is_costly = report.iteration >= _EARLY and report.residual > _COSTLY * self.cheapest
+        is_costly = (
+            report.iteration >= _FIRST_ITERATIONS and report.residual > _COSTLY * self.cheapest
+        )
         if is_costly or report.iteration >= self.most_iterations:
             raise KeyboardInterrupt

@@ -53,15 +53,17 @@ def between_checks(
     constraints; see `motion_check`.
     """
     motion = Motion(problem=problem, trajectory=trajectory, t0=t0)
+    limits = []
     if problem.limited:
         limits = [check_positions(motion), *check_forces(motion)]
-    else:
-        limits = []
     return (*limits, *_constraints(motion))
 
 
-def _constraints(motion: Motion) -> tuple[RangeCheck, ...]:
-    return tuple(
-        check_shapes(motion, term) if isinstance(term, ShapeClearance) else check_term(motion, term)
-        for term in motion.problem.constraints
-    )
+def _constraints(motion: Motion) -> list[RangeCheck]:
+    checks = []
+    for term in motion.problem.constraints:
+        if isinstance(term, ShapeClearance):
+            checks.append(check_shapes(motion, term))
+        else:
+            checks.append(check_term(motion, term))
+    return checks

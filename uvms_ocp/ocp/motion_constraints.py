@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -24,7 +23,7 @@ from uvms_ocp.robot.kinematics import largest_change
 from uvms_ocp.tasks.task import Residual, TickSymbols
 from uvms_ocp.types import Array, Indices
 
-_SHORTEST = 128  # share of a step below which an interval is not halved, for shapes
+_FINEST_SHARE = 128  # of a step, below one part in so many an interval is not halved, for shapes
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -53,7 +52,9 @@ class _Same:
 
 
 def _stage_symbols(problem: OcpProblem) -> tuple[StageSymbols, list[ca.SX]]:
-    """Symbols that terms are written in, then state and inputs [m, rad, s, N] as they are."""
+    """Return the symbols that terms are written in, then state and inputs [m, rad, s, N] as they
+    are.
+    """
     robot = problem.robot
     actuators = ActuationModel(robot, problem.actuation)
     q = ca.SX.sym("q", robot.n_q)
@@ -82,6 +83,7 @@ def _stage_symbols(problem: OcpProblem) -> tuple[StageSymbols, list[ca.SX]]:
 
 
 def check_term(motion: Motion, term: Term) -> RangeCheck:
+    """Check the rows of a constraint at nodes and inside steps."""
     problem = motion.problem
     path = motion.trajectory
     shape = (problem.robot, problem.actuation, problem.floor, problem.altimeter_frame)
@@ -98,17 +100,17 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
     )
 
     def values(t: Array, states: Sequence[Array], steps: Indices) -> Array:
-        """(n, m) at times (n,) [s]; step N has no inputs."""
+        """Return the rows (n, m) at times (n,) [s]; step N has no inputs."""
         times = motion.reference_times(t).tolist()
         reference = unchecked_method(term.reference)
         parameters = np.array([reference(moment) for moment in times]).reshape(len(t), -1)
-        inputs = [_with_none(part)[steps] for part in (path.a, path.thrust, path.torque)]
+        inputs = [_with_last(part)[steps] for part in (path.a, path.thrust, path.torque)]
         columns = [np.ascontiguousarray(part.T) for part in (*states, *inputs, parameters)]
         return np.asarray(rows.function(*columns).full().T).reshape(len(t), m)
 
     def inside(samples: Samples) -> Array:
-        own, *states = samples.flat
-        return values(samples.t.ravel(), states, own).reshape(*samples.t.shape, m)
+        steps, q, v = samples.flat
+        return values(samples.t.ravel(), (q, v), steps).reshape(*samples.t.shape, m)
 
     nodes = _nodes_of(problem, term)
     at_nodes = values(path.t[nodes], (path.q[nodes], path.v[nodes]), nodes)
@@ -118,20 +120,20 @@ def check_term(motion: Motion, term: Term) -> RangeCheck:
     peak = scope.peak(excess, path.t[nodes])
     steps = _steps_of(problem, term)
     if not len(steps):
-        none = np.zeros((motion.N, m))
-        return scope.checked(nodes=peak, below=none, above=none, times=none)
+        zeros = np.zeros((motion.N, m))
+        return scope.checked(nodes=peak, below=zeros, above=zeros, times=zeros)
     slack = scope.inside(motion, nodes, at_nodes)
     inputs = not term.state_only
     return scanned(motion, scope, inside, peak, steps, inputs=inputs, slack=slack)
 
 
-def _with_none(inputs: Array) -> Array:
-    """(N + 1, n) with zeros for the last node."""
+def _with_last(inputs: Array) -> Array:
+    """Return inputs (N + 1, n) with zeros for the last node."""
     return np.pad(inputs, ((0, 1), (0, 0)))
 
 
 def _nodes_of(problem: OcpProblem, term: Term) -> Indices:
-    """Nodes at which a term counts."""
+    """Return the nodes at which a term counts."""
     chosen: list[int] = []
     for phase, span in _spans(problem):
         if counts(problem, term, phase, at_end=False):
@@ -142,7 +144,7 @@ def _nodes_of(problem: OcpProblem, term: Term) -> Indices:
 
 
 def _steps_of(problem: OcpProblem, term: Term) -> Indices:
-    """Steps along which a term counts."""
+    """Return the steps along which a term counts."""
     chosen: list[int] = []
     for phase, span in _spans(problem):
         if term.at is At.PATH and counts(problem, term, phase, at_end=False):
@@ -151,17 +153,18 @@ def _steps_of(problem: OcpProblem, term: Term) -> Indices:
 
 
 def _spans(problem: OcpProblem) -> list[tuple[OcpPhase, list[int]]]:
-    """Every phase with its nodes, the first of the next one among them."""
+    """Return every phase with its nodes, the first of the next one among them."""
     starts = problem.starts_of_phases().tolist()
-    return [
-        (phase, list(range(first, last + 1)))
-        for phase, (first, last) in zip(problem.phases, pairwise(starts), strict=True)
-    ]
+    spans = []
+    for i, phase in enumerate(problem.phases):
+        nodes = list(range(starts[i], starts[i + 1] + 1))
+        spans.append((phase, nodes))
+    return spans
 
 
 def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
-    """Halve intervals until no pair can miss its margin by more than is known, or they are too
-    short.
+    """Check the distances of shapes: intervals are halved until no pair can miss its margin by more
+    than is known, or they are too short.
     """
     path = motion.trajectory
     problem = motion.problem
@@ -174,56 +177,70 @@ def check_shapes(motion: Motion, term: ShapeClearance) -> RangeCheck:
         lower=term.margins,
         upper=np.full(len(term.margins), np.inf),
     )
-    m = len(term.margins)
+    n_pairs = len(term.margins)
     nodes = _nodes_of(problem, term)
-    times = motion.reference_times(path.t[nodes]).tolist()
-    at_nodes = term.margins - term.distances(times, path.q[nodes])
-    slack = np.full((motion.N + 1, m), np.inf)
-    slack[nodes] = -at_nodes
-    own = np.zeros(m)
+    node_times = motion.reference_times(path.t[nodes]).tolist()
+    lack_at_nodes = term.margins - term.distances(node_times, path.q[nodes])
+    slack = np.full((motion.N + 1, n_pairs), np.inf)
+    slack[nodes] = -lack_at_nodes
+    lack_at_start = np.zeros(n_pairs)
     if problem.fixed_start and len(nodes) and nodes[0] == 0:
-        own = finite_excess(at_nodes[0])
-        at_nodes[0] = 0.0
-    peak = scope.peak(np.maximum(at_nodes, 0.0), path.t[nodes])
+        lack_at_start = finite_excess(lack_at_nodes[0])
+        lack_at_nodes[0] = 0.0
+    peak = scope.peak(np.maximum(lack_at_nodes, 0.0), path.t[nodes])
     steps = _steps_of(problem, term)
-    below = np.zeros((motion.N, m))
-    moments = np.zeros((motion.N, m))
-    unseen = 0.0
-    stepped = SteppedMotion(term=term, trajectory=path)
-    parts = max(1, motion.looks // 2)
-    of = np.repeat(steps, parts)
-    half = np.repeat(motion.h[steps] / (2 * parts), parts)
-    middle = path.t[of] + (2 * np.tile(np.arange(parts), len(steps)) + 1) * half
-    open_ = np.ones((len(of), m), dtype=bool)
-    while len(of):
-        clock = motion.reference_times(middle)
-        lack = term.margins - term.distances(
-            clock.tolist(), stepped.configurations(middle), chosen=open_
-        )
-        lack -= np.where((of == 0)[:, None], own, 0.0)
-        lack = np.where(open_, lack, -np.inf)
-        place = of[:, None] * m + np.arange(m)
-        np.maximum.at(below.reshape(-1), place, lack)
-        row, pair = np.nonzero(lack == below.reshape(-1)[place])
-        moments[of[row], pair] = middle[row]
-        reach = largest_change(term.scene.reach, stepped.bounds(middle, half))
-        possible = lack + reach + term.obstacle_motion(clock, half)
-        with np.errstate(invalid="ignore"):  # overlaps whose depth coal cannot tell
-            more = possible - np.maximum(below[of], 0.0)
-        open_ = open_ & ~(more <= FINE)
-        short = half * _SHORTEST < motion.h[of]
-        unseen = max(unseen, float(more[short[:, None] & open_].max(initial=0.0)))
-        kept = open_.any(axis=1) & ~short
-        of = np.tile(of[kept], 2)
-        half = np.tile(half[kept] / 2, 2)
-        open_ = np.tile(open_[kept], (2, 1))
-        sides = np.repeat([-1.0, 1.0], kept.sum())
-        middle = np.tile(middle[kept], 2) + sides * half
+    below, times, unseen = _halve_intervals(motion, term, steps, lack_at_start)
     return scope.checked(
         nodes=peak,
         below=below,
-        above=np.zeros((motion.N, m)),
-        times=moments,
+        above=np.zeros((motion.N, n_pairs)),
+        times=times,
         slack=slack,
-        resolution=max(unseen, FINE if len(steps) and m else 0.0),
+        resolution=max(unseen, FINE if len(steps) and n_pairs else 0.0),
     )
+
+
+def _halve_intervals(
+    motion: Motion, term: ShapeClearance, steps: Indices, lack_at_start: Array
+) -> tuple[Array, Array, float]:
+    """Look at distances in the middle of intervals, and halve those in which more may be missing.
+
+    Returns the largest lack (N, n_pairs) [m] in every step, its times (N, n_pairs) [s], and by how
+    much [m] more may be missing unseen. lack_at_start (n_pairs,) [m] is allowed in the first step.
+    """
+    path = motion.trajectory
+    n_pairs = len(term.margins)
+    below = np.zeros((motion.N, n_pairs))
+    times = np.zeros((motion.N, n_pairs))
+    unseen = 0.0
+    stepped = SteppedMotion(term=term, trajectory=path)
+    n_parts = max(1, motion.looks // 2)
+    # One interval a row: its step, the time of its middle, half its length, and pairs to look at.
+    step = np.repeat(steps, n_parts)
+    half = np.repeat(motion.h[steps] / (2 * n_parts), n_parts)
+    middle = path.t[step] + (2 * np.tile(np.arange(n_parts), len(steps)) + 1) * half
+    is_open = np.ones((len(step), n_pairs), dtype=bool)
+    while len(step):
+        reference_times = motion.reference_times(middle)
+        q = stepped.configurations(middle)
+        lack = term.margins - term.distances(reference_times.tolist(), q, chosen=is_open)
+        lack -= np.where((step == 0)[:, None], lack_at_start, 0.0)
+        lack = np.where(is_open, lack, -np.inf)
+        place = step[:, None] * n_pairs + np.arange(n_pairs)
+        np.maximum.at(below.reshape(-1), place, lack)
+        row, pair = np.nonzero(lack == below.reshape(-1)[place])
+        times[step[row], pair] = middle[row]
+        reach = largest_change(term.scene.reach, stepped.bounds(middle, half))
+        possible = lack + reach + term.obstacle_motion(reference_times, half)
+        with np.errstate(invalid="ignore"):  # overlaps whose depth coal cannot tell
+            more = possible - np.maximum(below[step], 0.0)
+        is_open = is_open & ~(more <= FINE)
+        is_short = half * _FINEST_SHARE < motion.h[step]
+        unseen = max(unseen, float(more[is_short[:, None] & is_open].max(initial=0.0)))
+        is_halved = is_open.any(axis=1) & ~is_short
+        step = np.tile(step[is_halved], 2)
+        half = np.tile(half[is_halved] / 2, 2)
+        is_open = np.tile(is_open[is_halved], (2, 1))
+        sides = np.repeat([-1.0, 1.0], is_halved.sum())
+        middle = np.tile(middle[is_halved], 2) + sides * half
+    return below, times, unseen

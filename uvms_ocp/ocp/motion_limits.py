@@ -15,43 +15,46 @@ from uvms_ocp.types import Array
 
 
 def check_positions(motion: Motion) -> RangeCheck:
-    """Parabolas: their peaks are at their vertices."""
+    """Check joint positions, which are parabolas over a step: their peaks are at their vertices."""
     robot = motion.robot
     path = motion.trajectory
     lower, upper = robot.configuration_bounds
-    joints = [joint for joint in robot.joints if joint.n_q == joint.n_v]
-    places = robot.limited_positions
-    axes = np.array([i for joint in joints for i in range(*joint.v.indices(robot.n_v))], dtype=int)
+    positions = robot.limited_positions
+    axes: list[int] = []
+    for joint in robot.joints:
+        if joint.n_q == joint.n_v:
+            axes += range(robot.n_v)[joint.v]
     names = axis_names(robot)
     scope = QuantityRange(
         kind=RangeKind.POSITION,
         name="joint limits",
         unit="m, rad",
         quantities=tuple(names[i] for i in axes),
-        lower=lower[places],
-        upper=upper[places],
+        lower=lower[positions],
+        upper=upper[positions],
     )
-    nodes = path.q[:, places]
-    speed = motion.leaving[:, axes]
+    nodes = path.q[:, positions]
+    v = motion.leaving[:, axes]
     a = path.a[:, axes]
     h = motion.h[:, None]
-    turn = np.clip(np.divide(-speed, a, out=np.zeros_like(a), where=a != 0.0), 0.0, h)
-    under, over = scope.beyond(nodes[:-1] + turn * speed + turn**2 / 2 * a)
-    inside = (turn > 0.0) & (turn < h)
-    own = given_by_start(motion, scope, nodes[0])
-    under[:1] -= own[0]
-    over[:1] -= own[1]
+    time_to_vertex = np.divide(-v, a, out=np.zeros_like(a), where=a != 0.0)
+    s = np.clip(time_to_vertex, 0.0, h)
+    below, above = scope.beyond(nodes[:-1] + s * v + s**2 / 2 * a)
+    below_at_start, above_at_start = given_by_start(motion, scope, nodes[0])
+    below[:1] -= below_at_start
+    above[:1] -= above_at_start
+    is_inside_step = (s > 0.0) & (s < h)
     return scope.checked(
         nodes=scope.peak(node_excess(motion, scope, nodes), path.t),
         slack=scope.inside(motion, np.arange(motion.N + 1), nodes),
-        below=np.where(inside, under, 0.0),
-        above=np.where(inside, over, 0.0),
-        times=path.t[:-1, None] + turn,
+        below=np.where(is_inside_step, below, 0.0),
+        above=np.where(is_inside_step, above, 0.0),
+        times=path.t[:-1, None] + s,
     )
 
 
 def node_excess(motion: Motion, scope: QuantityRange, nodes: Array) -> Array:
-    """(N + 1, m) Excess at the nodes, of a given start none."""
+    """Return the excess (N + 1, m) at the nodes, of a given start none."""
     excess = scope.excess(nodes)
     if motion.problem.fixed_start:
         excess[0] = 0.0
@@ -59,7 +62,7 @@ def node_excess(motion: Motion, scope: QuantityRange, nodes: Array) -> Array:
 
 
 def check_velocities(motion: Motion) -> RangeCheck:
-    """Straight lines: their peaks are at the ends of steps."""
+    """Check velocities, which are straight lines over a step: their peaks are at its ends."""
     path = motion.trajectory
     limit = motion.robot.limits.velocity
     scope = QuantityRange(
@@ -70,18 +73,18 @@ def check_velocities(motion: Motion) -> RangeCheck:
         lower=-limit,
         upper=limit,
     )
-    under, over = scope.beyond(path.v[:-1] + motion.h[:, None] * path.a)
+    below, above = scope.beyond(path.v[:-1] + motion.h[:, None] * path.a)
     return scope.checked(
         nodes=scope.peak(node_excess(motion, scope, path.v), path.t),
         slack=scope.inside(motion, np.arange(motion.N + 1), path.v),
-        below=under,
-        above=over,
-        times=np.broadcast_to(path.t[1:, None], under.shape),
+        below=below,
+        above=above,
+        times=np.broadcast_to(path.t[1:, None], below.shape),
     )
 
 
 def check_accelerations(motion: Motion) -> RangeCheck:
-    """Constant over each step."""
+    """Check accelerations, which are constant over each step."""
     limit = motion.robot.limits.acceleration
     scope = QuantityRange(
         kind=RangeKind.ACCELERATION,
@@ -95,16 +98,14 @@ def check_accelerations(motion: Motion) -> RangeCheck:
 
 
 def check_forces(motion: Motion) -> list[RangeCheck]:
-    """Inside a step the plan's thrust, with the least that makes up for what the motion takes there
-    more or less than at its middle; joints have what it takes.
+    """Check thrust and torque. Inside a step thrust is that of the plan, with the least that makes
+    up for what the motion takes there more or less than at its middle; joints have what it takes.
     """
     robot = motion.robot
     path = motion.trajectory
     n = robot.n_vehicle
     actuators = ActuationModel(robot, motion.problem.actuation)
     spread = actuators.thrust_unit[:, None] * actuators.spread
-    middles = path.t[:-1] + motion.h / 2
-    every = np.arange(motion.N)
     if has_thrusters(motion.problem):
         thrusters = tuple(thruster.name for thruster in robot.description.thrusters)
     else:
@@ -139,18 +140,15 @@ def check_forces(motion: Motion) -> list[RangeCheck]:
     def torques(samples: Samples) -> Array:
         return required(samples)[..., n:]
 
-    return [
-        scanned(
-            motion,
-            scope,
-            rows,
-            scope.peak(scope.excess(given), middles),
-            every,
-            inputs=True,
-        )
-        for scope, rows, given in (
-            (thrust, thrusts, path.thrust),
-            (torque, torques, path.torque),
-        )
-        if np.isfinite([*scope.lower, *scope.upper]).any()
-    ]
+    middles = path.t[:-1] + motion.h / 2
+    all_steps = np.arange(motion.N)
+    checks = []
+    for scope, rows, at_middles in (
+        (thrust, thrusts, path.thrust),
+        (torque, torques, path.torque),
+    ):
+        if not np.isfinite([*scope.lower, *scope.upper]).any():
+            continue
+        peak = scope.peak(scope.excess(at_middles), middles)
+        checks.append(scanned(motion, scope, rows, peak, all_steps, inputs=True))
+    return checks

@@ -22,8 +22,8 @@ FINE = 2e-4
 """[unit of the quantity] By how much more a range may be left unseen before a step is looked at
 more closely.
 """
-_LOOKS = 4  # at each step, at least, to begin with
-_ALL_LOOKS = 128  # at all steps together, at least, to begin with
+_LOOKS_PER_STEP = 4  # smallest number to begin with
+_LOOKS_OF_ALL_STEPS = 128  # smallest number to begin with
 _CLOSER = (1, 4, 16)  # times as many looks, where the range is near
 
 NO_PEAK = Peak(amount=0.0, time=0.0, quantity="")
@@ -34,7 +34,7 @@ class Samples:
     """States at n_s moments of each of n steps, from its beginning to its end."""
 
     steps: Indices
-    """(n,)"""
+    """(n,) indices of the steps."""
     t: Array
     """(n, n_s) [s] since the first node."""
     q: Array
@@ -56,19 +56,22 @@ class Motion:
     problem: OcpProblem
     trajectory: Trajectory
     t0: float
-    _kept: dict[tuple[int, ...], Samples] = field(default_factory=dict)
+    """[s] time of the first node."""
+    _samples: dict[tuple[int, ...], Samples] = field(default_factory=dict)
 
     @property
     def robot(self) -> Robot:
+        """Robot that moves."""
         return self.problem.robot
 
     @property
     def N(self) -> int:
+        """Number of steps."""
         return len(self.trajectory.a)
 
     @cached_property
     def h(self) -> Array:
-        """(N,) [s]"""
+        """(N,) [s] lengths of the steps."""
         return np.diff(self.trajectory.t)
 
     @cached_property
@@ -80,32 +83,34 @@ class Motion:
 
     @property
     def looks(self) -> int:
-        """At each step to begin with; even, so that the middle is among them."""
-        return max(_LOOKS, 2 * (_ALL_LOOKS // (2 * self.N)))
+        """Number of looks at each step to begin with; even, so that the middle is among them."""
+        even_share = 2 * (_LOOKS_OF_ALL_STEPS // (2 * self.N))
+        return max(_LOOKS_PER_STEP, even_share)
 
     def reference_times(self, t: Array) -> Array:
-        """Times [s] that references of terms are asked for: nominal, where durations are free."""
+        """Return the times [s] that references of terms are asked for: nominal, where durations are
+        free.
+        """
         return self.t0 + np.interp(t, self.trajectory.t, self.problem.nominal_times())
 
     def samples(self, steps: Indices, looks: int) -> Samples:
-        """Both ends of each step, and looks - 1 moments between them."""
+        """Return the states at both ends of each step, and at looks - 1 moments between them."""
         key = (looks, *steps.tolist())
-        if key not in self._kept:
+        if key not in self._samples:
             s = np.arange(looks + 1) / looks * self.h[steps, None]
-            self._kept[key] = self._states(steps, s)
-        return self._kept[key]
+            self._samples[key] = self._states(steps, s)
+        return self._samples[key]
 
     def _states(self, steps: Indices, s: Array) -> Samples:
-        """At times s (n, n_s) [s] since the beginning of the steps."""
+        """Return the states at times s (n, n_s) [s] since the beginning of the steps."""
         path = self.trajectory
         model = self.robot.model
         moment = s[:, :, None]
         a = path.a[steps, None]
         ways = moment * self.leaving[steps, None] + moment**2 / 2 * a
-        q = [
-            [pin.integrate(model, path.q[k], way) for way in own]
-            for k, own in zip(steps.tolist(), ways, strict=True)
-        ]
+        q = []
+        for k, ways_of_step in zip(steps.tolist(), ways, strict=True):
+            q += [pin.integrate(model, path.q[k], way) for way in ways_of_step]
         return Samples(
             steps=steps,
             t=path.t[steps, None] + s,
@@ -133,29 +138,29 @@ class QuantityRange:
     term: Term | None = None
 
     def beyond(self, values: Array) -> tuple[Array, Array]:
-        """Amounts (..., m) below and above at values (..., m), negative inside; no number is
+        """Return amounts (..., m) below and above at values (..., m), negative inside; no number is
         infinitely outside.
         """
-        wrong = np.isnan(values)
-        below = np.where(wrong, np.inf, self.lower - values)
-        above = np.where(wrong, np.inf, values - self.upper)
+        is_nan = np.isnan(values)
+        below = np.where(is_nan, np.inf, self.lower - values)
+        above = np.where(is_nan, np.inf, values - self.upper)
         return below, above
 
     def excess(self, values: Array) -> Array:
-        """(..., m) by which values (..., m) are outside, 0 inside."""
-        return np.asarray(np.maximum(np.maximum(*self.beyond(values)), 0.0))
+        """Return by how much (..., m) values (..., m) are outside, 0 inside."""
+        below, above = self.beyond(values)
+        return np.asarray(np.maximum(np.maximum(below, above), 0.0))
 
     def peak(self, amounts: Array, times: Array) -> Peak:
-        """The largest of amounts (..., m), at times (...) or (..., m) [s]."""
+        """Return the largest of amounts (..., m), at times (...) or (..., m) [s]."""
         if not amounts.size or not amounts.max() > 0.0:
             return NO_PEAK
-        at = np.unravel_index(int(amounts.argmax()), amounts.shape)
-        when = np.broadcast_to(
-            times[..., None] if times.ndim < amounts.ndim else times, amounts.shape
-        )
-        return Peak(
-            amount=float(amounts[at]), time=float(when[at]), quantity=self.quantities[int(at[-1])]
-        )
+        index = np.unravel_index(int(amounts.argmax()), amounts.shape)
+        if times.ndim < amounts.ndim:
+            times = times[..., None]
+        times = np.broadcast_to(times, amounts.shape)
+        quantity = self.quantities[int(index[-1])]
+        return Peak(amount=float(amounts[index]), time=float(times[index]), quantity=quantity)
 
     def checked(
         self,
@@ -167,9 +172,11 @@ class QuantityRange:
         slack: Array | None = None,
         resolution: float = 0.0,
     ) -> RangeCheck:
-        """Check of quantities with these amounts (N, m) inside the steps."""
+        """Return the check of quantities with these amounts (N, m) inside the steps."""
         below = np.maximum(below, 0.0)
         above = np.maximum(above, 0.0)
+        if slack is None:
+            slack = np.full((len(below) + 1, len(self.lower)), np.inf)
         return RangeCheck(
             kind=self.kind,
             term=self.term,
@@ -182,22 +189,23 @@ class QuantityRange:
             below=below,
             above=above,
             times=times,
-            slack=np.full((len(below) + 1, len(self.lower)), np.inf) if slack is None else slack,
+            slack=slack,
             lower=self.lower,
             upper=self.upper,
         )
 
     def inside(self, motion: Motion, nodes: Indices, values: Array) -> Array:
-        """(N + 1, m) How far values (n, m) at nodes (n,) are inside; infinite at others."""
+        """Return how far values (n, m) at nodes (n,) are inside (N + 1, m); infinite at others."""
+        below, above = self.beyond(values)
         slack = np.full((motion.N + 1, len(self.lower)), np.inf)
-        slack[nodes] = -np.maximum(*self.beyond(values))
+        slack[nodes] = -np.maximum(below, above)
         return slack
 
     def of_nodes(self, motion: Motion, values: Array, times: Array) -> RangeCheck:
         """Check values (n, m) at times (n,) [s], with nothing between them."""
-        none = np.zeros((motion.N, len(self.quantities)))
+        zeros = np.zeros((motion.N, len(self.quantities)))
         nodes = self.peak(self.excess(values), times)
-        return self.checked(nodes=nodes, below=none, above=none, times=none)
+        return self.checked(nodes=nodes, below=zeros, above=zeros, times=zeros)
 
 
 def scanned(
@@ -219,28 +227,25 @@ def scanned(
     above = np.zeros((motion.N, m))
     times = np.zeros((motion.N, m))
     unseen = np.zeros((motion.N, m))
-    if inputs:
-        inner = slice(0, None)
-    else:
-        inner = slice(1, -1)
+    inner = slice(0, None) if inputs else slice(1, -1)
     begin = motion.samples(np.array([0]), motion.looks)
-    allowed = given_by_start(motion, scope, rows(begin)[0, 0])
+    allowed_below, allowed_above = given_by_start(motion, scope, rows(begin)[0, 0])
     for times_as_many in _CLOSER:
         samples = motion.samples(steps, times_as_many * motion.looks)
         values = rows(samples)
         under, over = scope.beyond(values)
-        first = (steps == 0)[:, None, None]
-        under = np.where(first, under - allowed[0], under)
-        over = np.where(first, over - allowed[1], over)
+        is_first = (steps == 0)[:, None, None]
+        under = np.where(is_first, under - allowed_below, under)
+        over = np.where(is_first, over - allowed_above, over)
         amounts = np.maximum(under, over)
-        when = amounts[:, inner].argmax(axis=1)
+        moment = amounts[:, inner].argmax(axis=1)
         below[steps] = under[:, inner].max(axis=1)
         above[steps] = over[:, inner].max(axis=1)
-        times[steps] = np.take_along_axis(samples.t[:, inner, None], when[:, None], axis=1)[:, 0]
-        found = np.maximum(np.maximum(below[steps], above[steps]), 0.0)
+        times[steps] = np.take_along_axis(samples.t[:, inner, None], moment[:, None], axis=1)[:, 0]
+        seen_excess = np.maximum(np.maximum(below[steps], above[steps]), 0.0)
         possible = amounts.max(axis=1) + _bend(values) / 2
         with np.errstate(invalid="ignore"):  # what is no number anywhere
-            unseen[steps] = np.maximum(possible - found, 0.0)
+            unseen[steps] = np.maximum(possible - seen_excess, 0.0)
         steps = steps[(unseen[steps] > FINE).any(axis=1)]
         if not len(steps):
             break
@@ -255,22 +260,22 @@ def scanned(
 
 
 def _bend(values: Array) -> Array:
-    """(n, m) Largest second difference of values (n, n_s, m), by which they may rise between two of
-    them.
+    """Return the largest second difference (n, m) of values (n, n_s, m), by which they may rise
+    between two of them.
     """
     with np.errstate(invalid="ignore"):
         return np.abs(np.diff(values, n=2, axis=1)).max(axis=1)
 
 
 def given_by_start(motion: Motion, scope: QuantityRange, values: Array) -> tuple[Array, Array]:
-    """Amounts (m,) below and above that a start with these values (m,) has by itself, where it is
-    given.
+    """Return amounts (m,) below and above that a start with these values (m,) has by itself, where
+    it is given.
     """
-    given = float(motion.problem.fixed_start)
+    is_given = float(motion.problem.fixed_start)
     below, above = scope.beyond(values)
-    return given * finite_excess(below), given * finite_excess(above)
+    return is_given * finite_excess(below), is_given * finite_excess(above)
 
 
 def finite_excess(amounts: Array) -> Array:
-    """The amounts that are numbers and positive; 0 for others."""
+    """Return the amounts that are numbers and positive; 0 for others."""
     return np.where(np.isfinite(amounts) & (amounts > 0.0), amounts, 0.0)

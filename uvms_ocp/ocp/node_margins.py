@@ -17,7 +17,7 @@ from uvms_ocp.types import Array, Indices
 if TYPE_CHECKING:
     from uvms_ocp.ocp.terms import Term
 
-_MOST = 0.45
+_LARGEST_SHARE = 0.45
 """Share of a range that either end may give up: the other has as much, and an inside remains."""
 
 
@@ -28,17 +28,17 @@ class Side:
     """
 
     node: int
-    """Among those of the margins."""
+    """Index of the node among those of the margins."""
     row: int
-    """Among the quantities of the term."""
+    """Index of the quantity among those of the term."""
     time: float
-    """[s] of the moment, as references are asked for it."""
+    """[s] the moment, as references are asked for it."""
     q: Array
-    """(n_q,) [m, rad] at the moment."""
+    """(n_q,) [m, rad] configuration at the moment."""
     later: float
-    """[s] shortly after it."""
+    """[s] shortly after the moment."""
     q_later: Array
-    """(n_q,) [m, rad] shortly after it."""
+    """(n_q,) [m, rad] configuration shortly after the moment."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -47,38 +47,36 @@ class NodeMargins:
 
     robot: Robot
     below: Array
-    """(n_nodes, m) [unit of the quantity] above its lower end."""
+    """(n_nodes, m) [unit of the quantity] how far inside the lower end."""
     above: Array
-    """(n_nodes, m) [unit of the quantity] below its upper end."""
+    """(n_nodes, m) [unit of the quantity] how far inside the upper end."""
     sides: tuple[Side, ...] = ()
+    """Sides on which nodes pass thin things."""
     missing: float = 0.0
-    """[unit of the quantity] What was missing between nodes when they were last asked for more."""
+    """[unit of the quantity] what was missing between nodes when they were last asked for more."""
     asked: float = 0.0
-    """[unit of the quantity] By how much more they were asked then."""
+    """[unit of the quantity] by how much more they were asked then."""
 
     def at(self, nodes: Indices) -> NodeMargins:
         """Select consecutive nodes (n,)."""
-        if len(nodes):
-            first = int(nodes[0])
-        else:
-            first = 0
-        sides = tuple(
-            replace(side, node=side.node - first)
-            for side in self.sides
-            if first <= side.node < first + len(nodes)
-        )
-        return replace(self, below=self.below[nodes], above=self.above[nodes], sides=sides)
+        first = int(nodes[0]) if len(nodes) else 0
+        sides = []
+        for side in self.sides:
+            node = side.node - first
+            if 0 <= node < len(nodes):
+                sides.append(replace(side, node=node))
+        return replace(self, below=self.below[nodes], above=self.above[nodes], sides=tuple(sides))
 
     def narrowed(self, lower: Array, upper: Array, unit: Array) -> tuple[Array, Array]:
-        """Ends (n_nodes, m) [unit] of ranges lower and upper (n_nodes, m) [unit], for quantities of
-        which one is `unit` (m,); those that are equalities stay so.
+        """Narrow ranges lower and upper (n_nodes, m) [unit], for quantities of which one is `unit`
+        (m,); those that are equalities stay so.
         """
         width = upper - lower
-        most = np.where(np.isfinite(width), _MOST * np.maximum(width, 0.0), np.inf)
-        return (
-            lower + np.minimum(self.below * unit, most),
-            upper - np.minimum(self.above * unit, most),
-        )
+        share = _LARGEST_SHARE * np.maximum(width, 0.0)
+        largest = np.where(np.isfinite(width), share, np.inf)
+        narrow_lower = lower + np.minimum(self.below * unit, largest)
+        narrow_upper = upper - np.minimum(self.above * unit, largest)
+        return narrow_lower, narrow_upper
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -86,11 +84,11 @@ class Tightening:
     """Margins that are asked of all nodes of a horizon."""
 
     positions: NodeMargins | None = None
-    """Margins of `Robot.limited_positions`."""
+    """[m, rad] margins of `Robot.limited_positions`."""
     thrust: NodeMargins | None = None
-    """[N] of the steps that begin at the nodes."""
+    """[N] margins of the steps that begin at the nodes."""
     torque: NodeMargins | None = None
-    """[N m, N] of the steps that begin at the nodes."""
+    """[N m, N] margins of the steps that begin at the nodes."""
     terms: Mapping[Term, NodeMargins] = field(default_factory=dict)
     """Margins of the rows of constraints, of shapes of their pairs."""
 

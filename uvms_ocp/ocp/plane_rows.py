@@ -26,35 +26,38 @@ class PlaneRowGroup:
     """Rows of one node that serve the same pairs, whichever of them are nearest."""
 
     pairs: Mask
-    """(n_pairs,) True for those."""
+    """(n_pairs,) True for the pairs that it serves."""
     n: int
-    """Rows."""
+    """Number of rows."""
     first: tuple[int, ...]
-    """Joints in ascending order of which one carries the plane; 0 is the world."""
+    """Joints in ascending order of which any may carry the plane; 0 is the world."""
     second: tuple[int, ...]
-    """Joints in ascending order of which one carries the point."""
+    """Joints in ascending order of which any may carry the point."""
 
     @property
     def size(self) -> int:
         """Parameters of a row: the shares of the joints where there are several, then the plane and
         the point.
         """
-        return sum(_n_shares(joints) for joints in (self.second, self.first)) + _PLANE
+        return _n_shares(self.second) + _n_shares(self.first) + _PLANE
 
     @property
     def n_parameters(self) -> int:
+        """Parameters of all rows."""
         return self.n * self.size
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> list[ca.SX]:
-        """Heights of the points over their planes [m], less offsets, for parameters
+        """Return the heights of the points over their planes [m], less offsets, for parameters
         (n_parameters,).
         """
         bodies = self._bodies(symbols)
+        first = _columns(bodies, self.first)
+        second = _columns(bodies, self.second)
         n = self.size
-        first, second = (_columns(bodies, joints) for joints in (self.first, self.second))
         return [self._height(first, second, parameters[n * i : n * (i + 1)]) for i in range(self.n)]
 
     def _height(self, first: ca.SX, second: ca.SX, row: ca.SX) -> ca.SX:
+        """Return the height of one row, with the poses of joints as columns."""
         n = _n_shares(self.second)
         normal, centre, offset = ca.vertsplit(row[-_PLANE:], [0, 3, 6, 7])
         plane = _mixed(first, row[n : n + _n_shares(self.first)])
@@ -62,56 +65,57 @@ class PlaneRowGroup:
         return ca.dot(plane.R @ normal, point.p - plane.p + point.R @ centre) - offset
 
     def _bodies(self, symbols: TickSymbols) -> Sequence[SymbolicPose]:
-        """Poses of all joints, relative to the last one that carries all of the group."""
+        """Return the poses of all joints, relative to the last one that carries all of the
+        group.
+        """
         tree = symbols.kinematics.model
-        shared = set.intersection(
-            *(set(tree.model.supports[joint]) for joint in (*self.first, *self.second))
-        ) - {0}
+        joints = (*self.first, *self.second)
+        shared = set.intersection(*(set(tree.model.supports[joint]) for joint in joints)) - {0}
         if not shared:
             return symbols.kinematics.joint_poses
-        local = tree.local_poses(symbols.q)
-        return tree.joint_poses(
-            [SymbolicPose.identity() if i in shared else pose for i, pose in enumerate(local)]
-        )
+        local_poses = list(tree.local_poses(symbols.q))
+        for joint in shared:
+            local_poses[joint] = SymbolicPose.identity()
+        return tree.joint_poses(local_poses)
 
-    def write(self, result: Array, found: Planes, offset: Array) -> None:
-        """Into parameters of nothing near, those of planes.
+    def write(self, parameters: Array, planes: Planes, offset: Array) -> None:
+        """Write planes into parameters of nothing near.
 
-        result (n_samples, n_parameters) [unit of the parameter], offset (n,) [m].
+        parameters (n_samples, n_parameters) [unit of the parameter], offset (n,) [m].
         """
-        k = found.sample
-        slot = self.size * ranks(found.sample)
-        place = slot
+        k = planes.sample
+        column = self.size * ranks(planes.sample)
         for side, joints in ((1, self.second), (0, self.first)):
             if _n_shares(joints):
-                result[k, place + np.searchsorted(joints, found.joints[:, side])] = 1.0
-            place = place + _n_shares(joints)
-        result[k[:, None], place[:, None] + np.arange(_PLANE)] = np.column_stack(
-            [found.normal, found.centre, offset]
-        )
+                share = np.searchsorted(joints, planes.joints[:, side])
+                parameters[k, column + share] = 1.0
+            column = column + _n_shares(joints)
+        values = np.column_stack([planes.normal, planes.centre, offset])
+        parameters[k[:, None], column[:, None] + np.arange(_PLANE)] = values
 
     def nothing(self) -> Array:
-        """(n_parameters,) of rows that are wide of their bounds."""
+        """Return the parameters (n_parameters,) of rows that are wide of their bounds."""
         return np.tile(np.r_[np.zeros(self.size - 1), _NOTHING_NEAR], self.n)
 
 
 def ranks(sample: Indices) -> Indices:
-    """(n,) How many rows of its sample are before each; the samples are in their order."""
+    """Return how many rows of its sample are before each (n,); the samples are in their order."""
     return np.arange(len(sample)) - np.searchsorted(sample, sample)
 
 
 def _n_shares(joints: Sequence[int]) -> int:
+    """Return the number of shares that choose one of these joints."""
     if len(joints) > 1:
         return len(joints)
     return 0
 
 
 def _columns(bodies: Sequence[SymbolicPose], joints: Sequence[int]) -> ca.SX:
-    """Rotation and place of each of the joints (12, n) [-, m]."""
+    """Return rotation and place of each of the joints (12, n) [-, m]."""
     return ca.horzcat(*(ca.vertcat(ca.vec(bodies[joint].R), bodies[joint].p) for joint in joints))
 
 
 def _mixed(columns: ca.SX, shares: ca.SX) -> SymbolicPose:
-    """The pose whose share is one."""
+    """Return the pose whose share is 1, of poses as columns (12, n)."""
     column = columns @ shares if shares.numel() else columns
     return SymbolicPose(R=ca.reshape(column[:9], 3, 3), p=column[9:])

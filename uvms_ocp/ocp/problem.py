@@ -16,10 +16,8 @@ from uvms_ocp.record.display import FieldTable
 from uvms_ocp.robot import Robot, State
 from uvms_ocp.types import DAY, AtLeastOne, Bound, Positive, Range
 
-# Optimal control problems with strict priorities, as data.
-
 MOST_STEPS = 2000
-"""Steps and seconds of a phase."""
+"""Largest number of steps of a phase."""
 
 
 class Integrator(Enum):
@@ -37,8 +35,8 @@ class Integrator(Enum):
 
 
 class Actuation(Enum):
-    """THRUSTERS: within each thruster's limits, through the thruster matrix. WRENCH: any wrench on
-    the vehicle.
+    """What moves a vehicle. THRUSTERS: within each thruster's limits, through the thruster matrix.
+    WRENCH: any wrench on the vehicle.
     """
 
     THRUSTERS = "thrusters"
@@ -46,8 +44,8 @@ class Actuation(Enum):
 
 
 class HessianKind(Enum):
-    """EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the curvature of the
-    constraints.
+    """Hessian of the NLP. EXACT, or GAUSS_NEWTON: cheaper and never indefinite, but blind to the
+    curvature of the constraints.
     """
 
     EXACT = "exact"
@@ -68,8 +66,10 @@ class OcpPhase:
     def __post_init__(self) -> None:
         shortest, longest = self.range
         if self.n_steps > MOST_STEPS:
-            text = f"phase {self.name!r}: n_steps = {self.n_steps}; give at most {MOST_STEPS}"
-            raise InvalidInput(f"{text}: each step takes 0.6 MB and its share of every iteration")
+            raise InvalidInput(
+                f"phase {self.name!r}: n_steps = {self.n_steps}; give at most {MOST_STEPS}: each"
+                " step takes 0.6 MB and its share of every iteration"
+            )
         if not (np.isfinite([shortest, longest]).all() and 0 < shortest <= longest):
             raise InvalidInput(
                 f"phase {self.name!r}: duration {self.duration} s; give a time > 0, or a range of"
@@ -82,6 +82,7 @@ class OcpPhase:
 
     @property
     def free(self) -> bool:
+        """The duration is to be chosen."""
         return isinstance(self.duration, tuple)
 
     @property
@@ -158,52 +159,20 @@ class OcpProblem(FieldTable):
                 "an optimal control problem needs phases and levels; give at least one of each"
             )
         self._check_names()
-        for level in self.levels[:-1]:
-            if level.relax is None and any(term.minimises_time for term in level.terms):
-                raise InvalidInput(
-                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it"
-                    " last"
-                )
-        if (
-            np.shape(self.current) not in ((3,), (self.n_steps, 3))
-            or not np.isfinite(self.current).all()
-        ):
-            raise InvalidInput(
-                f"current {self.current}; give three finite numbers [m/s], or three for each step"
-            )
-        if (
-            self.robot.n_vehicle
-            and self.actuation is Actuation.THRUSTERS
-            and not self.robot.description.thrusters
-        ):
-            others = "plan without forces by `plan curve`, or in Python with Actuation.WRENCH"
-            raise InvalidInput(
-                f"robot {self.robot.name!r} has no thrusters; give some in hydrodynamics.yaml,"
-                f" {others}"
-            )
+        self._check_times_of_levels()
+        self._check_current()
+        self._check_thrusters()
         self._check_powers()
-        self.robot.check_configuration(self.start.q)
-        if np.shape(self.start.v) != (self.robot.n_v,) or not np.isfinite(self.start.v).all():
-            raise InvalidInput(
-                f"velocity at the start has shape {np.shape(self.start.v)}; give {self.robot.n_v}"
-                " finite numbers"
-            )
-        freedom = self.start_freedom
-        n = 2 * self.robot.n_v
-        if freedom is not None and (
-            np.shape(freedom) != (n,) or not (np.asarray(freedom) >= 0).all()
-        ):
-            raise InvalidInput(
-                f"start_freedom {freedom}; give {n} numbers >= 0, of all axes and of their"
-                " velocities"
-            )
+        self._check_start()
 
     @property
     def n_steps(self) -> int:
+        """Steps of all phases."""
         return sum(phase.n_steps for phase in self.phases)
 
     @property
     def fixed_start(self) -> bool:
+        """The first state is that of `start`."""
         return self.start_freedom is None
 
     @property
@@ -213,13 +182,14 @@ class OcpProblem(FieldTable):
 
     @property
     def mean_current(self) -> np.ndarray:
-        """(3,) [m/s] over the steps."""
-        return np.asarray(
-            self.current if np.ndim(self.current) == 1 else np.mean(self.current, axis=0)
-        )
+        """Mean water velocity (3,) [m/s] over the steps."""
+        if np.ndim(self.current) == 1:
+            return np.asarray(self.current)
+        return np.asarray(np.mean(self.current, axis=0))
 
     @property
     def free_time(self) -> bool:
+        """The duration of some phase is to be chosen."""
         return any(phase.free for phase in self.phases)
 
     @property
@@ -233,24 +203,64 @@ class OcpProblem(FieldTable):
         return (*self.constraints, *(term for level in self.levels for term in level.terms))
 
     def starts_of_phases(self) -> np.ndarray:
-        """First node of every phase, and the last node of all (n_phases + 1,)."""
+        """Return the first node of every phase, and the last node of all (n_phases + 1,)."""
         return np.cumsum([0, *(phase.n_steps for phase in self.phases)])
 
     def nominal_times(self) -> np.ndarray:
-        """Times (n_steps + 1,) [s] of the nodes with nominal durations."""
+        """Return the times (n_steps + 1,) [s] of the nodes with nominal durations."""
         steps = [np.full(phase.n_steps, phase.nominal / phase.n_steps) for phase in self.phases]
         return np.concatenate([[0.0], np.cumsum(np.concatenate(steps))])
 
     def _check_names(self) -> None:
-        """Reports, multipliers and terms find phases and levels by them."""
-        names = [phase.name for phase in self.phases]
+        """Check the names by which reports, multipliers and terms find phases and levels."""
+        phases = [phase.name for phase in self.phases]
         levels = [level.name for level in self.levels]
-        for kind, given in (("phases", names), ("levels", levels)):
-            if len(set(given)) < len(given):
-                raise InvalidInput(f"{kind} {given} share a name; give each its own")
+        for kind, names in (("phases", phases), ("levels", levels)):
+            if len(set(names)) < len(names):
+                raise InvalidInput(f"{kind} {names} share a name; give each its own")
         for term in self.terms:
-            if term.phase is not None and term.phase not in names:
-                raise NameNotFound(f"phase of {term.name}", term.phase, names)
+            if term.phase is not None and term.phase not in phases:
+                raise NameNotFound(f"phase of {term.name}", term.phase, phases)
+
+    def _check_times_of_levels(self) -> None:
+        for level in self.levels[:-1]:
+            if level.relax is None and any(term.minimises_time for term in level.terms):
+                raise InvalidInput(
+                    f"level {level.name!r} minimises time: give it `relax`, such as 0.01, or put it"
+                    " last"
+                )
+
+    def _check_current(self) -> None:
+        has_shape = np.shape(self.current) in ((3,), (self.n_steps, 3))
+        if not has_shape or not np.isfinite(self.current).all():
+            raise InvalidInput(
+                f"current {self.current}; give three finite numbers [m/s], or three for each step"
+            )
+
+    def _check_thrusters(self) -> None:
+        needs_thrusters = self.robot.n_vehicle and self.actuation is Actuation.THRUSTERS
+        if needs_thrusters and not self.robot.description.thrusters:
+            raise InvalidInput(
+                f"robot {self.robot.name!r} has no thrusters; give some in hydrodynamics.yaml,"
+                " plan without forces by `plan curve`, or in Python with Actuation.WRENCH"
+            )
+
+    def _check_start(self) -> None:
+        self.robot.check_configuration(self.start.q)
+        n_v = self.robot.n_v
+        if np.shape(self.start.v) != (n_v,) or not np.isfinite(self.start.v).all():
+            raise InvalidInput(
+                f"velocity at the start has shape {np.shape(self.start.v)}; give {n_v} finite"
+                " numbers"
+            )
+        freedom = self.start_freedom
+        if freedom is None:
+            return
+        if np.shape(freedom) != (2 * n_v,) or not (np.asarray(freedom) >= 0).all():
+            raise InvalidInput(
+                f"start_freedom {freedom}; give {2 * n_v} numbers >= 0, of all axes and of their"
+                " velocities"
+            )
 
     def _check_powers(self) -> None:
         """Refuse terms that would take an electrical power for 0."""
@@ -282,7 +292,7 @@ def single_phase(
     levels: Sequence[OcpLevel],
     **options: object,
 ) -> OcpProblem:
-    """A problem over one horizon of fixed duration [s]; `options` are further fields of
+    """Make a problem over one horizon of fixed duration [s]; `options` are further fields of
     `OcpProblem`.
     """
     phase = OcpPhase(duration=duration, n_steps=n_steps)
@@ -290,16 +300,19 @@ def single_phase(
 
 
 def counts(problem: OcpProblem, term: Term, phase: OcpPhase, *, at_end: bool) -> bool:
-    """True where the term has rows at the steps of the phase, or at the node that ends it.
+    """Check whether the term has rows at the steps of the phase, or at the node that ends it.
 
     The last node of the horizon has no step of its own: path terms of the state count there as
     well. So do constraints of one phase at the node that ends it, which begins the next: else the
     last step of the phase would leave their range.
     """
-    last = phase is problem.phases[-1]
-    if term.at is At.PATH:
-        if term.phase not in (None, phase.name):
-            return False
-        kept = term.phase is not None and any(term is item for item in problem.constraints)
-        return not at_end or (term.state_only and (last or kept))
-    return at_end and (term.phase == phase.name or (term.phase is None and last))
+    is_last = phase is problem.phases[-1]
+    if term.at is At.END:
+        return at_end and (term.phase == phase.name or (term.phase is None and is_last))
+    if term.phase not in (None, phase.name):
+        return False
+    if not at_end:
+        return True
+    is_constraint = any(term is item for item in problem.constraints)
+    is_constraint_of_phase = term.phase is not None and is_constraint
+    return term.state_only and (is_last or is_constraint_of_phase)

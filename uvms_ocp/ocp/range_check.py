@@ -48,13 +48,15 @@ class RangeCheck:
     term: Term | None = None
     """Constraint whose rows these are."""
     name: str
+    """Name of the range, for reports."""
     unit: str
     quantities: tuple[str, ...]
     """(m,) names."""
     at_nodes: Peak
-    """At nodes; of thrust, torque and forces at the middle of the steps, where they are given."""
+    """Peak at nodes; of thrust, torque and forces at the middle of the steps, where they are given.
+    """
     between: Peak
-    """Anywhere else."""
+    """Peak anywhere else."""
     resolution: float
     """[unit of the quantity] By how much more than `between` it may be where nobody looked: 0 where
     peaks are exact, a bound for shapes that nothing else moves, else an estimate by curvature.
@@ -62,7 +64,7 @@ class RangeCheck:
     below: Array
     """(N, m) [unit of the quantity] the largest amount below the range inside each step."""
     above: Array
-    """(N, m) [unit of the quantity]"""
+    """(N, m) [unit of the quantity] the largest amount above the range inside each step."""
     times: Array
     """(N, m) [s] since the first node, of the larger of the two."""
     slack: Array
@@ -70,9 +72,9 @@ class RangeCheck:
     infinite at those where it does not count.
     """
     lower: Array
-    """(m,) [unit of the quantity]"""
+    """(m,) [unit of the quantity] lower ends of the ranges."""
     upper: Array
-    """(m,) [unit of the quantity]"""
+    """(m,) [unit of the quantity] upper ends of the ranges."""
 
     @property
     def worst(self) -> Peak:
@@ -82,7 +84,7 @@ class RangeCheck:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MotionCheck:
-    """Result of the check."""
+    """Result of the check of a motion."""
 
     ranges: tuple[RangeCheck, ...]
     """One for each kind that the problem has, and for each constraint."""
@@ -90,9 +92,11 @@ class MotionCheck:
     """[s] Between two looks inside a step, at most; where ranges are near it looks closer."""
 
     def of(self, *kinds: RangeKind) -> tuple[RangeCheck, ...]:
-        """Select those of the given kinds."""
+        """Select the ranges of some kinds."""
         return tuple(item for item in self.ranges if item.kind in kinds)
 
     def beyond(self, tolerance: float) -> tuple[RangeCheck, ...]:
-        """Select those that are left by more than a tolerance [unit of the quantity] anywhere."""
+        """Select the ranges that are left by more than a tolerance [unit of the quantity]
+        anywhere.
+        """
         return tuple(item for item in self.ranges if not item.worst.amount <= tolerance)

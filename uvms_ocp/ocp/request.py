@@ -38,49 +38,13 @@ from uvms_ocp.solvers.nlp.solve_monitor import Progress
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import DAY, Array, AtLeastOne, Bound, Magnitude, Positive, Range, Shape
 
-# A curve around obstacles, of the shapes alone, as the guess of a plan in water.
-
-_SAMPLES = 200
-_BARRIER = (
-    1e-4  # of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
-)
-
-_OF_LINKS = 0.75
-_OF_OBSTACLES = 0.99
-"""Shares of the distances at start and goal that are kept where more is asked; arms are stowed
-close by design.
-"""
-
-
-@checked
-def along_curve(
-    problem: OcpProblem, coordinates: Coordinates, curve: PiecewisePolynomial
-) -> Trajectory:
-    """Guess along a curve of coordinates, at the pace that ends with the problem's nominal time."""
-    t = np.linspace(curve.start, curve.end, _SAMPLES)
-    share = (t - curve.start) / (curve.end - curve.start)
-    return guess_through(
-        problem, share * problem.nominal_times()[-1], coordinates.configurations(curve.evaluate(t))
-    )
-
-
-def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
-    """Guess along the curve that the request asks for; `None` where no curve is free of
-    collision.
-    """
-    try:
-        found = plan_path(request)
-    except (
-        InvalidInput
-    ):  # what a curve cannot do, such as a goal of some joints alone, is no mistake here
-        return None
-    if found.plan is None or not found.plan.collision_free:
-        return None
-    return along_curve(problem, found.scene.coordinates, found.plan.trajectory)
-
-
-# One plan by optimal control from what an engineer asks for: with water, thrusters and torques,
-# among obstacles.
+_CURVE_SAMPLES = 200
+# of IPOPT, which leaves the curve behind with more of it: plans roll over on their way
+_BARRIER = 1e-4
+# Shares of the distances at start and goal that are kept where more is asked; arms are stowed close
+# by design.
+_SHARE_OF_LINKS = 0.75
+_SHARE_OF_OBSTACLES = 0.99
 
 
 @checked_dataclass(eq=False)
@@ -129,14 +93,14 @@ class OcpResult:
         """
         robot = self.request.robot
         t = sample_times(self.plan.duration)
-        return t, admissible_configurations(
-            robot, self.plan.trajectory.states_at(robot.model, t)[0]
-        )
+        q, _, _ = self.plan.trajectory.states_at(robot.model, t)
+        return t, admissible_configurations(robot, q)
 
     @cached_property
     def coordinates(self) -> Array:
         """(n, n_axes) [m, rad] coordinates of the scene at the samples."""
-        return np.array([self.scene.coordinates.x_beyond_limits(q) for q in self.samples[1]])
+        _, configurations = self.samples
+        return np.array([self.scene.coordinates.x_beyond_limits(q) for q in configurations])
 
     @cached_property
     def distances(self) -> Array:
@@ -146,7 +110,8 @@ class OcpResult:
     @property
     def nearest(self) -> NearestPair:
         """The smallest distance at any sample."""
-        return self.scene.nearest(self.samples[0], self.distances)
+        t, _ = self.samples
+        return self.scene.nearest(t, self.distances)
 
     @property
     def collision_free(self) -> bool:
@@ -184,64 +149,70 @@ def solve_ocp(request: OcpRequest, *, progress: Progress | None = None) -> OcpRe
 
 
 def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None) -> Plan:
-    """The first plan that is solved and proven free, or else the best, of the guesses and then of
-    shorter steps.
+    """Return the first plan that is solved and proven free, or else the best, of the guesses and
+    then of shorter steps.
     """
-    plans = []
-    if request.obstacles:
-        options = NlpOptions(barrier=_BARRIER)
-    else:
-        options = NlpOptions()
-    for finer in (1, 2):
-        given = replace(
-            problem, phases=(replace(problem.phases[0], n_steps=finer * request.n_steps),)
-        )
-        planner = Planner(
-            given, replace(options, plugin=request.plugin, time_limit=request.time_limit)
-        )
-        for guess in _guesses(request, given):
+    plans: list[Plan] = []
+    options = NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
+    options = replace(options, plugin=request.plugin, time_limit=request.time_limit)
+    for refinement in (1, 2):
+        phase = replace(problem.phases[0], n_steps=refinement * request.n_steps)
+        refined = replace(problem, phases=(phase,))
+        planner = Planner(refined, options)
+        for guess in _guesses(request, refined):
             try:
-                plans.append(planner.plan(guess=guess, progress=progress))
+                plan = planner.plan(guess=guess, progress=progress)
             except Interrupted as stop:
                 stop.result = _best([*plans, stop.result])
                 raise
-            if _is_proven(plans[-1]):
-                return plans[-1]
-        if not any(plan.status.usable and not _free(plan) for plan in plans):
-            break  # shorter steps mend nothing but what touches between them
+            plans.append(plan)
+            if _is_proven(plan):
+                return plan
+        touches_between_nodes = any(plan.status.usable and not _is_free(plan) for plan in plans)
+        if not touches_between_nodes:
+            break  # shorter steps would mend nothing else
     return _best(plans)
 
 
 def _best(plans: Sequence[Plan]) -> Plan:
-    return max(
-        plans,
-        key=lambda plan: (plan.status.usable and _free(plan), plan.status.usable, _is_proven(plan)),
-    )
+    """Return the first of the best plans."""
+
+    def rank(plan: Plan) -> tuple[bool, bool, bool]:
+        usable = plan.status.usable
+        return (usable and _is_free(plan), usable, _is_proven(plan))
+
+    return max(plans, key=rank)
 
 
 def _is_proven(plan: Plan) -> bool:
-    return plan.status is OcpStatus.SOLVED and _free(plan)
+    return plan.status is OcpStatus.SOLVED and _is_free(plan)
 
 
-def _free(plan: Plan) -> bool:
+def _is_free(plan: Plan) -> bool:
     return plan.clearance is None or plan.certified_free
 
 
 def _guesses(request: OcpRequest, problem: OcpProblem) -> Iterator[Trajectory]:
-    """Among obstacles a curve around them; then, and without them, the start."""
+    """Yield a curve around obstacles if there are any; then the start, held."""
     if request.obstacles:
-        turned = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
-        asked = {
-            name: getattr(request, name)
-            for name in ("robot", "start", "goal", "obstacles", "clearance", "link_clearance")
-        }
-        curve = curve_guess(problem, PlanRequest(**asked, axes="all" if turned else "level"))
+        has_attitude = isinstance(request.goal, PostureGoal) and request.goal.rpy is not None
+        curve_request = PlanRequest(
+            robot=request.robot,
+            start=request.start,
+            goal=request.goal,
+            obstacles=request.obstacles,
+            clearance=request.clearance,
+            link_clearance=request.link_clearance,
+            axes="all" if has_attitude else "level",
+        )
+        curve = curve_guess(problem, curve_request)
         if curve is not None:
             yield curve
     yield hold_guess(problem)
 
 
 def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
+    """Write the request as levels: the goal, then little effort on smooth paths."""
     robot = request.robot
     tasks = request.goal.as_tasks(request.robot, request.start)
     clearance = ShapeClearance(scene=scene, margins=_margins(request, scene))
@@ -264,7 +235,36 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
 
 
 def _margins(request: OcpRequest, scene: CollisionScene) -> Array:
-    """(n_pairs,) [m] what is asked for, or less where start or goal have less."""
-    ends = start_distances(scene, request.start), goal_distances(scene, request.goal, request.start)
-    wanted = scene.per_pair(request.clearance, request.link_clearance)
-    return np.minimum(wanted, np.minimum(*ends) * scene.per_pair(_OF_OBSTACLES, _OF_LINKS))
+    """Return the margins (n_pairs,) [m] that are asked for, or less where start or goal have
+    less.
+    """
+    requested = scene.per_pair(request.clearance, request.link_clearance)
+    at_start = start_distances(scene, request.start)
+    at_goal = goal_distances(scene, request.goal, request.start)
+    shares = scene.per_pair(_SHARE_OF_OBSTACLES, _SHARE_OF_LINKS)
+    return np.minimum(requested, np.minimum(at_start, at_goal) * shares)
+
+
+@checked
+def along_curve(
+    problem: OcpProblem, coordinates: Coordinates, curve: PiecewisePolynomial
+) -> Trajectory:
+    """Guess along a curve of coordinates, at the pace that ends with the problem's nominal time."""
+    t = np.linspace(curve.start, curve.end, _CURVE_SAMPLES)
+    share = (t - curve.start) / (curve.end - curve.start)
+    times = share * problem.nominal_times()[-1]
+    return guess_through(problem, times, coordinates.configurations(curve.evaluate(t)))
+
+
+def curve_guess(problem: OcpProblem, request: PlanRequest) -> Trajectory | None:
+    """Guess along the curve that the request asks for; `None` where no curve is free of
+    collision.
+    """
+    try:
+        path = plan_path(request)
+    except InvalidInput:
+        # What a curve cannot do, such as a goal of some joints alone, is no mistake of the request.
+        return None
+    if path.plan is None or not path.plan.collision_free:
+        return None
+    return along_curve(problem, path.scene.coordinates, path.plan.trajectory)

@@ -5,13 +5,14 @@ obstacles, a floor.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.terms import TaskTerm
-from uvms_ocp.record.meta_values import FrameMeta, SurroundingsMeta
+from uvms_ocp.record.meta_values import FrameMeta, ObstacleMeta, SurroundingsMeta
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 
@@ -21,26 +22,33 @@ def surroundings(problem: OcpProblem, t0: float) -> SurroundingsMeta:
     [s] is the time of the first node.
     """
     end = t0 + float(problem.nominal_times()[-1])
-    poses = [
-        term
-        for term in problem.terms
-        if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition))
-    ]
-    obstacles = [item for term in problem.terms for item in term.scenery(end)]
-    seen: Counter[str] = Counter()
-    named = []
-    for item in obstacles:
-        seen[item.name] += 1
-        again = f" ({seen[item.name]})" if seen[item.name] > 1 else ""
-        named.append(item.model_copy(update={"name": item.name + again}))
+    goals = []
+    obstacles: list[ObstacleMeta] = []
+    for term in problem.terms:
+        if isinstance(term, TaskTerm) and isinstance(term.task, (PoseTask, ToolPosition)):
+            goals.append(_goal(term, end))
+        obstacles += term.scenery(end)
     return SurroundingsMeta(
-        frames=tuple(_goal(term, end) for term in poses),
-        obstacles=tuple(named),
+        frames=tuple(goals),
+        obstacles=_with_unique_names(obstacles),
         floor_z=float(problem.floor) if np.isfinite(problem.floor) else None,
     )
 
 
+def _with_unique_names(obstacles: Sequence[ObstacleMeta]) -> tuple[ObstacleMeta, ...]:
+    """Number obstacles of one name from the second on."""
+    count: Counter[str] = Counter()
+    result = []
+    for obstacle in obstacles:
+        count[obstacle.name] += 1
+        number = count[obstacle.name]
+        name = f"{obstacle.name} ({number})" if number > 1 else obstacle.name
+        result.append(obstacle.model_copy(update={"name": name}))
+    return tuple(result)
+
+
 def _goal(term: TaskTerm, t: float) -> FrameMeta:
+    """Describe the goal of a pose or a place at time t [s] as a frame."""
     assert isinstance(term.task, (PoseTask, ToolPosition))
     pose = evaluate_pose(term.name, term.task.goal, t)[0]
     return FrameMeta(name=f"goal of {term.name}", pose=tuple(pin.SE3ToXYZQUAT(pose).tolist()))

@@ -54,11 +54,11 @@ class StageSymbols:
     thrust: ca.SX
     """(n_thrusters,) [N]; with `Actuation.WRENCH` (n_vehicle,) [N, N m]."""
     thrust_share: ca.SX
-    """(n_thrusters,) """
+    """(n_thrusters,) in shares of the limits."""
     torque: ca.SX
     """(n_joints,) [N m or N]"""
     torque_share: ca.SX
-    """(n_joints,) """
+    """(n_joints,) in shares of the limits."""
 
 
 @checked_dataclass(eq=False)
@@ -93,14 +93,14 @@ class Term(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """For reports."""
+        """Name of the term, for reports."""
 
     @abstractmethod
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        """The rows; `parameters` holds what `reference` returns at the time of the node."""
+        """Return the rows; `parameters` holds what `reference` returns at the time of the node."""
 
     def n_parameters(self, robot: Robot) -> int:
-        """Length of the vector that `reference` returns."""
+        """Return the length of the vector that `reference` returns."""
         return 0
 
     def reference(self, t: float) -> np.ndarray:
@@ -112,8 +112,8 @@ class Term(ABC):
     def references(
         self, times: Sequence[float], q: np.ndarray, tightened: NodeMargins | None = None
     ) -> np.ndarray:
-        """`reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n, n_q) [m,
-        rad].
+        """Return `reference` (n, n_parameters) at the nodes of times (n,) [s], written at q (n,
+        n_q) [m, rad].
 
         tightened: what is asked of the nodes beyond the range, of terms with `has_sides`; other
         terms have narrower bounds for it.
@@ -155,11 +155,11 @@ class TaskTerm(TaskRows):
     """[unit of the row] By which the range of every row is widened."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        given = self.task.residual(stage.tick, parameters)
+        residual = self.task.residual(stage.tick, parameters)
         return Residual(
-            value=given.value,
-            lower=given.lower - self.tolerance,
-            upper=given.upper + self.tolerance,
+            value=residual.value,
+            lower=residual.lower - self.tolerance,
+            upper=residual.upper + self.tolerance,
         )
 
 
@@ -170,9 +170,8 @@ class AtRest(Term):
     name = "at rest"
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return zero_residual(
-            stage.tick.velocity / ca.DM(finite_or(stage.tick.robot.limits.velocity, 1.0))
-        )
+        unit = finite_or(stage.tick.robot.limits.velocity, 1.0)
+        return zero_residual(stage.tick.velocity / ca.DM(unit))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -213,15 +212,15 @@ class Energy(_PathCost):
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         description = stage.tick.robot.description
         rows = []
-        for i, power in enumerate(thruster.power for thruster in description.thrusters):
+        for i, thruster in enumerate(description.thrusters):
+            power = thruster.power
             if power is not None:
-                rows.append(
-                    np.sqrt(power.watts / 1e3)
-                    * _root_of_power(stage.thrust[i] / power.thrust, power.exponent)
-                )
-        arm = stage.tick.velocity[stage.tick.robot.joint_v]
-        for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(arm), strict=True):
-            rows.append(_root_of_power(torque * rate / (1e3 * description.joint_efficiency), 1.0))
+                root = _root_of_power(stage.thrust[i] / power.thrust, power.exponent)
+                rows.append(np.sqrt(power.watts / 1e3) * root)
+        rates = stage.tick.velocity[stage.tick.robot.joint_v]
+        for torque, rate in zip(ca.vertsplit(stage.torque), ca.vertsplit(rates), strict=True):
+            power_kw = torque * rate / (1e3 * description.joint_efficiency)
+            rows.append(_root_of_power(power_kw, 1.0))
         return zero_residual(ca.vertcat(ca.SX(0, 1), *rows))
 
 
@@ -232,9 +231,8 @@ class Smoothness(_PathCost):
     state_only: ClassVar[bool] = False
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
-        return zero_residual(
-            stage.acceleration / ca.DM(finite_or(stage.tick.robot.limits.acceleration, 1.0))
-        )
+        unit = finite_or(stage.tick.robot.limits.acceleration, 1.0)
+        return zero_residual(stage.acceleration / ca.DM(unit))
 
 
 @checked_dataclass(eq=False)
@@ -259,16 +257,18 @@ class Posture(_PathCost):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         robot = stage.tick.robot
-        ranges = [
-            (one, up - low)
-            for one, low, up in bounded_joints(robot.joints, robot.limits)
-            if 0.0 < up - low < np.inf
-        ]
-        ranges += [(joint, 2 * np.pi) for joint in robot.joints if joint.endless]
-        away = [
-            joint.way(parameters, joint.position(stage.tick.q)) / width for joint, width in ranges
-        ]
-        return zero_residual(ca.vertcat(ca.SX(0, 1), *away))
+        ranges = []
+        for joint, lower, upper in bounded_joints(robot.joints, robot.limits):
+            width = upper - lower
+            if 0.0 < width < np.inf:
+                ranges.append((joint, width))
+        for joint in robot.joints:
+            if joint.endless:
+                ranges.append((joint, 2 * np.pi))
+        rows = []
+        for joint, width in ranges:
+            rows.append(joint.way(parameters, joint.position(stage.tick.q)) / width)
+        return zero_residual(ca.vertcat(ca.SX(0, 1), *rows))
 
     def n_parameters(self, robot: Robot) -> int:
         return robot.n_q
@@ -278,16 +278,13 @@ class Posture(_PathCost):
 
 
 def finite_or(limit: np.ndarray, unit: float) -> np.ndarray:
-    """Each limit (n,) [any], or `unit` [the same] where there is none: what rows are scaled by."""
+    """Return each limit (n,) [any], or `unit` where there is none, for rows to be scaled by."""
     return np.where(np.isfinite(limit) & (limit > 0), limit, unit)
 
 
 def _root_of_power(x: ca.SX, exponent: float) -> ca.SX:
-    """Signed square root of ``|x|^exponent``, linear near zero."""
+    """Return the signed square root of ``|x|^exponent``, linear near zero."""
     return x * (x**2 + _ROUNDING**2) ** ((exponent / 2 - 1) / 2)
-
-
-# A residual or a constraint of one's own, as a term: a function of the symbols of a step.
 
 
 @checked_dataclass(eq=False)
@@ -313,17 +310,19 @@ class _FunctionTerm(Term):
         else:
             value = self.rows(stage, parameters)
         if not isinstance(value, ca.SX) or value.shape[1] != 1 or not value.shape[0]:
-            given = f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
+            kind = type(value).__name__
+            shape = getattr(value, "shape", ())
             raise InvalidInput(
-                f"{self.label}: its function gave {given}; give a column (m, 1) of casadi.SX"
+                f"{self.label}: its function gave {kind} of shape {shape}; give a column (m, 1) of"
+                " casadi.SX"
             )
         if self.state_only and _reads_inputs(value, stage):
             raise InvalidInput(
                 f"{self.label}: its rows depend on acceleration, thrust or torque; give inputs=True"
             )
-        lower, upper = (
-            _bound(self.label, bound, value.shape[0]) for bound in (self.lower, self.upper)
-        )
+        m = value.shape[0]
+        lower = _bound(self.label, self.lower, m)
+        upper = _bound(self.label, self.upper, m)
         if not (lower <= upper).all():
             raise InvalidInput(
                 f"{self.label}: bounds {lower} to {upper} are swapped; give lower <= upper"
@@ -355,7 +354,7 @@ def residual_term(
     inputs: bool = False,
     parameters: VectorGoal | None = None,
 ) -> Term:
-    """A term from a function ``rows(stage)`` that gives expressions (m,) of a `StageSymbols`, as
+    """Make a term of a function ``rows(stage)`` that gives expressions (m,) of a `StageSymbols`, as
     `casadi.SX`.
 
     In a level the distance of the rows to ``[lower, upper]`` is minimised, as a constraint the
@@ -382,7 +381,7 @@ def residual_term(
 
 
 def _bound(name: str, bound: Bounds, m: int) -> Array:
-    """(m,) [unit of the row]"""
+    """Return a bound (m,) [unit of the row] of m rows."""
     if np.shape(bound) not in ((), (m,)):
         raise InvalidInput(
             f"{name}: a bound has shape {np.shape(bound)}; give one number, or {m} of them"
@@ -394,7 +393,7 @@ def _reads_inputs(value: ca.SX, stage: StageSymbols) -> bool:
     """Check whether any symbol of acceleration or force is in the rows."""
     inputs = ca.vertcat(stage.acceleration, stage.thrust_share, stage.torque_share)
     state = ca.vertcat(stage.tick.q, stage.tick.velocity)
-    own = {symbol.__hash__() for symbol in ca.symvar(inputs)} - {
-        symbol.__hash__() for symbol in ca.symvar(state)
-    }
-    return any(symbol.__hash__() in own for symbol in ca.symvar(value))
+    input_symbols = {symbol.__hash__() for symbol in ca.symvar(inputs)}
+    state_symbols = {symbol.__hash__() for symbol in ca.symvar(state)}
+    row_symbols = {symbol.__hash__() for symbol in ca.symvar(value)}
+    return not row_symbols.isdisjoint(input_symbols - state_symbols)

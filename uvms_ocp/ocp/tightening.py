@@ -22,16 +22,18 @@ from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.types import Array
 
 KEPT = 2e-4
-"""[unit of the quantity] By how much a range may be left between nodes."""
+"""[unit of the quantity] by how much a range may be left between nodes."""
 FORCE_KEPT = 1e-2
 """Share of its largest force by which a thruster or a joint may pass it inside a step, whose forces
 are those at its middle.
 """
-_MORE = 1.2  # times what is missing is what nodes are asked for more
-_LEAST_EFFECT = 0.2  # of that, at which what is missing is taken to shrink
-_POOR = 0.5  # share of that, below which nodes stay on one side instead
-_BESIDE = 2  # nodes beyond both ends of a step that are asked as well, for shapes: planes change
-_SHORT = 1e-3  # of a step, after which it is seen where something goes
+_OVERSHOOT = 1.2  # times what is missing is what nodes are asked for more
+_SMALLEST_EFFECT = 0.2  # share of what is asked for more, by which what is missing shrinks at least
+_POOR_EFFECT = 0.5  # share below which nodes stay on one side instead
+_NEIGHBOURS = (
+    2  # nodes beyond both ends of a step that are asked as well, for shapes: planes change
+)
+_SHORT = 1e-3  # share of a step, after which it is seen where something goes
 
 _PARTS = {
     RangeKind.POSITION: "positions",
@@ -50,15 +52,18 @@ def missing_between(checks: Sequence[RangeCheck]) -> list[RangeCheck]:
 
 
 def lack(checks: Sequence[RangeCheck]) -> float:
-    """By how much more than is allowed ranges are left between nodes, as a multiple of that; 0
-    where none is.
+    """Return by how much more than is allowed ranges are left between nodes, as a multiple of that;
+    0 where none is.
     """
-    amounts = [np.maximum(*_missing(item)) / allowance(item) for item in missing_between(checks)]
-    return max((float(amount.max()) for amount in amounts), default=0.0)
+    largest = 0.0
+    for item in missing_between(checks):
+        multiples = np.maximum(*_missing(item)) / allowance(item)
+        largest = max(largest, float(multiples.max()))
+    return largest
 
 
 def allowance(item: RangeCheck) -> Array:
-    """(m,) [unit of the quantity] By how much ranges may be left between nodes."""
+    """Return by how much (m,) [unit of the quantity] ranges may be left between nodes."""
     if item.kind not in _OF_STEPS:
         return np.full(len(item.lower), KEPT)
     largest = np.maximum(np.abs(item.lower), np.abs(item.upper))
@@ -66,17 +71,20 @@ def allowance(item: RangeCheck) -> Array:
 
 
 def _missing(item: RangeCheck) -> tuple[Array, Array]:
-    """(N, m) [unit of the quantity] Below and above, of ranges with an inside, where it is a number
-    and more than is allowed.
+    """Return what is missing below and above (N, m) [unit of the quantity], of ranges with an
+    inside, where it is a number and more than is allowed.
     """
     has_inside = item.upper > item.lower
     counts = has_inside & (np.maximum(item.below, item.above) > allowance(item))
-    parts = (finite_excess(item.below), finite_excess(item.above))
-    return np.where(counts, parts[0], 0.0), np.where(counts, parts[1], 0.0)
+    below = np.where(counts, finite_excess(item.below), 0.0)
+    above = np.where(counts, finite_excess(item.above), 0.0)
+    return below, above
 
 
 def _amount(item: RangeCheck) -> float:
-    return max(float(part.max(initial=0.0)) for part in _missing(item))
+    """Return the largest amount [unit of the quantity] that is missing."""
+    below, above = _missing(item)
+    return max(float(below.max(initial=0.0)), float(above.max(initial=0.0)))
 
 
 def tightened(
@@ -93,35 +101,40 @@ def tightened(
     for item in missing:
         if item.term is None:
             name = _PARTS[item.kind]
-            old = getattr(before, name)
-            parts: dict[str, Any] = {name: _asked(old, item, problem)}
+            margins = _wider_margins(getattr(before, name), item, problem)
+            parts: dict[str, Any] = {name: margins}
             after = replace(after, **parts)
             continue
-        old = before.terms.get(item.term)
-        more = _asked(old, item, problem)
+        margins_before = before.terms.get(item.term)
+        margins = _wider_margins(margins_before, item, problem)
         if item.term.has_sides:
-            in_vain = old is not None and _effect(old, item) < _POOR
-            sides = _new_sides(item, more, path, problem, t0, whatever_binds=in_vain)
-            more = replace(more, sides=(*more.sides, *sides))
-        after = replace(after, terms={**after.terms, item.term: more})
+            was_in_vain = (
+                margins_before is not None and _effect(margins_before, item) < _POOR_EFFECT
+            )
+            sides = _new_sides(item, margins, path, problem, t0, whatever_binds=was_in_vain)
+            margins = replace(margins, sides=(*margins.sides, *sides))
+        after = replace(after, terms={**after.terms, item.term: margins})
     return after
 
 
-def _asked(old: NodeMargins | None, item: RangeCheck, problem: OcpProblem) -> NodeMargins:
+def _wider_margins(
+    before: NodeMargins | None, item: RangeCheck, problem: OcpProblem
+) -> NodeMargins:
     """Add what is missing inside every step to what was asked of its nodes."""
     amount = _amount(item)
     has_sides = item.term is not None and item.term.has_sides
-    if old is None or has_sides:
-        effect = 1.0
-    else:
-        effect = _effect(old, item)
-    factor = _MORE / effect
-    below, above = (factor * _at_nodes(part, item) for part in _missing(item))
+    effect = 1.0
+    if before is not None and not has_sides:
+        effect = _effect(before, item)
+    factor = _OVERSHOOT / effect
+    missing_below, missing_above = _missing(item)
+    below = factor * _at_nodes(missing_below, item)
+    above = factor * _at_nodes(missing_above, item)
     sides: tuple[Side, ...] = ()
-    if old is not None:
-        below = below + old.below
-        above = above + old.above
-        sides = old.sides
+    if before is not None:
+        below = below + before.below
+        above = above + before.above
+        sides = before.sides
     return NodeMargins(
         robot=problem.robot,
         below=below,
@@ -132,17 +145,18 @@ def _asked(old: NodeMargins | None, item: RangeCheck, problem: OcpProblem) -> No
     )
 
 
-def _effect(old: NodeMargins, item: RangeCheck) -> float:
-    """By how much what is missing shrank for each unit that was asked for more."""
-    return float(np.clip((old.missing - _amount(item)) / old.asked, _LEAST_EFFECT, 1.0))
+def _effect(before: NodeMargins, item: RangeCheck) -> float:
+    """Return by how much what is missing shrank for each unit that was asked for more."""
+    shrinkage = before.missing - _amount(item)
+    return float(np.clip(shrinkage / before.asked, _SMALLEST_EFFECT, 1.0))
 
 
 def _at_nodes(amounts: Array, item: RangeCheck) -> Array:
-    """(N + 1, m) The largest of amounts (N, m) of the steps that begin or end at a node, and of
-    shapes beside these.
+    """Return the largest of amounts (N, m) of the steps that begin or end at a node (N + 1, m), and
+    of shapes beside these.
     """
-    shapes = isinstance(item.term, ShapeClearance)
-    reach = 1 + _BESIDE * int(shapes)
+    is_of_shapes = isinstance(item.term, ShapeClearance)
+    reach = 1 + _NEIGHBOURS if is_of_shapes else 1
     if item.kind in _OF_STEPS:
         shifts = range(1)
     else:
@@ -151,37 +165,46 @@ def _at_nodes(amounts: Array, item: RangeCheck) -> Array:
     result = np.zeros((n + 1, amounts.shape[1]))
     for shift in shifts:
         nodes = np.arange(n) + shift
-        inside = (nodes >= 0) & (nodes <= n)
-        np.maximum.at(result, nodes[inside], amounts[inside])
-    if shapes:
+        is_inside = (nodes >= 0) & (nodes <= n)
+        np.maximum.at(result, nodes[is_inside], amounts[is_inside])
+    if is_of_shapes:
         result[-1] = 0.0  # whose place is the goal's
     return result
 
 
 def _new_sides(
     item: RangeCheck,
-    more: NodeMargins,
+    margins: NodeMargins,
     path: Trajectory,
     problem: OcpProblem,
     t0: float,
     *,
     whatever_binds: bool,
 ) -> list[Side]:
-    """Sides for what lies between two nodes that both keep more from it than they are asked for."""
-    known = {(side.node, side.row) for side in more.sides}
-    result = []
-    for k, row in np.argwhere(_missing(item)[0]).tolist():
-        ends = [k, k + 1]
-        binds = any(item.slack[node, row] <= more.below[node, row] for node in ends)
-        nodes = [n for n in ends if 0 < n < len(path.a) and (n, row) not in known]
-        if whatever_binds or not binds:
-            result += [_side(node, k, row, item, path, problem, t0) for node in nodes]
-    return result
+    """Return sides for what lies between two nodes that both keep more from it than they are asked
+    for.
+    """
+    with_side = {(side.node, side.row) for side in margins.sides}
+    missing_below, _ = _missing(item)
+    sides = []
+    for k, row in np.argwhere(missing_below).tolist():
+        ends = (k, k + 1)
+        binds = any(item.slack[node, row] <= margins.below[node, row] for node in ends)
+        if binds and not whatever_binds:
+            continue
+        for node in ends:
+            is_inner = 0 < node < len(path.a)
+            if is_inner and (node, row) not in with_side:
+                sides.append(_side(node, k, row, item, path, problem, t0))
+    return sides
 
 
 def _side(
     node: int, k: int, row: int, item: RangeCheck, path: Trajectory, problem: OcpProblem, t0: float
 ) -> Side:
+    """Return the side of a node on which the motion is where something is missing most in step
+    k.
+    """
     model = problem.robot.model
     moment = float(item.times[k, row])
     later = moment + _SHORT * float(path.t[k + 1] - path.t[k])
