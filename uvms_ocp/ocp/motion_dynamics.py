@@ -103,7 +103,8 @@ def _bracket(motion: Motion, h: Array) -> Array:
 
 
 def required_forces(motion: Motion, steps: Indices, q: Array, v: Array) -> Array:
-    """(n, n_v) [N, N m] Forces that the accelerations of steps (n,) take at q (n, n_q), v (n, n_v).
+    """Return the forces (n, n_v) [N, N m] that the accelerations of steps (n,) take at q (n, n_q) and
+    v (n, n_v).
     """
     problem = motion.problem
     function = _inverse_dynamics(problem.robot, problem.water)

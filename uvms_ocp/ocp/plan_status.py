@@ -66,8 +66,7 @@ class OcpStatus(AdvisedStatus):
 
     @property
     def usable(self) -> bool:
-        """True if the trajectory keeps all constraints, at nodes and between; goals may be missed.
-        """
+        """The trajectory keeps all constraints, at nodes and between; goals may be missed."""
         return self in (
             OcpStatus.SOLVED,
             OcpStatus.IMPROVABLE,

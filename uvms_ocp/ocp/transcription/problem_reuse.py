@@ -1,4 +1,5 @@
-"""Decide whether a program that was built for one problem solves another one with other parameters.
+"""Decide whether a program that was built for one problem solves another one, with new
+parameters.
 """
 
 from __future__ import annotations
