@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -19,12 +20,9 @@ product with 0 is 0.
 """
 
 
-# SmoothActivation functions: smooth steps between 0 and 1 ([Gao2022] eq. 22).
-
-
 @checked_dataclass(check=checked_on_failure, kw_only=False)
 class SmoothActivation:
-    """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside.
+    """A cosine step over ``start <= x <= end``: C1 everywhere, 0 or 1 outside ([Gao2022] eq. 22).
 
     Raises `InvalidInput` unless ``start < end`` and both are finite.
     """
@@ -62,7 +60,7 @@ class SmoothActivation:
 def approach_speed(
     distance: ca.SX, *, gain: float, deceleration: float | ca.SX, dt: float, saturation: float
 ) -> ca.SX:
-    """Largest speed towards a limit that is `distance` away; negative (retreat) where the limit is
+    """Compute the largest speed towards a limit that is `distance` away; negative (retreat) where the limit is
     already passed.
 
     The smaller of a velocity damper ``gain * distance`` and the speed from which a full stop at
@@ -78,22 +76,25 @@ def approach_speed(
 
 
 def stopping_speed(distance: Array, *, deceleration: Array, dt: float) -> Array:
-    """Largest speed from which a full stop within `distance` is possible in sampled time; 0 beyond
-    the limit.
+    """Compute the largest speed from which a full stop within `distance` is possible in sampled time; 0
+    beyond the limit.
 
     Of expressions, or of arrays: distance (..., m) [m or rad]; deceleration (m,) [m/s2 or rad/s2];
     dt [s].
     """
-    symbolic = is_symbolic(distance, deceleration)
-    sqrt, larger, smaller = (
-        (ca.sqrt, ca.fmax, ca.fmin) if symbolic else (np.sqrt, np.maximum, np.minimum)
-    )
+    sqrt: Any
+    larger: Any
+    smaller: Any
+    if is_symbolic(distance, deceleration):
+        sqrt, larger, smaller = ca.sqrt, ca.fmax, ca.fmin
+    else:
+        sqrt, larger, smaller = np.sqrt, np.maximum, np.minimum
     deceleration = larger(smaller(deceleration, ENDLESS), 1 / ENDLESS)
     return deceleration * (sqrt(dt**2 + 2 * larger(distance, 0) / deceleration) - dt)
 
 
 def saturate(x: ca.SX, limit: float) -> ca.SX:
-    """`x` scaled so that its norm is at most `limit` [unit of x]; the direction is kept."""
+    """Scale `x` so that its norm is at most `limit` [unit of x]; the direction is kept."""
     return x * limit / ca.fmax(ca.norm_2(x), limit)
 
 
@@ -101,5 +102,6 @@ def row_acceleration(J: ca.SX, limit: np.ndarray) -> ca.SX:
     """Rate of change (m,) of ``J v`` along each row's own gradient, as the first axis reaches its
     limit (n_v,) [m/s2, rad/s2].
     """
-    effort = functools.reduce(ca.fmax, ca.horzsplit(ca.fabs(J) @ ca.diag(ca.DM(1 / limit))))
+    shares_of_limits = ca.fabs(J) @ ca.diag(ca.DM(1 / limit))
+    effort = functools.reduce(ca.fmax, ca.horzsplit(shares_of_limits))
     return ca.sum2(J**2) / ca.fmax(effort, 1 / ENDLESS)

@@ -84,7 +84,8 @@ class AngleTask(Task):
         if turns is None:
             return None
         axis = _in_vehicle(robot, self.frame, self.watched_axis)
-        U, s, _ = np.linalg.svd(np.cross(np.eye(3)[list(turns)], axis).reshape(-1, 3).T)
+        moves_of_axis = np.cross(np.eye(3)[list(turns)], axis).reshape(-1, 3).T
+        U, s, _ = np.linalg.svd(moves_of_axis)
         directions = U[:, : int((s > _PARALLEL).sum())]
         if directions.shape[1] == 2:
             return None
@@ -111,9 +112,8 @@ class AngleTask(Task):
         is_in_view = ahead**2 + aside**2 > _IN_PLANE**2
         normal = symbols.R_WB @ ca.DM(np.cross(axis, directions[:, 0]))
         n = ca.if_else(aside < 0, -normal, normal)
-        return ca.if_else(is_in_view, ca.atan2(ca.fabs(aside), ahead), 0), ca.if_else(
-            is_in_view, n, 0
-        )
+        theta = ca.atan2(ca.fabs(aside), ahead)
+        return ca.if_else(is_in_view, theta, 0), ca.if_else(is_in_view, n, 0)
 
     def _angle_residual(self, a: ca.SX, b: ca.SX) -> Residual:
         """Chord between unit vectors, ``2 sin(theta / 2)``: smooth at theta = 0 and steep where
@@ -136,10 +136,10 @@ class AngleTask(Task):
             theta = ca.SX(0)  # a row that nothing moves asks for nothing
         undriven = thrusters.undriven_axes(symbols.robot)
         if undriven:
-            others = sorted({0, 1, 2, *undriven})
-            undriven_rate = row[:, others] @ symbols.velocity[others]
+            measured_axes = sorted({0, 1, 2, *undriven})
+            undriven_rate = row[:, measured_axes] @ symbols.velocity[measured_axes]
             row = ca.SX(row)
-            row[:, others] = 0
+            row[:, measured_axes] = 0
         return Rows(
             jacobian=row,
             rate=saturate(-self.gain * theta, self.saturation) - undriven_rate,
@@ -219,13 +219,14 @@ class TargetTask(AngleTask):
         across: ca.SX,
         fallback: ca.SX,
         speed: ca.SX,
-        others: dict[str, ca.SX],
+        quantities: dict[str, ca.SX],
         name: str,
     ) -> Rows:
-        """Rows for the way d (3,) [m] to the target, which translation turns by ``across @ v / |d|^2``, across (3, 3) [m].
+        """Rows for the way d (3,) [m] to the target, which translation turns by ``across @ v /
+        |d|^2``, across (3, 3) [m].
 
-        speed (3,) [m/s]: of the target. others: quantities beside the angle, which is called
-        `name`. At d = 0 nothing is asked.
+        speed (3,) [m/s]: of the target. quantities: those beside the angle, which is called `name`.
+        At d = 0 nothing is asked.
         """
         J = symbols.kinematics.jacobian(self.frame)
         is_overhead = ca.norm_2(d) < _OVERHEAD
@@ -235,7 +236,7 @@ class TargetTask(AngleTask):
         row = -n.T @ (J[3:, :] + turning @ J[:3, :])
         angle = ca.if_else(is_overhead, 0, theta)
         rows = self._angle_rows(
-            symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **others}
+            symbols, angle, ca.if_else(is_overhead, 0, row), {name: angle, **quantities}
         )
         # A moving target turns the line of sight by itself: that part of d theta / dt is not ours
         # to choose.
@@ -275,9 +276,15 @@ class Alignment(TargetTask):
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         d = ca.vertcat(parameters[:2] - symbols.kinematics.pose(self.frame)[1][:2], 0)
         across = spatial.skew(d) @ ca.diag(ca.SX([1, 1, 0]))
-        others = {"overhead": ca.norm_2(d) < _OVERHEAD}
+        is_overhead = ca.norm_2(d) < _OVERHEAD
         return self._target_rows(
-            symbols, d, across, ca.SX([0, 0, 1]), parameters[3:], others, "misalignment"
+            symbols,
+            d,
+            across,
+            ca.SX([0, 0, 1]),
+            parameters[3:],
+            {"overhead": is_overhead},
+            "misalignment",
         )
 
 

@@ -76,21 +76,20 @@ class Clearance(Task):
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         pairs = self._pairs.symbols(parameters)
-        n = self._pairs.n_rows
-        bell = SmoothActivation(self.threshold, self.threshold + self.margin)
+        closeness = SmoothActivation(self.threshold, self.threshold + self.margin)
+        rates = list[ca.SX]()
+        activations = list[ca.SX]()
+        for k in range(self._pairs.n_rows):
+            way_out = closeness.end - pairs.distance[k]
+            rates.append(saturate(self.gain * way_out, self.saturation))
+            activations.append(closeness.decreasing(pairs.distance[k]))
+        distance_left = pairs.distance - self.threshold
+        approach = symbols.approach(self, distance_left, pairs.jacobian)
         return Rows(
             jacobian=pairs.jacobian,
-            rate=ca.vertcat(
-                *(
-                    saturate(self.gain * (bell.end - pairs.distance[k]), self.saturation)
-                    for k in range(n)
-                )
-            ),
-            lower=-ca.fmin(
-                symbols.approach(self, pairs.distance - self.threshold, pairs.jacobian),
-                pairs.closing,
-            ),
-            upper=ca.SX.inf(n),
-            activation=ca.vertcat(*(bell.decreasing(pairs.distance[k]) for k in range(n))),
+            rate=ca.vertcat(*rates),
+            lower=-ca.fmin(approach, pairs.closing),
+            upper=ca.SX.inf(self._pairs.n_rows),
+            activation=ca.vertcat(*activations),
             quantities={"clearance": pairs.smallest},
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
 from uvms_ocp.checks import checked
@@ -28,8 +29,8 @@ class Hierarchy(TableDisplay):
                 raise InvalidInput(
                     f"{task!r} is not a task; give values such as HorizontalAttitude()"
                 )
-        names = [task.name for task in tasks]
-        duplicates = sorted({name for name in names if names.count(name) > 1})
+        counts = Counter(task.name for task in tasks)
+        duplicates = sorted(name for name in counts if counts[name] > 1)
         if duplicates:
             raise InvalidInput(
                 f"tasks share the name {', '.join(duplicates)}; give each its own `name`"
@@ -40,12 +41,13 @@ class Hierarchy(TableDisplay):
             self.tasks = _ordered(tasks, order)
 
     def _table(self) -> SmallTable:
-        rows = tuple(
-            (str(k + 1), task.name, task.label, type(task).__name__)
-            for k, task in enumerate(self.tasks)
-        )
+        rows = list[tuple[str, ...]]()
+        for place, task in enumerate(self.tasks, start=1):
+            rows.append((str(place), task.name, task.label, type(task).__name__))
         return SmallTable(
-            title="Hierarchy, highest priority first", head=("", "task", "type", "class"), rows=rows
+            title="Hierarchy, highest priority first",
+            head=("", "task", "type", "class"),
+            rows=tuple(rows),
         )
 
     @property
@@ -60,6 +62,7 @@ class Hierarchy(TableDisplay):
 
 
 def _ordered(tasks: Sequence[Task], order: Sequence[str]) -> tuple[Task, ...]:
+    """Put tasks in an order of their names; raises as `Hierarchy` does."""
     by_name = {task.name: task for task in tasks}
     for name in order:
         require_known("task", name, by_name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -60,59 +60,74 @@ class JointLimits(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """Bounded joints inside their range [rad or m]."""
-        joints = limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
-        ranges = np.array([self._kept(low, up) for _, low, up in joints]).reshape(-1, 2)
-        value = _column_of(joint.position(symbols.q) for joint, _, _ in joints)
-        return Residual(value=value, lower=ranges[:, 0], upper=ranges[:, 1])
+        positions = list[ca.SX]()
+        lower_ends = list[float]()
+        upper_ends = list[float]()
+        for joint, lower, upper in limits.bounded_joints(
+            symbols.robot.joints, symbols.robot.limits
+        ):
+            guarded_lower, guarded_upper = self._guarded_range(lower, upper)
+            positions.append(joint.position(symbols.q))
+            lower_ends.append(guarded_lower)
+            upper_ends.append(guarded_upper)
+        return Residual(
+            value=_column_of(positions),
+            lower=np.array(lower_ends, dtype=float),
+            upper=np.array(upper_ends, dtype=float),
+        )
 
-    def _kept(self, lower: float, upper: float) -> tuple[float, float]:
-        """The range without the guard, which a joint with one limit has not."""
-        guard = self.guard * (upper - lower) if np.isfinite([lower, upper]).all() else 0.0
+    def _guarded_range(self, lower: float, upper: float) -> tuple[float, float]:
+        """The range [rad or m] without the guard, which a joint with one limit has not."""
+        if not np.isfinite([lower, upper]).all():
+            return lower, upper
+        guard = self.guard * (upper - lower)
         return lower + guard, upper - guard
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = [
-            bounded
-            for bounded in limits.bounded_joints(symbols.robot.joints, symbols.robot.limits)
-            if np.isfinite(bounded[1:]).all()
-        ]
-        rows = [self._joint_row(symbols, joint, lower, upper) for joint, lower, upper in joints]
-        rate, lower, upper, activation, margin = (
-            _column_of(row[k] for row in rows) for k in range(5)
-        )
+        axes = list[int]()
+        rows = list[_JointRow]()
+        has_range = False
+        for joint, lower, upper in limits.bounded_joints(
+            symbols.robot.joints, symbols.robot.limits
+        ):
+            if np.isfinite([lower, upper]).all():
+                axes.append(joint.idx_v)
+                rows.append(self._joint_row(symbols, joint, lower, upper))
+                has_range = has_range or lower < upper
+        quantities = dict[str, ca.SX]()
+        if has_range:
+            quantities["margin"] = ca.mmin(_column_of(row.margin for row in rows))
         return Rows(
-            jacobian=symbols.velocity_rows([joint.idx_v for joint, _, _ in joints]),
-            rate=rate,
-            lower=lower,
-            upper=upper,
-            activation=activation,
-            quantities={"margin": ca.mmin(margin)}
-            if any(lower < upper for _, lower, upper in joints)
-            else {},
+            jacobian=symbols.velocity_rows(axes),
+            rate=_column_of(row.rate for row in rows),
+            lower=_column_of(row.lower for row in rows),
+            upper=_column_of(row.upper for row in rows),
+            activation=_column_of(row.activation for row in rows),
+            quantities=quantities,
         )
 
     def _joint_row(
         self, symbols: TickSymbols, joint: limits.Joint, lower: float, upper: float
-    ) -> tuple[ca.SX, ...]:
-        """Rate, lower, upper, activation and distance to the nearer limit of one joint."""
+    ) -> _JointRow:
         q = joint.position(symbols.q)
         margin = self.margin * (upper - lower)
         if lower == upper:  # it is held there, also by solvers that know no limits of velocity
             rate = saturate(self.gain * (lower - q), self.saturation)
-            return rate, rate, rate, ca.SX(1), ca.SX.inf()
-        low, high = self._kept(lower, upper)
-        bell_low = SmoothActivation(low, low + margin)
-        bell_high = SmoothActivation(high - margin, high)
-        back = ca.if_else(q < bell_low.end, bell_low.end - q, ca.fmin(bell_high.start - q, 0))
-        return (
-            saturate(self.gain * back, self.saturation),
-            -self._approach(symbols, joint, q - low),
-            self._approach(symbols, joint, high - q),
-            bell_low.decreasing(q) + bell_high.increasing(q),
-            ca.fmin(q - lower, upper - q),
+            return _JointRow(rate, rate, rate, activation=ca.SX(1), margin=ca.SX.inf())
+        guarded_lower, guarded_upper = self._guarded_range(lower, upper)
+        at_lower = SmoothActivation(guarded_lower, guarded_lower + margin)
+        at_upper = SmoothActivation(guarded_upper - margin, guarded_upper)
+        way_back = ca.if_else(q < at_lower.end, at_lower.end - q, ca.fmin(at_upper.start - q, 0))
+        return _JointRow(
+            rate=saturate(self.gain * way_back, self.saturation),
+            lower=-self._approach(symbols, joint, q - guarded_lower),
+            upper=self._approach(symbols, joint, guarded_upper - q),
+            activation=at_lower.decreasing(q) + at_upper.increasing(q),
+            margin=ca.fmin(q - lower, upper - q),
         )
 
     def _approach(self, symbols: TickSymbols, joint: limits.Joint, distance: ca.SX) -> ca.SX:
+        """Largest speed [rad/s or m/s] towards a limit at this distance [rad or m]."""
         return approach_speed(
             distance,
             gain=self.gain,
@@ -120,6 +135,21 @@ class JointLimits(Task):
             dt=symbols.dt,
             saturation=self.saturation,
         )
+
+
+class _JointRow(NamedTuple):
+    """Row of one joint with a limit on each side, as in `Rows`."""
+
+    rate: ca.SX
+    """[rad/s or m/s]"""
+    lower: ca.SX
+    """[rad/s or m/s]"""
+    upper: ca.SX
+    """[rad/s or m/s]"""
+    activation: ca.SX
+    """In [0, 1]."""
+    margin: ca.SX
+    """[rad or m] to the nearer limit."""
 
 
 @checked_dataclass(eq=False)
@@ -159,23 +189,17 @@ class JointTracking(Task):
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """The way of the chosen joints to the goal = 0 [rad or m]."""
-        joints = [symbols.robot.joint(name) for name in self.joints]
-        goals = ca.vertsplit(parameters[: len(joints)])
-        return zero_residual(
-            _column_of(
-                joint.way(symbols.q, goal) for joint, goal in zip(joints, goals, strict=True)
-            )
-        )
+        goals = ca.vertsplit(parameters[: len(self.joints)])
+        ways = list[ca.SX]()
+        for name, goal in zip(self.joints, goals, strict=True):
+            ways.append(symbols.robot.joint(name).way(symbols.q, goal))
+        return zero_residual(_column_of(ways))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        joints = [symbols.robot.joint(name) for name in self.joints]
+        axes = [symbols.robot.joint(name).idx_v for name in self.joints]
         error = self.residual(symbols, parameters).value
-        rate = parameters[len(joints) :] + saturate(self.gain * error, self.saturation)
-        return equality_rows(
-            symbols.velocity_rows([joint.idx_v for joint in joints]),
-            rate,
-            {"posture_error": ca.norm_2(error)},
-        )
+        rate = parameters[len(axes) :] + saturate(self.gain * error, self.saturation)
+        return equality_rows(symbols.velocity_rows(axes), rate, {"posture_error": ca.norm_2(error)})
 
 
 @checked_dataclass(eq=False)
@@ -216,23 +240,25 @@ class Manipulability(Task):
 
 
 def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
-    """sqrt(det(J J')) of the Jacobian (6, n) at `frame` of the joints that move it; of J' J where
-    these are fewer than 6.
+    """Compute ``sqrt(det(J J'))`` of the Jacobian (6, n) at `frame` of the joints that move it; of J' J
+    where these are fewer than 6.
 
     Raises `InvalidInput` where no joint with a range moves it.
     """
     robot = symbols.robot
     J = symbols.kinematics.jacobian(frame)
-    held_axes = [robot.joint(name).idx_v for name in limits.held_joints(robot.model, robot.joints)]
-    moving = [
-        k for k in range(robot.n_vehicle, robot.n_v) if k not in held_axes and not J[:, k].is_zero()
-    ]
-    if not moving:
+    held_joints = limits.held_joints(robot.model, robot.joints)
+    held_axes = [robot.joint(name).idx_v for name in held_joints]
+    moving_axes = list[int]()
+    for axis in range(robot.n_vehicle, robot.n_v):
+        if axis not in held_axes and not J[:, axis].is_zero():
+            moving_axes.append(axis)
+    if not moving_axes:
         raise InvalidInput(
             f"manipulability of {frame!r}: no joint with a range moves it; give one on an arm, as"
             " its tool"
         )
-    J = J[:, moving]
+    J = J[:, moving_axes]
     gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
     return ca.sqrt(ca.fmax(math.prod(ca.vertsplit(pivots), start=ca.SX(1)), 0) + _SINGULAR**2)
@@ -253,7 +279,7 @@ def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
 
 
 def _column_of(entries: Iterable[ca.SX]) -> ca.SX:
-    """A column (n,) of scalar expressions, also where there are none: (0, 1), and not CasADi's (0,
-    0).
+    """Stack scalar expressions into a column (n,), also where there are none: (0, 1), and not
+    CasADi's (0, 0).
     """
     return ca.vertcat(ca.SX(0, 1), *entries)

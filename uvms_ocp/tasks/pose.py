@@ -28,8 +28,6 @@ from uvms_ocp.tasks.task import (
 )
 from uvms_ocp.types import Positive
 
-# Pose tasks: vehicle pose (PC), tool pose (T), tool position.
-
 _N_POSE = 12 + 6  # p (3), R column by column (9), rate (6)
 _POSE_NUMBERS = ("gain_linear", "gain_angular", "saturation_linear", "saturation_angular")
 """`symbolic_numbers` of tasks on a pose."""
@@ -72,11 +70,8 @@ class PoseTask(Task):
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
         """``[p_goal - p; log3(R_goal R')]`` = 0, [m] and [rad]."""
         R_WF, p_WF = symbols.kinematics.pose(self.frame)
-        return zero_residual(
-            ca.vertcat(
-                parameters[:3] - p_WF, spatial.log3(ca.reshape(parameters[3:12], 3, 3) @ R_WF.T)
-            )
-        )
+        R_goal = ca.reshape(parameters[3:12], 3, 3)
+        return zero_residual(ca.vertcat(parameters[:3] - p_WF, spatial.log3(R_goal @ R_WF.T)))
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
         error_linear, error_angular = ca.vertsplit(self.residual(symbols, parameters).value, 3)
@@ -86,7 +81,8 @@ class PoseTask(Task):
         if turns is not None:
             about = symbols.R_WB[:, list(turns)].T
             error_angular = about @ error_angular
-            jacobian, ahead = (ca.vertcat(x[:3, :], about @ x[3:, :]) for x in (jacobian, ahead))
+            jacobian = ca.vertcat(jacobian[:3, :], about @ jacobian[3:, :])
+            ahead = ca.vertcat(ahead[:3, :], about @ ahead[3:, :])
         rate = ahead + ca.vertcat(
             saturate(self.gain_linear * error_linear, self.saturation_linear),
             saturate(self.gain_angular * error_angular, self.saturation_angular),
