@@ -33,7 +33,8 @@ def largest_miss(curve: PiecewisePolynomial, lower: Array, upper: Array) -> floa
     n_coefficients = curve.coefficients.shape[0]
     flat = curve.coefficients.reshape(n_coefficients, -1)
     shape = (k, *curve.coefficients.shape[1:])
-    rate = curve.durations[None, :, None] ** -np.arange(k)[:, None, None]
+    orders = np.arange(k)[:, None, None]
+    rate = curve.durations[None, :, None] ** -orders
     at_end = _derivatives_at_one(k, n_coefficients)
     begins = curve.coefficients[:k] * np.diag(at_end)[:, None, None] * rate
     ends = (at_end @ flat).reshape(shape) * rate
@@ -46,13 +47,15 @@ def largest_miss(curve: PiecewisePolynomial, lower: Array, upper: Array) -> floa
 
 
 def excess_over_limits(curve: PiecewisePolynomial, lower: Array, upper: Array) -> Array:
-    """(n_axes,) [axis] by which a curve leaves limits (n_axes,) [axis] farthest, anywhere on it.
+    """Return by how much (n_axes,) [axis] a curve leaves limits (n_axes,) [axis] at most, anywhere on
+    it.
 
     Where a bound on a piece, by its Bernstein coefficients, does not say that it stays inside, its
     ends and the roots of its slope do.
     """
     excess = np.zeros(curve.n_axes)
-    bernstein = np.tensordot(_to_bernstein(curve.coefficients.shape[0]), curve.coefficients, axes=1)
+    to_bernstein = _to_bernstein(curve.coefficients.shape[0])
+    bernstein = np.tensordot(to_bernstein, curve.coefficients, axes=1)
     may_leave = (bernstein.min(axis=0) < lower) | (bernstein.max(axis=0) > upper)
     for piece, axis in np.argwhere(may_leave):
         coefficients = curve.coefficients[:, piece, axis]
@@ -66,8 +69,8 @@ def excess_over_limits(curve: PiecewisePolynomial, lower: Array, upper: Array) -
 
 @lru_cache
 def _to_bernstein(n_coefficients: int) -> Array:
-    """(n_coefficients, n_coefficients) from powers of the unit interval: values lie between the
-    least and the largest coefficient.
+    """Matrix (n_coefficients, n_coefficients) from coefficients of powers to Bernstein coefficients:
+    values on the unit interval lie between the least and the largest of these.
     """
     n = n_coefficients - 1
     rows = np.zeros((n + 1, n + 1))
@@ -99,12 +102,12 @@ def achievable_gain(
     descent = -float((slopes * step).sum())
     if not descent > 0.0:
         return 0.0
-    most_bend = _NEIGHBOURS * slopes.shape[0] * descent
+    curvature_bound = _NEIGHBOURS * slopes.shape[0] * descent
     room = np.where(step > 0.0, upper - values, values - lower)
     moves = step != 0.0
     farthest = float((room[moves] / np.abs(step[moves])).min(initial=np.inf))
-    length = min(descent / most_bend, max(farthest, 0.0))
-    return length * (descent - length * most_bend / 2.0)
+    length = min(descent / curvature_bound, max(farthest, 0.0))
+    return length * (descent - length * curvature_bound / 2.0)
 
 
 @lru_cache

@@ -25,6 +25,7 @@ from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.types import Array, Count, Finite, Positive, read_only
 
 _EXTREMUM_GRID = np.linspace(0.0, 1.0, 65)
+"""Unit times at which the largest value of a piece is looked for first."""
 
 
 @checked_dataclass(slots=False, eq=False, repr=False)
@@ -89,11 +90,14 @@ class PiecewisePolynomial(FieldTable):
         curve rests at its ends.
         """
         inside = min(max(t, self.start), self.end)
-        piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, self.n_pieces - 1)
+        piece = int(np.searchsorted(self.breaks, inside, side="right")) - 1
+        piece = min(piece, self.n_pieces - 1)
         duration = self.breaks[piece + 1] - self.breaks[piece]
         u = (inside - self.breaks[piece]) / duration
-        value, rate = _horner_with_rate(self.coefficients[:, piece], u)
-        return value, rate / duration if inside == t else np.zeros(self.n_axes)
+        value, unit_rate = _horner_with_rate(self.coefficients[:, piece], u)
+        if inside != t:
+            return value, np.zeros(self.n_axes)
+        return value, unit_rate / duration
 
     @checked_on_failure
     def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
@@ -101,13 +105,12 @@ class PiecewisePolynomial(FieldTable):
         clipped to the ends.
         """
         times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
-        piece = np.clip(np.searchsorted(self.breaks, times, side="right") - 1, 0, self.n_pieces - 1)
+        piece = np.searchsorted(self.breaks, times, side="right") - 1
+        piece = np.clip(piece, 0, self.n_pieces - 1)
         u = (times - self.breaks[piece]) / self.durations[piece]
         scaled = _differentiated(self.coefficients, derivative)
-        return (
-            polyval(u[..., None], scaled[:, piece], tensor=False)
-            / self.durations[piece][..., None] ** derivative
-        )
+        unit_value = polyval(u[..., None], scaled[:, piece], tensor=False)
+        return unit_value / self.durations[piece][..., None] ** derivative
 
     def derivative(self, order: Count = 1) -> PiecewisePolynomial:
         """The order-th time derivative as a curve of its own."""
@@ -120,9 +123,10 @@ class PiecewisePolynomial(FieldTable):
         """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1,
         n_axes) [axis/s^d].
         """
-        n = max(int(np.ceil(self.duration / period - 1e-9)), 1) + 1
-        times = np.minimum(self.start + period * np.arange(n), self.end)
-        return times, np.stack([self.evaluate(times, d) for d in range(derivatives + 1)], axis=1)
+        n_periods = max(int(np.ceil(self.duration / period - 1e-9)), 1)
+        times = np.minimum(self.start + period * np.arange(n_periods + 1), self.end)
+        values = [self.evaluate(times, d) for d in range(derivatives + 1)]
+        return times, np.stack(values, axis=1)
 
     def jumps(self, derivative: Count) -> Array:
         """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner
@@ -136,11 +140,8 @@ class PiecewisePolynomial(FieldTable):
         """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over
         the whole curve.
         """
-        return np.max(
-            _unit_peaks(_differentiated(self.coefficients, derivative))
-            / self.durations[:, None] ** derivative,
-            axis=0,
-        )
+        unit_peaks = _unit_peaks(_differentiated(self.coefficients, derivative))
+        return np.max(unit_peaks / self.durations[:, None] ** derivative, axis=0)
 
     def scaled(self, factor: Positive) -> PiecewisePolynomial:
         """Return the path ``factor`` times slower, with the start time that it has."""
@@ -176,17 +177,16 @@ class PiecewisePolynomial(FieldTable):
         another number of them, and as `sample`.
         """
         times, values = self.sample(period, derivatives)
-        axes: Sequence[str]
         if names is None:
-            axes = [f"axis{axis}" for axis in range(self.n_axes)]
-        else:
-            axes = names
-        if len(axes) != self.n_axes:
+            names = [f"axis{axis}" for axis in range(self.n_axes)]
+        if len(names) != self.n_axes:
             raise InvalidInput(
-                f"{len(axes)} names given for {self.n_axes} axes; give one for each."
+                f"{len(names)} names given for {self.n_axes} axes; give one for each."
             )
-        columns = [f"d{d}_{axis}" for d in range(derivatives + 1) for axis in axes]
-        return ("t", *columns), np.column_stack([times, values.reshape(times.size, -1)])
+        columns = ["t"]
+        for d in range(derivatives + 1):
+            columns += [f"d{d}_{name}" for name in names]
+        return tuple(columns), np.column_stack([times, values.reshape(times.size, -1)])
 
     def to_csv(
         self,
@@ -249,23 +249,26 @@ def concatenate(curves: Sequence[PiecewisePolynomial]) -> PiecewisePolynomial:
     degree = max(curve.degree for curve in curves)
     durations = np.concatenate([curve.durations for curve in curves])
     breaks = curves[0].start + np.concatenate([[0.0], np.cumsum(durations)])
-    padded = [
-        np.pad(curve.coefficients, ((0, degree - curve.degree), (0, 0), (0, 0))) for curve in curves
-    ]
+    padded = list[Array]()
+    for curve in curves:
+        n_missing = degree - curve.degree
+        padded.append(np.pad(curve.coefficients, ((0, n_missing), (0, 0), (0, 0))))
     return PiecewisePolynomial(breaks=breaks, coefficients=np.concatenate(padded, axis=1))
 
 
 def _check_breaks(breaks: Array) -> None:
+    """Raise `InvalidInput` for times that are too few, not finite or do not increase."""
     if breaks.ndim != 1 or breaks.size < 2:
         raise InvalidInput(
             f"breaks have shape {breaks.shape}; allowed is (n_pieces + 1,) with n_pieces >= 1."
         )
     is_not_increasing = ~(np.diff(breaks) > 0.0)
-    if is_not_increasing.any() or not np.isfinite(breaks).all():
+    is_finite = np.isfinite(breaks)
+    if is_not_increasing.any() or not is_finite.all():
         if is_not_increasing.any():
             index = int(np.argmax(is_not_increasing)) + 1
         else:
-            index = int(np.argmin(np.isfinite(breaks)))
+            index = int(np.argmin(is_finite))
         raise InvalidInput(
             f"break {index} is {breaks[index]}; breaks must be finite and increase [s]."
         )
@@ -284,6 +287,7 @@ def _check_coefficients(coefficients: Array, n_pieces: int) -> None:
 
 
 def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
+    """Evaluate polynomials (degree + 1, n_axes) and their slopes at unit time u by Horner's scheme."""
     value = coefficients[-1]
     rate = np.zeros(coefficients.shape[1])
     for row in coefficients[-2::-1]:
@@ -293,30 +297,31 @@ def _horner_with_rate(coefficients: Array, u: float) -> tuple[Array, Array]:
 
 
 def _differentiated(coefficients: Array, order: int) -> Array:
+    """Coefficients of the order-th derivative by unit time, of all pieces and axes."""
     if order == 0:
         return coefficients
     if order >= coefficients.shape[0]:
         return np.zeros((1, *coefficients.shape[1:]))
-    falling = np.array(
-        [factorial(i) / factorial(i - order) for i in range(order, coefficients.shape[0])]
-    )
-    return coefficients[order:] * falling[:, None, None]
+    powers = range(order, coefficients.shape[0])
+    factors = np.array([factorial(power) / factorial(power - order) for power in powers])
+    return coefficients[order:] * factors[:, None, None]
 
 
 def _unit_peaks(coefficients: Array) -> Array:
     """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton
     on the slope.
     """
-    values = np.abs(polyval(_EXTREMUM_GRID[:, None, None], coefficients[:, None], tensor=False))
-    best = np.take_along_axis(values, np.argmax(values, axis=0)[None], axis=0)[0]
-    u = _EXTREMUM_GRID[np.argmax(values, axis=0)]
-    slope = _differentiated(coefficients, 1)
-    curvature = _differentiated(coefficients, 2)
+    grid = _EXTREMUM_GRID[:, None, None]
+    values = np.abs(polyval(grid, coefficients[:, None], tensor=False))
+    best_index = np.argmax(values, axis=0)
+    peaks = np.take_along_axis(values, best_index[None], axis=0)[0]
+    u = _EXTREMUM_GRID[best_index]
+    first_derivative = _differentiated(coefficients, 1)
+    second_derivative = _differentiated(coefficients, 2)
     for _ in range(3):
-        second = polyval(u, curvature, tensor=False)
-        step = np.divide(
-            polyval(u, slope, tensor=False), second, out=np.zeros_like(u), where=second != 0.0
-        )
+        slope = polyval(u, first_derivative, tensor=False)
+        curvature = polyval(u, second_derivative, tensor=False)
+        step = np.divide(slope, curvature, out=np.zeros_like(u), where=curvature != 0.0)
         u = np.clip(u - np.clip(step, -1 / 64, 1 / 64), 0.0, 1.0)
-        best = np.maximum(best, np.abs(polyval(u, coefficients, tensor=False)))
-    return best
+        peaks = np.maximum(peaks, np.abs(polyval(u, coefficients, tensor=False)))
+    return peaks
