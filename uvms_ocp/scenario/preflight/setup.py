@@ -58,7 +58,9 @@ class Finding:
 
     severity: Severity
     check: str
+    """Name of the check, such as ``reachability``."""
     text: str
+    """What was found, and the cure."""
     phase: str = ""
     """Name of the phase concerned."""
     figures: Mapping[str, Any] = field(default_factory=dict)
@@ -72,27 +74,21 @@ class PreflightReport(TableDisplay):
 
     def __post_init__(self) -> None:
         order = list(Severity)
-        object.__setattr__(
-            self,
-            "findings",
-            tuple(sorted(self.findings, key=lambda finding: order.index(finding.severity))),
-        )
+        findings = sorted(self.findings, key=lambda finding: order.index(finding.severity))
+        object.__setattr__(self, "findings", tuple(findings))
 
     def _table(self) -> SmallTable:
         verdict = "accepted" if self.accepted else "refused"
-        labels = [(item.severity.value, item.phase, item.check) for item in self.findings]
         head = ("severity", "phase", "check")
-        width = max(
-            WIDTH
-            - sum(2 + max(map(len, column)) for column in zip(head, *labels, strict=True))
-            - 2,
-            30,
-        )
-        texts = [textwrap.wrap(item.text, width) or [""] for item in self.findings]
-        pairs = zip(labels, texts, strict=True)
+        labels = [(item.severity.value, item.phase, item.check) for item in self.findings]
+        label_width = 0
+        for column in zip(head, *labels, strict=True):
+            label_width += 2 + max(len(text) for text in column)
+        width = max(WIDTH - label_width - 2, 30)
         rows = []
-        for cells, lines in pairs:
-            rows.append((*cells, lines[0]))
+        for label, item in zip(labels, self.findings, strict=True):
+            lines = textwrap.wrap(item.text, width) or [""]
+            rows.append((*label, lines[0]))
             rows += [("", "", "", line) for line in lines[1:]]
         return SmallTable(title=f"Pre-flight: {verdict}", head=(*head, "finding"), rows=tuple(rows))
 
@@ -114,39 +110,37 @@ class PreflightReport(TableDisplay):
         return tuple(finding for finding in self.findings if finding.check == check)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values only."""
-        rows = [
-            {
-                "severity": finding.severity.value,
-                "check": finding.check,
-                "phase": finding.phase,
-                "text": finding.text,
-            }
-            | {"figures": dict(finding.figures)}
-            for finding in self.findings
-        ]
+        """Return the report as values that JSON has."""
+        rows = []
+        for finding in self.findings:
+            rows.append(
+                {
+                    "severity": finding.severity.value,
+                    "check": finding.check,
+                    "phase": finding.phase,
+                    "text": finding.text,
+                    "figures": dict(finding.figures),
+                }
+            )
         return {"accepted": self.accepted, "findings": rows}
 
     def _of(self, severity: Severity) -> tuple[Finding, ...]:
         return tuple(finding for finding in self.findings if finding.severity is severity)
 
 
-# What the checks look at.
-
-
 @checked_dataclass(eq=False)
 class Setup:
-    """A mission before it begins."""
+    """A mission before it begins, with all that the checks look at."""
 
     robot: Robot
     mission: Mission
     environment: Environment
     start: Annotated[np.ndarray, Shape("robot.n_q")]
-    """(n_q,) [m, rad]"""
+    """(n_q,) [m, rad] configuration at t = 0."""
     altimeter_frame: str | None
-    """`None` for a robot without an altimeter."""
+    """Name of the altimeter's frame; `None` for a robot without one."""
     with_forces: bool
-    """The plant has thrusters and water, so that forces matter."""
+    """True where the plant has thrusters and water, so that forces matter."""
     dt: Period
     """[s] control period."""
     duration: Finite
@@ -177,12 +171,11 @@ class Setup:
         """Height [m] of the altimeter above the vehicle's origin while the vehicle rests as
         thrusters and water leave it.
         """
-        place: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
-        return float(
-            static_balance.rotation_at_rest(self.robot, self.start)[2] @ place
-            if self.with_forces
-            else place[2]
-        )
+        p_BS: np.ndarray = self.altimeter_pose(self.robot.configuration()).translation
+        if not self.with_forces:
+            return float(p_BS[2])
+        R_WB = static_balance.rotation_at_rest(self.robot, self.start)
+        return float(R_WB[2] @ p_BS)
 
 
 def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
@@ -194,26 +187,23 @@ def frame_pose(robot: Robot, q: np.ndarray, frame: str) -> pin.SE3:
     return pin.updateFramePlacement(robot.model, data, robot.frame_id(frame)).copy()
 
 
-# Where the vehicle will be in each phase, foretold from the goals and thresholds of the mission.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Stance:
     """A pose of the vehicle, level, at which a phase may begin or end."""
 
     position: np.ndarray
-    """(3,) [m] p_WB"""
+    """(3,) [m] p_WB of the vehicle in W."""
     yaw: float
-    """[rad]"""
+    """[rad] of the vehicle."""
     likely: bool = True
-    """Not merely possible."""
+    """True for a stance that is likely, and not merely possible."""
 
     @property
     def X_WB(self) -> pin.SE3:
         return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, self.yaw), self.position)
 
     def configuration(self, setup: Setup) -> np.ndarray:
-        """Q (n_q,) [m, rad] with the joints as at the start."""
+        """Return q (n_q,) [m, rad] with the joints as at the start."""
         q = setup.start.copy()
         q[:7] = pin.SE3ToXYZQUAT(self.X_WB)
         return q
@@ -232,13 +222,15 @@ class Visit:
     stances: tuple[Stance, ...]
 
     def active(self, kind: type[AnyTask]) -> AnyTask | None:
-        """The first task of a kind that is on."""
+        """Return the first task of a kind that is on."""
         return next((task for task in self.tasks if isinstance(task, kind)), None)
 
 
 @checked
 def forecast(setup: Setup) -> list[Visit]:
-    """The phases in the order in which a mission without trouble goes through them."""
+    """Foretell the phases in the order in which a mission without trouble goes through them, and
+    where the vehicle is at the end of each.
+    """
     start = setup.start
     yaw = float(pin.rpy.matrixToRpy(pin.Quaternion(start[3:7]).matrix())[2])
     stances: tuple[Stance, ...] = (Stance(position=start[:3].copy(), yaw=yaw),)
@@ -253,7 +245,7 @@ def forecast(setup: Setup) -> list[Visit]:
 
 
 def main_path(phases: Sequence[Phase]) -> list[int]:
-    """Indices of the phases from the first on, by the first transition of each that leads to a new
+    """Return the indices of the phases from the first on, by the first transition of each that leads to a new
     one.
     """
     names = [phase.name for phase in phases]
@@ -261,34 +253,34 @@ def main_path(phases: Sequence[Phase]) -> list[int]:
     index = 0
     while True:
         targets = [transition.to for transition in phases[index].transitions]
-        fresh = [
-            names.index(name) for name in targets if name in names and names.index(name) not in path
-        ]
-        if DONE in targets or not fresh:
+        successors = [names.index(name) for name in targets if name in names]
+        new_successors = [successor for successor in successors if successor not in path]
+        if DONE in targets or not new_successors:
             return path
-        index = fresh[0]
+        index = new_successors[0]
         path.append(index)
 
 
 def threshold_of(phase: Phase, quantity: str) -> float | None:
-    """The threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where
+    """Return the threshold [m] or [rad] below which `quantity` must fall to leave the phase; `None` where
     it does not matter.
     """
-    awaited = (
-        condition
-        for condition in phase.conditions
-        if isinstance(condition, Below) and condition.quantity == quantity
-    )
-    return min((condition.limit for condition in awaited), default=None)
+    limits = []
+    for condition in phase.conditions:
+        if isinstance(condition, Below) and condition.quantity == quantity:
+            limits.append(condition.limit)
+    return min(limits, default=None)
 
 
 def points_on_ball(centre: np.ndarray, radius: float) -> Iterator[np.ndarray]:
-    """The centre (3,) [m] of a ball of `radius` [m] and points on its horizontal rim.
+    """Yield the centre (3,) [m] of a ball of `radius` [m], and points on its horizontal rim.
 
     There the distances to anything outside are extreme.
     """
     yield centre
-    for k in range(_N_RIM if radius > 0 else 0):
+    if radius <= 0:
+        return
+    for k in range(_N_RIM):
         angle = 2 * math.pi * k / _N_RIM
         yield centre + radius * np.array([math.cos(angle), math.sin(angle), 0.0])
 
@@ -307,19 +299,24 @@ def _stances_after(setup: Setup, visit: Visit) -> tuple[Stance, ...]:
     alignment = visit.active(Alignment)
     if alignment is not None:
         target, _ = goals.evaluate_vector(alignment.name, alignment.goal, 0.0)
-        walks = not thrusters.undriven_axes(setup.robot)
-        stances = tuple(_aligned(stance, target, walks=walks) for stance in stances)
+        drives_all_axes = not thrusters.undriven_axes(setup.robot)
+        stances = tuple(_aligned(stance, target, walks=drives_all_axes) for stance in stances)
     landing = visit.active(LandingAltitude)
     if landing is not None:
         altitude = threshold_of(visit.phase, f"{landing.name}.altitude") or landing.rest_altitude
         height = setup.altimeter_height()
-        positions = [stance.position for stance in stances]
-        places = [(x, y, setup.floor_at(x, y) + altitude - height) for x, y, _ in positions]
-        stances = tuple(
-            replace(stance, position=np.array(place))
-            for stance, place in zip(stances, places, strict=True)
-        )
+        stances = tuple(_landed(setup, stance, altitude, height) for stance in stances)
     return stances
+
+
+def _landed(setup: Setup, stance: Stance, altitude: float, height: float) -> Stance:
+    """Return the stance with the altimeter at an altitude [m] over the floor.
+
+    height: [m] of the altimeter above the vehicle's origin.
+    """
+    x, y, _ = stance.position
+    z = setup.floor_at(x, y) + altitude - height
+    return replace(stance, position=np.array((x, y, z)))
 
 
 def stances_at_way_point(
@@ -334,36 +331,40 @@ def stances_at_way_point(
     W.
     """
     yaw = float(pin.rpy.matrixToRpy(goal.rotation)[2])
-    offset = origin - goal.translation
-    arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
-    turned = (pin.rpy.rpyToMatrix(0.0, 0.0, angle) @ arrival for angle in (0.0, _BEND, -_BEND))
-    likely = [Stance(position=goal.translation + point, yaw=yaw) for point in turned]
+    centre = goal.translation
     if towards is None:
-        x, y, _ = np.zeros(3)
+        rim_direction = 0.0
     else:
-        x, y, _ = towards - goal.translation
-    R = pin.rpy.rpyToMatrix(0.0, 0.0, math.atan2(y, x))
-    around = [goal.translation + R @ point for point in points_on_ball(np.zeros(3), radius)]
-    possible = [Stance(position=point, yaw=yaw, likely=radius == 0) for point in around]
-    if radius > 0:
-        return (*likely, *possible)
-    return tuple(possible)
+        x, y, _ = towards - centre
+        rim_direction = math.atan2(y, x)
+    R = pin.rpy.rpyToMatrix(0.0, 0.0, rim_direction)
+    possible = []
+    for point in points_on_ball(np.zeros(3), radius):
+        possible.append(Stance(position=centre + R @ point, yaw=yaw, likely=radius == 0))
+    if radius <= 0:
+        return tuple(possible)
+    offset = origin - centre
+    arrival = offset * min(1.0, radius / max(float(np.linalg.norm(offset)), 1e-9))
+    likely = []
+    for bend in (0.0, _BEND, -_BEND):
+        point = pin.rpy.rpyToMatrix(0.0, 0.0, bend) @ arrival
+        likely.append(Stance(position=centre + point, yaw=yaw))
+    return (*likely, *possible)
 
 
 def _next_target(setup: Setup, visit: Visit) -> np.ndarray | None:
-    """Target of the alignment of this mission, towards and away from which reach is best and
-    worst.
+    """Return the target (3,) [m] in W of the alignment of this mission, towards and away from which
+    reach is best and worst.
     """
-    alignment = next(
-        (task for task in setup.mission.tasks_of(visit.index) if isinstance(task, Alignment)), None
-    )
-    if alignment is None:
-        return None
-    return goals.evaluate_vector(alignment.name, alignment.goal, 0.0)[0]
+    for task in setup.mission.tasks_of(visit.index):
+        if isinstance(task, Alignment):
+            return goals.evaluate_vector(task.name, task.goal, 0.0)[0]
+    return None
 
 
 def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
-    """After turning to a target by the least motion: part of the turn is a walk around the target.
+    """Return the stance after turning to a target by the least motion: part of the turn is a walk
+    around the target.
 
     With d the distance, ``d theta = -(d psi + ds / d)`` and the least ``d psi^2 + ds^2`` share the
     angle as d^2 : 1 between turning and walking. A vehicle that does not drive every axis turns on
@@ -377,8 +378,5 @@ def _aligned(stance: Stance, target: np.ndarray, *, walks: bool) -> Stance:
     theta = math.remainder(bearing - stance.yaw, 2 * math.pi)
     walk = -theta / (d**2 + 1.0) if walks else 0.0
     R = pin.rpy.rpyToMatrix(0.0, 0.0, walk)[:2, :2]
-    return replace(
-        stance,
-        position=np.array([*(target[:2] + R @ offset), stance.position[2]]),
-        yaw=bearing + walk,
-    )
+    x, y = target[:2] + R @ offset
+    return replace(stance, position=np.array([x, y, stance.position[2]]), yaw=bearing + walk)
