@@ -107,11 +107,11 @@ class CodeSource:
         return replace(self, words=self._moved(self.words, folder), options=options, files={})
 
     def digest(self) -> str:
-        """Hash of all files."""
+        """Return the hash of all files."""
         return hashlib.sha256(repr(sorted(self.hashes().items())).encode()).hexdigest()
 
     def hashes(self) -> dict[str, str]:
-        """Hash of each file."""
+        """Return the hash of each file."""
         return {
             name: hashlib.sha256(content).hexdigest()
             for name, content in sorted(self.files.items())
@@ -144,14 +144,12 @@ class CodeSource:
                 f"{copies}: not what a campaign keeps of it ({one_line(error, _Identity)})"
             ) from None
         code = own_code(validated.words)
-        if (
-            code is not None
-            and code.file is not None
-            and code.file.as_posix().removeprefix("./") not in validated.files
-        ):
-            raise InvalidInput(
-                f"{copies}: {validated.words[:80]!r} is not among its files; put back what was"
-            )
+        if code is not None and code.file is not None:
+            name = code.file.as_posix().removeprefix("./")
+            if name not in validated.files:
+                raise InvalidInput(
+                    f"{copies}: {validated.words[:80]!r} is not among its files; put back what was"
+                )
 
         def placed(value: Any) -> Any:
             if isinstance(value, str) and value.startswith("./"):
@@ -173,8 +171,9 @@ class CodeSource:
         return source
 
     def _below(self, value: Any) -> Any:
-        inside = isinstance(value, str) and self.root and value.startswith(self.root + os.sep)
-        if inside:
+        """Return a path below the root with ``./`` in place of it; anything else as it is."""
+        is_below = isinstance(value, str) and self.root and value.startswith(self.root + os.sep)
+        if is_below:
             return "./" + value[len(self.root) + 1 :]
         return value
 
@@ -187,11 +186,9 @@ class CodeSource:
 
 @lru_cache(maxsize=8)
 def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
-    """A folder with the files; other processes of this machine use the same."""
-    folder = Path(
-        tempfile.gettempdir(),
-        f"uvms_ocp_{os.getuid() if hasattr(os, 'getuid') else ''}_{digest[:24]}",
-    )
+    """Write the files into a folder, which other processes of this machine use, too."""
+    user = os.getuid() if hasattr(os, "getuid") else ""
+    folder = Path(tempfile.gettempdir(), f"uvms_ocp_{user}_{digest[:24]}")
     if folder.is_dir() and _is_intact(folder, dict(files)):
         return folder
     fresh = Path(tempfile.mkdtemp(prefix="uvms_ocp_"))
@@ -222,17 +219,20 @@ def _contents(paths: set[Path]) -> dict[str, bytes]:
     """Read files by name: below the root, or, for the toolkit's own robots, below `_PACKED`."""
     root = _common(paths)
     packed = robots_folder().resolve()
-    names = {
-        path: _PACKED + path.relative_to(packed).as_posix()
-        if path.is_relative_to(packed)
-        else path.relative_to(root).as_posix()
-        for path in sorted(paths)
-    }
-    return {name: path.read_bytes() for path, name in names.items()}
+    contents = {}
+    for path in sorted(paths):
+        if path.is_relative_to(packed):
+            name = _PACKED + path.relative_to(packed).as_posix()
+        else:
+            name = path.relative_to(root).as_posix()
+        contents[name] = path.read_bytes()
+    return contents
 
 
 def _common(paths: set[Path]) -> str:
-    folders = [path.parent for path in paths if not path.is_relative_to(robots_folder().resolve())]
+    """Return the folder that holds all files but those of the toolkit's own robots."""
+    packed = robots_folder().resolve()
+    folders = [path.parent for path in paths if not path.is_relative_to(packed)]
     if folders:
         return os.path.commonpath(folders)
     return ""
@@ -248,7 +248,7 @@ def _copy(path: Path) -> bytes:
 
 
 def _each(value: Any, change: Callable[[Any], Any]) -> Any:
-    """The value with everything in it changed."""
+    """Return the value with a change applied to everything in it."""
     if isinstance(value, Mapping):
         return {name: _each(item, change) for name, item in value.items()}
     if isinstance(value, list):
@@ -263,10 +263,12 @@ def _absolute(value: Any) -> Any:
 
 
 def _placed(words: str, folder: Path) -> str:
-    """The words with the whole path of their file."""
+    """Return the words with the whole path of their file."""
     code = own_code(words)
     if code is None or code.file is None:
         return words
-    return str((folder / code.file).resolve()) + (
-        "" if words.endswith(".py") else ":" + words.rpartition(":")[2]
-    )
+    path = str((folder / code.file).resolve())
+    if words.endswith(".py"):
+        return path
+    attribute = words.rpartition(":")[2]
+    return f"{path}:{attribute}"

@@ -136,7 +136,10 @@ class Dispatch:
             workers = ()
             counts = self._client.nthreads().values()
         threads = max(1, sum(counts))
-        while len(self._running) < _AHEAD * threads and (chunk := self._next(todo)):
+        while len(self._running) < _AHEAD * threads:
+            chunk = self._next(todo)
+            if not chunk:
+                break
             self._send(chunk)
         if self._suspects and not self._running:
             self._send([self._suspects.popleft()])  # with nothing beside it

@@ -5,7 +5,7 @@ of a changed one, is refused.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -103,35 +103,34 @@ def claim_manifest(folder: Path, manifest: CampaignManifest) -> None:
     stored = read_as(CampaignManifest, folder / FILE)
     values = json.loads(manifest.model_dump_json())
     if stored is None:
-        others = [path.name for path in folder.iterdir() if path.name != STORE]
-        if others:
+        names = [path.name for path in folder.iterdir() if path.name != STORE]
+        if names:
             raise InvalidInput(
-                f"{folder}: holds {others[0]} and no campaign; give a folder that is empty or new"
+                f"{folder}: holds {names[0]} and no campaign; give a folder that is empty or new"
             )
     else:
-        grows = stored.sampler in GROWING and manifest.runs > stored.runs
-        differs = list(
-            _differences(
-                "", stored.model_dump() | ({"runs": manifest.runs} if grows else {}), values
-            )
-        )
-        if differs:
-            advice = "take the folder of a new campaign, or put back what was"
+        expected = stored.model_dump()
+        if stored.sampler in GROWING and manifest.runs > stored.runs:
+            expected["runs"] = manifest.runs
+        differences = list(_differences("", expected, values))
+        if differences:
             raise InvalidInput(
-                f"{folder}: another campaign is there; not the same: {differs[0]}; {advice}"
+                f"{folder}: another campaign is there; not the same: {differences[0]}; take the"
+                " folder of a new campaign, or put back what was"
             )
     if stored is None or stored.runs != manifest.runs:
         durable_files.write_durably(folder / FILE, json.dumps(values, indent=1) + "\n")
 
 
-def _differences(place: str, stored: Any, requested: Any) -> Any:
+def _differences(place: str, stored: Any, requested: Any) -> Iterator[str]:
+    """Yield where two values of a manifest differ, and how; place: names that lead there."""
     if isinstance(stored, dict) and isinstance(requested, dict):
-        for name in [*stored, *(name for name in requested if name not in stored)]:
-            yield from _differences(
-                f"{place}{' ' if place else ''}{name}", stored.get(name), requested.get(name)
-            )
+        for name in stored | requested:
+            name_place = f"{place} {name}" if place else name
+            yield from _differences(name_place, stored.get(name), requested.get(name))
     elif stored != requested:
-        old_text, new_text = (
-            plain_line("none" if value is None else str(value), 40) for value in (stored, requested)
-        )
-        yield f"{place} ({old_text}, now {new_text})"
+        yield f"{place} ({_short_text(stored)}, now {_short_text(requested)})"
+
+
+def _short_text(value: Any) -> str:
+    return plain_line("none" if value is None else str(value), 40)

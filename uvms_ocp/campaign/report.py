@@ -101,18 +101,15 @@ def table_with_success(folder: Path, success: Sequence[MetricBound] = ()) -> Any
 
 
 def worst_runs(table: Any, folder: Path) -> list[dict[str, Any]]:
-    """Ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
-    merits = np.array([run_metrics.metric_values(table, name) for name in _FINISHED_WORSE]).T
-    keys = list(np.nan_to_num(merits, nan=np.inf).T[::-1])
-    order = np.lexsort([-key for key in keys] + [table["success"].to_numpy(dtype=bool)])[:_WORST]
-    rows = table.iloc[order]
-    merits = merits[order]
+    """Return ten rows in the order of `WORST_FIRST`, each with the command that repeats it."""
+    figures = np.array([run_metrics.metric_values(table, name) for name in _FINISHED_WORSE])
+    keys = [-key for key in np.nan_to_num(figures, nan=np.inf)[::-1]]
+    order = np.lexsort([*keys, table["success"].to_numpy(dtype=bool)])[:_WORST]
     worst = []
-    for (_, row), row_merits in zip(rows.iterrows(), merits, strict=True):
-        metrics = {
-            name: None if np.isnan(metric) else float(metric)
-            for name, metric in zip(_FINISHED_WORSE, row_merits, strict=True)
-        }
+    for row_figures, (_, row) in zip(figures.T[order], table.iloc[order].iterrows(), strict=True):
+        metrics = {}
+        for name, figure in zip(_FINISHED_WORSE, row_figures, strict=True):
+            metrics[name] = None if np.isnan(figure) else float(figure)
         worst.append(
             {
                 "run": int(row["run"]),

@@ -38,26 +38,24 @@ _NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
-    """The tool of each metric that is of one of several; none where there is one tool."""
+    """Return the tool of each metric that is of one of several; none where there is one tool."""
     if len(robot.tools) <= 1:
         return {}
     return {f"{name}[{tool}]": tool for tool in robot.tools for name in OF_EACH_TOOL}
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:
-    """`METRICS`, and those of tools among the columns of a campaign, with their meanings."""
-    return {
-        **METRICS,
-        **{
-            name: f"{METRICS[kind]}, of {name}"
-            for name in columns
-            if name != (kind := kind_of(name)) in METRICS
-        },
-    }
+    """Return `METRICS`, and those of tools among the columns of a campaign, with their meanings."""
+    meanings = dict(METRICS)
+    for name in columns:
+        kind = kind_of(name)
+        if name != kind and kind in METRICS:
+            meanings[name] = f"{METRICS[kind]}, of {name}"
+    return meanings
 
 
 def kind_of(name: str) -> str:
-    """The metric that a column is of, without its tool."""
+    """Return the metric that a column is of, without its tool."""
     return name.partition("[")[0]
 
 
@@ -70,6 +68,10 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     end = float(record["t"][-1])
     spent = figures_between(record, 0.0, end)
     tilt = quantity(record, "HA.tilt", metrics.extremes_of(record, "quantities")[-1])
+    if tilt is None:
+        largest_tilt = metrics.largest_tilt(record)
+    else:
+        largest_tilt = metrics.largest_or_none(tilt)
     failed = metrics.failed_ticks(record)
     figures = {
         "duration_s": end,
@@ -78,21 +80,25 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
         **{name: spent.get(name) for name in _FROM_REPORT},
         "clearance_m": _clearance(scenario, record, None),
         "min_altimeter_m": metrics.least_altimeter_range(record),
-        "tilt_rad": metrics.largest_tilt(record) if tilt is None else metrics.largest_or_none(tilt),
+        "tilt_rad": largest_tilt,
         "alarms": float(len(meta.alarms)),
         "failed_ticks": None if failed is None else float(sum(failed.values())),
     }
     for name, tool in tool_metrics(scenario.robot).items():
-        task_name = next((task_meta.name for task_meta in meta.tasks if task_meta.tool == tool), "")
-        error = f"{task_name}.{kind_of(name).removeprefix('tool_').rpartition('_')[0]}"
-        if kind_of(name) == "clearance_m":
+        kind = kind_of(name)
+        if kind == "clearance_m":
             figures[name] = _clearance(scenario, record, tool)
-        else:
-            figures[name] = meta.true_quantity(error)
-    return {
-        name: None if figure is None or not np.isfinite(figure) else float(figure)
-        for name, figure in figures.items()
-    }
+            continue
+        task_name = next((task_meta.name for task_meta in meta.tasks if task_meta.tool == tool), "")
+        error = kind.removeprefix("tool_").rpartition("_")[0]  # without its unit
+        figures[name] = meta.true_quantity(f"{task_name}.{error}")
+    return {name: _finite_or_none(figure) for name, figure in figures.items()}
+
+
+def _finite_or_none(figure: float | None) -> float | None:
+    if figure is None or not np.isfinite(figure):
+        return None
+    return float(figure)
 
 
 def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | None:

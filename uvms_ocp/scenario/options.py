@@ -42,12 +42,12 @@ from uvms_ocp.tasks import (
 )
 from uvms_ocp.types import Bound, Count, Finite, Positive
 
-# What every scenario can be told in the same words, and the `Scenario` made of it.
-
-# [m]
 _ROBOT = "girona_maris7_full"
-_SEABED = -40.0
+_SEABED = -40.0  # [m] z of the floor in W
+
 Markers = Mapping[str, tuple[float, float, float]]
+"""Points (3,) [m] in W to draw, by name."""
+
 _OF_SCENARIO = ("robot", "solver", "plant", "seed", "dt", "duration", "record_rate", "faults")
 """Options that a `Scenario` has under the same names."""
 
@@ -161,8 +161,8 @@ class RunOptions:
 def run_options(
     keywords: Mapping[str, Any], *, robot: Robot | str = _ROBOT, seabed: float = _SEABED
 ) -> RunOptions:
-    """The options that were given by keyword, `None` for the default; robot and seabed [m] are the
-    scenario's own.
+    """Make the options of a scenario from keywords, `None` for the default; robot and seabed [m] are
+    the scenario's own.
 
     Raises `NameNotFound` for an option or a robot that there is not, and `InvalidInput` for a
     current, a fault or a seed that is none.
@@ -170,25 +170,23 @@ def run_options(
     option_names = [item.name for item in fields(RunOptions)]
     for name in keywords:
         require_known("option of all scenarios", name, option_names)
-    options = {
-        "robot": robot,
-        "seabed": seabed,
-        **{name: value for name, value in keywords.items() if value is not None},
-    }
-    machine = options.pop("robot")
-    current = options.pop("current", None)
-    faults = options.pop("faults", ())
-    return RunOptions(
-        robot=load_robot(machine) if isinstance(machine, str) else machine,
-        current=current_from(current),
-        faults=parse_faults((faults,) if isinstance(faults, str | Fault) else faults),
-        **options,
-    )
+    options: dict[str, Any] = {"robot": robot, "seabed": seabed}
+    for name, value in keywords.items():
+        if value is not None:
+            options[name] = value
+    if isinstance(options["robot"], str):
+        options["robot"] = load_robot(options["robot"])
+    options["current"] = current_from(options.get("current"))
+    faults = options.get("faults", ())
+    if isinstance(faults, str | Fault):
+        faults = (faults,)
+    options["faults"] = parse_faults(faults)
+    return RunOptions(**options)
 
 
 def current_from(current: Current | Sequence[float] | None) -> Current:
-    """A current as it is; of a velocity given (3,) [m/s] in W the uniform one, still water for
-    none.
+    """Return a current as it is, a uniform one for a velocity (3,) [m/s] in W, still water for
+    `None`.
     """
     if current is None:
         return StillWater()
@@ -203,30 +201,27 @@ def apply_options(scenario: Scenario, options: Mapping[str, Any]) -> Scenario:
 
     Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
     """
-    changes = {
-        name: options[name]
-        for name in ("plant", "solver", "seed", "duration", "dt", "record_rate")
-        if name in options
-    }
-    around: dict[str, Any] = (
-        {"current": current_from(options["current"])} if "current" in options else {}
-    )
+    changes: dict[str, Any] = {}
+    for name in ("plant", "solver", "seed", "duration", "dt", "record_rate"):
+        if name in options:
+            changes[name] = options[name]
+    surroundings: dict[str, Any] = {}
+    if "current" in options:
+        surroundings["current"] = current_from(options["current"])
     if "seabed" in options:
-        around["seafloor"] = FlatSeafloor(z=options["seabed"])
+        surroundings["seafloor"] = FlatSeafloor(z=options["seabed"])
     if "noise" in options:
         changes["sensors"] = _sensors(scenario.robot, options["noise"])
     if "faults" in options:
         changes["faults"] = parse_faults(options["faults"])
-    return replace(scenario, environment=replace(scenario.environment, **around), **changes)
+    environment = replace(scenario.environment, **surroundings)
+    return replace(scenario, environment=environment, **changes)
 
 
 def _sensors(robot: Robot, noise: bool) -> SensorSpecs:
     if noise:
         return robot_sensors(robot.description)
     return IDEAL_SENSORS
-
-
-# Parts that scenarios share.
 
 
 def mission_of(
@@ -238,47 +233,40 @@ def mission_of(
     overrides: Mapping[str, Mapping[str, Any]] | None = None,
     abort: Abort | None = None,
 ) -> Mission:
-    """The mission of these tasks and phases; axes out of the thrusters' reach are reckoned with
-    first, and always.
+    """Compose a mission of tasks and phases, with a task on top that is always on for axes that no
+    thruster drives.
 
     order: task names, highest priority first, instead of the order of the classes. overrides:
     fields of tasks by name. Raises `NameNotFound` for an unknown task or field, and `InvalidInput`
     for an order that does not name every task.
     """
-    # Nothing for a robot without thrusters, whose vehicle moves on the kinematic plant alone, on
-    # every axis.
+    all_tasks = list(tasks)
+    first_names: list[str] = []
+    # No axes of a robot without thrusters: its vehicle moves on the kinematic plant alone, on all.
     axes = thrusters.undriven_axes(robot)
     if axes:
-        reckoned_tasks = [UnderActuation(axes=axes)]
-    else:
-        reckoned_tasks = []
-    names = tuple(task.name for task in reckoned_tasks)
+        under_actuation = UnderActuation(axes=axes)
+        all_tasks.insert(0, under_actuation)
+        first_names.append(under_actuation.name)
     if overrides:
-        all_tasks = override([*reckoned_tasks, *tasks], overrides)
-    else:
-        all_tasks = [*reckoned_tasks, *tasks]
-    mission = Mission(
-        hierarchy=Hierarchy(all_tasks, None if order is None else (*names, *order)),
-        phases=tuple(phases),
-        abort=abort,
-    )
-    return with_activations(mission, activate(*names))
+        all_tasks = override(all_tasks, overrides)
+    full_order = None if order is None else (*first_names, *order)
+    hierarchy = Hierarchy(all_tasks, full_order)
+    mission = Mission(hierarchy=hierarchy, phases=tuple(phases), abort=abort)
+    return with_activations(mission, activate(*first_names))
 
 
 def with_activations(mission: Mission, activations: Mapping[str, float]) -> Mission:
-    """The mission with these activations in every phase that does not set them itself, that of its
-    abort too.
+    """Return the mission with these activations in every phase that does not set them itself, that
+    of its abort too.
     """
-    phases = tuple(
-        replace(phase, activations={**activations, **phase.activations})
-        for phase in mission.all_phases
-    )
-    n = len(mission.phases)
-    return replace(
-        mission,
-        phases=phases[:n],
-        abort=None if mission.abort is None else replace(mission.abort, phase=phases[n]),
-    )
+    phases = []
+    for phase in mission.all_phases:
+        phases.append(replace(phase, activations={**activations, **phase.activations}))
+    abort = mission.abort
+    if abort is not None:
+        abort = replace(abort, phase=phases.pop())
+    return replace(mission, phases=tuple(phases), abort=abort)
 
 
 def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:

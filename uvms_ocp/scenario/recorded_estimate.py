@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import repeat
 from operator import itemgetter
@@ -33,6 +33,7 @@ from uvms_ocp.robot import Command, Robot, SensorSpecs
 from uvms_ocp.robot.signals import (
     CHANNELS,
     Reading,
+    Readings,
     robot_sensors,
     unchecked_reading,
     unchecked_readings,
@@ -63,8 +64,11 @@ class RecordedEstimate(TableDisplay):
     """
 
     def _table(self) -> SmallTable:
-        rows = tuple(tuple(map(cell, row.values())) for row in self.channels)
-        return SmallTable(title=self.record.meta.scenario, head=tuple(self.channels[0]), rows=rows)
+        rows = []
+        for channel in self.channels:
+            rows.append(tuple(cell(value) for value in channel.values()))
+        head = tuple(self.channels[0])
+        return SmallTable(title=self.record.meta.scenario, head=head, rows=tuple(rows))
 
 
 @checked
@@ -95,128 +99,152 @@ def estimate_recording(
     for other faults.
     """
     expected = specs or robot_sensors(robot.description)
-    run = recording if isinstance(recording, Record) else None
+    run = None
     if isinstance(recording, Recording):
-        arrivals, n, dt = _sent(recording, robot, expected, dt)
+        title = f"estimate of {recording.name}"
+        arrivals, n_ticks, dt = _sent(recording, robot, expected, dt)
     else:
-        arrivals, n, dt = _recorded(recording, robot)
+        run = recording
+        title = f"estimate of {run.meta.scenario}"
+        arrivals, n_ticks, dt = _recorded(run, robot)
     expected = replace(expected, **{name: None for name in CHANNELS if name not in arrivals})
-    others = [str(fault) for fault in faults if not fault.location.channel]
-    if others:
-        raise InvalidInput(f"faults {', '.join(others)} of a recording; give those of sensors")
-    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
-    struck = sensors.faults_of_channels(robot, faults, {name: sources[name] for name in arrivals})
-    arrivals |= {
-        name: _struck(arrivals[name], channel_faults, dt) for name, channel_faults in struck.items()
-    }
+    arrivals |= _faulty_arrivals(arrivals, robot, faults, dt)
     filtering = estimator.Estimator(robot, expected)
     guarded = GuardedEstimator(filtering, robot, expected)
-    recorder = Recorder(folder=None if folder is None else Path(folder))
     channels = guarded.monitor.channels
+    recorder = Recorder(folder=None if folder is None else Path(folder))
+    received = _ReceivedReadings(arrivals, channels)
+    outcome_rows = [int(filter_memory.NUMBER[name]) for name in channels]
+    compared_times = np.full(len(channels), -math.inf)  # [s] of the last readings compared
     command = None
-    last_readings = dict[str, Reading[Any]]()
-    count = dict.fromkeys(channels, 0)
-    late = dict.fromkeys(channels, 0.0)
-    numbers = [int(filter_memory.NUMBER[name]) for name in channels]
-    compared = np.full(len(channels), -math.inf)
-    stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
-    arrived = next(stream, None)
-    for k in range(n):
-        t = k * dt
-        while arrived is not None and arrived[0] <= k:
-            _, name, value, stamp = arrived
-            last_readings[name] = unchecked_reading(value=value, t=stamp)
-            count[name] = count[name] + 1
-            late[name] = late[name] + t - stamp
-            arrived = next(stream, None)
-        estimate = guarded(unchecked_readings(**last_readings), t, command)
-        sample_times, squared, degrees, accepted = filtering.outcomes[numbers].T
-        new = sample_times > compared
-        compared = np.where(new, sample_times, compared)
+    for tick in range(n_ticks):
+        t = tick * dt
+        estimate = guarded(received.until(tick, t), t, command)
+        sample_times, squared, degrees, accepted = filtering.outcomes[outcome_rows].T
+        is_new = sample_times > compared_times
+        compared_times = np.where(is_new, sample_times, compared_times)
+        health = [channel_health.trust for channel_health in estimate.health]
         row: dict[str, Any] = {
             "t": t,
             "q_estimated": estimate.q,
             "v_estimated": estimate.v,
             "q_std": estimate.std,
-        }
-        row |= {
             "altimeter_range": estimate.altimeter_range,
             "altimeter_std": estimate.altimeter_std,
-        }
-        row |= {
-            "health": np.array(
-                [channel_health.trust for channel_health in estimate.health], dtype=np.int8
-            )
-        }
-        row |= {
-            "innovation": np.where(new, squared / np.maximum(degrees, 1.0), math.nan),
-            "refused": new & (accepted == 0.0),
+            "health": np.array(health, dtype=np.int8),
+            "innovation": np.where(is_new, squared / np.maximum(degrees, 1.0), math.nan),
+            "refused": is_new & (accepted == 0.0),
         }
         recorder.append(row)
         if run is not None:
-            command = Command(v=run.series["command"][k], brakes=bool(run.series["brakes"][k]))
+            command = Command(
+                v=run.series["command"][tick], brakes=bool(run.series["brakes"][tick])
+            )
     series = recorder.series()
-    title = (
-        "estimate of"
-        f" {recording.name if isinstance(recording, Recording) else recording.meta.scenario}"
+    meta = meta_without_mission(
+        robot,
+        title,
+        "recording",
+        dt=dt,
+        channels=channels,
+        alarms=tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms),
+        faults=tuple(injected_faults.fault_meta(fault) for fault in faults),
+        plant="recorded",
+        completed=True,
     )
-    alarms = tuple(AlarmMeta(t=t, text=text) for t, text in guarded.monitor.alarms)
-    fields: dict[str, Any] = {
-        "dt": dt,
-        "channels": channels,
-        "alarms": alarms,
-        "faults": tuple(map(injected_faults.fault_meta, faults)),
-    }
-    fields |= {"plant": "recorded", "completed": True}
-    meta = meta_without_mission(robot, title, "recording", **fields)
-    record = Record(
-        series=series if run is None else series | {"q": run["q"], "v": run["v"]}, meta=meta
-    )
-    rows = []
-    of_channels = zip(
-        channels,
-        degrees,
-        sensor_health(record),
-        series["innovation"].T,
-        series["refused"].T,
-        strict=True,
-    )
-    for name, freedom, health, squared, refused in of_channels:
-        finite = squared[np.isfinite(squared)]
-        sigma = getattr(expected, name).sigma
-        # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
-        if finite.size:
-            ratio = math.sqrt(float(np.median(finite)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
-        else:
-            ratio = None
-        arrival_entries = {
-            "channel": name,
-            "readings": count[name],
-            "delay_s": late[name] / max(count[name], 1),
-        }
-        filter_entries = {
-            "compared": len(finite),
-            "refused": int(refused.sum()),
-            "ratio": ratio,
-            "sigma": sigma,
-        }
-        rows.append(
-            arrival_entries
-            | filter_entries
-            | {"proposed_sigma": None if ratio is None else sigma * ratio}
-            | health
-        )
     if run is None:
+        record = Record(series=series, meta=meta)
         is_same = None
     else:
-        is_same = all(
-            np.array_equal(run[name], series[name]) for name in ("q_estimated", "v_estimated")
+        record = Record(series=series | {"q": run["q"], "v": run["v"]}, meta=meta)
+        names = ("q_estimated", "v_estimated")
+        is_same = all(np.array_equal(run[name], series[name]) for name in names)
+    rows = []
+    for k, health_row in enumerate(sensor_health(record)):
+        name = channels[k]
+        agreement = _agreement(
+            series["innovation"][:, k],
+            series["refused"][:, k],
+            degrees[k],
+            getattr(expected, name).sigma,
         )
+        rows.append({"channel": name, **received.statistics(name), **agreement, **health_row})
     return RecordedEstimate(record=record, channels=tuple(rows), same=is_same)
 
 
+class _ReceivedReadings:
+    """Newest readings of all channels while a recording is gone through, and how late they were."""
+
+    def __init__(self, arrivals: Mapping[str, _Arrivals], channels: Sequence[str]) -> None:
+        self._stream = heapq.merge(*arrivals.values(), key=itemgetter(0))
+        self._next = next(self._stream, None)
+        self._newest = dict[str, Reading[Any]]()
+        self._counts = dict.fromkeys(channels, 0)
+        self._delays = dict.fromkeys(channels, 0.0)  # [s] sums
+
+    def until(self, tick: int, t: float) -> Readings:
+        """Return the newest readings that arrived until a tick, at t [s]."""
+        while self._next is not None and self._next[0] <= tick:
+            _, name, value, stamp = self._next
+            self._newest[name] = unchecked_reading(value=value, t=stamp)
+            self._counts[name] += 1
+            self._delays[name] = self._delays[name] + t - stamp
+            self._next = next(self._stream, None)
+        return unchecked_readings(**self._newest)
+
+    def statistics(self, channel: str) -> dict[str, Any]:
+        """Return how many readings of a channel arrived, and by how much late [s] on average."""
+        n_readings = self._counts[channel]
+        return {"readings": n_readings, "delay_s": self._delays[channel] / max(n_readings, 1)}
+
+
+def _agreement(
+    innovations: np.ndarray, refused: np.ndarray, n_degrees: float, sigma: float
+) -> dict[str, Any]:
+    """Compare the innovations of a channel with what its specification lets expect.
+
+    innovations: (n,) squared, by covariance and degrees of freedom, NaN where there is none.
+    refused: (n,) whether the filter refused them. sigma: [unit of the channel] that is expected.
+    """
+    compared = innovations[np.isfinite(innovations)]
+    ratio = None
+    proposed_sigma = None
+    if compared.size:
+        # The median of chi-squared over its degrees of freedom, by Wilson and Hilferty.
+        expected_median = (1.0 - 2.0 / (9.0 * n_degrees)) ** 3
+        ratio = math.sqrt(float(np.median(compared)) / expected_median)
+        proposed_sigma = sigma * ratio
+    return {
+        "compared": len(compared),
+        "refused": int(refused.sum()),
+        "ratio": ratio,
+        "sigma": sigma,
+        "proposed_sigma": proposed_sigma,
+    }
+
+
+def _faulty_arrivals(
+    arrivals: Mapping[str, _Arrivals], robot: Robot, faults: Sequence[Fault], dt: float
+) -> dict[str, _Arrivals]:
+    """Return the readings of those channels that faults change.
+
+    Raises `InvalidInput` for faults of anything but sensors.
+    """
+    other_faults = [str(fault) for fault in faults if not fault.location.channel]
+    if other_faults:
+        raise InvalidInput(
+            f"faults {', '.join(other_faults)} of a recording; give those of sensors"
+        )
+    sources = sensors.sources_of(robot, has_altimeter="altimeter_range" in arrivals)
+    channel_sources = {name: sources[name] for name in arrivals}
+    faulty = {}
+    for name, effects in sensors.faults_of_channels(robot, faults, channel_sources).items():
+        faulty[name] = _with_faults(arrivals[name], effects, dt)
+    return faulty
+
+
 def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, float]:
-    """Readings of a run by channel, how many ticks it has, and its period [s]."""
+    """Return the readings of a run by channel, how many ticks it has, and its period [s]."""
     meta = require_every_tick(record)
     if "brakes" not in record.series:
         raise InvalidInput(
@@ -224,7 +252,9 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
             " tick"
         )
     arrivals = {}
-    for name in [name for name in CHANNELS if f"measured_{name}" in record.series]:
+    for name in CHANNELS:
+        if f"measured_{name}" not in record.series:
+            continue
         series = record[f"measured_{name}"]
         ticks = np.flatnonzero(np.isfinite(series[:, -1]))
         arrivals[name] = _arriving(name, ticks, series[ticks, :-1], series[ticks, -1], robot)
@@ -234,17 +264,18 @@ def _recorded(record: Record, robot: Robot) -> tuple[dict[str, _Arrivals], int, 
 def _sent(
     recording: Recording, robot: Robot, specs: SensorSpecs, dt: float
 ) -> tuple[dict[str, _Arrivals], int, float]:
-    """Readings of a recording of others, from the first one on, as `_recorded`."""
+    """Return the readings of a recording of others by channel, from the first on, how many ticks it
+    has, and their period [s].
+    """
     if recording.at_once:
         raise InvalidInput(
             f"{recording.name} is of a run, as a table for others; give its record.npz, which has"
             " the readings"
         )
-    channels = {
-        name: channel
-        for name, channel in recording.channels.items()
-        if getattr(specs, name, None) is not None
-    }
+    channels = {}
+    for name, channel in recording.channels.items():
+        if getattr(specs, name, None) is not None:
+            channels[name] = channel
     if not {"attitude", "joint_positions"} & channels.keys():
         raise InvalidInput(
             f"{recording.name} has channels {', '.join(recording.channels)}; an estimate needs"
@@ -252,7 +283,7 @@ def _sent(
         )
     begin = min(channel.undelayed_t[0] for channel in channels.values())
     arrivals = {}
-    n = 0
+    n_ticks = 0
     for name, channel in channels.items():
         stamps = channel.undelayed_t - begin
         ticks = np.ceil(stamps / dt - _EARLY).astype(np.int64)
@@ -261,8 +292,8 @@ def _sent(
         else:
             values = channel.values
         arrivals[name] = _arriving(name, ticks, values, stamps, robot)
-        n = max(n, int(ticks[-1]) + 1)
-    return arrivals, n, dt
+        n_ticks = max(n_ticks, int(ticks[-1]) + 1)
+    return arrivals, n_ticks, dt
 
 
 def _arriving(
@@ -277,22 +308,15 @@ def _arriving(
     return zip(ticks, repeat(name), values if shape else values[:, 0], stamps, strict=False)
 
 
-def _struck(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
-    """Readings as faults change them, without those that a newer one has overtaken."""
+def _with_faults(arrivals: _Arrivals, faults: fault_effects.ChannelFaults, dt: float) -> _Arrivals:
+    """Yield readings as faults change them, without those that a newer one has overtaken."""
     samples = list[tuple[int, str, Any, float, float]]()
-    newest = -math.inf
     for tick, name, value, sample_time in arrivals:
         sample = faults(value, sample_time)
         if sample is not None:
-            samples.append(
-                (
-                    tick + math.ceil(sample.extra_delay / dt - _EARLY),
-                    name,
-                    sample.value,
-                    sample.stamp,
-                    sample_time,
-                )
-            )
+            delayed_tick = tick + math.ceil(sample.extra_delay / dt - _EARLY)
+            samples.append((delayed_tick, name, sample.value, sample.stamp, sample_time))
+    newest = -math.inf
     for tick, name, value, stamp, sample_time in sorted(samples, key=itemgetter(0)):
         if sample_time > newest:
             newest = sample_time

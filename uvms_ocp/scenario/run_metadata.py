@@ -35,8 +35,7 @@ _log = logging.getLogger(__name__)
 _T = TypeVar("_T")
 _FLOOR_AROUND = 12.0  # [m] of a floor with protuberances that a record keeps around the mission
 
-# [s] between places of a goal that moves, and how many there are at most
-_WAY_STEP = 0.1
+_WAY_STEP = 0.1  # [s] between places of a goal that moves
 _MOST_PLACES = 3000
 
 
@@ -65,8 +64,8 @@ class RunOutcome:
 
 
 def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
-    """A value that is computed after a run: where that fails it costs this value, told as a
-    warning, and not the run.
+    """Return a value that is computed after a run, or `instead`, with a warning, where that fails:
+    the run is worth more than this value.
     """
     try:
         return compute()
@@ -78,7 +77,7 @@ def computed_or(instead: _T, name: str, compute: Callable[[], _T]) -> _T:
 
 
 def meta_without_mission(robot: Robot, name: str, phase: str, **fields: Any) -> RunMeta:
-    """Metadata of a motion of one phase, without tasks. fields: other fields of `RunMeta`."""
+    """Make the metadata of a motion of one phase, without tasks. fields: other fields of `RunMeta`."""
     phases = (meta_values.PhaseMeta(name=phase),)
     floating = bool(robot.n_vehicle)
     shared: dict[str, Any] = {"packages": packages(), "solver": "none", "floating": floating}
@@ -100,7 +99,7 @@ def run_meta(
     monitor: HealthMonitor,
     ending: RunOutcome,
 ) -> RunMeta:
-    """Metadata of a run of the mission in `setup`.
+    """Make the metadata of a run of the mission in `setup`.
 
     parts: names of plant, solver, controller, estimator and sensors. controller, monitor: those
     that ran, which know what happened.
@@ -111,26 +110,31 @@ def run_meta(
     state = controller.state
     alarms = sorted([*monitor.alarms, *controller.watchdog.alarms])
     problem = controller.problem
-    rows = zip(problem.names, problem.sizes, strict=True)
-    limited = meta_values.LimitsMeta.model_fields
-    allowed = partial(quantity_stds, setup, ending.q)
+    allowed_stds = partial(quantity_stds, setup, ending.q)
 
     def spreads() -> dict[str, float]:
-        """Compute spreads with what no reading can tell: declared constant errors, and what a
-        channel came back elsewhere by.
+        """Compute standard deviations with what no reading shows: declared constant errors, and
+        jumps of channels that came back.
         """
         unseen = np.hypot(declared_bias(robot, setup.sensors), monitor.unexplained)
         if ending.std is None:
             return {}
-        return allowed(np.hypot(ending.std, unseen))
+        return allowed_stds(np.hypot(ending.std, unseen))
 
-    tool_names = {roles.TOOL: robot.tools[0]} if len(robot.tools) > 1 else {}
-    tools = {
-        task.name: tool_names.get(task.frame, task.frame)
-        for task in tasks
-        if isinstance(task, (ToolPose, ToolPosition))
+    levels = [
+        meta_values.LevelMeta(name=name, rows=n_rows)
+        for name, n_rows in zip(problem.names, problem.sizes, strict=True)
+    ]
+    limits = {
+        name: tuple(getattr(robot.limits, name).tolist())
+        for name in meta_values.LimitsMeta.model_fields
     }
+    sensors_allow: tuple[meta_values.QuantityMeta, ...] = ()
+    if ending.stopped != "cut off":
+        sensors_allow = _values(computed_or({}, "what sensors allow", allowed_stds))
+    tools = _tools_by_task(setup)
     energy = getattr(controller.guide, "energy", None)
+    abort = setup.mission.abort
     return RunMeta(
         scenario=name,
         **recorded_robots.robot_meta(robot),
@@ -144,16 +148,10 @@ def run_meta(
             for task in tasks
         ),
         tool_task=next(iter(tools), None),
-        levels=tuple(meta_values.LevelMeta(name=level, rows=n) for level, n in rows),
+        levels=tuple(levels),
         quantities=tuple(problem.quantity_names),
-        thresholds=tuple(
-            meta_values.ThresholdMeta(**_condition_fields(condition), phase=phase.name)
-            for phase in phases
-            for condition in phase.conditions
-        ),
-        limits=meta_values.LimitsMeta(
-            **{k: tuple(getattr(robot.limits, k).tolist()) for k in limited}
-        ),
+        thresholds=_thresholds(setup.mission),
+        limits=meta_values.LimitsMeta(**limits),
         surroundings=_surroundings(setup, markers, ending),
         packages=packages(),
         **parts,
@@ -162,15 +160,13 @@ def run_meta(
         completed=state.completed,
         stopped=ending.stopped,
         pending="" if state.completed else controller.pending(),
-        abort_phase="" if setup.mission.abort is None else setup.mission.abort.phase.name,
+        abort_phase="" if abort is None else abort.phase.name,
         events=_events(controller, ending),
         alarms=tuple(meta_values.AlarmMeta(t=t, text=text) for t, text in alarms),
         channels=monitor.channels,
         faults=faults,
         true_quantities=_values(ending.quantities),
-        sensors_allow=()
-        if ending.stopped == "cut off"
-        else _values(computed_or({}, "what sensors allow", allowed)),
+        sensors_allow=sensors_allow,
         spreads=_values(computed_or({}, "spreads", spreads)),
         statuses=tuple(status.value for status in Status),
         seed=seed,
@@ -188,35 +184,67 @@ def energy_used(
     """
     if not {"thruster_energy", "joint_energy"} <= series.keys():
         return {}
-    rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(
-        max=len(series["t"]) - 1
-    )
-    total, total_before = (
-        float(np.sum(series["thruster_energy"][row]) + series["joint_energy"][row]) for row in rows
-    )
+    last_row = len(series["t"]) - 1
+    rows = np.searchsorted(series["t"], np.array([t, state.since]) - 1e-9).clip(max=last_row)
+    totals = []
+    for row in rows:
+        thrusters = np.sum(series["thruster_energy"][row])
+        totals.append(float(thrusters + series["joint_energy"][row]))
+    total, total_before = totals
     return dict(zip(meta_values.ENERGIES, (total, total - total_before), strict=True))
+
+
+def _tools_by_task(setup: Setup) -> dict[str, str]:
+    """Return the names of the tools' frames by the tasks that move them."""
+    robot = setup.robot
+    tools = {}
+    for task in setup.mission.hierarchy.tasks:
+        if not isinstance(task, (ToolPose, ToolPosition)):
+            continue
+        tools[task.name] = task.frame
+        if task.frame == roles.TOOL and len(robot.tools) > 1:
+            tools[task.name] = robot.tools[0]
+    return tools
+
+
+def _thresholds(mission: Mission) -> tuple[meta_values.ThresholdMeta, ...]:
+    thresholds = []
+    for phase in mission.all_phases:
+        for condition in phase.conditions:
+            fields = _condition_fields(condition)
+            thresholds.append(meta_values.ThresholdMeta(**fields, phase=phase.name))
+    return tuple(thresholds)
 
 
 def _events(
     controller: KinematicController, ending: RunOutcome
 ) -> tuple[meta_values.EventMeta, ...]:
     events = []
-    for e, truth in zip(controller.events, ending.at_events, strict=False):
-        met = [
-            meta_values.MetConditionMeta(
-                **_condition_fields(condition), estimated=x, release=condition.release
+    for event, truth in zip(controller.events, ending.at_events, strict=False):
+        conditions = []
+        for condition, estimated in event.conditions:
+            conditions.append(
+                meta_values.MetConditionMeta(
+                    **_condition_fields(condition),
+                    estimated=estimated,
+                    release=condition.release,
+                )
             )
-            for condition, x in e.conditions
-        ]
-        why: dict[str, Any] = {"conditions": tuple(met), "true_quantities": _values(truth)}
         events.append(
-            meta_values.EventMeta(t=e.t, source=e.source, target=e.target, reason=e.reason, **why)
+            meta_values.EventMeta(
+                t=event.t,
+                source=event.source,
+                target=event.target,
+                reason=event.reason,
+                conditions=tuple(conditions),
+                true_quantities=_values(truth),
+            )
         )
     return tuple(events)
 
 
 def _condition_fields(condition: Condition) -> dict[str, Any]:
-    """The fields of a `ConditionMeta`."""
+    """Return the fields that a condition has as a `ConditionMeta`."""
     return {"quantity": condition.quantity, "limit": condition.limit, "sign": condition.sign}
 
 
@@ -241,7 +269,7 @@ def _surroundings(
 
 
 def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
-    """Horizontal place (2,) [m] of the vehicle in W at q (n_q,) [m, rad]; a fixed base is at the
+    """Return the horizontal place (2,) [m] of the vehicle in W at q (n_q,) [m, rad]; a fixed base is at the
     origin.
     """
     if setup.robot.n_vehicle:
@@ -250,40 +278,39 @@ def _place(setup: Setup, q: np.ndarray) -> np.ndarray:
 
 
 def _goal_frames(mission: Mission, end: float) -> Iterator[meta_values.FrameMeta]:
-    """Goals of all tasks that have a pose for one, those of phases too, with their ways until `end`
-    [s], if they move.
+    """Yield the goals of all tasks that have a pose for one, those of phases too, with their ways
+    until `end` [s], if they move.
     """
     t = np.linspace(0.0, end, 2 + min(int(end / _WAY_STEP), _MOST_PLACES))
     for task in mission.hierarchy.tasks:
-        if isinstance(task, (PoseTask, ToolPosition)):
-            goals = {None: task.goal} | {
-                mission_phase.name: mission_phase.goals[task.name]
-                for mission_phase in mission.all_phases
-                if task.name in mission_phase.goals
-            }
-            for phase, goal in goals.items():
-                name = f"goal of {task.name}" + ("" if phase is None else f" in {phase}")
-                times = t if callable(goal) else t[:1]
-                places = [
-                    pin.SE3ToXYZQUAT(evaluate_pose(task.name, goal, k)[0]).tolist() for k in times
-                ]
-                if callable(goal):
-                    way = tuple((k, *place) for k, place in zip(t.tolist(), places, strict=True))
-                else:
-                    way = ()
-                yield meta_values.FrameMeta(name=name, pose=tuple(places[0]), phase=phase, way=way)
+        if not isinstance(task, (PoseTask, ToolPosition)):
+            continue
+        yield _goal_frame(task.name, task.goal, None, t)
+        for phase in mission.all_phases:
+            if task.name in phase.goals:
+                yield _goal_frame(task.name, phase.goals[task.name], phase.name, t)
+
+
+def _goal_frame(task: str, goal: Any, phase: str | None, t: np.ndarray) -> meta_values.FrameMeta:
+    """Return a goal of a task, in a phase or in all of them, with its way at the times (n,) [s]."""
+    name = f"goal of {task}"
+    if phase is not None:
+        name += f" in {phase}"
+    moves = callable(goal)
+    times = t if moves else t[:1]
+    poses = [pin.SE3ToXYZQUAT(evaluate_pose(task, goal, time)[0]).tolist() for time in times]
+    way = []
+    if moves:
+        way = [(time, *pose) for time, pose in zip(t.tolist(), poses, strict=True)]
+    return meta_values.FrameMeta(name=name, pose=tuple(poses[0]), phase=phase, way=tuple(way))
 
 
 def _relief(setup: Setup, markers: Markers, end: np.ndarray) -> meta_values.FloorRelief | None:
-    """The floor around the way from the start to the configuration `end` (n_q,), and around the
-    markers.
+    """Return the floor around the way from the start to the configuration `end` (n_q,), and around
+    the markers.
     """
-    points = np.array(
-        [
-            *(_place(setup, q) for q in (setup.start, end)),
-            *(point[:2] for point in markers.values()),
-        ]
-    )
-    low = points.min(axis=0) - _FLOOR_AROUND
-    high = points.max(axis=0) + _FLOOR_AROUND
+    points = [_place(setup, setup.start), _place(setup, end)]
+    points += [np.array(point[:2]) for point in markers.values()]
+    low = np.min(points, axis=0) - _FLOOR_AROUND
+    high = np.max(points, axis=0) + _FLOOR_AROUND
     return floor_relief(setup.environment.seafloor, low, high)

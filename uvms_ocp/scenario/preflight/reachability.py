@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import takewhile
 from operator import attrgetter
 from typing import Any
 
@@ -20,8 +19,6 @@ from uvms_ocp.robot.static_balance import rotation_at_rest
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
-
-# Inverse kinematics of the arm on a vehicle that stands still.
 
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
@@ -208,15 +205,14 @@ class ArmReach:
         J = slope[:, self._robot.joint_v]
         if self._leans:
             inwards = np.copysign(_LEAN_STEP, 0.5 * (self._lower + self._upper) - joints)
-            moved = (
-                self._rest(np.clip(joints + step, self._lower, self._upper))
-                for step in np.diag(inwards)
-            )
-            J = J + slope[:, 3:6] @ np.column_stack([pin.log3(lean.T @ R) for R in moved]) / inwards
+            turns = []  # [rad] of the vehicle by a step of each joint
+            for step in np.diag(inwards):
+                moved_lean = self._rest(np.clip(joints + step, self._lower, self._upper))
+                turns.append(pin.log3(lean.T @ moved_lean))
+            J = J + slope[:, 3:6] @ np.column_stack(turns) / inwards
         R = X_WF.rotation @ goal.rotation.T
-        return np.concatenate([X_WF.translation - goal.translation, pin.log3(R)]), np.vstack(
-            [J[:3], pin.Jlog3(R).T @ J[3:]]
-        )
+        error = np.concatenate([X_WF.translation - goal.translation, pin.log3(R)])
+        return error, np.vstack([J[:3], pin.Jlog3(R).T @ J[3:]])
 
     def _rest(self, joints: np.ndarray) -> np.ndarray:
         return rotation_at_rest(self._robot, self._robot.configuration(joints=joints))
@@ -307,10 +303,8 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
     turned = distances
     if isinstance(task, ToolPose):
         turned = distances_missing(ArmReach.of_task(setup, task, turned=True), visit.stances, goals)
-    figures |= {
-        f"missing_{name}_with_free_orientation_m": getattr(turned, name).position
-        for name in ("best", "worst")
-    }
+    figures["missing_best_with_free_orientation_m"] = turned.best.position
+    figures["missing_worst_with_free_orientation_m"] = turned.worst.position
     suggestion = _suggestion(setup, arm, visit, goals)
     advice = "no way point towards it helps: move the goal or use another arm"
     if suggestion is not None:
@@ -321,19 +315,19 @@ def _finding(setup: Setup, visit: Visit, task: ToolPose | ToolPosition) -> Findi
             "its position alone is reached: ask for that, by ToolPosition, or use an arm of more"
             " joints"
         )
-    best, worst = (
-        f"{reach.position:.3f} m ({reach.orientation:.2f} rad)"
-        for reach in (distances.best, distances.worst)
+    text = (
+        f"{task.name}: the arm misses the goal by {_missing_text(distances.best)} at best and"
+        f" {_missing_text(distances.worst)} at worst over the vehicle positions foreseen"
     )
-    from_likely = ", though it reaches it from the likely ones" if distances.likely.reached else ""
-    missed = (
-        f"the arm misses the goal by {best} at best and {worst} at worst over the vehicle positions"
-        " foreseen"
-    )
-    text = f"{task.name}: {missed}{from_likely}; {advice}"
-    return (Severity.WARNING if distances.likely.reached else Severity.ERROR).finding(
-        CHECK, text, visit.phase.name, **figures
-    )
+    severity = Severity.ERROR
+    if distances.likely.reached:
+        severity = Severity.WARNING
+        text += ", though it reaches it from the likely ones"
+    return severity.finding(CHECK, f"{text}; {advice}", visit.phase.name, **figures)
+
+
+def _missing_text(reach: ReachResult) -> str:
+    return f"{reach.position:.3f} m ({reach.orientation:.2f} rad)"
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
@@ -369,15 +363,14 @@ def _suggestion(
 
 def _last_way_point(setup: Setup, visit: Visit) -> tuple[int, VehiclePose] | None:
     """Index of the last phase before `visit` with a way point, and its task."""
-    before = takewhile(lambda earlier: earlier.index != visit.index, forecast(setup))
-    way_points = [
-        (preceding.index, task)
-        for preceding in before
-        if (task := preceding.active(VehiclePose)) is not None and not callable(task.goal)
-    ]
-    if way_points:
-        return way_points[-1]
-    return None
+    latest = None
+    for earlier in forecast(setup):
+        if earlier.index == visit.index:
+            break
+        task = earlier.active(VehiclePose)
+        if task is not None and not callable(task.goal):
+            latest = (earlier.index, task)
+    return latest
 
 
 def _reached_from(setup: Setup, arm: ArmReach, visit: Visit, goals: Sequence[pin.SE3]) -> bool:
