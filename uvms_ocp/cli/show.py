@@ -106,29 +106,27 @@ def compare_runs(
     Raises `InvalidInput` for a folder without a record.
     """
     console = console_of(stderr=as_json)
-    sources = [_given(words) for words in (first, second)]  # both, before either is run
-    records = [
-        _record(words, source, console)
-        for words, source in zip((first, second), sources, strict=True)
-    ]
-    rows = compare(records[0], records[1])
+    # Both are looked at before either is run.
+    first_source = _record_or_scenario(first)
+    second_source = _record_or_scenario(second)
+    first_record = _record(first, first_source, console)
+    second_record = _record(second, second_source, console)
+    rows = compare(first_record, second_record)
     shown = [row | {"change": _percent(row["change"])} for row in rows]
-    console.print(
-        table_of(f"{first} against {second}", shown, ("figure", "first", "second", "change"))
-    )
+    columns = ("figure", "first", "second", "change")
+    console.print(table_of(f"{first} against {second}", shown, columns))
     if as_json:
         print_json(rows)
 
 
-def _given(words: str) -> Record | Scenario:
+def _record_or_scenario(words: str) -> Record | Scenario:
     """Return a record of a folder or a file, or a scenario to be run."""
-    if (Path(words).exists() and own_code(words) is None) or not (
-        own_code(words) or words in SCENARIOS
-    ):
-        return Record.load(
-            _file_at(Path(words), (RECORD,), "the folder of a run, or of a plan of `plan`")
-        )
-    return opt.build_scenario(words, {})
+    is_code = own_code(words) is not None
+    is_scenario = is_code or (words in SCENARIOS and not Path(words).exists())
+    if is_scenario:
+        return opt.build_scenario(words, {})
+    advice = "the folder of a run, or of a plan of `plan`"
+    return Record.load(_file_at(Path(words), (RECORD,), advice))
 
 
 def _record(words: str, source: Record | Scenario, console: Console) -> Record:

@@ -276,11 +276,9 @@ def documented_modules(pages: str) -> tuple[str, ...]:
         if names and not set(_APART) & set(parts):
             room = importlib.import_module(".".join(("uvms_ocp", *parts)))
             # Loaded here, where the room loads them when asked.
-            things = {name: getattr(room, name) for name in names}
-            vars(room).update(
-                things,
-                __all__=[name for name, thing in things.items() if not inspect.ismodule(thing)],
-            )
+            exports = {name: getattr(room, name) for name in names}
+            public = [name for name, value in exports.items() if not inspect.ismodule(value)]
+            vars(room).update(exports, __all__=public)
             modules[room.__name__] = None
     waiting = [*modules, *_modules_of(pages)]
     while waiting:
@@ -296,21 +294,24 @@ def _modules_of(text: str) -> list[str]:
 
 
 def place_of(name: str) -> tuple[ModuleType, str]:
-    """The module of a name in full, and the rest of it. Raises `NameNotFound` where there is no
-    such thing.
+    """Return the module of a name in full, and the name within it.
+
+    Raises `NameNotFound` where there is no such name.
     """
     parts = name.split(".")
-    n = next(k for k in range(len(parts), 0, -1) if _is_module(".".join(parts[:k])))
-    module = importlib.import_module(".".join(parts[:n]))
-    thing: object = module
-    for part in parts[n:]:
-        fields = getattr(thing, "__annotations__", {})
-        if not hasattr(thing, part) and part not in fields:
-            raise NameNotFound(
-                f"name in {'.'.join(parts[:n])}", part, [key for key in dir(thing) if key[0] != "_"]
-            )
-        thing = getattr(thing, part, None)
-    return module, ".".join(parts[n:])
+    n_parts = len(parts)
+    while not _is_module(".".join(parts[:n_parts])):
+        n_parts -= 1
+    module_name = ".".join(parts[:n_parts])
+    module = importlib.import_module(module_name)
+    value: object = module
+    for part in parts[n_parts:]:
+        fields = getattr(value, "__annotations__", {})
+        if not hasattr(value, part) and part not in fields:
+            allowed = [key for key in dir(value) if key[0] != "_"]
+            raise NameNotFound(f"name in {module_name}", part, allowed)
+        value = getattr(value, part, None)
+    return module, ".".join(parts[n_parts:])
 
 
 def _is_module(name: str) -> bool:

@@ -69,17 +69,15 @@ def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     rows = list(outcomes)[:_MOST][::-1]
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.7 + 0.28 * len(rows)))
     axis = figure.subplots()
+    labels = []
+    colors = []
+    errors = []  # [%] below and above each share
+    for row in rows:
+        labels.append(style.label_text(row["outcome"], _LONGEST))
+        colors.append(style.GREEN if row["outcome"] == "completed" else style.VERMILLION)
+        errors.append((100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])))
     shares = np.array([100 * row["share"] for row in rows])
-    errors = np.array(
-        [[100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])] for row in rows]
-    ).T
-    colors = [style.GREEN if row["outcome"] == "completed" else style.VERMILLION for row in rows]
-    axis.barh(
-        [style.label_text(row["outcome"], _LONGEST) for row in rows],
-        shares,
-        xerr=np.maximum(errors, 0.0),
-        color=colors,
-    )
+    axis.barh(labels, shares, xerr=np.maximum(np.array(errors).T, 0.0), color=colors)
     axis.set(xlabel="share of runs [%], with 95 % intervals", xlim=(0, 100))
     return figure
 
@@ -145,9 +143,8 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
     """Draw PAWN indices of one figure by parameter, beside what a number of no effect would have;
     rows as the report has them.
     """
-    bars = sorted(
-        (row for row in rows if row["figure"] == figure_name), key=lambda row: row["pawn"]
-    )[-_MOST:]
+    figure_rows = [row for row in rows if row["figure"] == figure_name]
+    bars = sorted(figure_rows, key=lambda row: row["pawn"])[-_MOST:]
     figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(bars)))
     axis = figure.subplots()
     colors = [style.ORANGE if row["pawn"] > row["pawn_floor"] else style.FADED for row in bars]

@@ -102,12 +102,12 @@ PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 @checked
 def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
     """Write every figure that the plan can fill as PNG; returns the paths. Raises `OutputError`."""
-    drawn = {
-        name: figure for name, draw in PLAN_FIGURES.items() if (figure := draw(record)) is not None
-    }
-    return tuple(
-        style.save_figure(figure, Path(folder) / f"{name}.png") for name, figure in drawn.items()
-    )
+    figures = {name: draw(record) for name, draw in PLAN_FIGURES.items()}
+    paths = []
+    for name, figure in figures.items():
+        if figure is not None:
+            paths.append(style.save_figure(figure, Path(folder) / f"{name}.png"))
+    return tuple(paths)
 
 
 def _motion(

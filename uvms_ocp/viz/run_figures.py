@@ -330,9 +330,8 @@ def plot(
     if names or ax is not None or fig is not None:
         return tasks.figure_of(record, *_flattened(names), ax=ax, fig=fig, width=width)
     draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
-    return style.Figures(
-        figure for draw in draws.values() if (figure := draw(record, width=width)) is not None
-    )
+    figures = [draw(record, width=width) for draw in draws.values()]
+    return style.Figures(figure for figure in figures if figure is not None)
 
 
 def _flattened(names: Sequence[_Names]) -> list[str]:

@@ -131,8 +131,8 @@ class ScenePage:
         """Return an iframe of that id with the page; a viewer that the notebook holds already is
         copied in by a script.
         """
-        head, _, rest = self.html.partition(_VIEWER_MARK)
-        viewer, _, tail = rest.partition(_VIEWER_MARK)
+        head, _, after_head = self.html.partition(_VIEWER_MARK)
+        viewer, _, tail = after_head.partition(_VIEWER_MARK)
         with_viewer = not _viewer_in_notebook()
         style = f"width:100%;height:{self.height:d}px;border:none"
         if with_viewer:

@@ -281,9 +281,7 @@ def witness_lines(
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
     frame_indices = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
     pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
-    scene = pair_distances.CoalPairs(
-        robot.model, shape_pairs.shapes_among(robot, obstacles), pairs
-    )
+    scene = pair_distances.CoalPairs(robot.model, shape_pairs.shapes_among(robot, obstacles), pairs)
     witnesses = np.array(
         [
             _nearest(scene, q, (len(obstacles), n_links))
