@@ -13,7 +13,15 @@ from pathlib import Path
 import pytest
 
 import uvms_ocp.identification as package
-from uvms_ocp.identification import calibration, data_quality, reading, sample_checks
+from uvms_ocp.identification import (
+    command_checks,
+    joint_checks,
+    mapped_recordings,
+    rate_checks,
+    run_recordings,
+    sample_checks,
+    settings_checks,
+)
 
 DOUBTS = import_module("spoiled.doubts").DOUBTS
 KINDS = import_module("spoiled.kinds").KINDS
@@ -34,8 +42,9 @@ PARTS = (
 )
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
 PARTLY = {
-    reading: ("_unknown", "_factors", "_spoiled"),
-    calibration: ("check_settings", "_of_current", "_of_thrust"),
+    mapped_recordings: ("_doubts", "_factors"),
+    run_recordings: ("_spoiled",),
+    settings_checks: ("check_settings", "_of_current", "_of_thrust"),
 }
 """Functions with doubts of modules in which other texts stand too."""
 FEWEST = 3
@@ -78,7 +87,7 @@ def all_texts() -> set[str]:
 def doubtful_texts() -> set[str]:
     """Of the code that raises doubts."""
     doubtful = set()
-    for module in (sample_checks, data_quality, *PARTLY):
+    for module in (sample_checks, rate_checks, joint_checks, command_checks, *PARTLY):
         for text in said(Path(str(module.__file__)), PARTLY.get(module, ())):
             if text.count(" ") >= FEWEST:
                 doubtful.add(text)

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from driven import ACTUATORS, drive, known, vehicle_of
 
-from uvms_ocp.identification.calibration import exported_estimate
+from uvms_ocp.identification.exported_estimate import exported_estimate
 from uvms_ocp.identification.fit import FitContext, Search, constant_slopes, search_fit
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from own_runs import driven_run, slow
 
-from uvms_ocp.identification.calibration import mixed_thrusters
+from uvms_ocp.identification.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.run_recordings import run_recording
 from uvms_ocp.robot.thrusters import thruster_matrix

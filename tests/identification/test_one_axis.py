@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
-from uvms_ocp.identification.calibration import Calibration, along_axes, calibrate
+from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.completed_recordings import along_axes
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text

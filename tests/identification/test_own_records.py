@@ -16,7 +16,7 @@ from own_runs import DEAD_ZONE, LAG, as_before, driven_run, slow
 
 from uvms_ocp import load_robot
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.calibration import calibrate, check_settings, require_current
+from uvms_ocp.identification.calibration import calibrate
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import Recording
@@ -24,6 +24,7 @@ from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.identification.run_recordings import run_recording
 from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings_checks import check_settings, require_current
 from uvms_ocp.identification.uncertainty import IdentifiedNumber, values_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.series_checks import MEASURED

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.identification.calibration import with_thrust
+from uvms_ocp.identification.completed_recordings import with_thrust
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
 from uvms_ocp.robot.loading import robot_folder

@@ -20,8 +20,9 @@ from uvms_ocp.identification import (
     uncertainty,
 )
 from uvms_ocp.identification.advice import advice
-from uvms_ocp.identification.calibration import Calibration, HeldConstant
+from uvms_ocp.identification.calibration import Calibration
 from uvms_ocp.identification.fit_tables import fits, left_out_tables
+from uvms_ocp.identification.held_constants import HeldConstant
 from uvms_ocp.identification.prediction_text import (
     prediction_data,
     prediction_lines,

@@ -1,0 +1,108 @@
+"""Check whether motion follows its commands: after them, soon, and along the axes of a wrench.
+
+An acceleration is explained by a command at an earlier time, beside drag, weight and the turning of
+the frame. Where one at a time that cannot be explains much more than all that can be, the clocks
+differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_ocp.identification import sample_checks as checks
+from uvms_ocp.identification.explained_motion import (
+    MAY,
+    SHIFTS,
+    ExplainedMotion,
+    commanded,
+    motion_of,
+)
+from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording, ZeroOrderHold
+
+_COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
+# of what drag leaves: by how much more another time must explain, and how much
+_CLEARER = 0.1
+_CLEAR = 0.3
+_MORE = 0.3  # by which other axes of a wrench must explain more, of one axis
+_PARTS = {"forces": slice(0, 3), "moments": slice(3, 6)}
+
+
+def of_commands(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield channels and doubts about them."""
+    names = [name for name in _COMMANDS if name in recording.channels]
+    if not names:
+        return
+    motion = motion_of(recording)
+    if motion is None:
+        return
+    for name in names:
+        held = ZeroOrderHold(recording.channels[name])
+        for text in _command_issues(name, held, motion):
+            yield name, text
+
+
+def _command_issues(name: str, held: ZeroOrderHold, motion: ExplainedMotion) -> Iterator[str]:
+    """Yield doubts about the clock of a command, and about the axes of a wrench."""
+    signed = name == "wrench"
+    shares = np.array([_shares(motion, commanded(held, motion, shift), signed) for shift in SHIFTS])
+    moved = shares.max(axis=0) > _CLEAR
+    if not moved.any():
+        return
+    share = shares[:, moved].mean(axis=1)
+    late = float(SHIFTS[int(np.argmax(share))])
+    if share.max() > share[MAY].max() + _CLEARER:
+        if late > 0:
+            when = f"{late:.2f} s after"
+        else:
+            when = f"{-late:.2f} s before"
+        yield f"the vehicle accelerates {when} what it says: a clock of its own?"
+    if signed:
+        yield from _wrench_axes(held, motion, late)
+
+
+def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> Iterator[str]:
+    """Yield other axes of a wrench, along which the vehicle accelerates more than along those that
+    it has.
+    """
+    forces_in_body = commanded(held, motion, late)
+    forces_in_world = commanded(held, motion, late, turned=True)
+    as_it_is = checks.named(np.eye(3))
+    for part, rows in _PARTS.items():
+        acceleration = motion.acceleration[:, rows]
+        shares = {}
+        for Q in checks.WAYS:
+            shares[checks.named(Q)] = _along(acceleration, forces_in_body[:, rows], Q)
+        share_in_world = _along(acceleration, forces_in_world[:, rows], np.eye(3))
+        shares["in W"] = share_in_world - _MORE / 2
+        best = max(shares, key=lambda way: shares[way])
+        if shares[best] > max(shares[as_it_is], 0.0) + _MORE:
+            yield f"its {part} fit the acceleration as {best}"
+
+
+def _along(acceleration: np.ndarray, forces: np.ndarray, Q: np.ndarray) -> float:
+    """Sum the shares that forces (m, 3), turned by Q, explain of the acceleration (m, 3) along each
+    axis; negative where they point away from it.
+    """
+    along = np.diag(_correlations(acceleration, forces @ Q.T))
+    return float((along * np.abs(along)).sum())
+
+
+def _shares(motion: ExplainedMotion, forces: np.ndarray, signed: bool) -> np.ndarray:
+    """Compute shares (6,) of all accelerations that a command explains; signed: each component
+    alone, that of its own axis.
+    """
+    if signed:
+        return np.maximum(np.diag(_correlations(motion.acceleration, forces)), 0.0) ** 2
+    forces = forces / np.maximum(np.linalg.norm(forces, axis=0), 1e-300)
+    common = forces.T @ motion.acceleration
+    inverse = np.linalg.pinv(forces.T @ forces, rcond=1e-12, hermitian=True)
+    along = (common * (inverse @ common)).sum(axis=0)
+    return np.asarray(along / np.maximum((motion.acceleration**2).sum(axis=0), 1e-9))
+
+
+def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Compute correlations (k, l) of the columns of x (m, k) and y (m, l)."""
+    sizes = np.outer(np.linalg.norm(x, axis=0), np.linalg.norm(y, axis=0))
+    return np.asarray(x.T @ y / np.maximum(sizes, 1e-300))

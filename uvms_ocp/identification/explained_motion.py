@@ -1,0 +1,101 @@
+"""Compute what accelerates a vehicle beside drag, weight and the turning of its frame, and what of a
+command stands beside these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.identification import recording as recordings, sample_checks as checks
+from uvms_ocp.identification.recording import (
+    Channel,
+    Recording,
+    ZeroOrderHold,
+    angular_rate,
+    rotations,
+    smoothed,
+)
+
+SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
+"""[s] by which motion comes after a command."""
+MAY = (SHIFTS > -0.15) & (SHIFTS < 1.2)
+"""Plausible ones of these: thrusters lag, and messages take their time."""
+_MOVING_VEHICLE = 0.01  # [m/s, rad/s] standard deviation of what moves
+_MIN_SAMPLES = 200
+_STILL = 1e-6  # of a command's size, left of it beside drag and weight: nothing by itself
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExplainedMotion:
+    """Accelerations of a vehicle, less what drag, weight and the turning of its frame explain."""
+
+    t: np.ndarray
+    """(m,) [s] uniform times."""
+    acceleration: np.ndarray
+    """(m, 6) linear and angular in B, in units of their own spread, without what drag and weight
+    explain.
+    """
+    beside: np.ndarray
+    """(m, l) orthonormal: drag, weight and the turning of the frame."""
+    R: np.ndarray
+    """(m, 3, 3) from B to W."""
+
+    def rest(self, values: np.ndarray) -> np.ndarray:
+        """Return the part of values (m, k) [any] that drag, weight and turning do not explain."""
+        return values - self.beside @ (self.beside.T @ values)
+
+
+def motion_of(recording: Recording) -> ExplainedMotion | None:
+    """Compute what is left to be explained by commands; `None` where the attitude or all velocities
+    are not known.
+    """
+    channels = recording.channels
+    if "attitude" not in channels or "linear_velocity" not in channels:
+        return None
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW)
+    start, end = recording.span
+    t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
+    if len(t) < _MIN_SAMPLES:
+        return None
+    turning = channels.get("angular_velocity")
+    if turning is None or np.ptp(turning.values) < 1e-3:
+        t_turning, omega = angular_rate(channels["attitude"], checks.WINDOW)
+        turning = Channel(t=t_turning, values=omega)
+    linear, linear_rates = _at(t, channels["linear_velocity"])
+    angular, angular_rates = _at(t, turning)
+    v = np.hstack([linear, angular])
+    a = np.hstack([linear_rates, angular_rates])
+    R = rotations(channels["attitude"], t)
+    ones = np.ones((len(t), 1))
+    coriolis = np.cross(v[:, 3:], v[:, :3])
+    basis, _ = np.linalg.qr(np.hstack([ones, v, v * np.abs(v), R[:, 2], coriolis]))
+    is_moving = v.std(axis=0) > _MOVING_VEHICLE
+    unexplained = np.where(is_moving, a - basis @ (basis.T @ a), 0.0)
+    scaled = unexplained / np.maximum(unexplained.std(axis=0), 1e-9)
+    return ExplainedMotion(t, scaled, basis, R)
+
+
+def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
+    """Interpolate values and rates (m, k) at t (m,)."""
+    grid, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
+    _, rates = smoothed(channel.undelayed_t, channel.values, checks.WINDOW, derivative=1)
+    return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
+
+
+def commanded(
+    held: ZeroOrderHold, motion: ExplainedMotion, shift: float, *, turned: bool = False
+) -> np.ndarray:
+    """Compute means (m, k) of a command over the window of the rates, without what drag and weight
+    explain.
+
+    shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
+    """
+    middles = motion.t - shift  # [s]
+    totals = held.total(middles + checks.WINDOW / 2) - held.total(middles - checks.WINDOW / 2)
+    values = totals / checks.WINDOW
+    if turned:
+        values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
+    rest = motion.rest(values)
+    return np.where(rest.std(axis=0) > _STILL * np.abs(values).max(axis=0), rest, 0.0)

@@ -1,0 +1,82 @@
+"""Choose what a robot's file may say of what was learnt: what stays open is as it was declared, and
+all else is fitted anew about it.
+
+An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle
+would fly with it. The others have taken its part where they were fitted with it: they are not
+kept as they were either. What is next to nothing because the recordings say so, as drag that
+another one takes the place of, stays so: as it was before it would contradict them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.identification import parameters, uncertainty
+from uvms_ocp.identification.fit import FitContext
+from uvms_ocp.identification.output_error import Estimate, FitStatus
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ExportedEstimate:
+    """Estimate as it is exported to the robot's file."""
+
+    estimate: Estimate
+    kept: tuple[str, ...] = ()
+    """Unknowns that are as they were declared, as ``added_mass surge``."""
+
+    @property
+    def usable(self) -> bool:
+        """True if a file may be made of it: the search has converged."""
+        return self.estimate.status is FitStatus.CONVERGED
+
+
+def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
+    """Hold undetermined numbers at their declared values where the recordings allow it, else one
+    quantity after the other.
+
+    inflation: samples that miss alike, as `variance_inflation` finds.
+    """
+    shared = fitted.vehicle.shared
+    estimate = fitted.estimate
+    errors = uncertainty.standard_errors(fitted.vehicle, estimate, inflation)
+    is_open = errors > uncertainty.DETERMINED
+    is_held = np.zeros(len(is_open), dtype=bool)
+    best = estimate
+    if estimate.status is FitStatus.CONVERGED:
+        for is_chosen in _choices(shared, is_open):
+            if (is_chosen <= is_held).all():
+                continue
+            candidate = is_held | is_chosen
+            allowed = uncertainty.INTERVAL**2 * inflation * int(candidate.sum())
+            held_fit = _refitted(fitted, candidate)
+            if held_fit is not None and 2.0 * (held_fit.cost - estimate.cost) < allowed:
+                is_held = candidate
+                best = held_fit
+    return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[is_held].tolist()))
+
+
+def _choices(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield masks (n,) [bool] of open unknowns: all, then quantity by quantity."""
+    yield is_open
+    quantities = np.array([name.partition(" ")[0] for name in shared.names])
+    for name in dict.fromkeys(quantities.tolist()):
+        yield is_open & (quantities == name)
+
+
+def _refitted(fitted: FitContext, is_held: np.ndarray) -> Estimate | None:
+    """Refit with the unknowns of a mask (n,) [bool] held as declared; `None` where that does not
+    converge.
+    """
+    shared = fitted.vehicle.shared
+    vehicle = replace(fitted.vehicle, shared=shared.held(is_held))
+    problem = replace(fitted, vehicle=vehicle).problem()
+    start = np.where(is_held, shared.start, fitted.estimate.shared)
+    warm_start = problem.resumed(replace(fitted.estimate, shared=start))
+    # From so near a step leaves its square, and less of a tolerance is enough.
+    solution = problem.solve(warm_start, iterations=fitted.search.iterations, tolerance=1e-3)
+    if solution.status is not FitStatus.CONVERGED:
+        return None
+    return replace(solution, shared=np.where(is_held, shared.start, solution.shared))

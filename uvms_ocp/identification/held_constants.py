@@ -1,0 +1,170 @@
+"""Compute what a fit that takes constants for known would say if they were otherwise; what is assumed
+widens intervals by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uvms_ocp.identification import parameters, uncertainty
+from uvms_ocp.identification.fit import FitContext, constant_slopes
+from uvms_ocp.identification.output_error import Estimate
+from uvms_ocp.identification.settings import CalibrationSettings
+
+_SPREADS = {
+    "gain": 0.03,
+    "reverse": 0.03,
+    "lag": 0.1,
+    "delay": 0.01,
+    "velocity_delay": 0.01,
+    "mass": 0.02,
+    "centre_of_mass": 0.005,
+    "second_moment": 0.1,
+    "velocity_point": 0.02,
+    "attitude_turn": 0.01,
+    "bias": 0.003,
+    "current": 0.01,
+    "rate_bias": 0.002,
+}
+"""Assumed standard deviations of constants: relative for gains, lags and masses, delays [s], points
+[m], turns [rad], rates [rad/s], currents [m/s], biases by shares of the weight, and that at an arm
+of 1 m.
+"""
+_ALIKE = {"wrench_offset": "bias", "attitude_offset": "attitude_turn"}
+"""Constants that each recording has one of, and the constant of all recordings that a fit adds to
+it.
+"""
+_FILED = ("mass", "centre_of_mass", "second_moment")
+_SEEN = ("bias", "current")
+"""Constants of the robot's file, and assumed ones that are no part of intervals: recordings show
+them where they are not 0.
+"""
+_NOISIER = {"velocity": "m/s", "rate": "rad/s", "vertical": "-", "process": "m/s, rad/s, rad"}
+"""Deviations of noise that weigh samples, and units: what they would change if they were twice as
+large.
+"""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class HeldConstant:
+    """A quantity that a fit held, and its effect on the numbers."""
+
+    quantity: str
+    known: str
+    """``given`` by the settings, of the ``robot's file``, or ``assumed``."""
+    spread: float
+    """Assumed standard deviation, relative or in [s], [m] or [rad]; of noise by how much it is
+    larger, relative.
+    """
+    most: str
+    """Number that it moves farthest by that."""
+    change: float
+    """[standard errors] of that number."""
+    value: float = 0.0
+    """Value that the fit takes for it, of noise; of all others the declaration has it."""
+    unit: str = ""
+    """Unit of `value`."""
+
+
+def held_constants(
+    fitted: FitContext, settings: CalibrationSettings, inflation: float
+) -> tuple[Estimate, tuple[HeldConstant, ...]]:
+    """Return the estimate with the uncertainty from assumed constants added, and all constants that
+    a fit held.
+    """
+    quantities = fitted.vehicle.shared.declaration.quantities
+    held_names = [name for name in _SPREADS if not quantities[name].free.any()]
+    names, slopes = constant_slopes(fitted, held_names)
+    owners = np.array([name.partition(" ")[0] for name in names])
+    units = _units(fitted)
+    spreads = [_SPREADS[name] * units.get(name, 1.0) for name in owners]
+    unknowns_moved = slopes * spreads
+    effects = _Effects(fitted, inflation)
+    constants = []
+    assumed = fitted.estimate.assumed
+    for name in dict.fromkeys(owners.tolist()):
+        origin = _origin(name, settings)
+        moved = unknowns_moved[:, owners == name]
+        if origin == "assumed" and name not in _SEEN:
+            assumed = assumed + moved @ moved.T
+        number, change = effects.largest(moved)
+        alike = [quantity for quantity, constant in _ALIKE.items() if constant == name]
+        for quantity in (name, *alike):
+            if quantity == name or not quantities[quantity].free.any():
+                constants.append(
+                    HeldConstant(
+                        quantity=quantity,
+                        known=origin,
+                        spread=_SPREADS[name],
+                        most=number,
+                        change=change,
+                    )
+                )
+    constants += _noise_constants(fitted, settings, effects)
+    return replace(fitted.estimate, assumed=assumed), tuple(constants)
+
+
+def _units(fitted: FitContext) -> dict[str, float]:
+    """Return the factors by which some spreads are multiplied: delays are searched by their
+    logarithms, biases are shares of the weight.
+    """
+    quantities = fitted.vehicle.shared.declaration.quantities
+    units = {}
+    for name in parameters.DELAYS:
+        units[name] = 1.0 / max(quantities[name].value.item(), parameters.AT_ONCE)
+    gravity = float(np.linalg.norm(fitted.vehicle.dynamics.model.gravity.linear))  # [m/s2]
+    units["bias"] = gravity * quantities["mass"].value.item()
+    return units
+
+
+def _origin(name: str, settings: CalibrationSettings) -> str:
+    """Say how a constant is known."""
+    if getattr(settings, name, None) is not None:
+        return "given"
+    is_lag_of_file = name == "lag" and settings.commands != "wrench"
+    if name in _FILED or is_lag_of_file:
+        return "robot's file"
+    return "assumed"
+
+
+class _Effects:
+    """What changes of the unknowns mean for the numbers, in their standard errors."""
+
+    def __init__(self, fitted: FitContext, inflation: float) -> None:
+        """inflation: samples that miss alike, as `variance_inflation` finds."""
+        named, slopes = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
+        C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
+        self._names = [name for _, name in named]
+        self._slopes = slopes
+        self._errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, C, slopes))
+
+    def largest(self, moved: np.ndarray) -> tuple[str, float]:
+        """Find the number that changes (n, m) of the unknowns move farthest, and how far [standard
+        errors].
+        """
+        changes = np.linalg.norm(self._slopes @ moved, axis=1) / self._errors
+        return self._names[int(np.argmax(changes))], float(changes.max())
+
+
+def _noise_constants(
+    fitted: FitContext, settings: CalibrationSettings, effects: _Effects
+) -> Iterator[HeldConstant]:
+    """Yield deviations of noise, with what numbers would change if one were twice as large."""
+    for name, unit in _NOISIER.items():
+        sigma = getattr(fitted.noise, name)
+        noise = replace(fitted.noise, **{name: 2.0 * sigma})
+        problem = replace(fitted, noise=noise).problem()
+        point, _ = problem.stepped(problem.resumed(fitted.estimate))
+        number, change = effects.largest((point.shared - fitted.estimate.shared)[:, None])
+        yield HeldConstant(
+            quantity=f"noise {name}",
+            known="given" if name in settings.noise.model_fields_set else "assumed",
+            spread=1.0,
+            most=number,
+            change=change,
+            value=sigma,
+            unit=unit,
+        )

@@ -1,0 +1,69 @@
+"""Check whether velocities of joints are the rates of their positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_ocp.identification import recording as recordings, sample_checks as checks
+from uvms_ocp.identification.recording import Recording, smoothed
+
+_MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
+_DOUBTFUL = 0.5  # correlation below which a joint may be another
+_BETTER = 0.3  # by which that must fit better
+
+
+def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield channels and doubts about them: order, sign, units, clocks, and what is dead in one
+    alone.
+    """
+    if not {"joint_positions", "joint_velocities"} <= recording.channels.keys():
+        return
+    positions = recording.channels["joint_positions"]
+    velocities = recording.channels["joint_velocities"]
+    if positions.values.shape[1] != velocities.values.shape[1]:
+        yield (
+            "joint_velocities",
+            f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions",
+        )
+        return
+    t, rate = smoothed(positions.undelayed_t, positions.values, checks.WINDOW, derivative=1)
+    t_measured, measured_rate = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
+    position_ranges = np.ptp(positions.values, axis=0)
+    velocity_ranges = np.ptp(velocities.values, axis=0)
+    yield from _dead(rate, measured_rate, position_ranges, velocity_ranges)
+    if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < checks.DEAD:
+        return
+    delay, _ = checks.offset(t, rate, t_measured, measured_rate)
+    shifted = recordings.interpolated(t + delay, t_measured, measured_rate)
+    for text in (checks.describe_delay(delay), checks.describe_factor(rate, shifted)):
+        if text:
+            yield "joint_velocities", text.format("positions")
+    yield from _columns(rate, shifted)
+
+
+def _dead(
+    rate: np.ndarray,
+    measured_rate: np.ndarray,
+    position_ranges: np.ndarray,
+    velocity_ranges: np.ndarray,
+) -> Iterator[tuple[str, str]]:
+    """Yield joints whose position or velocity stays while the other one moves."""
+    for k in range(len(position_ranges)):
+        if position_ranges[k] < checks.DEAD and measured_rate[:, k].std() > _MOVING_JOINT:
+            yield "joint_positions", f"dead: {k} stays where it is, and its velocity does not"
+        if velocity_ranges[k] < checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
+            yield "joint_velocities", f"dead: {k} stays as it is, and its position moves"
+
+
+def _columns(rate: np.ndarray, measured_rate: np.ndarray) -> Iterator[tuple[str, str]]:
+    """Yield velocities that fit the position of another joint, or the opposite of one."""
+    is_moving = np.minimum(rate.std(axis=0), measured_rate.std(axis=0)) > _MOVING_JOINT
+    moving = np.flatnonzero(is_moving).tolist()
+    for k in moving:
+        fits = {j: checks.correlation(measured_rate[:, k], rate[:, j]) for j in moving}
+        best = max(fits, key=lambda j: abs(fits[j]))
+        if fits[k] < _DOUBTFUL and abs(fits[best]) > fits[k] + _BETTER:
+            sign = "minus " if fits[best] < 0 else ""
+            yield "joint_velocities", f"{k} fits {sign}the rate of position {best}"

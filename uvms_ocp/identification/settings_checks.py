@@ -1,0 +1,120 @@
+"""Check a recording against the settings of a calibration: what it says, and a fit with these
+settings takes for something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.mixed_thrusters import mixed_thrusters
+from uvms_ocp.identification.recording import Channel, Recording
+from uvms_ocp.identification.rollout import POSE_INTERVAL
+from uvms_ocp.identification.sample_checks import QualityIssue
+from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
+from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
+
+_FLOWS = 0.01  # [m/s] of a current that is told
+_STRONG = 0.05  # [m/s] of one that spoils a fit without it: added mass and drag take its place
+_SOON = 0.005  # [s] of a delay that is not
+_BEYOND = 1e-3  # of a limit
+
+
+def check_settings(
+    subject: CalibratedRobot, settings: CalibrationSettings, recording: Recording
+) -> Iterator[QualityIssue]:
+    """Yield doubts about a recording and settings together: what a fit would take for something
+    else.
+    """
+    quantities = subject.vehicle.own.declaration.quantities
+    channels = recording.channels
+    if "current" in channels:
+        yield from _of_current(channels["current"], learnt=bool(quantities["current"].free.all()))
+    if not channels.keys() & {"thrust", "wrench"}:
+        yield QualityIssue(
+            channel=settings.commands,
+            problem="not recorded: a fit along some axes takes nothing to push it",
+        )
+    if "linear_velocity" not in channels and "position" in channels:
+        text = (
+            f"not recorded: means between poses {POSE_INTERVAL:g} s apart or more take its place,"
+            " with large noise"
+        )
+        yield QualityIssue(channel="linear_velocity", problem=text)
+    is_delay_held = not quantities["delay"].free.any()
+    is_delayed = settings.delay is not None and settings.delay > _SOON
+    if recording.at_once and is_delayed and is_delay_held:
+        text = (
+            "commands of a run of this toolkit act at once, and a fit holds their delay at"
+            f" {settings.delay:g} s: leave it out"
+        )
+        yield QualityIssue(channel=settings.commands, problem=text)
+    if recording.at_once and settings.commands == "wrench" and "thrust" in channels:
+        text = (
+            "thrusters were driven ahead of their lag to give it, and a lag by it is not theirs:"
+            " give commands: thrust"
+        )
+        yield QualityIssue(channel="wrench", problem=text)
+    if "thrust" in channels and settings.commands != "wrench":
+        thrust = channels["thrust"].of(subject.robot.thruster_names, "thrust")
+        yield from _of_thrust(recording, thrust, subject)
+
+
+def require_current(subject: CalibratedRobot, recording: Recording) -> None:
+    """Check currents; raises InvalidInput for a recorded current that is strong, and that no
+    unknown may take.
+
+    Such a fit converges where its numbers are wrong by many of their standard errors.
+    """
+    current = recording.channels.get("current")
+    free = subject.vehicle.own.declaration.quantities["current"].free
+    if current is None or free.any():
+        return
+    size = float(np.linalg.norm(current.values.mean(axis=0)))  # [m/s]
+    if size > _STRONG:
+        problem = (
+            f"{recording.name}: a current of {size:.2g} m/s, which the fit would take for still"
+            " water"
+        )
+        raise InvalidInput(
+            f"{problem}; learn it too: `current: {{prior: 0.2}}`, or leave the recording out"
+        )
+
+
+def _of_current(current: Channel, *, learnt: bool) -> Iterator[QualityIssue]:
+    """Yield a current that a fit takes for still or for steady water."""
+    if learnt:
+        deviations = current.values - current.values.mean(axis=0)
+        assumption = "about its mean, and a fit takes it for steady"
+    else:
+        deviations = current.values
+        assumption = "that a fit takes for still water: learn it"
+    size = float(np.linalg.norm(deviations, axis=1).max())  # [m/s]
+    if size > _FLOWS:
+        yield QualityIssue(channel="current", problem=f"up to {size:.2g} m/s {assumption}")
+
+
+def _of_thrust(
+    recording: Recording, thrust: Channel, subject: CalibratedRobot
+) -> Iterator[QualityIssue]:
+    """Yield thrusts beyond the limits, and thrusters that seem exchanged or reversed."""
+    lower, upper = thrust_limits(subject.robot)  # [N]
+    is_above = thrust.values > upper * (1.0 + _BEYOND)
+    is_below = thrust.values < lower * (1.0 + _BEYOND)
+    is_beyond = (is_above | is_below).any(axis=0)
+    if is_beyond.any():
+        names = ", ".join(np.array(subject.robot.thruster_names)[is_beyond])
+        yield QualityIssue(
+            channel="thrust",
+            problem=f"more is asked of {names} than they can give: a fit takes it for given",
+        )
+    mixed = mixed_thrusters(
+        recording, thrust, thruster_matrix(subject.robot), subject.robot.thruster_names
+    )
+    if mixed:
+        yield QualityIssue(
+            channel="thrust",
+            problem=f"the vehicle accelerates as with {mixed}: their order, their signs?",
+        )
