@@ -48,25 +48,25 @@ def test_a_task_measures_and_asks_the_same_in_any_world(
     X_NW = WORLDS[world]
     task = REGISTRY[name].task
     rng = np.random.default_rng(3)
-    there = moved(task, X_NW)
+    moved_task = moved(task, X_NW)
     for _ in range(5):
         q = random_configuration(robot, rng)
         q_moved = np.concatenate([pin.SE3ToXYZQUAT(X_NW * pin.XYZQUATToSE3(q[:7])), q[7:]])
         expected = evaluate(robot, task, q)
-        found = evaluate(robot, there, q_moved)
+        rows_there = evaluate(robot, moved_task, q_moved)
         for quantity in expected.keys() - {"jacobian", "rate", "lower", "upper"}:
             np.testing.assert_allclose(
-                found[quantity], expected[quantity], rtol=0, atol=1e-9, err_msg=quantity
+                rows_there[quantity], expected[quantity], rtol=0, atol=1e-9, err_msg=quantity
             )
-        for wanted in (
+        for side in (
             "rate",
             "lower",
             "upper",
         ):  # rows may be along axes of the world: what they ask of the robot is the same
             motions = [
-                np.linalg.lstsq(values["jacobian"], values[wanted])[0]
-                for values in (expected, found)
+                np.linalg.lstsq(values["jacobian"], values[side])[0]
+                for values in (expected, rows_there)
             ]
-            np.testing.assert_allclose(*reversed(motions), rtol=0, atol=1e-7, err_msg=wanted)
-        gram = [values["jacobian"].T @ values["jacobian"] for values in (expected, found)]
+            np.testing.assert_allclose(*reversed(motions), rtol=0, atol=1e-7, err_msg=side)
+        gram = [values["jacobian"].T @ values["jacobian"] for values in (expected, rows_there)]
         np.testing.assert_allclose(*reversed(gram), rtol=0, atol=1e-9)

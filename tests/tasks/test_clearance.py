@@ -49,13 +49,13 @@ def test_gradients_equal_finite_differences(robot: Robot) -> None:
     for _ in range(5):
         q = random_configuration(robot, rng)
         v = rng.normal(size=robot.n_v)
-        found = model.distances(q)
+        distances = model.distances(q)
         ahead, behind = (
             model.values(pin.integrate(robot.model, q, sign * STEP * v)) for sign in (1.0, -1.0)
         )
         slope = (ahead - behind) / (2 * STEP)
-        apart = found.value > 1e-3
-        right += int((np.abs(found.gradient @ v - slope)[apart] < 5e-3).sum())
+        apart = distances.value > 1e-3
+        right += int((np.abs(distances.gradient @ v - slope)[apart] < 5e-3).sum())
         total += int(apart.sum())
     assert right >= 0.95 * total
 
@@ -149,15 +149,15 @@ def positions(limit: PositionLimit, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("task", ["CL", "MAC"])
 def test_a_position_limit_reads_the_quantity_of_its_task(robot: Robot, task: str) -> None:
     model = CollisionModel(robot, [ball(1.5, 0.0, -0.5)], self_collision=False)
-    given = {"CL": Clearance(model=model), "MAC": MinimumAltitude()}[task]
-    limit = given.position_limit(robot)
+    task_value = {"CL": Clearance(model=model), "MAC": MinimumAltitude()}[task]
+    limit = task_value.position_limit(robot)
     assert limit is not None
     rng = np.random.default_rng(4)
     places = [random_configuration(robot, rng) for _ in range(5)]
     heights = [Kinematics(robot, q).pose("altimeter").translation[2] for q in places]
     beams = [Kinematics(robot, q).pose("altimeter").rotation[2, 2] for q in places]
     measured = [
-        evaluate(robot, given, q, altimeter_range=(h + 9.0) / c)[limit.quantity].item()
+        evaluate(robot, task_value, q, altimeter_range=(h + 9.0) / c)[limit.quantity].item()
         for q, h, c in zip(places, heights, beams, strict=True)
     ]
     values = np.array([positions(limit, q).min() for q in places])

@@ -30,7 +30,7 @@ def alone(task: Task, solver: str, changed: Callable[[Task], Task]) -> np.ndarra
     tasks = [JointLimits(), changed(task)] if task.name != "JL" else [changed(task)]
     for_ever = uo.Transition(to=uo.DONE, when=(uo.Above(quantity="phase.time", limit=1e3),))
     phase = uo.Phase(
-        name="go", activations={one.name: 1.0 for one in tasks}, transitions=(for_ever,)
+        name="go", activations={task.name: 1.0 for task in tasks}, transitions=(for_ever,)
     )
     mission = uo.Mission(hierarchy=uo.Hierarchy(tasks), phases=(phase,))
     control = KinematicController(robot=robot, mission=mission, solver=SOLVERS[solver](), dt=DT)
@@ -52,7 +52,7 @@ def test_idle_rows_change_nothing_that_a_task_commands(name: str, solver: str) -
     task = replace(task, joints=("joint2", "joint4")) if isinstance(task, JointTracking) else task
     usual = alone(task, solver, as_it_is)
     for more in (with_a_row_of_zeros, with_its_last_row_twice):
-        found = alone(task, solver, lambda own, more=more: extended(own, more))  # type: ignore[misc]
+        extended_run = alone(task, solver, lambda plain, more=more: extended(plain, more))  # type: ignore[misc]
         np.testing.assert_allclose(
-            found, usual, atol={"icat": 1e-2}.get(solver, 1e-4), err_msg=more.__name__
+            extended_run, usual, atol={"icat": 1e-2}.get(solver, 1e-4), err_msg=more.__name__
         )

@@ -15,7 +15,8 @@ DECELERATIONS = np.concatenate([[0.0, np.inf, 1e-3, 0.5], RNG.uniform(0.05, 20.0
 
 
 def test_a_stopping_speed_of_numbers_is_that_of_expressions() -> None:
-    distance, deceleration = ca.SX.sym("distance"), ca.SX.sym("deceleration")
+    distance = ca.SX.sym("distance")
+    deceleration = ca.SX.sym("deceleration")
     speed = stopping_speed(distance, deceleration=deceleration, dt=DT)
     function = ca.Function("speed", [distance, deceleration], [speed])
     symbolic = [float(function(x, a)) for x, a in zip(DISTANCES, DECELERATIONS, strict=True)]

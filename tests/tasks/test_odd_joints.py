@@ -31,12 +31,12 @@ def test_a_task_asks_the_same_of_a_robot_with_an_odd_joint_and_of_its_twin(
         moved = rng.uniform(-0.9, 0.9, pair.odd.n_v)
         moved[7] *= kind != "zero range"
         q = pin.integrate(pair.odd.model, pair.odd.configuration(position=(0.0, 0.0, -5.0)), moved)
-        found = evaluate(pair.odd, task, q)
+        quantities = evaluate(pair.odd, task, q)
         expected = evaluate(pair.twin, task, pair.of_twin(q))
-        found["jacobian"] = (
-            found["jacobian"] @ pair.velocities(q).T
+        quantities["jacobian"] = (
+            quantities["jacobian"] @ pair.velocities(q).T
         )  # what the twin's motions change
-        for quantity, values in found.items():
+        for quantity, values in quantities.items():
             rows = (
                 [0, -1] if name == "JL" and len(values) > 1 else slice(None)
             )  # of the joints that both have limits of
@@ -49,14 +49,14 @@ def test_a_task_asks_the_same_of_a_robot_with_an_odd_joint_and_of_its_twin(
 def test_manipulability_is_that_of_the_arm_that_moves_its_frame(tool: str) -> None:
     """Joints of another arm add rows of zeros and nothing else."""
     two = load_robot("bluerov2_two_alpha5")
-    one = load_robot("bluerov2_alpha5")
+    one_arm = load_robot("bluerov2_alpha5")
     arm = [0.3, 0.4, 0.5, 0.6]
-    found = evaluate(two, Manipulability(frame=tool), two.configuration(joints=[*arm, *arm]))
-    expected = evaluate(one, Manipulability(), one.configuration(joints=arm))
-    assert found["manipulability"] == pytest.approx(expected["manipulability"])
+    rows = evaluate(two, Manipulability(frame=tool), two.configuration(joints=[*arm, *arm]))
+    expected = evaluate(one_arm, Manipulability(), one_arm.configuration(joints=arm))
+    assert rows["manipulability"] == pytest.approx(expected["manipulability"])
     columns = [two.joint(f"{tool.removesuffix('tool')}joint{k}").idx_v for k in range(1, 5)]
     np.testing.assert_allclose(
-        found["jacobian"][:, columns], expected["jacobian"][:, one.joint_v], atol=1e-12
+        rows["jacobian"][:, columns], expected["jacobian"][:, one_arm.joint_v], atol=1e-12
     )
 
 

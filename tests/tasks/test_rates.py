@@ -100,9 +100,13 @@ def test_a_rate_saturates_with_its_direction_kept(name: str, robot: Robot) -> No
     bounds = saturations_of(task)
     for _ in range(20):
         q = random_configuration(robot, rng)
-        wanted, given = (asked(robot, function, task, q)[1] for function in (free, limited))
+        free_rows, limited_rows = (
+            asked(robot, function, task, q)[1] for function in (free, limited)
+        )
         for bound, before, after in zip(
-            bounds, *(np.split(rate, len(bounds)) for rate in (wanted, given)), strict=True
+            bounds,
+            *(np.split(rate, len(bounds)) for rate in (free_rows, limited_rows)),
+            strict=True,
         ):
             share = min(1.0, bound / max(np.linalg.norm(before), 1e-12))
             np.testing.assert_allclose(after, share * before, atol=1e-9)

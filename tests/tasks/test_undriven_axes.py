@@ -103,14 +103,14 @@ def test_a_turn_that_is_asked_for_brings_the_axis_nearer_at_that_rate(
                 (offset, 0.3) if name == "HA" else (0.0, np.arctan2(GOAL[1], GOAL[0]) + offset)
             )
             q = robot.configuration(rpy=(roll, pitch, yaw))
-            found = _found(function, task, q)
-            v = np.linalg.pinv(found["jacobian"])[:, 0] * found["rate"].item()
-            assert found["rate"].item() < 0.0
+            rows = _found(function, task, q)
+            v = np.linalg.pinv(rows["jacobian"])[:, 0] * rows["rate"].item()
+            assert rows["rate"].item() < 0.0
             R = pin.Quaternion(q[3:7]).matrix()
             turned = pin.integrate(robot.model, q, STEP * v)
             R_then = pin.Quaternion(turned[3:7]).matrix()
             angles = [_angle(name, rotation) for rotation in (R, R_then)]
-            assert (angles[1] - angles[0]) / STEP == pytest.approx(found["rate"].item(), rel=1e-3)
+            assert (angles[1] - angles[0]) / STEP == pytest.approx(rows["rate"].item(), rel=1e-3)
 
 
 def _angle(name: str, R_WB: np.ndarray) -> float:
@@ -138,11 +138,11 @@ def test_a_pitch_that_nobody_drives_is_no_error_of_alignment_but_is_one_of_the_t
 def test_the_row_of_an_axis_that_nothing_turns_asks_for_nothing(robot: Robot) -> None:
     machine = flat(robot)
     q = machine.configuration(rpy=(0.6, 0.4, 1.0))
-    found = evaluate(machine, TASKS["HA"], q)
-    assert not found["jacobian"].any()
-    assert found["rate"].item() == 0.0
-    assert found["upper"].item() > 0.0
-    assert found["tilt"].item() > 0.5
+    rows = evaluate(machine, TASKS["HA"], q)
+    assert not rows["jacobian"].any()
+    assert rows["rate"].item() == 0.0
+    assert rows["upper"].item() > 0.0
+    assert rows["tilt"].item() > 0.5
 
 
 @pytest.mark.parametrize("above", [(), ("AT",), ("HA", "AT")])

@@ -26,49 +26,49 @@ def random_problem(
     )
 
 
-def largest_jump(found: MinSnap, derivative: int) -> float:
-    peak = found.trajectory.peak(derivative).max()
-    return float(np.abs(found.trajectory.jumps(derivative)).max() / peak)
+def largest_jump(curve: MinSnap, derivative: int) -> float:
+    peak = curve.trajectory.peak(derivative).max()
+    return float(np.abs(curve.trajectory.jumps(derivative)).max() / peak)
 
 
 def test_rest_to_rest_is_the_closed_form() -> None:
-    found = min_snap([0.0, 1.0], [0.0, 1.0])
+    curve = min_snap([0.0, 1.0], [0.0, 1.0])
     expected = [0.0, 0.0, 0.0, 0.0, 35.0, -84.0, 70.0, -20.0]
-    np.testing.assert_allclose(found.trajectory.coefficients[:, 0, 0], expected, atol=1e-12)
-    assert found.cost == pytest.approx(100800.0, rel=1e-12)
+    np.testing.assert_allclose(curve.trajectory.coefficients[:, 0, 0], expected, atol=1e-12)
+    assert curve.cost == pytest.approx(100800.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("n", [1, 2, 10, 1000, 100_000])
 def test_way_points_are_met(n: int) -> None:
     waypoints, times = random_problem(n)
-    found = min_snap(waypoints, times)
-    np.testing.assert_allclose(found.trajectory.evaluate(times), waypoints, atol=1e-10)
+    curve = min_snap(waypoints, times)
+    np.testing.assert_allclose(curve.trajectory.evaluate(times), waypoints, atol=1e-10)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
 def test_uniform_times_of_any_scale_are_continuous_up_to_the_sixth_derivative(unit: float) -> None:
     waypoints, _ = random_problem(100)
-    found = min_snap(waypoints, unit * np.arange(101))
-    assert max(largest_jump(found, d) for d in range(7)) < 1e-8
+    curve = min_snap(waypoints, unit * np.arange(101))
+    assert max(largest_jump(curve, d) for d in range(7)) < 1e-8
 
 
 @pytest.mark.parametrize("n", [10, 1000, 100_000])
 def test_neighbouring_ratios_up_to_three_are_continuous_up_to_the_sixth_derivative(n: int) -> None:
     waypoints, times = random_problem(n)
-    found = min_snap(waypoints, times)
-    assert max(largest_jump(found, d) for d in range(7)) < 1e-8
+    curve = min_snap(waypoints, times)
+    assert max(largest_jump(curve, d) for d in range(7)) < 1e-8
 
 
 @pytest.mark.parametrize("k", [2, 3, 4])
 def test_no_perturbation_of_the_free_derivatives_is_cheaper(k: int) -> None:
     waypoints, times = random_problem(6)
-    found = min_snap(waypoints, times, CurveSpecification(derivative=k))
+    curve = min_snap(waypoints, times, CurveSpecification(derivative=k))
     pieces = pieces_of(np.diff(times), k)
     rng = RNG(2)
     for size in np.repeat([1e-3, 1e-1], 100):
-        moved = found.node_derivatives.copy()
+        moved = curve.node_derivatives.copy()
         moved[1:, 1:-1] += size * rng.normal(size=moved[1:, 1:-1].shape)
-        assert piece_costs(pieces, end_data(pieces, moved)).sum() > found.cost
+        assert piece_costs(pieces, end_data(pieces, moved)).sum() > curve.cost
 
 
 @pytest.mark.parametrize("k", [2, 3, 4])
@@ -85,7 +85,8 @@ def test_the_qp_and_the_free_derivative_form_agree(k: int, n: int) -> None:
 
 
 def test_the_qp_keeps_bounds_that_bind() -> None:
-    waypoints, times = np.array([0.0, 1.0, 0.0]), np.array([0.0, 1.0, 2.5])
+    waypoints = np.array([0.0, 1.0, 0.0])
+    times = np.array([0.0, 1.0, 2.5])
     free = min_snap(waypoints, times)
     speed = free.node_derivatives[1, 1, 0]
     bounded = min_snap_qp(waypoints, times, bounds=[Bound(node=1, derivative=1, lower=speed + 0.5)])
@@ -106,10 +107,10 @@ def test_constraints_are_met_on_the_chosen_axes_only() -> None:
     waypoints, times = random_problem(4)
     plain = min_snap(waypoints, times)
     stop = Constraint(node=2, derivative=1, value=0.0, axes=(1,))
-    held = min_snap(waypoints, times, CurveSpecification(constraints=(stop,)))
-    np.testing.assert_allclose(held.trajectory.evaluate(times[2], 1)[1], 0.0, atol=1e-12)
+    held_curve = min_snap(waypoints, times, CurveSpecification(constraints=(stop,)))
+    np.testing.assert_allclose(held_curve.trajectory.evaluate(times[2], 1)[1], 0.0, atol=1e-12)
     np.testing.assert_allclose(
-        held.node_derivatives[:, :, [0, 2]], plain.node_derivatives[:, :, [0, 2]], rtol=1e-9
+        held_curve.node_derivatives[:, :, [0, 2]], plain.node_derivatives[:, :, [0, 2]], rtol=1e-9
     )
 
 
@@ -117,16 +118,16 @@ def test_boundary_rows_fix_the_first_derivatives_and_leave_the_others_free() -> 
     waypoints, times = random_problem(4)
     moving = Boundary(start=[[1.0, 2.0, 3.0]], end=None)
     stopping = Boundary(start=[[1.0, 2.0, 3.0]])
-    found = min_snap(waypoints, times, CurveSpecification(boundary=moving))
-    np.testing.assert_allclose(found.trajectory.evaluate(times[0], 1), [1.0, 2.0, 3.0], atol=1e-12)
-    assert found.cost < min_snap(waypoints, times, CurveSpecification(boundary=stopping)).cost
+    curve = min_snap(waypoints, times, CurveSpecification(boundary=moving))
+    np.testing.assert_allclose(curve.trajectory.evaluate(times[0], 1), [1.0, 2.0, 3.0], atol=1e-12)
+    assert curve.cost < min_snap(waypoints, times, CurveSpecification(boundary=stopping)).cost
 
 
 def test_a_free_way_point_lowers_the_cost_to_where_its_gradient_vanishes() -> None:
     waypoints, times = random_problem(5)
-    found = min_snap(waypoints, times, CurveSpecification(free_positions=(2,)))
-    assert found.cost < min_snap(waypoints, times).cost
-    gradient = found.gradients().waypoints
+    curve = min_snap(waypoints, times, CurveSpecification(free_positions=(2,)))
+    assert curve.cost < min_snap(waypoints, times).cost
+    gradient = curve.gradients().waypoints
     assert np.abs(gradient[2]).max() < 1e-9 * np.abs(gradient).max()
 
 
@@ -173,8 +174,8 @@ def test_bad_way_points_and_times_are_refused_with_the_offending_index(
 
 
 def test_equal_way_points_are_a_wait_when_asked_for() -> None:
-    found = min_snap([1.0, 1.0], [0.0, 2.0], CurveSpecification(dwell=True))
-    assert found.cost == pytest.approx(0.0, abs=1e-12)
+    curve = min_snap([1.0, 1.0], [0.0, 2.0], CurveSpecification(dwell=True))
+    assert curve.cost == pytest.approx(0.0, abs=1e-12)
 
 
 def test_bad_constraints_are_refused_with_the_offending_index() -> None:

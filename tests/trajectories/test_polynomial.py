@@ -58,9 +58,9 @@ def test_samples_include_both_ends(curve: PiecewisePolynomial) -> None:
 def test_the_peak_is_no_less_than_any_sample_and_is_attained(curve: PiecewisePolynomial) -> None:
     t = np.linspace(curve.start, curve.end, 20001)
     for d in range(4):
-        seen = np.abs(curve.evaluate(t, d)).max(axis=0)
-        assert (curve.peak(d) >= seen * (1 - 1e-9)).all()
-        np.testing.assert_allclose(curve.peak(d), seen, rtol=1e-2)
+        sampled_peak = np.abs(curve.evaluate(t, d)).max(axis=0)
+        assert (curve.peak(d) >= sampled_peak * (1 - 1e-9)).all()
+        np.testing.assert_allclose(curve.peak(d), sampled_peak, rtol=1e-2)
 
 
 def test_slowing_down_divides_the_nth_derivative_by_the_nth_power(
@@ -74,10 +74,10 @@ def test_slowing_down_divides_the_nth_derivative_by_the_nth_power(
 
 def test_concatenation_plays_one_curve_after_the_other(curve: PiecewisePolynomial) -> None:
     line = PiecewisePolynomial(breaks=[7.0, 9.0], coefficients=np.ones((2, 1, 2)))
-    both = concatenate([curve, line])
-    assert both.duration == pytest.approx(curve.duration + 2.0)
-    np.testing.assert_allclose(both.evaluate(curve.end + 1.0), line.evaluate(8.0))
-    np.testing.assert_allclose(both.evaluate(2.0), curve.evaluate(2.0))
+    joined = concatenate([curve, line])
+    assert joined.duration == pytest.approx(curve.duration + 2.0)
+    np.testing.assert_allclose(joined.evaluate(curve.end + 1.0), line.evaluate(8.0))
+    np.testing.assert_allclose(joined.evaluate(2.0), curve.evaluate(2.0))
 
 
 def test_numpy_export_is_lossless_and_csv_holds_the_samples(

@@ -36,16 +36,18 @@ def test_scaling_makes_the_largest_ratio_exactly_one(n: int, limits: MotionLimit
     scaled = scale_to_limits(min_snap(waypoints, np.arange(n + 1.0)).trajectory, limits)
     assert limits.ratio(scaled) == pytest.approx(1.0, abs=1e-9)
     t = np.linspace(scaled.start, scaled.end, 20001)
-    seen = max(np.max(np.abs(scaled.evaluate(t, d)) / limits.rows(7)[d - 1]) for d in (1, 2, 3))
-    assert 0.99 < seen <= 1.0 + 1e-6
+    sampled_ratio = max(
+        np.max(np.abs(scaled.evaluate(t, d)) / limits.rows(7)[d - 1]) for d in (1, 2, 3)
+    )
+    assert 0.99 < sampled_ratio <= 1.0 + 1e-6
 
 
 @pytest.mark.parametrize("n", [1, 5, 40])
 def test_at_optimal_times_the_cost_of_time_is_seven_times_the_snap(n: int) -> None:
     waypoints = random_waypoints(n)
-    found = optimal_times(waypoints, trapezoidal_times(waypoints, LIMITS), time_weight=10.0)
-    assert 10.0 * found.trajectory.duration == pytest.approx(7.0 * found.cost, rel=1e-5)
-    np.testing.assert_allclose(found.gradients().durations, -10.0, rtol=1e-4)
+    optimum = optimal_times(waypoints, trapezoidal_times(waypoints, LIMITS), time_weight=10.0)
+    assert 10.0 * optimum.trajectory.duration == pytest.approx(7.0 * optimum.cost, rel=1e-5)
+    np.testing.assert_allclose(optimum.gradients().durations, -10.0, rtol=1e-4)
 
 
 def test_optimal_times_beat_the_guess_at_any_uniform_speed() -> None:
@@ -53,8 +55,10 @@ def test_optimal_times_beat_the_guess_at_any_uniform_speed() -> None:
     guess = trapezoidal_times(waypoints, LIMITS)
     best = optimal_times(waypoints, guess, time_weight=1.0)
     for stretch in np.geomspace(0.2, 5.0, 20):
-        other = min_snap(waypoints, guess * stretch)
-        assert best.trajectory.duration + best.cost <= other.trajectory.duration + other.cost
+        stretched = min_snap(waypoints, guess * stretch)
+        assert (
+            best.trajectory.duration + best.cost <= stretched.trajectory.duration + stretched.cost
+        )
 
 
 def test_times_and_a_free_way_point_are_best_together() -> None:
@@ -62,7 +66,8 @@ def test_times_and_a_free_way_point_are_best_together() -> None:
     guess = trapezoidal_times(waypoints, LIMITS)
     free = CurveSpecification(free_positions=(2,))
     through, past = (
-        optimal_times(waypoints, guess, given, time_weight=1.0) for given in (MINIMUM_SNAP, free)
+        optimal_times(waypoints, guess, specification, time_weight=1.0)
+        for specification in (MINIMUM_SNAP, free)
     )
     np.testing.assert_allclose(past.gradients().durations, -1.0, rtol=1e-4)
     np.testing.assert_allclose(past.gradients().waypoints[2], 0.0, atol=1e-6)
