@@ -91,9 +91,13 @@ def test_bounds_make_failures_of_what_finished_and_successes_of_what_the_mission
         success=[False, True, False],
         outcome=["ended too early", "completed", "aborted"],
     )
-    found = judged(runs, parse_bounds(["tool_position_error_m < 0.01"]))
-    assert found["success"].tolist() == [True, False, False]
-    assert found["outcome"].tolist() == ["completed", "not tool_position_error_m < 0.01", "aborted"]
+    judged_runs = judged(runs, parse_bounds(["tool_position_error_m < 0.01"]))
+    assert judged_runs["success"].tolist() == [True, False, False]
+    assert judged_runs["outcome"].tolist() == [
+        "completed",
+        "not tool_position_error_m < 0.01",
+        "aborted",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -121,14 +125,14 @@ def test_what_matters_stands_out_and_what_does_not_stays_at_the_floor() -> None:
     runs = table(
         1024, a=x[:, 0], b=x[:, 1], c=x[:, 2], energy_j=10 * x[:, 0] + (x[:, 1] - 0.5) ** 2 * 8
     )
-    found = {
+    findings = {
         row["parameter"]: row for row in sensitivity_table(runs, ["a", "b", "c"], indices=False)
     }
-    assert found["a"]["rank_correlation"] > 0.9
-    assert found["a"]["pawn"] > found["b"]["pawn"] > 0
-    assert abs(found["b"]["rank_correlation"]) < 0.1
-    assert found["c"]["pawn"] < 2 * found["c"]["pawn_floor"]
-    assert "s1" not in found["a"]
+    assert findings["a"]["rank_correlation"] > 0.9
+    assert findings["a"]["pawn"] > findings["b"]["pawn"] > 0
+    assert abs(findings["b"]["rank_correlation"]) < 0.1
+    assert findings["c"]["pawn"] < 2 * findings["c"]["pawn_floor"]
+    assert "s1" not in findings["a"]
 
 
 def test_sobol_indices_of_the_ishigami_function_are_the_known_ones() -> None:
@@ -138,11 +142,13 @@ def test_sobol_indices_of_the_ishigami_function_are_the_known_ones() -> None:
     x = np.pi * (2 * np.array([design.row(k) for k in range(design.runs)]) - 1)
     y = np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
     runs = table(design.runs, a=x[:, 0], b=x[:, 1], c=x[:, 2], energy_j=y)
-    found = {
+    findings = {
         row["parameter"]: row for row in sensitivity_table(runs, ["a", "b", "c"], indices=True)
     }
-    assert [found[name]["s1"] for name in "abc"] == pytest.approx([0.3139, 0.4424, 0.0], abs=0.03)
-    assert [found[name]["st"] for name in "abc"] == pytest.approx(
+    assert [findings[name]["s1"] for name in "abc"] == pytest.approx(
+        [0.3139, 0.4424, 0.0], abs=0.03
+    )
+    assert [findings[name]["st"] for name in "abc"] == pytest.approx(
         [0.5576, 0.4424, 0.2437], abs=0.03
     )
 
@@ -159,15 +165,15 @@ def test_few_runs_say_nothing_of_sensitivity() -> None:
 def test_only_pairs_that_differ_speak() -> None:
     a = table(20, success=[True] * 10 + [False] * 10, energy_j=np.arange(20.0))
     b = table(20, success=[True] * 18 + [False] * 2, energy_j=np.arange(20.0) + 2.0)
-    found = _pairs(a, b)
+    pairs = _pairs(a, b)
     assert (
-        found["both_succeed"],
-        found["both_fail"],
-        found["first_only"],
-        found["second_only"],
+        pairs["both_succeed"],
+        pairs["both_fail"],
+        pairs["first_only"],
+        pairs["second_only"],
     ) == (10, 2, 0, 8)
-    assert found["p_value"] == pytest.approx(2 * 0.5**8)
-    (row,) = found["figures"]
+    assert pairs["p_value"] == pytest.approx(2 * 0.5**8)
+    (row,) = pairs["figures"]
     assert (row["mean_change"], row["lower"], row["upper"]) == (2.0, 2.0, 2.0)
 
 
@@ -182,12 +188,12 @@ def test_a_campaign_of_a_version_without_a_figure_has_the_distributions_of_the_o
 def test_metrics_of_each_tool_are_columns_by_its_name() -> None:
     """And of a robot with one tool there are none but its own."""
     two = load_robot("bluerov2_two_alpha5")
-    one = load_robot("bluerov2_alpha5")
-    assert tool_metrics(one) == {}
+    single_arm_robot = load_robot("bluerov2_alpha5")
+    assert tool_metrics(single_arm_robot) == {}
     names = [f"{kind}[{tool}]" for tool in ("port_tool", "starboard_tool") for kind in OF_EACH_TOOL]
     assert [*tool_metrics(two)] == names
-    known = metrics_among(["run", "current.x", *METRICS, *names])
-    assert [*known] == [*METRICS, *names]
+    meanings = metrics_among(["run", "current.x", *METRICS, *names])
+    assert [*meanings] == [*METRICS, *names]
     (bound,) = parse_bounds(["clearance_m[starboard_tool] > 0.2"])
     rows = table(3, **{"clearance_m[starboard_tool]": [0.1, 0.3, np.nan]}, finished=[True] * 3)
     assert judged(rows, [bound])["success"].tolist() == [False, True, False]

@@ -92,14 +92,14 @@ def write_files(folder: Path) -> None:
 def test_a_campaign_killed_again_and_again_equals_one_that_was_not(tmp_path: Path) -> None:
     write_files(tmp_path)
     draw = random.Random(16)
-    known = set[int]()
+    finished_runs = set[int]()
     with cluster(tmp_path) as processes:
         for kill in range(KILLS):
             (tmp_path / "next").write_text(str(len(part_paths(tmp_path / "killed")) + PARTS))
             (tmp_path / "next").replace(tmp_path / "limit")  # whole whenever it is read
             with client(tmp_path, "--scheduler", processes.address) as process:
-                known = _killed(
-                    process, processes, tmp_path / "killed", known, draw, worker=kill == 1
+                finished_runs = _killed(
+                    process, processes, tmp_path / "killed", finished_runs, draw, worker=kill == 1
                 )
         (tmp_path / "limit").unlink()
         with client(tmp_path, "--scheduler", processes.address) as last:

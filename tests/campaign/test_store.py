@@ -69,10 +69,12 @@ def test_a_campaign_grows_in_its_folder_and_no_run_is_made_twice(tmp_path: Path)
 
 @pytest.mark.parametrize("sampler", GROWING)
 def test_more_runs_of_a_campaign_begin_with_the_same(sampler: str) -> None:
-    few, many = (Design(sampler=sampler, runs=runs, parameters=3, seed=7) for runs in (13, 100))
+    small_design, large_design = (
+        Design(sampler=sampler, runs=runs, parameters=3, seed=7) for runs in (13, 100)
+    )
     for run in range(13):
-        np.testing.assert_array_equal(few.row(run), many.row(run))
-        assert few.seed_of(run) == many.seed_of(run)
+        np.testing.assert_array_equal(small_design.row(run), large_design.row(run))
+        assert small_design.seed_of(run) == large_design.seed_of(run)
 
 
 def test_a_hypercube_cannot_grow(tmp_path: Path) -> None:

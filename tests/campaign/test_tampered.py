@@ -81,8 +81,10 @@ def run_numbers(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
 
 
 def one_run_number(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
-    k, other = rng.choice(len(rows), 2, replace=False)
-    return rows.assign(run=rows["run"].where(np.arange(len(rows)) != k, rows["run"].iloc[other]))
+    k, other_row = rng.choice(len(rows), 2, replace=False)
+    return rows.assign(
+        run=rows["run"].where(np.arange(len(rows)) != k, rows["run"].iloc[other_row])
+    )
 
 
 def missing_value(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:

@@ -215,8 +215,8 @@ def test_a_delay_is_known_to_the_estimator_and_an_unmodelled_one_comes_on_top(
     )
     assert run.specs.depth.delay == 0.2
     assert run.real_sensors.depth.delay == pytest.approx(0.23)
-    known = {"sensors.delay": 0.05}
-    assert vary(scenario, known, seed=0).real_sensors is None
+    delay_values = {"sensors.delay": 0.05}
+    assert vary(scenario, delay_values, seed=0).real_sensors is None
 
 
 @pytest.mark.slow
@@ -254,9 +254,9 @@ def test_an_offset_of_zero_and_a_factor_of_one_change_nothing_that_is_measured(
     }
     short = replace(scenario, duration=0.2)
     run = vary(short, neutral, seed=short.seed)
-    one = short.run()
-    other = run.run()
-    assert np.allclose(one["q"], other["q"], rtol=0, atol=1e-12)
+    first_run = short.run()
+    second_run = run.run()
+    assert np.allclose(first_run["q"], second_run["q"], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["goals.PC.z", "goals.T.yaw", "goals.AT.x"])
@@ -271,10 +271,10 @@ def test_a_goal_is_moved(scenario: Scenario, name: str) -> None:
 
 
 def test_every_parameter_says_its_unit_and_meaning(scenario: Scenario) -> None:
-    known = available_parameters(scenario)
+    parameters = available_parameters(scenario)
     assert all(
         parameter.unit and parameter.meaning and parameter.name == name
-        for name, parameter in known.items()
+        for name, parameter in parameters.items()
     )
     assert "water.drag" not in available_parameters(replace(scenario, plant="kinematic"))
 
@@ -299,9 +299,11 @@ def test_no_two_runs_of_a_campaign_share_a_seed_or_a_draw(sampler: str) -> None:
 
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_another_seed_gives_another_sample(sampler: str) -> None:
-    one, other = (Design(sampler=sampler, runs=32, parameters=2, seed=seed) for seed in (0, 1))
-    assert (one.row(3) != other.row(3)).any()
-    assert one.seed_of(3) != other.seed_of(3)
+    first_design, second_design = (
+        Design(sampler=sampler, runs=32, parameters=2, seed=seed) for seed in (0, 1)
+    )
+    assert (first_design.row(3) != second_design.row(3)).any()
+    assert first_design.seed_of(3) != second_design.seed_of(3)
 
 
 def test_a_latin_hypercube_has_one_run_in_every_slice() -> None:

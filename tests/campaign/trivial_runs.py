@@ -68,11 +68,11 @@ class Cluster:
 
 
 def _started(words: list[str]) -> subprocess.Popen[bytes]:
-    found = os.pathsep.join(sys.path)  # where workers find this module and that of its runs
+    search_path = os.pathsep.join(sys.path)  # where workers find this module and that of its runs
     quick_to_blame = {
         "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"
     }  # whatever was on a worker that ended
-    environment = os.environ | {"PYTHONPATH": found} | quick_to_blame
+    environment = os.environ | {"PYTHONPATH": search_path} | quick_to_blame
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     return subprocess.Popen([sys.executable, *words], env=environment, **quiet)
 

@@ -348,11 +348,11 @@ def call(commands: Sequence[str]) -> dict[str, dict[str, Any]]:
 
     building._compiler = _compiles  # type: ignore[assignment]
     furnish(Path.cwd())
-    found = {}
+    refusals = {}
     before = _files()
     for words in commands:
-        found[words] = told_of(words) | {"new": sorted(_files() - before)}
-    return found
+        refusals[words] = told_of(words) | {"new": sorted(_files() - before)}
+    return refusals
 
 
 def _files() -> set[str]:

@@ -61,8 +61,8 @@ def test_every_drawing_is_made_in_a_copy_where_there_are_processors_for_it(
     with drawer() as draw:
         assert draw(_notes(tmp_path, 20)) == []
     assert {int(path.name) for path in tmp_path.iterdir()} == set(range(20))
-    here = os.getpid() in {int(path.read_text()) for path in tmp_path.iterdir()}
-    assert here == (n_processors == 1 or sys.platform != "linux")
+    drawn_in_this_process = os.getpid() in {int(path.read_text()) for path in tmp_path.iterdir()}
+    assert drawn_in_this_process == (n_processors == 1 or sys.platform != "linux")
 
 
 @_COPIED

@@ -152,11 +152,11 @@ def test_options_that_do_not_parse_exit_with_2(tmp_path: Path) -> None:
 
 def test_list_names_everything(tmp_path: Path) -> None:
     process = called("list", "--json", cwd=tmp_path)
-    known = json.loads(process.stdout)
+    parameters = json.loads(process.stdout)
     assert process.returncode == 0
-    assert "case1" in known["scenarios"]
-    assert "girona_maris7_full" in known["robots"]
-    assert set(known["solvers"]) >= {"active_set", "lexqp", "icat"}
+    assert "case1" in parameters["scenarios"]
+    assert "girona_maris7_full" in parameters["robots"]
+    assert set(parameters["solvers"]) >= {"active_set", "lexqp", "icat"}
 
 
 @pytest.mark.slow
@@ -173,9 +173,9 @@ def test_check_refuses_an_unreachable_goal_with_figures(tmp_path: Path) -> None:
 def test_check_flags_a_seabed_above_the_way_point(tmp_path: Path) -> None:
     process = called("check", "case1", "--seabed", "-39", cwd=tmp_path)
     assert process.returncode == 2
-    said = " ".join(process.stdout.split())
-    assert "MAC keeps the vehicle 0.33 m above its way point" in said
-    assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in said
+    output = " ".join(process.stdout.split())
+    assert "MAC keeps the vehicle 0.33 m above its way point" in output
+    assert "the goal of T, z = -39.886 m, is 0.89 m below the seafloor" in output
 
 
 @pytest.mark.slow
@@ -353,6 +353,9 @@ def test_default_folders_of_what_differs_differ() -> None:
         {"duration": 0.1},
         {"duration": 0.1000000001},
     ]
-    names = [default_folder(("case1", "dynamic", "active_set"), given).name for given in options]
+    names = [
+        default_folder(("case1", "dynamic", "active_set"), case_options).name
+        for case_options in options
+    ]
     assert names[7] == "case1-dynamic-active_set-noise-seed4"
     assert len(set(names)) == len(options)

@@ -29,9 +29,9 @@ variations = [Variation("start.x", Normal(0.0, 0.1)), Variation("goals.TP.z", No
 
 def ours(*words: str) -> str:
     """What a command prints; its errors are raised."""
-    found = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert found.exit_code == 0, found.output
-    return found.output
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +106,9 @@ def test_the_template_mission_completes_as_it_is(place: Path, tmp_path: Path) ->
 
 
 def _json(*words: str) -> str:
-    found = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert found.exit_code in (0, 3), found.output
-    return found.stdout
+    result = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert result.exit_code in (0, 3), result.output
+    return result.stdout
 
 
 def test_templates_are_not_written_over(place: Path) -> None:
@@ -198,8 +198,8 @@ def test_a_changed_mission_is_refused_and_the_file_named(place: Path, tmp_path: 
 
 
 def test_what_can_be_varied_is_listed() -> None:
-    known = json.loads(_json("campaign", "case1", "--parameters", "--json"))
-    assert {"water.drag", "payload.mass", "goals.PC.x"} <= {row["parameter"] for row in known}
+    parameters = json.loads(_json("campaign", "case1", "--parameters", "--json"))
+    assert {"water.drag", "payload.mass", "goals.PC.x"} <= {row["parameter"] for row in parameters}
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def test_every_example_is_of_commands_and_options_that_there_are(line: str) -> N
     words = line.split("   ")[0].split()
     while hasattr(command, "commands"):
         command = command.commands[words.pop(0)]
-    known = {option for parameter in command.params for option in parameter.opts}
-    assert {word for word in words if word.startswith("--")} <= known
+    known_options = {option for parameter in command.params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= known_options
 
 
 @pytest.mark.parametrize(
@@ -45,12 +45,12 @@ def test_every_example_is_of_commands_and_options_that_there_are(line: str) -> N
 )
 def test_a_shell_completes_names(words: str, expected: list[str]) -> None:
     line = f"uvms-ocp {words}"
-    asked = {
+    completion_environment = {
         "_UVMS_OCP_COMPLETE": "complete_bash",
         "COMP_WORDS": line,
         "COMP_CWORD": str(len(line.split()) - 1),
     }
-    assert called(cwd=Path(), **asked).stdout.split() == expected
+    assert called(cwd=Path(), **completion_environment).stdout.split() == expected
 
 
 def _all(commands: cli.Commands) -> Iterator[tuple[Any, str]]:
@@ -60,9 +60,9 @@ def _all(commands: cli.Commands) -> Iterator[tuple[Any, str]]:
 
 
 def test_help_lists_every_command_with_the_first_words_of_its_own_help() -> None:
-    found = list(_all(typer.main.get_command(cli.app).commands))
-    assert len(found) > 16
-    for command, summary in found:
+    commands_and_texts = list(_all(typer.main.get_command(cli.app).commands))
+    assert len(commands_and_texts) > 16
+    for command, summary in commands_and_texts:
         assert " ".join(command.help.partition("\n\n")[0].split()) == summary != ""
 
 

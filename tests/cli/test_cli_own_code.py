@@ -123,7 +123,7 @@ FAILURES = {
 def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(
     kind: str, place: Path
 ) -> None:
-    text, lines, said = FAILURES[kind]
+    text, lines, message = FAILURES[kind]
     path = place / f"failing{len(kind)}.py"
     path.write_text(text.format(**{"scenario": "pass", "tick": "pass", **lines}) if lines else text)
     for command in ("run", "check") if "tick" not in lines else ("run",):
@@ -134,7 +134,7 @@ def test_a_failure_of_ones_own_code_is_one_line_and_more_if_asked_for(
             "",
             "",
         )
-        assert f"error: {path}{said}" in told["err"]
+        assert f"error: {path}{message}" in told["err"]
         more = told_of(f"{command} {shlex.quote(str(path))} --traceback")
         assert more["code"] == 2
         assert more["err"].endswith(told["err"])

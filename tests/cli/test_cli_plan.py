@@ -67,10 +67,12 @@ def test_what_is_kept_from_each_obstacle_and_between_links_are_numbers_of_their_
     """Links that are near each other by design would hide what a plan keeps from a rock."""
     process, _ = around
     report = json.loads(process.stdout)
-    kept = report["clearances_m"]
-    assert set(kept) == {*(item["name"] for item in report["obstacles"]), "its own links"}
-    assert min(kept.values()) == pytest.approx(report["min_clearance_m"], abs=1e-3)
-    assert f"{kept['its own links']:.3g} m to its own links" in " ".join(process.stderr.split())
+    clearances = report["clearances_m"]
+    assert set(clearances) == {*(item["name"] for item in report["obstacles"]), "its own links"}
+    assert min(clearances.values()) == pytest.approx(report["min_clearance_m"], abs=1e-3)
+    assert f"{clearances['its own links']:.3g} m to its own links" in " ".join(
+        process.stderr.split()
+    )
 
 
 def test_every_output_is_written(around: Run) -> None:

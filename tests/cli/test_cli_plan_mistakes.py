@@ -126,10 +126,10 @@ def options_of(method: str) -> dict[str, object]:
 def test_options_that_both_methods_have_are_the_same_and_come_first() -> None:
     curve = list(options_of("curve"))
     ocp = list(options_of("ocp"))
-    both = [name for name in curve if name in ocp and name not in ("out", "as_json")]
-    assert both == curve[: len(both)] == ocp[: len(both)]
-    assert curve[len(both) :] == ["axes", "seed", "out", "as_json"]
-    assert ocp[len(both) :] == [
+    shared_options = [name for name in curve if name in ocp and name not in ("out", "as_json")]
+    assert shared_options == curve[: len(shared_options)] == ocp[: len(shared_options)]
+    assert curve[len(shared_options) :] == ["axes", "seed", "out", "as_json"]
+    assert ocp[len(shared_options) :] == [
         "duration",
         "steps",
         "current",

@@ -53,9 +53,9 @@ def show(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def legend(page: Path) -> list[str]:
-    found = re.search(r'id="details">(.*?)</script', page.read_text(encoding="utf-8"))
-    assert found is not None
-    return [row["label"] for row in json.loads(found[1])["legend"]]
+    details = re.search(r'id="details">(.*?)</script', page.read_text(encoding="utf-8"))
+    assert details is not None
+    return [row["label"] for row in json.loads(details[1])["legend"]]
 
 
 def test_a_run_and_its_ghost_are_written_as_one_page(run: Path, tmp_path: Path) -> None:
@@ -107,9 +107,9 @@ def test_a_page_is_served_until_it_is_stopped(run: Path) -> None:
         [*COMMAND, str(run), "--no-browser"], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
-        found = re.match(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
-        assert found is not None
-        connection = HTTPConnection("127.0.0.1", int(found[1]), timeout=30)
+        address = re.match(r"http://127\.0\.0\.1:(\d+)/", process.stdout.readline())
+        assert address is not None
+        connection = HTTPConnection("127.0.0.1", int(address[1]), timeout=30)
         connection.request("GET", "/")
         assert b"swing" in connection.getresponse().read()
         connection.close()

@@ -122,11 +122,11 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     robot = tmp_path / "mine"
     mission = tmp_path / "m.py"
     source.write_text(f"<robot name='r'>{STRANGERS[kind]}</robot>", encoding="utf-8")
-    asked = told("new-robot", "--from", str(source), str(robot))
-    assert ("altimeter: no link" in asked) == (
+    questions = told("new-robot", "--from", str(source), str(robot))
+    assert ("altimeter: no link" in questions) == (
         "altimeter" not in STRANGERS[kind] and kind != "fixed base"
     )
-    assert ("thrusters: no link" in asked) == (kind == "no thrusters")
+    assert ("thrusters: no link" in questions) == (kind == "no thrusters")
     assert "usable" in told("check-robot", str(robot))
     told("new-mission", str(mission), "--robot", str(robot))
     assert "accepted" in told("check", str(mission))
@@ -143,20 +143,22 @@ def test_a_urdf_becomes_a_mission_that_is_accepted(kind: str, tmp_path: Path) ->
     assert (" Alignment(" in text) == (
         kind in ("no vertical thrust", "no thrust abeam", "joints called as axes and links")
     )
-    made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
-    assert [water.frame for water in made.hydrodynamics if water.by_flow] == [
-        name for name in ("rov/hull",) if made.n_vehicle
+    proposed_robot = load_robot(
+        urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml"
+    )
+    assert [water.frame for water in proposed_robot.hydrodynamics if water.by_flow] == [
+        name for name in ("rov/hull",) if proposed_robot.n_vehicle
     ]
-    assert len(made.description.thrusters) == STRANGERS[kind].count("continuous")
-    assert ("joint gimbal_joint: turns thrusters" in asked) == (kind == "a gimbal")
+    assert len(proposed_robot.description.thrusters) == STRANGERS[kind].count("continuous")
+    assert ("joint gimbal_joint: turns thrusters" in questions) == (kind == "a gimbal")
     assert ("frame=" in text.partition("VehiclePose(")[2].partition("\n")[0]) == (
         kind == "base_link turned over"
     )
     varied = (tmp_path / "m_variations.py").read_text(encoding="utf-8")
-    known = told("campaign", str(mission), "--parameters", "--json")
-    assert all(f'"{name}"' in known for name in re.findall(r'Variation\("([^"]+)"', varied))
-    if made.n_vehicle:
-        force, moment = static_residual(made, made.configuration())
+    parameters = told("campaign", str(mission), "--parameters", "--json")
+    assert all(f'"{name}"' in parameters for name in re.findall(r'Variation\("([^"]+)"', varied))
+    if proposed_robot.n_vehicle:
+        force, moment = static_residual(proposed_robot, proposed_robot.configuration())
         assert abs(force) < 0.05
         assert abs(moment).max() < 0.05
 
@@ -172,9 +174,11 @@ def test_every_proposal_is_marked_and_options_answer_questions(tmp_path: Path) -
         "new-robot", "--from", str(source), str(robot)
     )
     assert "tool" not in yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
-    other = tmp_path / "other"
-    assert "tool: any" not in told("new-robot", "--from", str(source), str(other), "--tool", "hook")
-    lines = (other / "hydrodynamics.yaml").read_text(encoding="utf-8").splitlines()
+    other_folder = tmp_path / "other"
+    assert "tool: any" not in told(
+        "new-robot", "--from", str(source), str(other_folder), "--tool", "hook"
+    )
+    lines = (other_folder / "hydrodynamics.yaml").read_text(encoding="utf-8").splitlines()
     assert "tool: hook # as you said" in lines
     own = [
         line
@@ -188,27 +192,31 @@ def test_fingers_stay_together_and_what_has_no_range_stays_where_it_is(tmp_path:
     source = tmp_path / "theirs.urdf"
     robot = tmp_path / "mine"
     fingers = link("finger_0", 0.05) + joint("left_fore", "finger_0", "revolute", "0.3 0 0")
-    other = link("finger_1", 0.05) + joint("left_fore", "finger_1", "revolute", "0.3 0 0")
-    other = other.replace(
+    second_finger = link("finger_1", 0.05) + joint("left_fore", "finger_1", "revolute", "0.3 0 0")
+    second_finger = second_finger.replace(
         "<limit", "<mimic joint='finger_0_joint' multiplier='-1' offset='0.2'/><limit"
     )
-    held = link("transponder", 0.1) + joint("rov/hull", "transponder", "revolute", "0 0 0.3")
-    held = held.replace("lower='-1.5' upper='1.5'", "lower='0' upper='0'")
+    transponder = link("transponder", 0.1) + joint("rov/hull", "transponder", "revolute", "0 0 0.3")
+    transponder = transponder.replace("lower='-1.5' upper='1.5'", "lower='0' upper='0'")
     weightless = link("fan_9", 0) + joint("rov/hull", "fan_9", "continuous", "0 0 0.2", "0 0 1")
-    body = HULL + arm("left", 0.1) + fingers + other + held + AHEAD + weightless
+    body = HULL + arm("left", 0.1) + fingers + second_finger + transponder + AHEAD + weightless
     source.write_text(f"<robot name='r'>{body}</robot>", encoding="utf-8")
-    said = told("new-robot", "--from", str(source), str(robot))
-    assert "moves on its own" not in said
+    output = told("new-robot", "--from", str(source), str(robot))
+    assert "moves on its own" not in output
     content = yaml.safe_load((robot / "hydrodynamics.yaml").read_text(encoding="utf-8"))
     assert "mimic" not in content["loading"]
     assert {"transponder_joint", "fan_9_joint"} <= content["loading"]["lock"].keys()
     assert content["tool"] == "left_nozzle"
-    made = load_robot(urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml")
-    assert made.joint_names == ("left_upper_joint", "left_fore_joint", "finger_0_joint")
-    assert made.leading_joints == ("finger_0_joint",)
-    assert "fan_9_joint" in made.thruster_names
-    here = Kinematics(made, made.configuration(joints={"finger_0_joint": 0.3}))
-    turned = here.pose("finger_0").actInv(here.pose("finger_1"))
+    proposed_robot = load_robot(
+        urdf=robot / "robot.urdf", hydrodynamics=robot / "hydrodynamics.yaml"
+    )
+    assert proposed_robot.joint_names == ("left_upper_joint", "left_fore_joint", "finger_0_joint")
+    assert proposed_robot.leading_joints == ("finger_0_joint",)
+    assert "fan_9_joint" in proposed_robot.thruster_names
+    kinematics = Kinematics(
+        proposed_robot, proposed_robot.configuration(joints={"finger_0_joint": 0.3})
+    )
+    turned = kinematics.pose("finger_0").actInv(kinematics.pose("finger_1"))
     np.testing.assert_allclose(
         pin.rpy.matrixToRpy(turned.rotation), [0.0, 0.2 - 0.6, 0.0], atol=1e-12
     )
@@ -230,16 +238,20 @@ def test_joints_that_are_held_are_told_and_move_once_they_are_not(
     source.write_text(
         f"<robot name='r'>{HULL}{arm('left', 0.1)}{ends}{AHEAD}</robot>", encoding="utf-8"
     )
-    asked = " ".join(told("new-robot", "--from", str(source), str(robot)).split())
-    assert f"joint {name}_0_joint, {name}_1_joint: {said}" in asked
+    questions = " ".join(told("new-robot", "--from", str(source), str(robot)).split())
+    assert f"joint {name}_0_joint, {name}_1_joint: {said}" in questions
     file = robot / "hydrodynamics.yaml"
-    held = load_robot(urdf=robot / "robot.urdf", hydrodynamics=file)
-    assert held.joint_names == ("left_upper_joint", "left_fore_joint")
+    edited_robot = load_robot(urdf=robot / "robot.urdf", hydrodynamics=file)
+    assert edited_robot.joint_names == ("left_upper_joint", "left_fore_joint")
     text = file.read_text(encoding="utf-8")
     file.write_text(re.sub(rf"{name}_\d_joint: 0.0,? ?", "", text), encoding="utf-8")
     if mass:
         freed = load_robot(urdf=robot / "robot.urdf", hydrodynamics=file)
-        assert freed.joint_names == (*held.joint_names, f"{name}_0_joint", f"{name}_1_joint")
+        assert freed.joint_names == (
+            *edited_robot.joint_names,
+            f"{name}_0_joint",
+            f"{name}_1_joint",
+        )
 
 
 def test_a_joint_called_as_an_axis_of_the_vehicle_is_another_axis(tmp_path: Path) -> None:
@@ -311,9 +323,9 @@ def test_a_velocity_log_is_found_where_there_is_one_and_listed_where_there_are_m
     source.write_text(
         f"<robot name='r'>{HULL}{arm('left', 0.1)}{loose}{AHEAD}{logs}</robot>", encoding="utf-8"
     )
-    asked = " ".join(told("new-robot", "--from", str(source), str(tmp_path / "mine")).split())
-    assert said in asked
-    assert ("dvl:" in asked) == bool(said)
+    questions = " ".join(told("new-robot", "--from", str(source), str(tmp_path / "mine")).split())
+    assert said in questions
+    assert ("dvl:" in questions) == bool(said)
 
 
 def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(
@@ -324,7 +336,7 @@ def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(
     source.write_text(f"<robot name='r'>{HULL}</robot>", encoding="utf-8")
     told("new-robot", "--from", str(source), str(place))
     robot = load_robot(urdf=place / "robot.urdf", hydrodynamics=place / "hydrodynamics.yaml")
-    asked = {
+    questions = {
         "robot": robot,
         "start": robot.configuration(),
         "goal": PostureGoal(position=(0.5, 0.0, 0.0)),
@@ -332,5 +344,5 @@ def test_a_vehicle_without_thrusters_is_planned_by_the_way_that_plan_ocp_names(
     with pytest.raises(
         InvalidInput, match=r"give some in hydrodynamics\.yaml, plan without forces by `plan curve`"
     ):
-        solve_ocp(OcpRequest(**asked))
-    assert plan_path(PlanRequest(**asked)).plan is not None
+        solve_ocp(OcpRequest(**questions))
+    assert plan_path(PlanRequest(**questions)).plan is not None

@@ -41,9 +41,9 @@ def test_a_mission_of_a_robot_with_frames_of_other_names_can_be_made(tmp_path: P
         task.frame for task in scenario.mission.hierarchy.tasks if getattr(task, "frame", None)
     }
     assert frames == {"base_link", "tool"}
-    here = Kinematics(scenario.robot, scenario.start)
-    assert here.pose("base_link") == here.pose("hull")
-    assert here.pose("tool") == here.pose("gripper")
+    kinematics = Kinematics(scenario.robot, scenario.start)
+    assert kinematics.pose("base_link") == kinematics.pose("hull")
+    assert kinematics.pose("tool") == kinematics.pose("gripper")
 
 
 @pytest.mark.slow
@@ -86,7 +86,9 @@ def test_two_arms_on_six_thrusters_reach_both_targets(
 
 def test_the_body_that_check_robot_advises_trims_the_robot() -> None:
     robot = without_trim(load_robot("girona_maris7"))
-    text = next(found.text for found in check_robot(robot).findings if found.subject == "trim")
+    text = next(
+        finding.text for finding in check_robot(robot).findings if finding.subject == "trim"
+    )
     bodies = [TrimBody(**body) for body in safe_load(text.partition("; trim: ")[2])]
     force, moment = static_residual(with_trim(robot, bodies), robot.configuration())
     assert abs(force) < 0.5

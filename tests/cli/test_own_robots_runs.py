@@ -60,11 +60,11 @@ def ran(robot: Robot) -> Record:
 
 def planned(robot: Robot) -> Record:
     goal = PostureGoal(position=(0.5, 0.0, -5.0))
-    found = plan_path(
+    plan_result = plan_path(
         PlanRequest(robot=robot, start=robot.configuration(position=(0.0, 0.0, -5.0)), goal=goal)
     )
-    assert found.plan is not None
-    return motion_record(found, found.plan)
+    assert plan_result.plan is not None
+    return motion_record(plan_result, plan_result.plan)
 
 
 READINGS: dict[str, dict[str, Any]] = {
@@ -85,14 +85,14 @@ def test_a_record_finds_the_robot_that_it_was_made_with(
     folder = project / "runs" / "X"
     folder.mkdir(parents=True)
     planned(robot).save(folder / "record.npz")
-    there = project.rename(tmp_path / "elsewhere") / "runs" / "X"
-    files = Record.load(there / "record.npz").meta.robot_files
+    moved_run = project.rename(tmp_path / "elsewhere") / "runs" / "X"
+    files = Record.load(moved_run / "record.npz").meta.robot_files
     assert files is not None
     assert str(tmp_path) not in files.model_dump_json()
-    found = recorded_robot(robot.name, files, there)
-    assert found is not None
-    assert found.description == robot.description
-    assert found.model == robot.model
+    loaded_robot = recorded_robot(robot.name, files, moved_run)
+    assert loaded_robot is not None
+    assert loaded_robot.description == robot.description
+    assert loaded_robot.model == robot.model
 
 
 @pytest.mark.parametrize("motion", [ran, planned])
@@ -102,8 +102,8 @@ def test_a_motion_of_ones_own_robot_is_shown_until_its_folder_moves(
     motion(robot_called("mine")).save(project / "record.npz")
     assert "scene.html" in told("show", "record.npz", "--out", "scene.html")
     (project / "mine").rename(project / "other")
-    said = told("show", "record.npz", "--out", "second.html")
-    assert "which is no longer at mine/robot.urdf; give it: --robot DIR" in said
+    output = told("show", "record.npz", "--out", "second.html")
+    assert "which is no longer at mine/robot.urdf; give it: --robot DIR" in output
     assert not (project / "second.html").exists()
     assert "third.html" in told("show", "record.npz", "--robot", "other", "--out", "third.html")
 
@@ -121,19 +121,19 @@ LIBRARY: dict[str, dict[str, Any]] = {
 def test_a_robot_of_the_library_that_is_read_in_another_way_is_known_to_any_machine(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    there = shutil.copytree(robot_folder(ARM), tmp_path / "another machine" / ARM)
-    shutil.copy(there / "hydrodynamics.yaml", tmp_path / "own.yaml")
+    other_machine = shutil.copytree(robot_folder(ARM), tmp_path / "another machine" / ARM)
+    shutil.copy(other_machine / "hydrodynamics.yaml", tmp_path / "own.yaml")
     monkeypatch.chdir(tmp_path)
     robot = load_robot(ARM, **LIBRARY[kind])
     files = robot_meta(robot)["robot_files"]
     assert files.urdf is None
     assert load_robot(ARM).urdf is None
-    monkeypatch.setattr(loading, "robots_folder", lambda: there.parent)
-    found = recorded_robot(ARM, files, tmp_path)
-    assert found is not None
-    assert found.description == robot.description
-    assert found.model == robot.model
-    assert found.urdf == (there / "robot.urdf").resolve()
+    monkeypatch.setattr(loading, "robots_folder", lambda: other_machine.parent)
+    loaded_robot = recorded_robot(ARM, files, tmp_path)
+    assert loaded_robot is not None
+    assert loaded_robot.description == robot.description
+    assert loaded_robot.model == robot.model
+    assert loaded_robot.urdf == (other_machine / "robot.urdf").resolve()
 
 
 def test_a_robot_of_the_library_that_is_read_in_another_way_is_shown_as_it_was_read(
@@ -152,10 +152,10 @@ def test_frames_that_were_moved_in_python_are_where_they_were(name: str, project
             frame, nudge * robot.model.frames[robot.frame_id(frame)].placement
         )
     planned(robot).save(project / "record.npz")
-    found = shown_robot(Record.load(project / "record.npz"), project)
-    assert found.description == robot.description
-    for one, other in zip(found.model.frames, robot.model.frames, strict=True):
-        assert one.placement.isApprox(other.placement, 1e-12), one.name
+    loaded_robot = shown_robot(Record.load(project / "record.npz"), project)
+    assert loaded_robot.description == robot.description
+    for loaded_frame, other in zip(loaded_robot.model.frames, robot.model.frames, strict=True):
+        assert loaded_frame.placement.isApprox(other.placement, 1e-12), loaded_frame.name
 
 
 def test_a_frame_of_a_file_that_cannot_be_moved_is_refused_by_name(project: Path) -> None:
@@ -191,9 +191,9 @@ def test_a_record_is_drawn_with_the_robot_of_its_own_project(
         renamed("own", tmp_path / place / "arm")
     files = RobotFilesMeta(urdf="arm/robot.urdf", description="{}")
     monkeypatch.chdir(tmp_path / "b")
-    found = recorded_robot("own", files, Path("../a/runs/X"))
-    assert found is not None
-    assert found.urdf == (tmp_path / "a" / "arm" / "robot.urdf").resolve()
+    loaded_robot = recorded_robot("own", files, Path("../a/runs/X"))
+    assert loaded_robot is not None
+    assert loaded_robot.urdf == (tmp_path / "a" / "arm" / "robot.urdf").resolve()
     with pytest.raises(
         InvalidInput, match=r"a record of mine, but .* is own; give it: --robot DIR"
     ):
@@ -241,12 +241,12 @@ def test_no_record_names_the_home_folder(tmp_path: Path, monkeypatch: pytest.Mon
     outside = tmp_path / "elsewhere"
     robot = robot_called(str(renamed("own", home / "robots" / "arm")))
     monkeypatch.setenv("HOME", str(home))
-    for here, place in (
+    for working_folder, place in (
         (home / "missions", "../robots/arm/robot.urdf"),
         (outside, "arm/robot.urdf"),
     ):
-        here.mkdir()
-        monkeypatch.chdir(here)
+        working_folder.mkdir()
+        monkeypatch.chdir(working_folder)
         assert robot_meta(robot)["robot_files"].urdf == place
     monkeypatch.setenv("HOME", str(robot.urdf.parent))  # type: ignore[union-attr]
     assert robot_meta(robot)["robot_files"].urdf == "robot.urdf"

@@ -54,14 +54,14 @@ def test_a_table_with_too_many_columns_goes_on_below_with_its_first_column_again
     rows = by_kind([{**FAULT, "kind": kind} for kind in ("altimeter_stuck", "gyro_biased")])
     text = printed(lambda console: console.print(table_of("faults", rows, tuple(rows[0]))))
     assert max(map(len, text.splitlines())) <= WIDTH
-    found = [word for row in cells(text) for word in row]
+    words = [word for row in cells(text) for word in row]
     for name, value in rows[0].items():
         told = f"{value:.4g}" if isinstance(value, float) else str(value)
-        assert name in found
-        assert told in found
-    parts = found.count("kind")
+        assert name in words
+        assert told in words
+    parts = words.count("kind")
     assert parts > 1
-    assert found.count("altimeter_stuck") == found.count("gyro_biased") == parts
+    assert words.count("altimeter_stuck") == words.count("gyro_biased") == parts
     assert text.count("faults") == 1
 
 

@@ -54,19 +54,22 @@ def test_what_is_refused_is_refused_in_one_line_and_nothing_is_compiled_for_it(
     command = [sys.executable, str(script), *expected]
     process = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     assert process.returncode == 0, process.stderr
-    found = json.loads(process.stdout)
-    wrong = {words: row for words, row in found.items() if not _is_one_line(row, expected[words])}
+    report = json.loads(process.stdout)
+    wrong = {words: row for words, row in report.items() if not _is_one_line(row, expected[words])}
     assert wrong == {}
-    assert found.keys() == expected.keys()
+    assert report.keys() == expected.keys()
     assert not empty.exists()
 
 
 def _is_one_line(row: dict[str, object], text: str) -> bool:
     err = str(row["err"])
-    one = len(err.splitlines()) == 1 and err.startswith("error: ") and err.endswith("\n")
+    is_one_line = len(err.splitlines()) == 1 and err.startswith("error: ") and err.endswith("\n")
     quiet = not row["out"] or text.startswith("pre-flight refuses")  # whose findings are printed
     return (
-        one and quiet and text in err and (row["code"], row["reached"], row["new"]) == (2, "", [])
+        is_one_line
+        and quiet
+        and text in err
+        and (row["code"], row["reached"], row["new"]) == (2, "", [])
     )
 
 
@@ -148,8 +151,8 @@ def test_on_a_terminal_an_error_is_the_last_line(
     lines = _on_a_terminal(*words, cwd=place)
     assert lines[-1].startswith("error: ")
     assert [line for line in lines if line.startswith("error: ")][-1:] == lines[-1:]
-    said = any("compiling C code for the first time" in line for line in lines)
-    assert said == (words == FAILS)
+    says_compiling = any("compiling C code for the first time" in line for line in lines)
+    assert says_compiling == (words == FAILS)
 
 
 def _on_a_terminal(*words: str, cwd: Path) -> list[str]:

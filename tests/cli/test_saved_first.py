@@ -63,8 +63,8 @@ def test_a_figure_that_fails_costs_that_figure(
     }
     assert expected <= written
     assert "figures/errors.png" not in written
-    said = [line for line in console.export_text().splitlines() if "not drawn" in line]
-    assert said == ["figures/errors.png: not drawn, ValueError: no axes left"]
+    not_drawn_lines = [line for line in console.export_text().splitlines() if "not drawn" in line]
+    assert not_drawn_lines == ["figures/errors.png: not drawn, ValueError: no axes left"]
     assert report["completed"] == Record.load(tmp_path / "out" / "record.npz").run_meta.completed
 
 
@@ -94,8 +94,8 @@ def test_only_what_is_asked_for_is_drawn(asked: str, written: set[str], tmp_path
         ],
     )
     assert result.exit_code == NOT_COMPLETED
-    found = {path.relative_to(out).as_posix() for path in out.rglob("[!.]*.*")}
-    assert found - {".uvms_ocp/manifest.json"} == {"record.npz", "report.json", *written}
+    written_files = {path.relative_to(out).as_posix() for path in out.rglob("[!.]*.*")}
+    assert written_files - {".uvms_ocp/manifest.json"} == {"record.npz", "report.json", *written}
 
 
 def test_figures_that_there_are_not_are_refused_before_the_run(tmp_path: Path) -> None:
@@ -184,14 +184,14 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(
     request = PlanRequest(
         robot=robot, start=robot.configuration(), goal=PostureGoal(joints={"turn0": 0.3})
     )
-    said = list[str]()
+    not_drawn_lines = list[str]()
 
     @contextmanager
     def drawer() -> Iterator[Callable[[Mapping[str, Job]], list[str]]]:
         def noted(drawings: Mapping[str, Job]) -> list[str]:
             before.update(path.name for path in (tmp_path / "out").iterdir())
-            said.extend(draw(drawings))
-            return said
+            not_drawn_lines.extend(draw(drawings))
+            return not_drawn_lines
 
         with drawing.drawer() as draw:
             yield noted
@@ -205,7 +205,7 @@ def test_a_figure_of_a_plan_that_fails_costs_that_figure(
     assert saved <= before
     assert saved | {"scene.html", "figures/joint_motion.png"} <= written
     assert "figures/clearance.png" not in written
-    assert said == ["figures/clearance.png: not drawn, ValueError: no axes left"]
+    assert not_drawn_lines == ["figures/clearance.png: not drawn, ValueError: no axes left"]
     assert Record.load(tmp_path / "out" / "record.npz").meta.kind == "plan"
 
 

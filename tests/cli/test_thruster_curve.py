@@ -42,9 +42,9 @@ def test_thrust_is_in_the_unit_that_is_given_or_else_as_the_header_says(
 ) -> None:
     rows = "\n".join(f"{pwm},{force}" for pwm, force in zip(PWM, FORCE, strict=True))
     (tmp_path / "bench.csv").write_text(f"PWM (us),{header}\n{rows}\n")
-    curve, said = curve_of(str(tmp_path / "bench.csv"), *given)
+    curve, message = curve_of(str(tmp_path / "bench.csv"), *given)
     np.testing.assert_allclose(curve, np.column_stack([PWM, newtons * FORCE]), rtol=1e-3)
-    assert said.startswith("thrust in ")
+    assert message.startswith("thrust in ")
 
 
 def test_a_unit_that_is_none_of_thrust_is_refused(tmp_path: Path) -> None:
@@ -67,12 +67,12 @@ def test_sheets_of_voltages_are_one_table(tmp_path: Path) -> None:
         ]:
             sheet.append(list(row))
     book.save(tmp_path / "bench.xlsx")
-    first, said = curve_of(str(tmp_path / "bench.xlsx"))
+    first, message = curve_of(str(tmp_path / "bench.xlsx"))
     np.testing.assert_allclose(first[:, 1], 9.80665 * FORCE, rtol=1e-3)
-    assert "sheet 12 V of Sheet, 12 V, 16 V" in said
-    both = ["--sheet", "12 V", "--sheet", "16 V", "--voltage", "Voltage", "--at", "14"]
+    assert "sheet 12 V of Sheet, 12 V, 16 V" in message
+    both_sheets = ["--sheet", "12 V", "--sheet", "16 V", "--voltage", "Voltage", "--at", "14"]
     np.testing.assert_allclose(
-        curve_of(str(tmp_path / "bench.xlsx"), *both)[0][:, 1],
+        curve_of(str(tmp_path / "bench.xlsx"), *both_sheets)[0][:, 1],
         14.0 / 12.0 * 9.80665 * FORCE,
         rtol=1e-3,
     )

@@ -86,9 +86,9 @@ def test_every_status_stands_with_what_to_do() -> None:
     }
     for kind in AdvisedStatus.__subclasses__():
         assert f"`{kind.__module__}.{kind.__name__}`" in page
-        for one in kind:
+        for member in kind:
             assert (
-                f"| `{one.value}` | {' '.join(one.advice.replace('|', chr(92) + '|').split())} |"
+                f"| `{member.value}` | {' '.join(member.advice.replace('|', chr(92) + '|').split())} |"
                 in page
             )
 
@@ -106,14 +106,14 @@ def test_tables_hold_every_series_every_field_and_every_command() -> None:
     )
     assert "`--ghost PATH`" in pages["commands"]
     assert "[Thruster](#thruster)" in pages["robot_files"]
-    known = (
+    known_names = (
         *CalibrationSettings.model_fields,
         *QuantitySettings.model_fields,
         *NoiseSettings.model_fields,
         "quadratic_drag",
         "wrench_offset",
     )
-    assert all(f"| `{name}` |" in pages["identification_settings"] for name in known)
+    assert all(f"| `{name}` |" in pages["identification_settings"] for name in known_names)
 
 
 def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ def undocumented_names(modules: Collection[str]) -> Iterator[str]:
 def _own_names(module: Any) -> list[str]:
     return [
         key
-        for key, thing in vars(module).items()
-        if key[0] != "_" and getattr(thing, "__module__", "") == module.__name__
+        for key, value in vars(module).items()
+        if key[0] != "_" and getattr(value, "__module__", "") == module.__name__
     ]
 
 

@@ -21,8 +21,8 @@ def test_the_bound_holds_as_often_as_it_says(told: float, spread: float) -> None
     rng = np.random.default_rng(1)
     mean = np.array([told * spread, 0.0, 0.0])
     true = np.linalg.norm(mean + spread / np.sqrt(3.0) * rng.standard_normal((100_000, 3)), axis=1)
-    held = float((true <= norm_bound(told * spread, spread)).mean())
-    assert held == pytest.approx(CHANCE, abs=0.01)
+    share_within = float((true <= norm_bound(told * spread, spread)).mean())
+    assert share_within == pytest.approx(CHANCE, abs=0.01)
 
 
 def test_without_doubt_the_bound_is_the_estimate() -> None:

@@ -42,9 +42,9 @@ def peak_of(call: object) -> float:
 
 
 def test_margins_of_joints_are_found_part_by_part(short: Record, long: Record) -> None:
-    found = figures_between(long, 0.0, float(long["t"][-1]))
+    figures = figures_between(long, 0.0, float(long["t"][-1]))
     assert (
-        found["joint_margin_rad"]
+        figures["joint_margin_rad"]
         == figures_between(short, 0.0, float(short["t"][-1]))["joint_margin_rad"]
     )
     columns = long["q"][:, :3].nbytes / 1e6

@@ -198,13 +198,13 @@ def test_energy_without_power_data_is_unknown_and_not_zero(tmp_path: Path) -> No
     del content["thrusters"][0]["power"]
     (tmp_path / "water.yaml").write_text(safe_dump(content), encoding="utf-8")
     robot = load_robot("girona_maris7_full", hydrodynamics=tmp_path / "water.yaml")
-    known, unknown = (short(robot=machine).run() for machine in ("girona_maris7_full", robot))
+    known_run, unknown = (short(robot=machine).run() for machine in ("girona_maris7_full", robot))
     assert np.isnan(unknown["thruster_energy"][-1]).tolist() == [True] + [False] * 7
     for row in summarize(unknown)["resources"]:
         assert row["thruster_energy_j"] is row["energy_j"] is None
         assert row["joint_energy_j"] >= 0.0
     assert '"thruster_energy_j": null' in json.dumps(summarize(unknown))
-    for name, record in (("known.npz", known), ("unknown.npz", unknown)):
+    for name, record in (("known.npz", known_run), ("unknown.npz", unknown)):
         record.save(tmp_path / name)
     shown = CliRunner().invoke(
         app, ["compare", str(tmp_path / "known.npz"), str(tmp_path / "unknown.npz")]

@@ -33,11 +33,11 @@ def test_period_amplitude_and_growth_are_those_of_the_oscillation(
         + 0.05 * growth ** (T / period) * np.sin(2 * np.pi * T / period)
         + 1e-3 * rng.normal(size=len(T))
     )
-    found = swing_of("error", values, DT)
-    assert found is not None
-    assert found.period == pytest.approx(period, rel=0.05)
-    assert found.growth == pytest.approx(growth, abs=0.05)
-    assert found.amplitude == pytest.approx(0.05 * growth ** (T[-1] / period), rel=0.25, abs=0.01)
+    swing = swing_of("error", values, DT)
+    assert swing is not None
+    assert swing.period == pytest.approx(period, rel=0.05)
+    assert swing.growth == pytest.approx(growth, abs=0.05)
+    assert swing.amplitude == pytest.approx(0.05 * growth ** (T[-1] / period), rel=0.25, abs=0.01)
 
 
 @pytest.mark.parametrize("kind", ["still", "decay", "noise", "step", "unknown"])
@@ -50,8 +50,8 @@ def test_what_does_not_oscillate_is_no_swing(kind: str) -> None:
         "step": (T > 7.0) * 1.0,
         "unknown": np.full(len(T), np.nan),
     }[kind]
-    found = swing_of("error", values, DT)
-    assert found is None or not found.regular
+    swing = swing_of("error", values, DT)
+    assert swing is None or not swing.regular
 
 
 def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[float, str]]:
@@ -76,8 +76,8 @@ def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[f
 @pytest.mark.parametrize("period", [1.5, 3.0])
 def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: float) -> None:
     told = watched(0.1, period, phases=2)
-    assert [what for _, what in told].count("pitch") == 2
-    assert [what for _, what in told].count("PC.position_error") == 2
+    assert [channel for _, channel in told].count("pitch") == 2
+    assert [channel for _, channel in told].count("PC.position_error") == 2
     assert told[0][0] <= 4 * period
     assert watched(0.01, period) == []
 
@@ -90,8 +90,8 @@ def test_an_error_that_only_falls_does_not_swing(
     """A vehicle that slows down past each of three rocks on its way comes nearer all the time."""
     rng = np.random.default_rng(4)
     values = 11.0 - speed * T + 0.2 * np.sin(2 * np.pi * T / 5.0) + noise * rng.normal(size=len(T))
-    found = list(swings_among({"PC.position_error": (values, 0.1)}, {}, DT))
-    assert bool(found) == swinging
+    found_swings = list(swings_among({"PC.position_error": (values, 0.1)}, {}, DT))
+    assert bool(found_swings) == swinging
 
 
 @pytest.mark.parametrize("dt", [0.15, 3.0, 50.0])
@@ -123,9 +123,9 @@ def swung(amplitude: float) -> Record:
 
 def test_a_pitch_that_swings_is_the_cause_of_a_mission_that_does_not_end() -> None:
     record = swung(0.17)
-    (found,) = swings(record)
-    assert found.what == "pitch"
-    assert found.period == pytest.approx(2.2, rel=0.02)
+    (swing,) = swings(record)
+    assert swing.what == "pitch"
+    assert swing.period == pytest.approx(2.2, rel=0.02)
     cause = cause_of_end(record)
     assert cause["kind"] == "swinging"
     assert "pitch swings by +-0.17 every 2.2 s, neither growing nor dying away" in cause["text"]

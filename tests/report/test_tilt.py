@@ -37,10 +37,10 @@ def test_without_a_task_on_it_the_largest_tilt_is_the_vehicles() -> None:
     the figure to look at.
     """
     record = Record.load(STORED)
-    kept = [name for name in record.run_meta.quantities if name != "HA.tilt"]
-    columns = [record.run_meta.quantities.index(name) for name in kept]
+    other_quantities = [name for name in record.run_meta.quantities if name != "HA.tilt"]
+    columns = [record.run_meta.quantities.index(name) for name in other_quantities]
     series = {**record.series, "quantities": record["quantities"][:, columns]}
-    meta = record.run_meta.model_copy(update={"quantities": tuple(kept)})
+    meta = record.run_meta.model_copy(update={"quantities": tuple(other_quantities)})
     up = [pin.Quaternion(q[3:7]).matrix()[2, 2] for q in record["q"]]
     assert largest_tilt(Record(series=series, meta=meta)) == pytest.approx(
         float(np.arccos(min(up))), abs=1e-7

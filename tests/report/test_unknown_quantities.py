@@ -73,18 +73,20 @@ def test_reports_have_no_number_for_what_is_not_known(
 
 def test_a_mission_that_waits_for_what_is_not_known_says_so() -> None:
     record = run(lambda _: False)
-    known = run(lambda _: True)
+    known_run = run(lambda _: True)
     name = record.meta.quantities[0]
     last = record.meta.phases[int(record["phase"][-1])].name
     waits = (ThresholdMeta(quantity=name, limit=1e-12, sign="<", phase=last),)
-    asked = {"completed": False, "events": (), "thresholds": waits, "alarms": ()}
-    cause = cause_of_end(replace(record, meta=record.run_meta.model_copy(update=asked)))
+    unfinished = {"completed": False, "events": (), "thresholds": waits, "alarms": ()}
+    cause = cause_of_end(replace(record, meta=record.run_meta.model_copy(update=unfinished)))
     assert cause == {
         "kind": "stalled",
         "text": f"phase {last}: {name} is not known, and its condition not met",
     }
-    other = cause_of_end(replace(known, meta=known.run_meta.model_copy(update=asked)))
-    assert "not known" not in other["text"]
+    other_cause = cause_of_end(
+        replace(known_run, meta=known_run.run_meta.model_copy(update=unfinished))
+    )
+    assert "not known" not in other_cause["text"]
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def tour(**options: object) -> Scenario:
     goals = [
         uo.pose_at(place, (0.0, 0.0, yaw)) for place, yaw in zip(PLACES[1:], headings, strict=True)
     ]
-    turned, there = (
+    turned, beyond_goal = (
         uo.Below(quantity="AT.misalignment", limit=0.07),
         uo.Below(quantity="PC.position_error", limit=0.3),
     )
@@ -142,7 +142,9 @@ def tour(**options: object) -> Scenario:
         at = goal.translation
         phases.append(phase_of(f"T{k}", "turn", ("MAC", "AT"), f"A{k}", turned, hold=1.0, AT=at))
         to = f"T{k + 1}" if k + 1 < len(goals) else uo.DONE
-        phases.append(phase_of(f"A{k}", "swim", ("MAC", "AT", "PC"), to, there, PC=goal, AT=at))
+        phases.append(
+            phase_of(f"A{k}", "swim", ("MAC", "AT", "PC"), to, beyond_goal, PC=goal, AT=at)
+        )
     tasks = [MinimumAltitude(), Alignment(goal=goals[0].translation), VehiclePose(goal=goals[0])]
     return run.scenario(
         name="tour",
@@ -177,17 +179,19 @@ def test_a_torpedo_flies_way_points_that_lie_anywhere(options: dict[str, object]
 
 def test_a_torpedo_is_refused_a_goal_beside_it_that_it_does_not_turn_to() -> None:
     run = run_options({"robot": "torpedo_auv"}, seabed=-15.0)
-    there = uo.Below(quantity="PC.position_error", limit=0.3)
+    arrived = uo.Below(quantity="PC.position_error", limit=0.3)
     phases = [
-        phase_of("A", "ahead", ("MAC", "PC"), "B", there, PC=uo.pose_at((4.0, 0.0, -6.0))),
-        phase_of("B", "beside", ("MAC", "PC"), uo.DONE, there, PC=uo.pose_at((6.0, 2.0, -6.0))),
+        phase_of("A", "ahead", ("MAC", "PC"), "B", arrived, PC=uo.pose_at((4.0, 0.0, -6.0))),
+        phase_of("B", "beside", ("MAC", "PC"), uo.DONE, arrived, PC=uo.pose_at((6.0, 2.0, -6.0))),
     ]
     tasks = [MinimumAltitude(), VehiclePose(goal=uo.pose_at((4.0, 0.0, -6.0)))]
     start = run.start(uo.pose_at((0.0, 0.0, -6.0)))
     report = run.scenario(
         name="beside", mission=mission_of(run.robot, tasks, phases), start=start, markers={}
     ).check()
-    (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
+    (finding,) = (
+        candidate for candidate in report.of_check("forces") if candidate.severity is Severity.ERROR
+    )
     assert finding.phase == "B"
     assert "2.00 m beside where the vehicle is then, and no thruster drives sway" in finding.text
 
@@ -227,9 +231,11 @@ def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
         assert figures[f"tool_position_error_m[{tool}]"] == report["tools"].get(tool, {}).get(
             "position"
         )
-    near, far = (figures[f"clearance_m[{tool}]"] for tool in ("starboard_tool", "port_tool"))
-    assert figures["clearance_m"] <= near
-    assert far > near + 0.1
+    near_clearance, far_clearance = (
+        figures[f"clearance_m[{tool}]"] for tool in ("starboard_tool", "port_tool")
+    )
+    assert figures["clearance_m"] <= near_clearance
+    assert far_clearance > near_clearance + 0.1
 
 
 @pytest.mark.parametrize(

@@ -53,9 +53,9 @@ def test_tasks_that_share_no_axis_command_the_same_in_either_order(
     robot: uo.Robot, solver: str
 ) -> None:
     orders = ("JL", "HA", "PC", "MP"), ("JL", "HA", "MP", "PC")
-    one, other = (hovering(robot, order, solver).run()["v"] for order in orders)
-    assert np.abs(one).max() > 0.1
-    np.testing.assert_allclose(other, one, atol=1e-9 if solver == "active_set" else 1e-4)
+    first_v, second_v = (hovering(robot, order, solver).run()["v"] for order in orders)
+    assert np.abs(first_v).max() > 0.1
+    np.testing.assert_allclose(second_v, first_v, atol=1e-9 if solver == "active_set" else 1e-4)
 
 
 FAULTS = ("thruster2:dead@1", "altimeter:frozen@0.5", "joint2:jam@1.5")
@@ -67,14 +67,14 @@ def test_thrusters_and_faults_may_be_listed_in_any_order(robot: uo.Robot) -> Non
     thrusters = robot.description.thrusters
     turned = replace(robot, description=checked_copy(robot.description, thrusters=thrusters[::-1]))
     usual = reach(robot=robot, dt=0.02, duration=3.0).run()
-    found = reach(robot=turned, dt=0.02, duration=3.0).run()
-    np.testing.assert_allclose(found["q"], usual["q"], atol=1e-6)
-    np.testing.assert_allclose(found["thrust"][:, ::-1], usual["thrust"], atol=1e-3)
-    one, other = (
+    turned_run = reach(robot=turned, dt=0.02, duration=3.0).run()
+    np.testing.assert_allclose(turned_run["q"], usual["q"], atol=1e-6)
+    np.testing.assert_allclose(turned_run["thrust"][:, ::-1], usual["thrust"], atol=1e-3)
+    first_values, second_values = (
         reach(robot=robot, dt=0.02, duration=3.0, noise=True, faults=f).run()
         for f in (FAULTS, FAULTS[::-1])
     )
-    np.testing.assert_array_equal(one["q"], other["q"])
+    np.testing.assert_array_equal(first_values["q"], second_values["q"])
 
 
 BALLS = tuple(

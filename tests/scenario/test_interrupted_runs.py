@@ -49,11 +49,11 @@ def test_whenever_it_is_pressed_a_run_ends_with_what_was_flown() -> None:
     draw = random.Random(44)
     before = sys.getprofile()
     for _ in range(MOMENTS):
-        given = scenario()
+        tested_scenario = scenario()
         record = None
         with pressed_after(draw.uniform(0.001, lasts)) as pressed:
             try:
-                given.run()
+                tested_scenario.run()
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
                 end = "finished"
             except uo.Interrupted as stop:

@@ -95,12 +95,12 @@ LEVEL = tuple((x, y, 0.0, 1, -1 if x * y > 0 else 1, 0) for x in (0.2, -0.2) for
 def test_free_motions_are_roll_and_pitch_or_refused(
     thrusters: tuple[tuple[float, ...], ...], said: str
 ) -> None:
-    found = (
+    findings = (
         scenario_of(robot_of(Tiny(thrusters=thrusters)), "dynamic")
         .check()
         .of_check("axes without thrust")
     )
-    errors = " ".join(finding.text for finding in found if finding.severity is Severity.ERROR)
+    errors = " ".join(finding.text for finding in findings if finding.severity is Severity.ERROR)
     assert said in errors
     assert bool(errors) == bool(said)
 

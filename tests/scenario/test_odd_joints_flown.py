@@ -39,11 +39,15 @@ def test_pre_flight_finds_the_same_of_both(kind: str) -> None:
     odd, twin = (reach_of(robot, sensors=SensorSpecs()).check() for robot in (pair.odd, pair.twin))
     assert odd.accepted
     assert twin.accepted
-    own = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[
+    expected_checks = {"continuous": (), "planar": ("limits",), "zero range": ("joints", "forces")}[
         kind
     ]  # no speed; no range, a motor
     told = [
-        [(one.check, one.phase, one.text) for one in report.findings if one.check not in own]
+        [
+            (finding.check, finding.phase, finding.text)
+            for finding in report.findings
+            if finding.check not in expected_checks
+        ]
         for report in (odd, twin)
     ]
     assert told[0] == told[1]
@@ -78,15 +82,17 @@ GOALS = {
 @pytest.mark.parametrize("goal", GOALS)
 @pytest.mark.parametrize("kind", ["continuous", "zero range"])
 def test_a_curve_is_planned_alike(kind: str, goal: str) -> None:
-    found = []
+    reached = []
     for robot in (pair_of(kind).odd, pair_of(kind).twin):
         start = start_of(robot)
-        wanted = GOALS[goal](places(robot, start)[0, 3:])
-        result = plan_path(PlanRequest(robot=robot, start=start, goal=wanted, obstacles=(BALL,)))
+        goal_place = GOALS[goal](places(robot, start)[0, 3:])
+        result = plan_path(
+            PlanRequest(robot=robot, start=start, goal=goal_place, obstacles=(BALL,))
+        )
         assert result.plan is not None
         assert result.collision_free
-        found.append(places(robot, motion_record(result, result.plan)["q"]))
-    np.testing.assert_allclose(found[0], found[1], atol=1e-6)
+        reached.append(places(robot, motion_record(result, result.plan)["q"]))
+    np.testing.assert_allclose(reached[0], reached[1], atol=1e-6)
 
 
 @pytest.mark.slow

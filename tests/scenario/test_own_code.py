@@ -132,9 +132,12 @@ def test_code_goes_to_other_machines_with_the_files_that_it_reads(
 
 
 def test_a_source_is_the_same_wherever_its_folder_is(mission: Path, tmp_path: Path) -> None:
-    one = CodeSource.gathered(str(mission), {"plant": "kinematic"}).identity()
+    identity = CodeSource.gathered(str(mission), {"plant": "kinematic"}).identity()
     moved = tmp_path / "other"
     moved.mkdir()
     for name in ("mission.py", "helper.py"):
         (moved / name).write_bytes((tmp_path / name).read_bytes())
-    assert CodeSource.gathered(str(moved / "mission.py"), {"plant": "kinematic"}).identity() == one
+    assert (
+        CodeSource.gathered(str(moved / "mission.py"), {"plant": "kinematic"}).identity()
+        == identity
+    )

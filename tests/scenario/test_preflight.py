@@ -77,9 +77,9 @@ def test_a_vehicle_that_rests_on_its_side_is_told_by_how_much() -> None:
 def test_a_mission_that_waits_for_less_tilt_than_there_will_be_is_refused() -> None:
     level = case1(robot=load_robot("girona_maris7"), plant="dynamic")
     lead = TrimBody(name="lead", mass=8.0, volume=0.0, position=(0.0, 0.8, 0.0))
-    first, *others = level.mission.phases
-    wait = Transition(to=others[0].name, when=(Below(quantity="HA.tilt", limit=0.05),))
-    waiting = with_phases(level, (replace(first, transitions=(wait,)), *others))
+    first, *later_phases = level.mission.phases
+    wait = Transition(to=later_phases[0].name, when=(Below(quantity="HA.tilt", limit=0.05),))
+    waiting = with_phases(level, (replace(first, transitions=(wait,)), *later_phases))
     (finding,) = (
         replace(waiting, robot=with_trim(level.robot, [lead])).check().of_check("attitude at rest")
     )
@@ -220,7 +220,9 @@ def test_a_way_point_a_little_below_the_minimum_altitude_is_a_warning() -> None:
 def test_a_current_beyond_the_thrusters_is_refused() -> None:
     assert case1(current=(0.5, 0.0, 0.0)).check().accepted
     report = case1(current=(2.5, 0.0, 0.0)).check()
-    (finding,) = (found for found in report.of_check("forces") if found.severity is Severity.ERROR)
+    (finding,) = (
+        candidate for candidate in report.of_check("forces") if candidate.severity is Severity.ERROR
+    )
     axes = re.findall(r"(\d+) N(?: m)? of (surge|sway|heave|roll|pitch|yaw)", finding.text)
     assert {"surge"} <= {axis for _, axis in axes}
     assert np.hypot.reduce([float(short) for short, _ in axes]) == pytest.approx(
@@ -245,9 +247,9 @@ def test_what_drag_makes_up_for_is_told_and_not_refused_and_the_vehicle_gives_wa
 
     def forces(speed: float) -> Finding:
         return next(
-            found
-            for found in held(speed).check().of_check("forces")
-            if "missing_N" in found.figures
+            candidate
+            for candidate in held(speed).check().of_check("forces")
+            if "missing_N" in candidate.figures
         )
 
     enough = 0.1
@@ -335,11 +337,11 @@ def test_the_forecast_of_the_landing_is_where_the_vehicle_lands() -> None:
 
 def test_the_main_path_skips_back_steps() -> None:
     def phase(name: str, *targets: str) -> Phase:
-        near = (Below(quantity="HA.tilt", limit=1.0),)
+        nearly_level = (Below(quantity="HA.tilt", limit=1.0),)
         return Phase(
             name=name,
             activations={},
-            transitions=tuple(Transition(to=to, when=near) for to in targets),
+            transitions=tuple(Transition(to=to, when=nearly_level) for to in targets),
         )
 
     assert main_path([phase("A", "B"), phase("B", "A", "C"), phase("C", "A", DONE)]) == [0, 1, 2]
@@ -381,9 +383,9 @@ def late(**delays: float) -> Scenario:
 def test_delays_that_the_loops_do_not_bear_are_told(
     delays: dict[str, float], severity: Severity | None
 ) -> None:
-    found = late(**delays).check().of_check("delays")
-    assert [finding.severity for finding in found] == ([] if severity is None else [severity])
-    for finding in found:
+    findings = late(**delays).check().of_check("delays")
+    assert [finding.severity for finding in findings] == ([] if severity is None else [severity])
+    for finding in findings:
         assert (
             f"{finding.figures['delay_s']:.3g} s late, allowed {finding.figures['allowed_s']:.2g} s"
             in finding.text

@@ -28,12 +28,12 @@ def test_every_scenario_promises_something() -> None:
 
 @long_without_compiler
 def test_the_swap_loses_the_attitude_that_the_right_order_keeps() -> None:
-    lost, kept = (
+    lost, held_record = (
         priority_swap(swapped=swapped, plant="kinematic", duration=20.0).run()
         for swapped in (True, False)
     )
     assert largest_tilt(lost) > 0.25
-    assert largest_tilt(kept) < 0.1
+    assert largest_tilt(held_record) < 0.1
 
 
 @long_without_compiler
@@ -137,8 +137,8 @@ def test_the_preferred_motion_follows_its_plan_closer_than_the_arm_does_without_
         record = run.run()
         rows = in_phase(record, "D")
         t = record["t"][rows]
-        wanted = np.array([plan(time - t[0])[0] for time in t])
-        deviations.append(float(np.sqrt(np.mean((record["q"][rows, -4:] - wanted) ** 2))))
+        planned = np.array([plan(time - t[0])[0] for time in t])
+        deviations.append(float(np.sqrt(np.mean((record["q"][rows, -4:] - planned) ** 2))))
     assert deviations[0] < 0.8 * deviations[1]
 
 
@@ -172,19 +172,21 @@ def test_the_valve_is_turned_in_view_of_the_camera() -> None:
 @long_without_compiler
 def test_clearance_keeps_the_whole_robot_away_from_the_obstacles_that_it_would_hit() -> None:
     scenario = obstacle_field(dt=0.02)
-    kept = scenario.run()
+    full_record = scenario.run()
     lost = obstacle_field(with_clearance=False, dt=0.02, duration=12.0).run()
-    assert kept.meta.completed
-    assert [item.name for item in kept.meta.surroundings.obstacles] == [
+    assert full_record.meta.completed
+    assert [item.name for item in full_record.meta.surroundings.obstacles] == [
         "boulder",
         "pillar",
         "wreck",
     ]
     closest = closest_approach(
-        scenario.robot, scenario.environment, kept["q"][::5], self_collision=True
+        scenario.robot, scenario.environment, full_record["q"][::5], self_collision=True
     )
     assert closest.distance > 0.02
-    assert closest_approach(scenario.robot, scenario.environment, kept["q"][::5]).distance > 0.1
+    assert (
+        closest_approach(scenario.robot, scenario.environment, full_record["q"][::5]).distance > 0.1
+    )
     assert closest_approach(scenario.robot, scenario.environment, lost["q"][::5]).distance < 0
 
 

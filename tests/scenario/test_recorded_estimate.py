@@ -59,12 +59,12 @@ def sound() -> Record:
 def require_the_same(run: Record, found: Record) -> None:
     for name in OF_THE_ESTIMATE:
         assert np.array_equal(run[name], found[name], equal_nan=run[name].dtype.kind == "f"), name
-    said = [
+    outputs = [
         (alarm.t, alarm.text)
         for alarm in run.run_meta.alarms
         if alarm.text.partition(" ")[0] in run.run_meta.channels
     ]
-    assert said == [(alarm.t, alarm.text) for alarm in found.run_meta.alarms]
+    assert outputs == [(alarm.t, alarm.text) for alarm in found.run_meta.alarms]
 
 
 def replayed(record: Record, scenario: Scenario) -> Iterator[StateEstimate]:
@@ -74,26 +74,26 @@ def replayed(record: Record, scenario: Scenario) -> Iterator[StateEstimate]:
     command = None
     for k, t in enumerate(record["t"].tolist()):
         for channel in record.run_meta.channels:
-            *value, taken = record.series[f"measured_{channel}"][k].tolist()
-            if np.isfinite(taken):
+            *value, stamp = record.series[f"measured_{channel}"][k].tolist()
+            if np.isfinite(stamp):
                 scalar = channel in ("depth", "altimeter_range")
-                last[channel] = Reading(value=value[0] if scalar else np.array(value), t=taken)
+                last[channel] = Reading(value=value[0] if scalar else np.array(value), t=stamp)
         yield estimator(Readings(**last), t, command)
         command = Command(v=record.series["command"][k], brakes=bool(record.series["brakes"][k]))
 
 
 def require_the_same_by_hand(record: Record, scenario: Scenario) -> None:
-    for k, found in enumerate(replayed(record, scenario)):
-        trusts = [channel.trust for channel in found.health]
+    for k, estimate in enumerate(replayed(record, scenario)):
+        trusts = [channel.trust for channel in estimate.health]
         for name, value in (
-            ("q_estimated", found.q),
-            ("v_estimated", found.v),
-            ("q_std", found.std),
+            ("q_estimated", estimate.q),
+            ("v_estimated", estimate.v),
+            ("q_std", estimate.std),
             ("health", trusts),
         ):
             assert np.array_equal(value, record.series[name][k]), (name, k)
         assert np.array_equal(
-            found.altimeter_range, record.series["altimeter_range"][k], equal_nan=True
+            estimate.altimeter_range, record.series["altimeter_range"][k], equal_nan=True
         )
 
 
@@ -101,9 +101,9 @@ def require_the_same_by_hand(record: Record, scenario: Scenario) -> None:
 def test_over_the_record_of_a_run_it_is_that_of_the_run(fault: str) -> None:
     scenario = mission(faults=fault)
     run = scenario.run()
-    found = estimate_recording(run, scenario.robot)
-    assert found.same
-    require_the_same(run, found.record)
+    result = estimate_recording(run, scenario.robot)
+    assert result.same
+    require_the_same(run, result.record)
     require_the_same_by_hand(run, scenario)
 
 
@@ -118,11 +118,11 @@ def test_over_the_record_of_every_scenario(name: str) -> None:
 
 def test_over_a_record_that_was_saved_with_rows_on_the_disk(sound: Record, tmp_path: Path) -> None:
     sound.save(tmp_path / "record.npz")
-    found = estimate_recording(
+    result = estimate_recording(
         Record.load(tmp_path / "record.npz"), mission().robot, folder=tmp_path / "rows"
     )
-    assert found.same
-    found.record.save(tmp_path / "estimate.npz")
+    assert result.same
+    result.record.save(tmp_path / "estimate.npz")
     require_the_same(sound, Record.load(tmp_path / "estimate.npz"))
 
 
@@ -132,12 +132,12 @@ def test_a_fault_on_top_is_what_the_run_with_it_would_have_read(sound: Record) -
     """
     fault = "depth:bias=2@1"
     faulty = mission(faults=fault).run()
-    found = estimate_recording(sound, mission().robot, faults=(parse_fault(fault),))
+    result = estimate_recording(sound, mission().robot, faults=(parse_fault(fault),))
     first = int(np.argmax(faulty["health"].any(axis=1)))
-    assert found.same is False
+    assert result.same is False
     assert first > 0
-    assert np.array_equal(found.record["q_estimated"][:first], faulty["q_estimated"][:first])
-    depth = next(row for row in found.channels if row["channel"] == "depth")
+    assert np.array_equal(result.record["q_estimated"][:first], faulty["q_estimated"][:first])
+    depth = next(row for row in result.channels if row["channel"] == "depth")
     assert depth["lost_s"] > 0.0
     assert depth["first_s"] == pytest.approx(faulty["t"][first])
 
@@ -155,13 +155,13 @@ def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> 
         rows = sound[f"measured_{channel}"]
         rows = rows[np.isfinite(rows).all(axis=1)]
         channels[channel] = Channel(t=1.7e9 + rows[:, -1], values=rows[:, :-1])
-    found = estimate_recording(Recording(name="dive", channels=channels), robot).record
-    rows = min(len(found), len(sound))
+    estimate = estimate_recording(Recording(name="dive", channels=channels), robot).record
+    rows = min(len(estimate), len(sound))
     late = slice(200, rows)
-    assert set(found.run_meta.channels) == set(channels)
-    assert "q" not in found.series
-    error = np.abs(found["q_estimated"][late, :3] - sound["q"][late, :3])
-    assert (error <= 5.0 * found["q_std"][late, :3]).all(), error.max(axis=0)
+    assert set(estimate.run_meta.channels) == set(channels)
+    assert "q" not in estimate.series
+    error = np.abs(estimate["q_estimated"][late, :3] - sound["q"][late, :3])
+    assert (error <= 5.0 * estimate["q_std"][late, :3]).all(), error.max(axis=0)
 
 
 def test_noise_that_is_larger_than_expected_is_proposed() -> None:
@@ -215,9 +215,9 @@ def test_the_command_says_that_it_is_the_estimate_of_the_run(sound: Record, tmp_
         "--robot",
         sound.meta.robot,
     ]
-    said = CliRunner().invoke(app, words)
-    assert said.exit_code == 0, said.output
-    assert "the estimate is that of the run" in said.output
+    process = CliRunner().invoke(app, words)
+    assert process.exit_code == 0, process.output
+    assert "the estimate is that of the run" in process.output
     written = {
         path.name
         for path in (tmp_path / "out").rglob("*")

@@ -73,8 +73,8 @@ def test_meshes_of_other_packages_are_resolved() -> None:
     ],
 )
 def test_a_report_says_what_to_do_next(verdicts: tuple[RobotVerdict, ...], begins: str) -> None:
-    found = tuple(RobotFinding(subject="a", verdict=verdict, text="b") for verdict in verdicts)
-    assert RobotReport(name="mine", findings=found).advice.startswith(begins)
+    findings = tuple(RobotFinding(subject="a", verdict=verdict, text="b") for verdict in verdicts)
+    assert RobotReport(name="mine", findings=findings).advice.startswith(begins)
 
 
 def test_a_file_that_cannot_be_loaded_is_the_one_error(tmp_path: Path) -> None:
@@ -224,8 +224,8 @@ def test_links_that_could_touch_something_unseen_are_named(tmp_path: Path) -> No
         ]
         for bare, inside in ((True, MASS.format(1)), (False, MASS.format(1) + box))
     }
-    said = "links with a mass, without a collision shape: arm: "
-    assert [any(text.startswith(said) for text in texts[bare]) for bare in (True, False)] == [
+    beginning = "links with a mass, without a collision shape: arm: "
+    assert [any(text.startswith(beginning) for text in texts[bare]) for bare in (True, False)] == [
         True,
         False,
     ]
@@ -243,10 +243,10 @@ def test_a_variant_in_the_place_of_a_whole_file_is_named(tmp_path: Path) -> None
 def test_the_command_has_the_options_of_the_loader() -> None:
     urdf = str(example_robot_data() / "robots" / "panda_description/urdf/panda.urdf")
     for word, joints in (("coupled", 8), ("free", 9), ("fixed", 8)):
-        found = CliRunner().invoke(
+        process = CliRunner().invoke(
             app, ["check-robot", urdf, "--base", "fixed", "--mimic", word, "--json"]
         )
-        assert found.exit_code == 0
+        assert process.exit_code == 0
         assert len(load_robot(urdf=urdf, base="fixed", mimic=word).joints) == joints  # type: ignore[arg-type]
     mistakes = (
         ("--base", "wheels", "given 'wheels'"),

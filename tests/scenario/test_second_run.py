@@ -30,16 +30,16 @@ def noisy_case1(seed: int = 0, **more: Any) -> Any:
 
 def test_a_second_run_makes_no_casadi_function(monkeypatch: pytest.MonkeyPatch) -> None:
     noisy_case1().run()
-    made = list[Any]()
+    built_parts = list[Any]()
     real = ca.Function.__init__
 
     def counted(self: ca.Function, *given: Any) -> None:
-        made.extend(given[:1])
+        built_parts.extend(given[:1])
         real(self, *given)
 
     monkeypatch.setattr(ca.Function, "__init__", counted)
     noisy_case1(seed=1, target=(12.0, 37.0, -39.5)).run()
-    assert [name for name in made if isinstance(name, str)] == []
+    assert [name for name in built_parts if isinstance(name, str)] == []
 
 
 def test_what_is_kept_changes_no_bit_of_a_record() -> None:
@@ -61,22 +61,22 @@ class OwnPose(VehiclePose):
 
 def test_levels_are_shared_by_goals_and_by_nothing_else() -> None:
     robot = load_robot("bluerov2")
-    here = pose_at((0.0, 0.0, -3.0))
-    task = VehiclePose(goal=here)
+    goal = pose_at((0.0, 0.0, -3.0))
+    task = VehiclePose(goal=goal)
 
     def of(*tasks: Any, dt: float = DT, beside: tuple[str, ...] = ()) -> levels.LevelsProblem:
         return levels.build_levels(robot, Hierarchy(tasks), dt, beside)
 
     first = of(task)
     assert of(replace(task, goal=pose_at((1.0, 0.0, -3.0)))) is first
-    other = replace(task, name="PC2")
+    second_task = replace(task, name="PC2")
     differing = [
         of(replace(task, gain_linear=0.3)),
-        of(other),
-        of(task, other),
+        of(second_task),
+        of(task, second_task),
         of(task, dt=0.01),
         of(task, beside=(SPEED,)),
     ]
     assert first not in differing
-    own = OwnPose(goal=here)
-    assert of(own) is not of(own)
+    own_task = OwnPose(goal=goal)
+    assert of(own_task) is not of(own_task)

@@ -78,9 +78,15 @@ def swim(load: float, *, aligned: bool = True) -> Scenario:
     """To a way point 3.6 m away with a load [kg] at the tool."""
     on = ("JL", "MAC", "HA", *(("AT",) if aligned else ()), "PC", "MP")
     arrived = uo.Below(quantity="PC.position_error", limit=0.1)
-    there = (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
+    conditions = (
+        (arrived, uo.Below(quantity="AT.misalignment", limit=0.1)) if aligned else (arrived,)
+    )
     return scenario_of(
-        loaded(load), (0.0, 0.0, -6.0), TARGET, on, uo.Transition(to=uo.DONE, when=there, hold=1.0)
+        loaded(load),
+        (0.0, 0.0, -6.0),
+        TARGET,
+        on,
+        uo.Transition(to=uo.DONE, when=conditions, hold=1.0),
     )
 
 
@@ -88,10 +94,12 @@ def reach(run: RunOptions, limit: float) -> Scenario:
     """With the tool, from rest at the way point, until it is nearer than the limit [m]."""
     target = (4.3, 0.0, -8.6)
     on = ("JL", "MAC", "HA", "AT", "TP", "PC", "MP")
-    there = uo.Transition(
+    transition = uo.Transition(
         to=uo.DONE, when=(uo.Below(quantity="TP.position_error", limit=limit),), hold=1.0
     )
-    return scenario_of(run, WAY_POINT, target, on, there, (ToolPosition(goal=uo.pose_at(target)),))
+    return scenario_of(
+        run, WAY_POINT, target, on, transition, (ToolPosition(goal=uo.pose_at(target)),)
+    )
 
 
 def test_a_pitch_beyond_its_limit_slows_no_other_axis() -> None:
@@ -140,8 +148,10 @@ def test_the_heaviest_load_is_held_in_a_current(current: tuple[float, float, flo
     all the same.
     """
     record = reach(replace(loaded(4.0), current=current_from(current)), 1e-6).run()
-    held = record.series["quantities"][-1000:, record.meta.quantities.index("TP.position_error")]
-    assert held.max() < 0.005
+    last_errors = record.series["quantities"][
+        -1000:, record.meta.quantities.index("TP.position_error")
+    ]
+    assert last_errors.max() < 0.005
 
 
 @pytest.mark.parametrize("robot", ["bluerov2", "bluerov2_six_alpha5"])

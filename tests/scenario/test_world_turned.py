@@ -75,12 +75,12 @@ SCENARIOS: Sequence[Callable[[pin.SE3], uo.Scenario]] = (reach, case1)
 
 @pytest.mark.parametrize("made", SCENARIOS)
 def test_pre_flight_finds_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
-    here, *there = (
-        [(one.check, one.phase, one.text) for one in made(X_NW).check().findings]
+    expected_findings, *turned_findings = (
+        [(finding.check, finding.phase, finding.text) for finding in made(X_NW).check().findings]
         for X_NW in _worlds()
     )
-    assert here
-    assert all(findings == here for findings in there)
+    assert expected_findings
+    assert all(findings == expected_findings for findings in turned_findings)
 
 
 def _worlds() -> list[pin.SE3]:
@@ -90,17 +90,17 @@ def _worlds() -> list[pin.SE3]:
 @pytest.mark.slow
 @pytest.mark.parametrize("made", SCENARIOS)
 def test_a_mission_is_flown_the_same_in_any_world(made: Callable[[pin.SE3], uo.Scenario]) -> None:
-    here = made(pin.SE3.Identity()).run()
-    assert here.run_meta.completed
+    run = made(pin.SE3.Identity()).run()
+    assert run.run_meta.completed
     for world, (X_NW, on_the_way, at_the_end) in WORLDS.items():
-        there = made(X_NW).run()
-        assert [event.target for event in there.run_meta.events] == [
-            event.target for event in here.run_meta.events
+        turned_run = made(X_NW).run()
+        assert [event.target for event in turned_run.run_meta.events] == [
+            event.target for event in run.run_meta.events
         ], world
-        n = min(len(here), len(there))
-        assert max(len(here), len(there)) < 1.01 * n, world
+        n = min(len(run), len(turned_run))
+        assert max(len(run), len(turned_run)) < 1.01 * n, world
         error = np.abs(
-            np.delete(there["q"][:n] - moved(X_NW, here["q"][:n]), np.s_[3:7], axis=1)
+            np.delete(turned_run["q"][:n] - moved(X_NW, run["q"][:n]), np.s_[3:7], axis=1)
         ).max(axis=1)
         assert error.max() < on_the_way, world
         assert error[-1] < at_the_end, world

@@ -70,13 +70,13 @@ def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(
 
 def test_few_modules_open_sockets() -> None:
     package = Path(uvms_ocp.__file__).parent
-    found = {
+    ports = {
         path.relative_to(package).as_posix()
         for path in package.rglob("*.py")
         if NETWORKS.search(path.read_text("utf-8"))
     }
-    assert found <= OPENS_SOCKETS
-    assert "viz/scene/page.py" in found
+    assert ports <= OPENS_SOCKETS
+    assert "viz/scene/page.py" in ports
 
 
 def test_the_processes_of_a_campaign_and_of_a_page_listen_to_this_machine_alone() -> None:
@@ -84,12 +84,14 @@ def test_the_processes_of_a_campaign_and_of_a_page_listen_to_this_machine_alone(
     psutil = pytest.importorskip("psutil")
     from uvms_ocp.campaign.cluster import connected
 
-    with page.served(PAGE), socket.socket() as others, suppress(OSError):
-        others.bind(("127.0.0.1", 8787))  # Dask's port, as of another campaign
+    with page.served(PAGE), socket.socket() as client, suppress(OSError):
+        client.bind(("127.0.0.1", 8787))  # Dask's port, as of another campaign
     with page.served(PAGE), connected(None, 1):
         tree = (psutil.Process(), *psutil.Process().children(recursive=True))
-        sockets = [one for process in tree for one in process.net_connections("inet")]
-        listening = [one.laddr.ip for one in sockets if one.status == psutil.CONN_LISTEN]
+        sockets = [connection for process in tree for connection in process.net_connections("inet")]
+        listening = [
+            connection.laddr.ip for connection in sockets if connection.status == psutil.CONN_LISTEN
+        ]
     assert len(tree) > 1
     assert len(listening) > 1
     assert set(listening) == {"127.0.0.1"}

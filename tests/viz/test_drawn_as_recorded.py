@@ -22,25 +22,25 @@ _MISSED = 1.5e-3
 
 
 def _block(page: str, name: str) -> Any:
-    (found,) = re.findall(
+    (encoded,) = re.findall(
         rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL
     )
-    return json.loads(found)
+    return json.loads(encoded)
 
 
 def _tracks(page: str) -> dict[tuple[str, str], Any]:
     """Times [s] and values of what is animated, by its node and property."""
     commands = [umsgpack.unpackb(base64.b64decode(blob)) for blob in _block(page, "commands")]
-    (command,) = [one for one in commands if one["type"] == "set_animation"]
-    found = {}
-    for one in command["animations"]:
-        for track in one["clip"]["tracks"]:
-            times = np.array([key["time"] for key in track["keys"]]) / one["clip"]["fps"]
-            found[one["path"].split("/")[-1], track["name"]] = (
+    (command,) = [animation for animation in commands if animation["type"] == "set_animation"]
+    tracks_by_path = {}
+    for animation in command["animations"]:
+        for track in animation["clip"]["tracks"]:
+            times = np.array([key["time"] for key in track["keys"]]) / animation["clip"]["fps"]
+            tracks_by_path[animation["path"].split("/")[-1], track["name"]] = (
                 times,
                 np.array([key["value"] for key in track["keys"]]),
             )
-    return found
+    return tracks_by_path
 
 
 @pytest.mark.slow
@@ -66,15 +66,15 @@ def test_links_and_quantities_are_those_of_the_record(name: str) -> None:
             )
             times, turns = tracks[node, ".quaternion"]
             turn = np.array([np.interp(t[row], times, column) for column in turns.T])
-            wanted = pin.SE3ToXYZQUAT(data.oMi[joint])[3:]
+            expected = pin.SE3ToXYZQUAT(data.oMi[joint])[3:]
             np.testing.assert_allclose(
-                abs(turn @ wanted) / np.linalg.norm(turn), 1.0, atol=_MISSED**2
+                abs(turn @ expected) / np.linalg.norm(turn), 1.0, atol=_MISSED**2
             )
     rows = np.searchsorted(t, np.array(details["times"]) - 1e-3)
     told = {item["label"]: item["values"] for item in details["readouts"]}
     for k, quantity in enumerate(record.meta.quantities):
-        task, _, what = quantity.rpartition(".")
+        task, _, kind = quantity.rpartition(".")
         values = record["quantities"][rows, k]
         if np.isfinite(values).any():
-            shown = np.array(told[f"{task} {what.replace('_', ' ')}".strip()], dtype=float)
+            shown = np.array(told[f"{task} {kind.replace('_', ' ')}".strip()], dtype=float)
             np.testing.assert_allclose(shown, values, rtol=6e-3, atol=1e-12, err_msg=quantity)

@@ -35,13 +35,13 @@ def _rgb(color: object, paper: np.ndarray) -> np.ndarray:
 def _faint(figure: Figure) -> list[str]:
     """Texts whose contrast to what they stand on is below 4.5."""
     sheet = _rgb(figure.get_facecolor(), np.ones(3))
-    found = []
+    problems = []
     for text in figure.findobj(Text):
         inside = text.axes is not None and text.get_bbox_patch() is not None
         paper = _rgb(text.axes.get_facecolor(), sheet) if inside else sheet
         if text.get_visible() and contrast(_rgb(text.get_color(), paper), paper) < 4.5:
-            found.append(text.get_text())
-    return found
+            problems.append(text.get_text())
+    return problems
 
 
 def _page() -> Figure:
@@ -236,7 +236,7 @@ def test_names_are_no_formulas_on_the_callers_paper(record: Record) -> None:
 def test_a_colour_is_changed_as_little_as_it_has_to_be(paper: np.ndarray) -> None:
     """Colours that can be read stay; the others end between themselves and black or white."""
     for color in ("#D55E00", "#333333", "#AEB4B9", "black", "white", "#0072B2"):
-        found = legible(color, (paper,), 4.5)
-        assert contrast(found, paper) >= 4.5
+        readable = legible(color, (paper,), 4.5)
+        assert contrast(readable, paper) >= 4.5
         if contrast(np.array(to_rgba(color)[:3]), paper) >= 4.5:
-            np.testing.assert_array_equal(found, to_rgba(color)[:3])
+            np.testing.assert_array_equal(readable, to_rgba(color)[:3])

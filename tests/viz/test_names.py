@@ -83,8 +83,8 @@ def records(robot: Robot) -> list[Record]:
 
 
 def hostile_record(robot: Robot, first: int) -> Record:
-    own = [*NAMES[first:], *NAMES[:first]]
-    a, b, c, d = own[:4]
+    rotated_names = [*NAMES[first:], *NAMES[:first]]
+    a, b, c, d = rotated_names[:4]
     frame = FrameMeta(name=d, pose=(2.5, 1.0, -39.9, 1.0, 0.0, 0.0, 0.0))
     markers = (
         MarkerMeta(name=a, position=(2.5, 1.0, -39.9)),
@@ -96,7 +96,7 @@ def hostile_record(robot: Robot, first: int) -> Record:
         scenario=c,
         solver=a,
         phases=(PhaseMeta(name=a, title=b), PhaseMeta(name=c, title=d)),
-        tasks=tuple(TaskMeta(name=name, label=own[5]) for name in (a, b, c)),
+        tasks=tuple(TaskMeta(name=name, label=rotated_names[5]) for name in (a, b, c)),
         tool_task=b,
         levels=tuple(
             LevelMeta(name=name, rows=n) for name, n in ((d, robot.n_v), (a, 2), (b, 1), (c, 0))
@@ -109,7 +109,7 @@ def hostile_record(robot: Robot, first: int) -> Record:
             f"{b}.position_error",
         ),
         thresholds=(ThresholdMeta(quantity=f"{b}.position_error", limit=0.17, sign="<", phase=a),),
-        joints=tuple(own[: robot.n_joints]),
+        joints=tuple(rotated_names[: robot.n_joints]),
         surroundings=SURROUNDINGS.model_copy(update={"markers": markers, "frames": (frame,)}),
         statuses=("solved",),
         pending=d,
@@ -155,14 +155,14 @@ def test_figures_of_a_plan_draw_every_name_as_it_is() -> None:
     axes = record.plan_meta.axes
     for k in range(0, len(NAMES), 7):
         joints = (NAMES + NAMES)[k : k + 7]
-        least = record.plan_meta.min_clearance.model_copy(
+        renamed_clearance = record.plan_meta.min_clearance.model_copy(
             update={"between": f"{joints[0]} - {joints[1]}"}
         )
         names = {
             "joints": joints,
             "axes": (*axes[:4], *joints),
             "clearance_groups": joints[:2],
-            "min_clearance": least,
+            "min_clearance": renamed_clearance,
         }
         meta = record.meta.model_copy(update=names)
         for draw in (figure_joint_motion, figure_clearance):
@@ -217,9 +217,9 @@ def test_the_page_makes_no_markup_and_runs_its_own_scripts_only(
     records: list[Record], robot: Robot
 ) -> None:
     page = show(records[0], robot).html
-    own = scripts_of(page)[-1]
+    last_script = scripts_of(page)[-1]
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval("):
-        assert word not in own
+        assert word not in last_script
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
     assert policy is not None
     rules = dict(rule.split(" ", 1) for rule in policy[1].split("; "))

@@ -68,8 +68,8 @@ def test_a_figure_is_written_as_matplotlib_itself_writes_it(record: Record, tmp_
     assert second is not None
     first.savefig(tmp_path / "own.png", dpi=DPI)
     save_figure(second, tmp_path / "ours.png")
-    own, ours = (imread(tmp_path / name) for name in ("own.png", "ours.png"))
-    np.testing.assert_array_equal(ours, own)
+    own_picture, our_picture = (imread(tmp_path / name) for name in ("own.png", "ours.png"))
+    np.testing.assert_array_equal(our_picture, own_picture)
     assert second.get_layout_engine() is not None
 
 
@@ -268,8 +268,10 @@ def test_an_altitude_with_some_echoes_is_drawn(record: Record) -> None:
 
 
 def test_joints_of_another_robot_are_not_compared(record: Record) -> None:
-    other = replace(record, meta=record.meta.model_copy(update={"joints": tuple("abcdefg")}))
-    for records in ({"one": record, "two": other}, {}):
+    renamed_record = replace(
+        record, meta=record.meta.model_copy(update={"joints": tuple("abcdefg")})
+    )
+    for records in ({"one": record, "two": renamed_record}, {}):
         with pytest.raises(
             InvalidInput,
             match=f"records = {len(records)} runs; give one or more with the same joints",
@@ -289,9 +291,11 @@ def test_errors_of_several_tools_are_drawn_by_their_names(record: Record) -> Non
     tasks = tuple(
         task.model_copy(update={"tool": tools.get(task.name)}) for task in record.meta.tasks
     )
-    both = figure_tool_error(replace(record, meta=record.meta.model_copy(update={"tasks": tasks})))
-    assert both is not None
-    labels = [axis.get_ylabel() for axis in both.axes]
+    two_tools = figure_tool_error(
+        replace(record, meta=record.meta.model_copy(update={"tasks": tasks}))
+    )
+    assert two_tools is not None
+    labels = [axis.get_ylabel() for axis in two_tools.axes]
     for name in tools.values():
         assert any(label.startswith(f"{name}\nposition error [m]") for label in labels)
     alone = figure_tool_error(record)
@@ -338,7 +342,7 @@ def test_every_panel_over_time_marks_where_something_went_wrong() -> None:
         FaultMeta(text="thruster3:dead@3-4", target="thruster3", kind="dead", t=3.0, end=4.0),
     )
     sound, struck = (
-        synthetic_record(load_robot("girona_maris7"), faults=given) for given in ((), faults)
+        synthetic_record(load_robot("girona_maris7"), faults=injected) for injected in ((), faults)
     )
     for draw in (
         figure_errors,

@@ -49,11 +49,11 @@ def _commands(page: str) -> list[Any]:
 
 def _data(page: str, name: str) -> Any:
     """A block of data as a browser finds it."""
-    found = re.search(
+    match = re.search(
         rf'<script type="application/json" id="{name}">(.*?)</script', page, re.DOTALL
     )
-    assert found is not None
-    return json.loads(found[1])
+    assert match is not None
+    return json.loads(match[1])
 
 
 def _tracks(page: str) -> dict[tuple[str, str], Any]:
@@ -133,9 +133,9 @@ def test_ten_minutes_keep_the_page_below_three_megabytes(robot: Robot) -> None:
     deep = SURROUNDINGS.model_copy(update={"floor_z": -600.0})
     long = synthetic_record(robot, duration=600.0, dt=0.05, surroundings=deep)
     assert len(show(long, robot).html) < 5_000_000  # whose vehicle and joints never rest
-    held = long["q"][np.minimum(np.arange(len(long)), 2400)]  # on station after two minutes
-    held[:, :3] += np.random.default_rng(5).normal(0.0, 1e-4, held[:, :3].shape)
-    html = show(Record(series={**long.series, "q": held}, meta=long.meta), robot).html
+    q_on_station = long["q"][np.minimum(np.arange(len(long)), 2400)]  # on station after two minutes
+    q_on_station[:, :3] += np.random.default_rng(5).normal(0.0, 1e-4, q_on_station[:, :3].shape)
+    html = show(Record(series={**long.series, "q": q_on_station}, meta=long.meta), robot).html
     assert len(html) < 3_000_000
     assert _positions(html, "root_joint")[-1]["time"] / _FPS == pytest.approx(600.0)
 
@@ -158,10 +158,10 @@ def test_every_visual_shape_is_drawn(page: str, robot: Robot) -> None:
 
 def test_links_whose_meshes_are_missing_are_drawn_by_their_collision_shapes(robot: Robot) -> None:
     solid = robot.collision_model.geometryObjects
-    seen = robot.visual_model
+    visual_model = robot.visual_model
     partly = pin.GeometryModel()
     bare = {robot.model.frames[shape.parentFrame].name for shape in list(solid)[1::2]}
-    for shape in seen.geometryObjects:
+    for shape in visual_model.geometryObjects:
         if robot.model.frames[shape.parentFrame].name not in bare:
             partly.addGeometryObject(shape)
     page = show(replace(robot, visual_model=partly)).html
@@ -188,10 +188,10 @@ def test_markers_and_trails_are_drawn(page: str) -> None:
 
 
 def test_each_tool_leaves_a_path_of_its_own(record: Record, robot: Robot) -> None:
-    both = replace(
+    two_markers = replace(
         robot, description=robot.description.model_copy(update={"tool": ("tool", "flange")})
     )
-    details = _details(show(record, both).html)
+    details = _details(show(record, two_markers).html)
     rows = {
         row["label"]: row["colour"]
         for row in details["legend"]
@@ -313,22 +313,26 @@ def test_arrows_are_in_the_frame_of_the_vehicle(record: Record, robot: Robot) ->
 def test_a_line_leads_to_the_nearest_point_of_an_obstacle_and_is_left_out_afar(
     record: Record, robot: Robot
 ) -> None:
-    near, far = (
+    near_lines, far = (
         ObstacleMeta(name=name, shape="sphere", size=(0.4,), position=(2.0, y, -37.0))
         for name, y in (("near", 1.5), ("far", 30.0))
     )
-    details = _details(show(_with_surroundings(record, obstacles=(near, far)), robot).html)
+    details = _details(show(_with_surroundings(record, obstacles=(near_lines, far)), robot).html)
     witness = details["witness"]
-    centre = np.array(near.position) - _position_of(details, "near")
-    distance = CollisionModel(robot, [build_obstacle(near)], self_collision=False)
+    centre = np.array(near_lines.position) - _position_of(details, "near")
+    distance = CollisionModel(robot, [build_obstacle(near_lines)], self_collision=False)
     told_of, lines = (witness["obstacles"][0][key][::20] for key in ("distance", "line"))
     for t, told, line in zip(witness["t"][::20], told_of, lines, strict=True):
-        least = distance.values(record["q"][np.argmin(np.abs(record["t"] - t))]).min()
-        assert told == pytest.approx(least, rel=5e-3, abs=1e-5)
+        smallest_distance = distance.values(record["q"][np.argmin(np.abs(record["t"] - t))]).min()
+        assert told == pytest.approx(smallest_distance, rel=5e-3, abs=1e-5)
         if told < witness["near"]:
             ends = np.array(line).reshape(2, 3)
-            assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(abs(least), abs=1e-3)
-            assert np.linalg.norm(ends[1] + centre - near.position) == pytest.approx(0.4, abs=1e-3)
+            assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(
+                abs(smallest_distance), abs=1e-3
+            )
+            assert np.linalg.norm(ends[1] + centre - near_lines.position) == pytest.approx(
+                0.4, abs=1e-3
+            )
     assert min(witness["obstacles"][0]["distance"]) < witness["near"]
     assert not np.any(witness["obstacles"][1]["line"])
 
@@ -391,8 +395,8 @@ def test_the_page_is_served_to_this_machine_alone() -> None:
         host, port = address.removeprefix("http://").rstrip("/").split(":")
         assert host == "127.0.0.1"
         assert [
-            _asked(port, *asked)
-            for asked in (("/", host), ("/other", host), ("/", "elsewhere.example"))
+            _asked(port, *request)
+            for request in (("/", host), ("/other", host), ("/", "elsewhere.example"))
         ] == [
             (200, b"<p>a page</p>"),
             (404, b""),
@@ -409,9 +413,9 @@ def _asked(port: str, path: str, host: str) -> tuple[int, bytes]:
     connection = HTTPConnection("127.0.0.1", int(port), timeout=10)
     connection.request("GET", path, headers={"Host": f"{host}:{port}"})
     answer = connection.getresponse()
-    found = answer.status, answer.read()
+    reply = answer.status, answer.read()
     connection.close()
-    return found
+    return reply
 
 
 def test_what_is_not_known_is_no_number_in_the_readouts(record: Record, robot: Robot) -> None:
@@ -558,10 +562,10 @@ def test_a_goal_that_moves_is_drawn_where_it_is() -> None:
         ]
         times, values = (np.array([key[kind] for key in track]) for kind in ("time", "value"))
         for t in np.linspace(0.0, 5.98, 60):
-            wanted = pin.SE3ToXYZQUAT(goal(t)[0])[number]
+            expected = pin.SE3ToXYZQUAT(goal(t)[0])[number]
             shown = np.array([np.interp(t, times / _FPS, column) for column in values.T])
-            sign = np.sign(wanted @ shown) if name == ".quaternion" else 1.0
-            np.testing.assert_allclose(sign * shown, wanted, atol=3e-3)
+            sign = np.sign(expected @ shown) if name == ".quaternion" else 1.0
+            np.testing.assert_allclose(sign * shown, expected, atol=3e-3)
 
 
 def test_a_goal_of_a_phase_moves_from_the_beginning_of_each_visit(

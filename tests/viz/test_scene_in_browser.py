@@ -78,11 +78,11 @@ def posed(chromium: Any, robot: Robot) -> Iterator[Sheet]:
 
 
 def test_the_picture_is_the_expected_one_but_for_noise(sheet: Sheet) -> None:
-    found = coarse(at(sheet.page, 3.0))
+    picture = coarse(at(sheet.page, 3.0))
     expected = mpl_image.imread(EXPECTED)[..., :3]
-    assert np.std(found, axis=(0, 1)).min() > 0.05, "not empty"
-    assert np.abs(found - expected).mean() < 0.02
-    assert np.abs(found - coarse(at(sheet.page, 0.0))).mean() > 0.005, (
+    assert np.std(picture, axis=(0, 1)).min() > 0.05, "not empty"
+    assert np.abs(picture - expected).mean() < 0.02
+    assert np.abs(picture - coarse(at(sheet.page, 0.0))).mean() > 0.005, (
         "another time looks different"
     )
 
@@ -100,9 +100,9 @@ def test_it_plays_and_stops_and_goes_to_any_time(sheet: Sheet) -> None:
     sheet.page.keyboard.press("Space")
     _wait_until(sheet, "clock.t > 0.1")
     sheet.page.keyboard.press("Space")
-    held = sheet("clock.t")
+    stopped_time = sheet("clock.t")
     sheet.page.wait_for_timeout(200)
-    assert sheet("clock.t") == held
+    assert sheet("clock.t") == stopped_time
     box = sheet.page.locator("#timeline").bounding_box()
     sheet.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert sheet("clock.t") == pytest.approx(3.0, abs=0.02)
@@ -122,9 +122,13 @@ def test_links_stand_where_pinocchio_says(sheet: Sheet, run: Record, robot: Robo
     at(sheet.page, 4.0)
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, run["q"][200])
-    found = [_place(sheet, f"[...DETAILS.body.slice(0, -1), {name!r}]") for name in _nodes(robot)]
+    drawn_places = [
+        _place(sheet, f"[...DETAILS.body.slice(0, -1), {name!r}]") for name in _nodes(robot)
+    ]
     expected = np.array([X.translation for X in list(data.oMi)[1:]])
-    np.testing.assert_allclose(np.array(found) - found[0], expected - expected[0], atol=1e-3)
+    np.testing.assert_allclose(
+        np.array(drawn_places) - drawn_places[0], expected - expected[0], atol=1e-3
+    )
 
 
 def _nodes(robot: Robot) -> list[str]:
@@ -175,10 +179,10 @@ def test_sliders_move_the_links_as_pinocchio_does_and_say_how_in_python(
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, q)
     expected = np.array([X.translation for X in list(data.oMi)[1:]])
-    found = np.array(
+    drawn_values = np.array(
         [_place(posed, f"[...DETAILS.body.slice(0, -1), {name!r}]") for name in _nodes(robot)]
     )
-    np.testing.assert_allclose(found - found[0], expected - expected[0], atol=2e-3)
+    np.testing.assert_allclose(drawn_values - drawn_values[0], expected - expected[0], atol=2e-3)
     assert np.linalg.norm(q[:3]) > 0.1, "the vehicle was moved too"
 
 

@@ -116,8 +116,8 @@ def test_where_frames_are_taken_out_a_picture_and_a_sentence_are_left(
     run: Run, page: ScenePage, robot: Robot
 ) -> None:
     for output in (run("a", page), run("b", page)):
-        left = re.sub(r"<script>.*?</script>|<[^>]*>", "", output, flags=re.DOTALL)
-        assert left.startswith("A scene is drawn here by scripts")
+        visible_text = re.sub(r"<script>.*?</script>|<[^>]*>", "", output, flags=re.DOTALL)
+        assert visible_text.startswith("A scene is drawn here by scripts")
         (picture,) = re.findall(r'<img [^>]*src="data:image/svg\+xml;base64,([^"]*)"/>', output)
         path = ElementTree.fromstring(base64.b64decode(picture))[0].attrib["d"]
         assert path.count("M") == robot.n_joints
