@@ -32,8 +32,9 @@ from uvms_ocp.tasks.pose import PoseTask
 from uvms_ocp.tasks.task import Task
 from uvms_ocp.types import Finite, Magnitude, Shape
 
-_NUMBERED = "phase_"
-_WORDS = (
+_NUMBERED = "phase_"  # prefix of states that get a number in place of their name
+# words that the notation of diagrams takes for something else
+_RESERVED_WORDS = (
     "as",
     "class",
     "classdef",
@@ -47,100 +48,6 @@ _WORDS = (
     "state",
     "style",
 )
-
-
-# A mission as a graph, as a table and as a diagram.
-
-
-def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarray) -> str:
-    """Tasks by phases, from their targets (n_phases, n_tasks), the external activations."""
-    tasks = [plain_line(name) for name in hierarchy.names]
-    names = [plain_line(phase.name) for phase in phases]
-    width = max(len(name) for name in (*tasks, "task"))
-    columns = [max(len(name), 4) for name in names]
-    head = [name.rjust(size) for name, size in zip(names, columns, strict=True)]
-    lines = [f"{'task'.ljust(width)}  {'type':<9} {' '.join(head)}"]
-    for name, task, activations in zip(tasks, hierarchy.tasks, targets.T, strict=True):
-        cells = [
-            (f"{gate:g}" if gate else ".").rjust(size)
-            for gate, size in zip(activations, columns, strict=True)
-        ]
-        lines.append(f"{name.ljust(width)}  {task.label:<9} {' '.join(cells)}")
-    return "\n".join(
-        [*lines, *(plain_line(f"{phase.name}: {phase.title}") for phase in phases if phase.title)]
-    )
-
-
-def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
-    """State diagram. Names that the notation would take for something else get a number and stand
-    in the text only.
-
-    abort: the phase that every other one may lead to, if there is one.
-    """
-    n = len(phases)
-    if abort is None:
-        phases = list(phases)
-    else:
-        phases = [*phases, abort]
-    states = {phase.name: _state(phase.name, i) for i, phase in enumerate(phases)} | {
-        DONE: "[*]",
-        ABORT: "[*]",
-    }
-    lines = ["stateDiagram-v2", f"    [*] --> {states[phases[0].name]}"]
-    for phase in phases:
-        lines.append(f"    {states[phase.name]} : {_text(f'{phase.name} {phase.title}')}".rstrip())
-        for transition in phase.transitions:
-            lines.append(
-                f"    {states[phase.name]} --> {states[transition.to]} : {_label(transition)}"
-            )
-    if abort is not None:
-        lines += [
-            f"    {states[phase.name]} --> {states[abort.name]} : abort" for phase in phases[:n]
-        ]
-    return "\n".join(lines) + "\n"
-
-
-def successors(phases: Sequence[Phase]) -> dict[str, set[str]]:
-    """Map the name of each phase to where its transitions lead."""
-    return {phase.name: {transition.to for transition in phase.transitions} for phase in phases}
-
-
-def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
-    """Everything that can be reached from `names`, themselves included."""
-    reached = set(names)
-    fresh = set(names)
-    while fresh:
-        fresh = set().union(*(edges.get(name, set()) for name in fresh)) - reached
-        reached |= fresh
-    return reached
-
-
-def _state(name: str, index: int) -> str:
-    is_reserved = name.lower() in _WORDS or name.startswith(_NUMBERED)
-    if name.isascii() and name.isidentifier() and not is_reserved:
-        return name
-    return f"{_NUMBERED}{index + 1}"
-
-
-def _text(text: str) -> str:
-    """Replace all but words and a few marks by their code, as the notation writes them."""
-    return "".join(
-        letter if letter.isalnum() or letter in " ._-,()" else f"#{ord(letter)};"
-        for letter in plain_line(text)
-    )
-
-
-def _label(transition: Transition) -> str:
-    conditions = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
-    hold = f" for {transition.hold:g} s" if transition.hold else ""
-    if transition.retries is None:
-        retries = ""
-    else:
-        retries = f" (at most {transition.retries} times)"
-    return f"{conditions}{hold}{retries}"
-
-
-# Phases over one hierarchy, and how the state of a mission follows from what is measured.
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -183,15 +90,12 @@ class Mission(TableDisplay):
         self._check_targets()
         if self.abort is not None:
             _pose_task(self.hierarchy, self.abort.ascent_task)
-        object.__setattr__(
-            self, "_targets", np.array([self._gates_of(phase) for phase in self.all_phases])
-        )
-        object.__setattr__(
-            self, "_tasks", tuple(self._tasks_of(phase) for phase in self.all_phases)
-        )
-        object.__setattr__(
-            self, "_references", tuple(map(_references, self.all_phases, self._tasks))
-        )
+        targets = np.array([self._activations_of(phase) for phase in self.all_phases])
+        tasks = tuple(self._tasks_of(phase) for phase in self.all_phases)
+        references = tuple(map(_references, self.all_phases, tasks))
+        object.__setattr__(self, "_targets", targets)
+        object.__setattr__(self, "_tasks", tasks)
+        object.__setattr__(self, "_references", references)
 
     @property
     def phase_names(self) -> tuple[str, ...]:
@@ -200,7 +104,7 @@ class Mission(TableDisplay):
 
     @property
     def ascent_frame(self) -> str:
-        """The frame that `abort` climbs with. Raises `InvalidInput` where there is none."""
+        """Frame that `abort` climbs with. Raises `InvalidInput` where there is none."""
         if self.abort is None:
             raise InvalidInput("mission without abort climbs with no frame; give it one")
         return _pose_task(self.hierarchy, self.abort.ascent_task).frame
@@ -228,7 +132,7 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def start(self, t: Finite = 0.0) -> MissionState:
-        """The state as the mission begins, at t [s]: every gate rises from zero."""
+        """Return the state as the mission begins, at t [s]: every activation rises from zero."""
         waiting = (None,) * len(self.all_phases[0].transitions)
         return MissionState(
             phase=0, since=t, began=t, activations_before=np.zeros(self.n_tasks), held_since=waiting
@@ -236,7 +140,9 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def activations(self, state: MissionState, t: float) -> np.ndarray:
-        """External activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in time)."""
+        """Return the external activation (n_tasks,) of each task at time t [s] ([Gao2022] eq. 22 in
+        time).
+        """
         activations = [0.0] * max(1, self.n_tasks)
         progress.activations_at(self._memory(state), t, activations)
         return np.array(activations[: self.n_tasks])
@@ -257,25 +163,27 @@ class Mission(TableDisplay):
 
     @checked_on_failure
     def references(self, state: MissionState, t: float) -> list[np.ndarray]:
-        """Goal of each task at time t [s], highest priority first, as `Task.reference` gives it."""
+        """Return the goal of each task at time t [s], highest priority first, as `Task.reference`
+        gives it.
+        """
         # A goal sees the time since the start of the mission, or of the phase where it is the
         # phase's own.
-        since = t - state.since
-        elapsed = t - state.began
-        return [
-            reference(since if from_phase_start else elapsed)
-            for reference, from_phase_start in self.goals(state)
-        ]
+        since_phase = t - state.since
+        since_mission = t - state.began
+        references = []
+        for reference, from_phase_start in self.goals(state):
+            references.append(reference(since_phase if from_phase_start else since_mission))
+        return references
 
     def goals(self, state: MissionState) -> GoalFunctions:
-        """Goals of all tasks in a state, highest priority first."""
+        """Return the goals of all tasks in a state, highest priority first."""
         if state.goals is None:
             return self._references[state.phase]
         return state.goals
 
     def references_of(self, phase: int) -> GoalFunctions:
-        """Goals of all tasks in a phase, highest priority first, but for one that is made as the
-        phase begins.
+        """Return the goals of all tasks in a phase, highest priority first, but for one that is
+        made as the phase begins.
         """
         return self._references[phase]
 
@@ -283,8 +191,8 @@ class Mission(TableDisplay):
     def step(
         self, state: MissionState, t: float, quantities: Mapping[str, float]
     ) -> tuple[MissionState, Event | None]:
-        """The state after the quantities [in their units] measured at t [s], and the event if a
-        transition fired.
+        """Return the state after the quantities [in their units] measured at t [s], and the event
+        if a transition fired.
         """
         if state.over:
             return state, None
@@ -293,7 +201,8 @@ class Mission(TableDisplay):
         quantities = {**self.own_quantities(state, t), **quantities}
         read = {c.quantity: measured(c.quantity, quantities) for c in phase.conditions}
         memory = self._memory(state)
-        due = progress.transition_due(memory, t, [read.get(name, math.nan) for name in names])
+        values = [read.get(name, math.nan) for name in names]
+        due = progress.transition_due(memory, t, values)
         if due != progress.NONE:
             progress.take_transition(memory, t, due)
         return progress.state_after_transition(self.all_phases, state, memory, due, t, quantities)
@@ -306,15 +215,16 @@ class Mission(TableDisplay):
         names = progress.quantities_read(self.all_phases)
         values = [math.nan] * len(names)
         progress.measure_own(self._memory(state), t, math.nan, math.nan, values)
-        return {
-            name: value for name, value in zip(names, values, strict=True) if name in OWN_QUANTITIES
-        }
+        pairs = zip(names, values, strict=True)
+        return {name: value for name, value in pairs if name in OWN_QUANTITIES}
 
     def _memory(self, state: MissionState) -> Any:
-        """Memory of the kernels for a state, asked with the quantities that conditions read."""
-        memory = structure_of(
-            progress.MissionMemory, n_tasks=self.n_tasks, **progress.sizes_of(self.all_phases)
-        )()
+        """Return memory of the kernels for a state, asked with the quantities that conditions
+        read.
+        """
+        sizes = progress.sizes_of(self.all_phases)
+        structure = structure_of(progress.MissionMemory, n_tasks=self.n_tasks, **sizes)
+        memory = structure()
         write_mission(memory, self, progress.quantities_read(self.all_phases))
         progress.write_state(memory, state)
         return memory
@@ -323,8 +233,8 @@ class Mission(TableDisplay):
     def abandon(
         self, state: MissionState, t: float, reason: str, ascent_pose: pin.SE3 | None = None
     ) -> tuple[MissionState, Event]:
-        """The state after the mission is given up at t [s], for a reason, and the event that tells
-        of it.
+        """Return the state after the mission is given up at t [s], for a reason, and the event that
+        tells of it.
 
         ascent_pose: the goal of the task that climbs in the abort phase, which begins. Without,
         without such a phase, or already in it, the mission ends.
@@ -347,15 +257,14 @@ class Mission(TableDisplay):
         )
 
     def ascent_goals(self, ascent_pose: pin.SE3) -> GoalFunctions:
-        """Goals of all tasks in the abort phase, which climbs to a pose; none without such a
-        phase.
+        """Return the goals of all tasks in the abort phase, which climbs to a pose; none without
+        such a phase.
         """
         if self.abort is None:
             return ()
-        tasks = [
-            task.with_goal(ascent_pose) if task.name == self.abort.ascent_task else task
-            for task in self._tasks[-1]
-        ]
+        tasks = list(self._tasks[-1])
+        ascent_index = self.hierarchy.index(self.abort.ascent_task)
+        tasks[ascent_index] = tasks[ascent_index].with_goal(ascent_pose)
         return _references(self.abort.phase, tasks)
 
     def pending(self, state: MissionState, quantities: Mapping[str, float]) -> str:
@@ -364,9 +273,8 @@ class Mission(TableDisplay):
         """
         if state.aborted:
             return f"given up, {state.aborted}"
-        waits = " or ".join(
-            tr.describe(quantities) for tr in self.all_phases[state.phase].transitions
-        )
+        transitions = self.all_phases[state.phase].transitions
+        waits = " or ".join(transition.describe(quantities) for transition in transitions)
         if state.abort_reason:
             return f"giving up, {state.abort_reason}; {waits}"
         return waits
@@ -375,8 +283,10 @@ class Mission(TableDisplay):
         """Return tasks, phases and where it is now, each in a few words."""
         if state.completed:
             situation = "completed"
+        elif state.aborted:
+            situation = state.aborted
         else:
-            situation = state.aborted or f"in phase {self.phase_names[state.phase]}"
+            situation = f"in phase {self.phase_names[state.phase]}"
         return {
             "tasks": ", ".join(self.hierarchy.names),
             "phases": ", ".join(self.phase_names),
@@ -384,17 +294,14 @@ class Mission(TableDisplay):
         }
 
     def table(self) -> TableRows:
-        """Tasks by phases: one row per task with its external activation in each phase ([Gao2022]
-        Table 4).
+        """Return tasks by phases: one row per task with its external activation in each phase
+        ([Gao2022] Table 4).
         """
-        return TableRows(
-            {
-                "task": task.name,
-                "type": task.label,
-                **dict(zip(self.phase_names, column, strict=True)),
-            }
-            for task, column in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True)
-        )
+        rows = []
+        for task, activations in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True):
+            row = {"task": task.name, "type": task.label}
+            rows.append(row | dict(zip(self.phase_names, activations, strict=True)))
+        return TableRows(rows)
 
     def _table(self) -> SmallTable:
         rows = []
@@ -408,34 +315,35 @@ class Mission(TableDisplay):
         )
 
     def __str__(self) -> str:
-        """The table of `table` as text, 1 for on and a dot for off, with the titles of the phases
+        """Return `table` as text, 1 for on and a dot for off, with the titles of the phases
         below.
         """
         return text_table(self.hierarchy, self.all_phases, self._targets)
 
     def unreachable_phases(self) -> tuple[str, ...]:
-        """Names of the phases that no chain of transitions leads to from the first, that of `abort`
-        aside.
+        """Return the names of the phases that no chain of transitions leads to from the first, that
+        of `abort` aside.
         """
         edges = successors(self.phases)
         reached = closure({self.phases[0].name}, edges)
         return tuple(name for name in edges if name not in reached)
 
     def phases_without_exit(self) -> tuple[str, ...]:
-        """Names of the phases from which no chain of transitions leads to `DONE`, that of `abort`
-        aside.
+        """Return the names of the phases from which no chain of transitions leads to `DONE`, that
+        of `abort` aside.
         """
         edges = successors(self.phases)
         return tuple(name for name in edges if DONE not in closure({name}, edges))
 
     def mermaid(self) -> str:
-        """The phases and transitions as a state diagram in Mermaid's notation."""
+        """Return the phases and transitions as a state diagram in Mermaid's notation."""
         return mermaid(self.phases, None if self.abort is None else self.abort.phase)
 
-    def _gates_of(self, phase: Phase) -> np.ndarray:
+    def _activations_of(self, phase: Phase) -> np.ndarray:
+        """Return the external activations (n_tasks,) of a phase."""
         activations = np.zeros(len(self.hierarchy.tasks))
-        for name, gate in phase.activations.items():
-            activations[self.hierarchy.index(name)] = gate
+        for name, activation in phase.activations.items():
+            activations[self.hierarchy.index(name)] = activation
         return activations
 
     def _tasks_of(self, phase: Phase) -> tuple[Task, ...]:
@@ -454,7 +362,7 @@ class Mission(TableDisplay):
 
 
 def write_mission(memory: progress.MissionMemory, mission: Mission, names: Sequence[str]) -> None:
-    """A mission into a `MissionMemory`; names: of the vector of quantities that it is asked
+    """Write a mission into a `MissionMemory`; names: of the vector of quantities that it is asked
     with.
     """
     memory.ramp = mission.ramp
@@ -467,6 +375,7 @@ def write_mission(memory: progress.MissionMemory, mission: Mission, names: Seque
 
 
 def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
+    """Return the task of that name; raises `InvalidInput` where it is none on a pose."""
     task = hierarchy.tasks[hierarchy.index(name)]
     if not isinstance(task, PoseTask):
         raise InvalidInput(
@@ -483,3 +392,93 @@ def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
     """Check for a function of `GoalFunctions` that never changes, see `Task.is_constant`."""
     task = getattr(reference, "__self__", None)
     return isinstance(task, Task) and task.is_constant
+
+
+def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarray) -> str:
+    """Write tasks by phases as text, from their targets (n_phases, n_tasks), the external
+    activations.
+    """
+    tasks = [plain_line(name) for name in hierarchy.names]
+    names = [plain_line(phase.name) for phase in phases]
+    task_width = max(len(name) for name in (*tasks, "task"))
+    widths = [max(len(name), 4) for name in names]
+    head = " ".join(name.rjust(width) for name, width in zip(names, widths, strict=True))
+    lines = [f"{'task'.ljust(task_width)}  {'type':<9} {head}"]
+    for name, task, activations in zip(tasks, hierarchy.tasks, targets.T, strict=True):
+        cells = []
+        for activation, width in zip(activations, widths, strict=True):
+            cell = f"{activation:g}" if activation else "."
+            cells.append(cell.rjust(width))
+        lines.append(f"{name.ljust(task_width)}  {task.label:<9} {' '.join(cells)}")
+    for phase in phases:
+        if phase.title:
+            lines.append(plain_line(f"{phase.name}: {phase.title}"))
+    return "\n".join(lines)
+
+
+def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
+    """Write a state diagram. Names that the notation would take for something else get a number and
+    stand in the text only.
+
+    abort: the phase that every other one may lead to, if there is one.
+    """
+    all_phases = list(phases) if abort is None else [*phases, abort]
+    states = {phase.name: _state(phase.name, i) for i, phase in enumerate(all_phases)}
+    states[DONE] = "[*]"
+    states[ABORT] = "[*]"
+    lines = ["stateDiagram-v2", f"    [*] --> {states[all_phases[0].name]}"]
+    for phase in all_phases:
+        state = states[phase.name]
+        title = _text(f"{phase.name} {phase.title}")
+        lines.append(f"    {state} : {title}".rstrip())
+        for transition in phase.transitions:
+            lines.append(f"    {state} --> {states[transition.to]} : {_label(transition)}")
+    if abort is not None:
+        for phase in phases:
+            lines.append(f"    {states[phase.name]} --> {states[abort.name]} : abort")
+    return "\n".join(lines) + "\n"
+
+
+def successors(phases: Sequence[Phase]) -> dict[str, set[str]]:
+    """Map the name of each phase to where its transitions lead."""
+    return {phase.name: {transition.to for transition in phase.transitions} for phase in phases}
+
+
+def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
+    """Return everything that can be reached from `names`, themselves included."""
+    reached = set(names)
+    waiting = list(names)
+    while waiting:
+        name = waiting.pop()
+        for successor in edges.get(name, set()):
+            if successor not in reached:
+                reached.add(successor)
+                waiting.append(successor)
+    return reached
+
+
+def _state(name: str, index: int) -> str:
+    """Return the name of a phase as the notation takes it, or a number."""
+    is_reserved = name.lower() in _RESERVED_WORDS or name.startswith(_NUMBERED)
+    if name.isascii() and name.isidentifier() and not is_reserved:
+        return name
+    return f"{_NUMBERED}{index + 1}"
+
+
+def _text(text: str) -> str:
+    """Replace all but words and a few marks by their code, as the notation writes them."""
+    letters = []
+    for letter in plain_line(text):
+        is_plain = letter.isalnum() or letter in " ._-,()"
+        letters.append(letter if is_plain else f"#{ord(letter)};")
+    return "".join(letters)
+
+
+def _label(transition: Transition) -> str:
+    """Describe when a transition fires."""
+    label = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
+    if transition.hold:
+        label += f" for {transition.hold:g} s"
+    if transition.retries is not None:
+        label += f" (at most {transition.retries} times)"
+    return label

@@ -28,9 +28,6 @@ counts from the start of the phase; highest priority first.
 """
 
 
-# What ends a phase: conditions on measured quantities, and transitions that wait for them.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Threshold:
     """A measured quantity on the desired side of a limit."""
@@ -47,17 +44,15 @@ class _Threshold:
     """[unit of the quantity] on the other side of the limit, or the limit."""
 
     def __post_init__(self) -> None:
-        if (
-            not (self.limit > 0 or self.quantity.startswith("vehicle."))
-            or not abs(self.limit) <= LARGEST
-        ):
+        may_be_negative = self.quantity.startswith("vehicle.")
+        if not (self.limit > 0 or may_be_negative) or not abs(self.limit) <= LARGEST:
             raise InvalidInput(
                 f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most"
                 f" {LARGEST:g}"
             )
-        if self.release is None or (
-            math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below)
-        ):
+        if self.release is None:
+            return
+        if math.isfinite(self.release) and not is_met(self.release, self.limit, self.is_below):
             return
         allowed = "at least" if self.is_below else "at most"
         raise InvalidInput(
@@ -82,14 +77,13 @@ class _Threshold:
         return is_met(measured(self.quantity, quantities), limit, self.is_below)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
-        """One clause with the value among the quantities [in their units], true or not."""
+        """Describe the condition with the value among the quantities [in their units], true or
+        not.
+        """
         value = measured(self.quantity, quantities)
         if math.isnan(value):
             return f"{self.quantity} is not known, asked {self.sign} {self.limit:g}"
-        if self.holds(quantities):
-            sign = self.sign
-        else:
-            sign = f"not {self.sign}"
+        sign = self.sign if self.holds(quantities) else f"not {self.sign}"
         return f"{self.quantity} = {value:.4g} {sign} {self.limit:g}"
 
 
@@ -134,9 +128,9 @@ class Transition:
     when: tuple[Condition, ...]
     """Conditions that have to hold, all at once."""
     hold: Magnitude = 0.0
-    """[s]"""
+    """[s] time for which the conditions have to hold."""
     retries: Count | None = None
-    """None: as often as it likes."""
+    """Number of times that it may fire; None: as often as it likes."""
 
     def __post_init__(self) -> None:
         if not self.when:
@@ -150,7 +144,7 @@ class Transition:
         return all(condition.holds(quantities, held) for condition in self.when)
 
     def describe(self, quantities: Mapping[str, float]) -> str:
-        """The clauses of its conditions, with the quantities [in their units]."""
+        """Describe its conditions, with the quantities [in their units]."""
         return ", ".join(condition.describe(quantities) for condition in self.when)
 
 
@@ -164,14 +158,11 @@ def is_met(value: float, limit: float, below: bool) -> bool:
 
 
 def measured(quantity: str, quantities: Mapping[str, float]) -> float:
-    """One of the quantities [in its unit]. Raises `NameNotFound` where they lack it."""
+    """Return one of the quantities [in its unit]. Raises `NameNotFound` where they lack it."""
     try:
         return quantities[quantity]
     except KeyError:
         raise NameNotFound("quantity", quantity, quantities) from None
-
-
-# One action of a mission, where a mission is, and why it went on.
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -199,7 +190,8 @@ class Phase(FieldTable):
     """
 
     def __post_init__(self) -> None:
-        outside = {name: gate for name, gate in self.activations.items() if not 0 <= gate <= 1}
+        activations = self.activations.items()
+        outside = {name: value for name, value in activations if not 0 <= value <= 1}
         if outside:
             raise InvalidInput(
                 f"phase {self.name!r}: activations {outside}; give values from 0 to 1"
@@ -208,12 +200,15 @@ class Phase(FieldTable):
     @property
     def on(self) -> tuple[str, ...]:
         """Names of the tasks that are on, even a little."""
-        return tuple(name for name, gate in self.activations.items() if gate > 0)
+        return tuple(name for name, activation in self.activations.items() if activation > 0)
 
     @property
     def conditions(self) -> tuple[Condition, ...]:
-        """All that any of its transitions waits for."""
-        return tuple(condition for transition in self.transitions for condition in transition.when)
+        """Conditions of all its transitions."""
+        conditions: list[Condition] = []
+        for transition in self.transitions:
+            conditions += transition.when
+        return tuple(conditions)
 
     def waits_for(self, task: str) -> bool:
         """Check that a condition reads a quantity of the task of that name."""
@@ -256,7 +251,7 @@ class Event:
     """Why a phase ended."""
 
     t: float
-    """[s]"""
+    """[s] time at which it ended."""
     source: str
     """Name of the phase."""
     target: str
@@ -267,9 +262,6 @@ class Event:
     """Each condition with the value that was measured [unit of the quantity]; none where nothing
     was waited for.
     """
-
-
-# How a mission is given up, and what sends it there.
 
 
 @checked_dataclass(eq=False)
@@ -315,12 +307,14 @@ class Abort:
     """
 
     def __post_init__(self) -> None:
-        others = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
-        if others:
+        targets = sorted({transition.to for transition in self.phase.transitions} - {ABORT})
+        if targets:
             raise InvalidInput(
-                f"phase {self.phase.name!r} aborts a mission but leads to {others}; lead to"
+                f"phase {self.phase.name!r} aborts a mission but leads to {targets}; lead to"
                 f" {ABORT!r} alone"
             )
         if self.ascent_task not in self.phase.on:
-            problem = f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r}"
-            raise InvalidInput(f"{problem}; name a task that is on in it")
+            raise InvalidInput(
+                f"abort: ascent_task = {self.ascent_task!r}, off in phase {self.phase.name!r};"
+                " name a task that is on in it"
+            )

@@ -26,11 +26,6 @@ from uvms_ocp.mission.phase import (
 )
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
 
-# Where a mission is, what ends its phases and where that leads, as numbers: what `Mission` asks at
-# every tick, as kernels.
-#
-# Transitions are those of all phases one after the other, conditions those of all transitions.
-
 _SAME_TIME = 1e-6  # [s] rounding of times since 1970
 NONE = -1
 """Instead of the index of a transition, phase or quantity."""
@@ -224,30 +219,29 @@ def _enter(m: MissionMemory, phase: int, t: float) -> None:
 
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
-    """Sizes of a `MissionMemory`, but for the number of tasks."""
+    """Return the sizes of a `MissionMemory`, but for the number of tasks."""
     n_transitions = sum(len(phase.transitions) for phase in phases)
     n_conditions = sum(len(phase.conditions) for phase in phases)
     return {"n_phases": len(phases), "n_transitions": n_transitions, "n_conditions": n_conditions}
 
 
 def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
-    """Names of all quantities in conditions."""
-    return tuple(
-        dict.fromkeys(condition.quantity for phase in phases for condition in phase.conditions)
-    )
+    """Return the names of all quantities in conditions."""
+    names: dict[str, None] = {}
+    for phase in phases:
+        names |= dict.fromkeys(condition.quantity for condition in phase.conditions)
+    return tuple(names)
 
 
 def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:
     """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities
     that they are asked with.
     """
-    leads_to = {
-        DONE: Terminal.DONE,
-        ABORT: Terminal.ABORT,
-        **{phase.name: k for k, phase in enumerate(phases)},
-    }
+    leads_to: dict[str, int] = {DONE: Terminal.DONE, ABORT: Terminal.ABORT}
+    leads_to |= {phase.name: k for k, phase in enumerate(phases)}
     memory.own[:] = [names.index(name) if name in names else NONE for name in OWN_QUANTITIES]
-    transitions = conditions = 0
+    transitions = 0
+    conditions = 0
     for index, phase in enumerate(phases):
         memory.first[index] = transitions
         for transition in phase.transitions:
@@ -264,12 +258,13 @@ def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequ
 
 
 def _write_condition(
-    memory: MissionMemory, at: int, condition: Condition, names: Sequence[str]
+    memory: MissionMemory, index: int, condition: Condition, names: Sequence[str]
 ) -> None:
-    memory.quantity[at] = names.index(condition.quantity)
-    memory.below[at] = isinstance(condition, Below)
-    memory.limit[at] = condition.limit
-    memory.release[at] = condition.limit if condition.release is None else condition.release
+    release = condition.limit if condition.release is None else condition.release
+    memory.quantity[index] = names.index(condition.quantity)
+    memory.below[index] = isinstance(condition, Below)
+    memory.limit[index] = condition.limit
+    memory.release[index] = release
 
 
 def write_state(memory: MissionMemory, state: MissionState) -> None:
@@ -288,10 +283,6 @@ def write_state(memory: MissionMemory, state: MissionState) -> None:
     view(memory.held_since)[:] = math.nan
     for k, since in enumerate(state.held_since, memory.first[state.phase]):
         memory.held_since[k] = math.nan if since is None else since
-
-
-# What kernels have made of a mission's memory, in words: the state after, and the event that tells
-# of it.
 
 
 def state_after_transition(
@@ -351,26 +342,30 @@ def state_after_abort(
 def _after(
     phases: Sequence[Phase], state: MissionState, memory: MissionMemory, reason: str
 ) -> MissionState:
+    """Return the state that a memory holds; reason: why the mission ends, if it is aborted."""
     if is_over(memory):
         aborted = (state.abort_reason or reason) if memory.aborted else ""
         return replace_unchecked(state, completed=bool(memory.completed), aborted=aborted)
-    counted = {
-        (k, i): memory.fired[memory.first[k] + i]
-        for k, phase in enumerate(phases)
-        for i in range(len(phase.transitions))
-    }
+    fired = {}
+    for k, phase in enumerate(phases):
+        for i in range(len(phase.transitions)):
+            n_fired = memory.fired[memory.first[k] + i]
+            if n_fired:
+                fired[k, i] = n_fired
     return MissionState(
         phase=memory.phase,
         since=memory.since,
         began=memory.began,
         activations_before=np.array(memory.activations_before)[: len(state.activations_before)],
         held_since=_held_since(memory),
-        fired={transition: n for transition, n in counted.items() if n},
+        fired=fired,
     )
 
 
 def _held_since(memory: MissionMemory) -> tuple[float | None, ...]:
-    times = [
-        memory.held_since[k] for k in range(memory.first[memory.phase], memory.end[memory.phase])
-    ]
-    return tuple(None if math.isnan(since) else since for since in times)
+    """Return since when [s] each transition of the phase holds; None where it does not."""
+    times: list[float | None] = []
+    for k in range(memory.first[memory.phase], memory.end[memory.phase]):
+        since = memory.held_since[k]
+        times.append(None if math.isnan(since) else since)
+    return tuple(times)
