@@ -129,22 +129,20 @@ class Predictor:
         measurements before it.
         """
         windows = prepared.windows(step, self.start_window, horizon)
-        return Predicted.joined(
-            [
-                self.of(window).after(float(window.edges[0]) + self.start_window)
-                for window in windows
-            ]
-        )
+        parts = []
+        for window in windows:
+            end_of_start = float(window.edges[0]) + self.start_window
+            parts.append(self.of(window).after(end_of_start))
+        return Predicted.joined(parts)
 
 
 def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
     """Compute the normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and
     predicted (m,); 0: as good as the mean.
     """
-    return 100.0 * (
-        1.0
-        - float(np.linalg.norm(predicted - measured) / np.linalg.norm(measured - measured.mean()))
-    )
+    error = np.linalg.norm(predicted - measured)
+    error_of_mean = np.linalg.norm(measured - measured.mean())
+    return 100.0 * (1.0 - float(error / error_of_mean))
 
 
 # Output error from far away: roughly in short stretches first, then as it is meant.
@@ -213,23 +211,18 @@ def _some(stretches: Sequence[Segment], thinning: int) -> Sequence[Segment]:
     """Draw one of `thinning` minutes by lot, and return the segments that lie in them, as
     recordings of their own; with `thinning` 1 return all segments as they are.
     """
-    minutes = [
-        list(group)
-        for _, group in groupby(
-            stretches, key=lambda segment: (segment.recording, segment.edges[0] // 60.0)
-        )
-    ]
+    if thinning == 1:
+        return stretches
+    groups = groupby(stretches, key=lambda segment: (segment.recording, segment.edges[0] // 60.0))
+    minutes = [list(group) for _, group in groups]
     n_drawn = -(-len(minutes) // thinning)
     # Not every nth minute: motions may alternate.
     numbers = sorted(np.random.default_rng(0).permutation(len(minutes))[:n_drawn])
-    segments = [
-        replace(segment, recording=f"{segment.recording} {k}")
-        for k in numbers
-        for segment in minutes[k]
-    ]
-    if thinning > 1:
-        return segments
-    return stretches
+    segments = []
+    for k in numbers:
+        for segment in minutes[k]:
+            segments.append(replace(segment, recording=f"{segment.recording} {k}"))
+    return segments
 
 
 def resumed_search(error: OutputErrorProblem, estimate: Estimate, iterations: int) -> Estimate:
@@ -287,11 +280,10 @@ class FitContext:
     @property
     def stretches(self) -> tuple[Segment, ...]:
         """Segments of all recordings, in the order of the estimate's starts."""
-        return tuple(
-            part
-            for recording in self.prepared
-            for part in recording.stretches(self.search.step, self.search.stretch)
-        )
+        segments: list[Segment] = []
+        for recording in self.prepared:
+            segments += recording.stretches(self.search.step, self.search.stretch)
+        return tuple(segments)
 
     def residuals(self) -> dict[str, Predicted]:
         """Return measurements beside the simulation in the segments of each recording, by its
@@ -357,24 +349,19 @@ def constant_slopes(
     """
     unknowns = fitted.vehicle.shared
     quantities = dict(fitted.vehicle.shared.declaration.quantities)
-    quantities |= {
-        name: replace(quantities[name], free=np.ones_like(quantities[name].free), own=False)
-        for name in constants
-    }
+    for name in constants:
+        all_free = np.ones_like(quantities[name].free)
+        quantities[name] = replace(quantities[name], free=all_free, own=False)
     all_unknowns = Unknowns(Declaration(quantities=quantities))
     learnt = np.isin(all_unknowns.names, unknowns.names)
     point = all_unknowns.start
     point[learnt] = fitted.estimate.shared
-    vehicle = replace(
-        fitted.vehicle, shared=all_unknowns, own=Unknowns(all_unknowns.declaration, own=True)
-    )
-    problem = replace(
-        fitted, vehicle=vehicle, rollout=Rollout(stage_of(vehicle, sharp=True))
-    ).problem()
-    H = problem.solve(
-        problem.resumed(replace(fitted.estimate, shared=point)), iterations=0
-    ).information
+    own_unknowns = Unknowns(all_unknowns.declaration, own=True)
+    vehicle = replace(fitted.vehicle, shared=all_unknowns, own=own_unknowns)
+    rollout = Rollout(stage_of(vehicle, sharp=True))
+    problem = replace(fitted, vehicle=vehicle, rollout=rollout).problem()
+    start = problem.resumed(replace(fitted.estimate, shared=point))
+    H = problem.solve(start, iterations=0).information
     stiffness = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
-    return tuple(np.array(all_unknowns.names)[~learnt].tolist()), -np.linalg.solve(
-        stiffness, H[np.ix_(learnt, ~learnt)]
-    )
+    slopes = -np.linalg.solve(stiffness, H[np.ix_(learnt, ~learnt)])
+    return tuple(np.array(all_unknowns.names)[~learnt].tolist()), slopes

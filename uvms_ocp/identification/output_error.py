@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import groupby
+from itertools import chain, groupby
 
 import numpy as np
 
@@ -101,29 +101,28 @@ class NormalEquations:
         own_block = H[n:, n:] + damping * np.diag(np.diag(self.H)[n:])
         solved_own = np.linalg.solve(own_block, np.column_stack([H[n:, :n], g[n:]]))
 
-        def others(change: np.ndarray) -> np.ndarray:
+        def eliminated(change: np.ndarray) -> np.ndarray:
             """Compute changes (m + 9 l,) of the other unknowns from the change (n,) of the shared
             ones.
             """
             own_change = -solved_own @ np.r_[change, 1.0]
             return np.r_[own_change, -solved @ np.r_[change, own_change, 1.0]]
 
-        return (
-            H[:n, :n] - H[:n, n:] @ solved_own[:, :-1],
-            g[:n] - H[:n, n:] @ solved_own[:, -1],
-            others,
-        )
+        H_shared = H[:n, :n] - H[:n, n:] @ solved_own[:, :-1]
+        g_shared = g[:n] - H[:n, n:] @ solved_own[:, -1]
+        return H_shared, g_shared, eliminated
 
 
 def finite(blocks: Sequence[NormalEquations]) -> bool:
     """Check that all entries are finite: where a simulation runs away, its slopes do before its
     cost.
     """
-    return all(
-        np.isfinite(part).all()
-        for block in blocks
-        for part in (block.cost, block.H, block.H_starts)
-    )
+    for block in blocks:
+        if not np.isfinite(block.cost):
+            return False
+        if not (np.isfinite(block.H).all() and np.isfinite(block.H_starts).all()):
+            return False
+    return True
 
 
 # Values of everything that a search moves.
@@ -292,9 +291,12 @@ class OutputErrorProblem:
     def resumed(self, estimate: Estimate) -> SearchPoint:
         """Return the iterate at which an estimate from the same segments ended."""
         own_unknowns = tuple(estimate.own[group[0].recording] for group in self._recordings)
-        remaining_starts = iter(estimate.starts)
-        begins = tuple(tuple(next(remaining_starts) for _ in group) for group in self._recordings)
-        return SearchPoint(shared=estimate.shared, own=own_unknowns, starts=begins)
+        begins = []
+        first = 0
+        for group in self._recordings:
+            begins.append(estimate.starts[first : first + len(group)])
+            first += len(group)
+        return SearchPoint(shared=estimate.shared, own=own_unknowns, starts=tuple(begins))
 
     def stepped(
         self, point: SearchPoint, blocks: list[NormalEquations] | None = None
@@ -303,17 +305,14 @@ class OutputErrorProblem:
 
         blocks: normal equations at the point, the same for every number that is pulled.
         """
-        next_point = self._moved(
-            point, self.blocks(point) if blocks is None else blocks, _NEARLY_NONE, frozen=False
-        )
+        if blocks is None:
+            blocks = self.blocks(point)
+        next_point = self._moved(point, blocks, _NEARLY_NONE, frozen=False)
         with np.errstate(all="ignore"):
-            return next_point, self._total(
-                next_point,
-                [
-                    self._cost(k, next_point, outputs)
-                    for k, outputs in enumerate(self._all_seen(next_point))
-                ],
-            )
+            costs = []
+            for k, outputs in enumerate(self._all_seen(next_point)):
+                costs.append(self._cost(k, next_point, outputs))
+            return next_point, self._total(next_point, costs)
 
     def solve(
         self,
@@ -324,8 +323,8 @@ class OutputErrorProblem:
         tolerance: float = 1e-4,
         damping: float = 1e-3,
     ) -> Estimate:
-        """Levenberg and Marquardt's method. frozen: in so many steps shared unknowns stay.
-        tolerance: share of the cost worth a step.
+        """Minimise the cost by Levenberg and Marquardt's method. frozen: in so many steps shared
+        unknowns stay. tolerance: share of the cost worth a step.
 
         damping: of the first step.
         """
@@ -369,12 +368,11 @@ class OutputErrorProblem:
             H = H + stiff
             g = g + force
         shared = self._vehicle.shared
-        stopped_mask = ((point.shared <= shared.lower) & (g > 0.0)) | (
-            (point.shared >= shared.upper) & (g < 0.0)
-        )
-        free_mask = ~stopped_mask
-        stiffness = H[np.ix_(free_mask, free_mask)] + _NEARLY_NONE * np.eye(int(free_mask.sum()))
-        decrease = 0.5 * float(g[free_mask] @ np.linalg.solve(stiffness, g[free_mask]))
+        at_lower = (point.shared <= shared.lower) & (g > 0.0)
+        at_upper = (point.shared >= shared.upper) & (g < 0.0)
+        is_free = ~(at_lower | at_upper)
+        stiffness = H[np.ix_(is_free, is_free)] + _NEARLY_NONE * np.eye(int(is_free.sum()))
+        decrease = 0.5 * float(g[is_free] @ np.linalg.solve(stiffness, g[is_free]))
         cost = self._total(point, [block.cost for block in blocks])
         return decrease / max(cost, np.finfo(float).tiny)
 
@@ -397,6 +395,9 @@ class OutputErrorProblem:
     def _moved(
         self, point: SearchPoint, blocks: list[NormalEquations], damping: float, frozen: bool
     ) -> SearchPoint:
+        """Take one damped step, within the bounds of the unknowns; frozen: of starts and unknowns of
+        single recordings alone.
+        """
         H, g, eliminations = self._reduced(point, blocks, damping)
         change = np.zeros(self._n)
         if not frozen and self._n:
@@ -406,24 +407,19 @@ class OutputErrorProblem:
                 damped = damped + penalty_H
                 g = g + penalty_g
             change = -np.linalg.solve(damped, g)
-        shared = np.clip(
-            point.shared + np.clip(change, -1.0, 1.0),
-            self._vehicle.shared.lower,
-            self._vehicle.shared.upper,
-        )
+        bounds = self._vehicle.shared
+        shared = np.clip(point.shared + np.clip(change, -1.0, 1.0), bounds.lower, bounds.upper)
         change = shared - point.shared
         own_unknowns = []
         starts = []
         for k, elimination in enumerate(eliminations):
             local = elimination(change)
             own_unknowns.append(point.own[k] + local[: self._m])
-            turns = local[self._m :].reshape(-1, N_START)
-            starts.append(
-                tuple(
-                    start.moved(np.clip(c, -0.5, 0.5))
-                    for start, c in zip(point.starts[k], turns, strict=True)
-                )
-            )
+            start_changes = np.clip(local[self._m :].reshape(-1, N_START), -0.5, 0.5)
+            moved = []
+            for start, start_change in zip(point.starts[k], start_changes, strict=True):
+                moved.append(start.moved(start_change))
+            starts.append(tuple(moved))
         return SearchPoint(shared=shared, own=tuple(own_unknowns), starts=tuple(starts))
 
     def _reduced(
@@ -444,12 +440,11 @@ class OutputErrorProblem:
         self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, iterations: int
     ) -> Estimate:
         informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
+        names = [group[0].recording for group in self._recordings]
         return Estimate(
             shared=point.shared,
-            own=dict(
-                zip((group[0].recording for group in self._recordings), point.own, strict=True)
-            ),
-            starts=tuple(start for group in point.starts for start in group),
+            own=dict(zip(names, point.own, strict=True)),
+            starts=tuple(chain.from_iterable(point.starts)),
             cost=self._total(point, [block.cost for block in blocks]),
             information=self._reduced(point, informative, 0.0)[0],
             status=status,
@@ -457,19 +452,18 @@ class OutputErrorProblem:
         )
 
     def _total(self, point: SearchPoint, costs: Sequence[float]) -> float:
+        """Add the costs of all recordings, of the priors, and of the profile's penalty."""
         deviations = (point.shared - self._vehicle.shared.start) / self._vehicle.shared.sigma
-        if self._pull is None:
-            penalty = 0.0
-        else:
-            penalty = self._pull.cost(point.shared)
+        penalty = 0.0 if self._pull is None else self._pull.cost(point.shared)
         return float(sum(costs) + deviations @ deviations / 2 + penalty)
 
     def blocks(self, point: SearchPoint) -> list[NormalEquations]:
+        """Build the normal equations of every recording at a point."""
+        blocks = []
         with np.errstate(all="ignore"):
-            return [
-                self._block(k, point, outputs)
-                for k, outputs in enumerate(self._all_seen(point, slopes=True))
-            ]
+            for k, outputs in enumerate(self._all_seen(point, slopes=True)):
+                blocks.append(self._block(k, point, outputs))
+        return blocks
 
     def _all_seen(
         self, point: SearchPoint, *, slopes: bool = False
@@ -477,34 +471,30 @@ class OutputErrorProblem:
         """Simulate every recording; segments with equally many steps are simulated together, as
         many as memory is to hold.
         """
-        flat = [
-            (k, stretch, start)
-            for k, group in enumerate(self._recordings)
-            for stretch, start in zip(group, point.starts[k], strict=True)
-        ]
+        flat = []
+        for k, group in enumerate(self._recordings):
+            for stretch, start in zip(group, point.starts[k], strict=True):
+                flat.append((k, stretch, start))
         outputs: dict[int, PredictedOutputs] = {}
         for n in {len(stretch.edges) for _, stretch, _ in flat}:
             places = [i for i, (_, stretch, _) in enumerate(flat) if len(stretch.edges) == n]
             size = max(1, _MOST_STEPS // n)
             for first in range(0, len(places), size):
                 chosen = places[first : first + size]
-                p = np.array(
-                    [np.concatenate([point.shared, point.own[flat[i][0]]]) for i in chosen]
-                )
+                unknowns = [np.r_[point.shared, point.own[flat[i][0]]] for i in chosen]
+                p = np.array(unknowns)
                 parts = [flat[i][1] for i in chosen]
                 starts = [flat[i][2] for i in chosen]
                 weighting = partial(self._weights, parts) if slopes else None
                 predictions = self._rollout.predict(parts, starts, p, weighting)
                 for i, part, prediction in zip(chosen, parts, predictions, strict=True):
-                    losses = (
-                        loss(r, self._noise.outliers)
-                        for r in self._residuals(part, prediction.rows)
-                    )
-                    outputs[i] = replace(prediction, rows=(), loss=sum(losses))
-        return [
-            [outputs[i] for i, (k, _, _) in enumerate(flat) if k == group]
-            for group in range(len(self._recordings))
-        ]
+                    residuals = self._residuals(part, prediction.rows)
+                    total_loss = sum(loss(r, self._noise.outliers) for r in residuals)
+                    outputs[i] = replace(prediction, rows=(), loss=total_loss)
+        by_recording: list[list[PredictedOutputs]] = [[] for _ in self._recordings]
+        for i, (k, _, _) in enumerate(flat):
+            by_recording[k].append(outputs[i])
+        return by_recording
 
     def _residuals(self, stretch: Segment, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
         return [(rows[j] - stretch.measured[j]) / self._sigma[j] for j in range(3)]
@@ -554,6 +544,7 @@ class OutputErrorProblem:
     def _block(
         self, k: int, point: SearchPoint, outputs: list[PredictedOutputs]
     ) -> NormalEquations:
+        """Build the normal equations of recording k from its simulated segments."""
         n = self._n
         size = self._n + self._m
         slope_back = -1.0 / self._noise.process
@@ -566,12 +557,7 @@ class OutputErrorProblem:
         gradients[:, size:] += np.array(start_residuals) / self._noise.start
         gaps = self._gaps(k, point, outputs)
         if gaps:
-            J = np.array(
-                [
-                    slope @ prediction.end_slope
-                    for prediction, (_, slope) in zip(outputs, gaps, strict=False)
-                ]
-            )
+            J = np.array([gaps[i][1] @ outputs[i].end_slope for i in range(len(gaps))])
             gap = np.array([residual for residual, _ in gaps])
             hessians[:-1] += J.swapaxes(1, 2) @ J
             hessians[1:, size:, size:] += slope_back**2 * np.eye(N_START)

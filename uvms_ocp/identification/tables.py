@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from itertools import chain
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -79,9 +79,10 @@ def read_table(
     if kind in ("text", "workbook"):
         layout = text_layout(path, text_format)
         places = [place_of(path, layout.names, name) for name in columns]
-        place_words = {
-            place: word for place, word in zip(places, words, strict=False) if word is not None
-        }
+        place_words = {}
+        for place, word in zip(places, words, strict=False):
+            if word is not None:
+                place_words[place] = word
         values, remarks = text_columns(path, places, layout, place_words)
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
@@ -126,9 +127,8 @@ def _from_arrays(path: Path, selection: Sequence[str]) -> np.ndarray:
     columns = [arrays[names[place_of(path, names, name)]] for name in selection]
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
-        lengths_text = ", ".join(
-            f"{name}: {len(column)}" for name, column in zip(selection, columns, strict=True)
-        )
+        pairs = zip(selection, columns, strict=True)
+        lengths_text = ", ".join(f"{name}: {len(column)}" for name, column in pairs)
         raise InvalidInput(
             f"{path}: columns of {lengths_text} numbers; allowed: as many of each, at most {MOST_ROWS}"
         )
@@ -174,11 +174,9 @@ def _mat_arrays(path: Path) -> Mapping[str, np.ndarray]:
     from scipy.io import loadmat, whosmat
 
     _require_few((name, shape) for name, shape, _ in whosmat(path))
-    return dict(
-        _flat(
-            "", {k: v for k, v in loadmat(path, squeeze_me=True).items() if not k.startswith("__")}
-        )
-    )
+    content = loadmat(path, squeeze_me=True)
+    variables = {name: value for name, value in content.items() if not name.startswith("__")}
+    return dict(_flat("", variables))
 
 
 def _json_arrays(path: Path) -> Mapping[str, np.ndarray]:
@@ -298,17 +296,18 @@ def write_columns(path: Path, columns: Mapping[str, np.ndarray]) -> None:
         pa = arrow("writing Parquet", "pyarrow")
         pa.parquet.write_table(pa.table(dict(columns)), path)
         return
-    with (
-        gzip.open(path, "wt", newline="")
-        if path.suffix == ".gz"
-        else path.open("w", newline="") as file
-    ):
+    with _opened_for_text(path) as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(columns)
-        rows.writerows(
-            ["" if np.isnan(x) else repr(float(x)) for x in row]
-            for row in zip(*columns.values(), strict=True)
-        )
+        for row in zip(*columns.values(), strict=True):
+            rows.writerow("" if np.isnan(value) else repr(float(value)) for value in row)
+
+
+def _opened_for_text(path: Path) -> IO[str]:
+    """Open a file to write text, gzipped where its name says so."""
+    if path.suffix == ".gz":
+        return gzip.open(path, "wt", newline="")
+    return path.open("w", newline="")
 
 
 # A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for
@@ -324,14 +323,11 @@ def write_recording(recording: Recording, path: Path | str) -> None:
     times = np.unique(np.concatenate([channel.t for channel in recording.channels.values()]))
     columns = {_TIME: times}
     for name, channel in recording.channels.items():
-        at = np.searchsorted(times, channel.t)
-        for label, values in zip(
-            _labels(name, channel),
-            (*channel.values.T, np.full(len(at), channel.delay)),
-            strict=True,
-        ):
+        rows = np.searchsorted(times, channel.t)
+        delays = np.full(len(rows), channel.delay)
+        for label, values in zip(_labels(name, channel), (*channel.values.T, delays), strict=True):
             columns[label] = np.full(len(times), np.nan)
-            columns[label][at] = values
+            columns[label][rows] = values
     write_columns(Path(path), columns)
 
 
@@ -357,13 +353,11 @@ def stored_recording(path: Path) -> Recording:
         columns_by_channel[match[1]].append(match[0])
     if not is_stored(names) or not columns_by_channel:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
-    return Recording(
-        name=path.name.partition(".")[0],
-        channels={
-            name: _channel(f"{path}: {name}", read_columns(path, [_TIME, *columns]))
-            for name, columns in columns_by_channel.items()
-        },
-    )
+    channels = {}
+    for name, columns in columns_by_channel.items():
+        rows = read_columns(path, [_TIME, *columns])
+        channels[name] = _channel(f"{path}: {name}", rows)
+    return Recording(name=path.name.partition(".")[0], channels=channels)
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:

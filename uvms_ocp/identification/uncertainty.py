@@ -76,27 +76,25 @@ def standard_errors(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 
 
 def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> np.ndarray:
-    """Compute the covariance (n, n) [unknowns^2] of the shared unknowns, by recordings and priors;
-    together: as in `standard_errors`.
+    """Compute the covariance (n, n) [unknowns^2] of the shared unknowns, by recordings and priors.
 
-    Priors of delays are as wide in seconds as where the search began: next to 0 a coordinate says
-    nothing of the other side.
+    inflation: samples that miss alike, as `variance_inflation` finds. Priors of delays are as wide
+    in seconds as where the search began: next to 0 a coordinate says nothing of the other side.
     """
     shared = vehicle.shared
-    wider = np.where(
-        [name in parameters.DELAYS for name in shared.names],
-        np.cosh(estimate.shared) / np.cosh(shared.start),
-        1.0,
-    )
-    prior = np.diag(1.0 / (shared.sigma * np.maximum(wider, 1.0) ** 2) ** 2 + _NOTHING)
+    is_delay = [name in parameters.DELAYS for name in shared.names]
+    widening = np.where(is_delay, np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
+    prior_sigma = shared.sigma * np.maximum(widening, 1.0) ** 2
+    prior = np.diag(1.0 / prior_sigma**2 + _NOTHING)
     return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
 
 
 def unidentifiable_directions(
     vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0
 ) -> tuple[UnidentifiableDirection, ...]:
-    """List combinations of which less is known than `DETERMINED`, the worst first; together: as in
-    `standard_errors`.
+    """List combinations of which less is known than `DETERMINED`, the worst first.
+
+    inflation: samples that miss alike, as `variance_inflation` finds.
     """
     values, axes = np.linalg.eigh(_data(vehicle, estimate, inflation))
     directions = []
@@ -123,17 +121,16 @@ def variance_inflation(predicted: Predicted, noise: Noise) -> float:
     correlated. The mean over the channels, but no less than of any that the model does not explain:
     what is wrong with it may be wrong for all numbers.
     """
-    moving_residuals = (
-        residual for _, residual, _ in _residuals(predicted, noise) if np.ptp(residual) > _MOVED
-    )
-    inflations = [
-        float((residual**2).mean()) * bartlett(residual - residual.mean())
-        for residual in moving_residuals
-    ]
-    floors = (
-        test.size**2 * test.inflation for test in whiteness(predicted, noise) if test.unexplained
-    )
-    return max(1.0, float(np.mean(inflations or [1.0])), *floors)
+    inflations = []
+    for _, residual, _ in _residuals(predicted, noise):
+        if np.ptp(residual) > _MOVED:
+            square = float((residual**2).mean())
+            inflations.append(square * bartlett(residual - residual.mean()))
+    inflation = max(1.0, float(np.mean(inflations or [1.0])))
+    for test in whiteness(predicted, noise):
+        if test.unexplained:
+            inflation = max(inflation, test.size**2 * test.inflation)
+    return inflation
 
 
 def bartlett(residual: np.ndarray) -> float:
@@ -239,21 +236,22 @@ def numbers_at(vehicle: Vehicle, shared: np.ndarray, C: np.ndarray) -> tuple[Ide
     prior_covariance = np.diag(1.0 / (1.0 / vehicle.shared.sigma**2 + _NOTHING))
     sigmas = _propagated(slopes, C)
     prior_sigmas = _propagated(slopes, prior_covariance)
-    return tuple(
-        IdentifiedNumber(
-            quantity=quantity,
-            entry=entry,
-            unit=unit,
-            value=float(value),
-            sigma=float(sigma),
-            size=SIZES.get(unit, abs(float(value))),
-            informed=bool(sigma < NARROWED * prior),
-            positive=positive,
+    identified = []
+    for k, (quantity, entry, unit, positive) in enumerate(entries):
+        value = float(values[k])
+        identified.append(
+            IdentifiedNumber(
+                quantity=quantity,
+                entry=entry,
+                unit=unit,
+                value=value,
+                sigma=float(sigmas[k]),
+                size=SIZES.get(unit, abs(value)),
+                informed=bool(sigmas[k] < NARROWED * prior_sigmas[k]),
+                positive=positive,
+            )
         )
-        for (quantity, entry, unit, positive), value, sigma, prior in zip(
-            entries, values, sigmas, prior_sigmas, strict=True
-        )
-    )
+    return tuple(identified)
 
 
 def _propagated(slopes: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -325,10 +323,8 @@ def _pairs(vehicle: Vehicle, theta: ca.SX) -> list[tuple[_Entry, ca.SX]]:
             pairs += _of_matrix(name, quantity.unit, value)
             continue
         positive = quantity.unit not in SIZES or name == "lag"
-        pairs += [
-            ((name, entry, quantity.unit, positive), value[k])
-            for k, entry in enumerate(quantity.coordinates.names)
-        ]
+        for k, entry in enumerate(quantity.coordinates.names):
+            pairs.append(((name, entry, quantity.unit, positive), value[k]))
     return [*pairs, *_totals(quantities)]
 
 
@@ -344,13 +340,11 @@ def _of_matrix(name: str, unit: str, value: ca.SX) -> Iterator[tuple[_Entry, ca.
 def _totals(quantities: dict[str, ca.SX]) -> Iterator[tuple[_Entry, ca.SX]]:
     """Yield total inertias of rigid body and added mass, about the frame of the vehicle's joint."""
     inertia = coordinates.spatial_inertia(
-        *(quantities[name] for name in ("mass", "centre_of_mass", "second_moment"))
+        quantities["mass"], quantities["centre_of_mass"], quantities["second_moment"]
     )
     for k, axis in enumerate(parameters.AXES):
-        yield (
-            (TOTAL, axis, "kg" if k < len(_XYZ) else "kg m2", True),
-            inertia[k, k] + quantities["added_mass"][k, k],
-        )
+        unit = "kg" if k < len(_XYZ) else "kg m2"
+        yield (TOTAL, axis, unit, True), inertia[k, k] + quantities["added_mass"][k, k]
 
 
 # Whether what a search has left is white noise: then the model has nothing more to say, and samples
@@ -400,9 +394,9 @@ def _residuals(predicted: Predicted, noise: Noise) -> Iterator[tuple[str, np.nda
     [s].
     """
     for k, sigma in enumerate((noise.velocity, noise.rate, noise.vertical)):
-        for name, residual in zip(
-            CHANNELS[3 * k :], ((predicted.rows[k] - predicted.measured[k]) / sigma).T, strict=False
-        ):
+        residuals = (predicted.rows[k] - predicted.measured[k]) / sigma
+        names = CHANNELS[3 * k : 3 * k + 3]
+        for name, residual in zip(names, residuals.T, strict=True):
             yield name, residual, predicted.t[k]
 
 
