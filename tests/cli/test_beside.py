@@ -153,7 +153,8 @@ def test_what_ends_before_anything_is_drawn_waits_for_no_copy(
 @_COPIED
 def test_a_long_record_is_not_sent_to_what_draws_it(tmp_path: Path) -> None:
     scenario = reach(plant="kinematic", duration=0.5)
-    short, robot = scenario.run(), scenario.robot
+    short = scenario.run()
+    robot = scenario.robot
     series = {name: np.repeat(short[name], 500, axis=0) for name in short.series}
     record = Record(series=series | {"t": np.arange(len(series["t"])) * 0.01}, meta=short.meta)
     whole = sum(values.nbytes for values in record.series.values())

@@ -23,7 +23,8 @@ def moved(joint: int, share: float, t: float, faults: tuple[FaultMeta, ...]) -> 
     n = round(3.0 / meta.dt)
     first = len(meta.limits.velocity) - len(meta.limits.position_lower)
     series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
-    series["t"], series["v"] = meta.dt * np.arange(n), 0.0 * series["v"]
+    series["t"] = meta.dt * np.arange(n)
+    series["v"] = 0.0 * series["v"]
     series["v"][round(t / meta.dt), first + joint] = -share * meta.limits.velocity[first + joint]
     return Record(series=series, meta=meta)
 

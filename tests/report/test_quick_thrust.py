@@ -26,7 +26,8 @@ def flown(stored: Record, thrust: np.ndarray) -> Record:
     n = len(thrust)
     dt = stored.run_meta.dt
     series = {name: np.repeat(values[:1], n, axis=0) for name, values in stored.series.items()}
-    series["t"], series["thrust"] = dt * np.arange(n), np.column_stack([thrust, np.zeros(n)])
+    series["t"] = dt * np.arange(n)
+    series["thrust"] = np.column_stack([thrust, np.zeros(n)])
     power = 2.0 * np.abs(series["thrust"]) ** 1.5
     series["thruster_energy"] = cumulative_trapezoid(power, dx=dt, axis=0, initial=0.0)
     return Record(series=series, meta=stored.meta)

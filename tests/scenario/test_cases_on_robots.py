@@ -217,7 +217,8 @@ def test_a_summary_has_the_errors_of_every_tool_by_its_name(kind: str) -> None:
     scenario = replace(scenario, environment=replace(scenario.environment, obstacles=(ball,)))
     record = scenario.run()
     figures = run_metrics(scenario, record)
-    report, end = uo.summarize(record), uo.Kinematics(run.robot, record.series["q"][-1])
+    report = uo.summarize(record)
+    end = uo.Kinematics(run.robot, record.series["q"][-1])
     assert list(report["tools"]) == list(used)
     for tool, goal in used.items():
         error = np.linalg.norm(end.pose(tool).translation - goal)

@@ -104,7 +104,8 @@ def reach(run: RunOptions, limit: float) -> Scenario:
 
 def test_a_pitch_beyond_its_limit_slows_no_other_axis() -> None:
     memory = swim(0.0).kinematic_controller().memory
-    memory.solved[0], memory.solved[4] = 0.4, 2.0
+    memory.solved[0] = 0.4
+    memory.solved[4] = 2.0
     _shorten(memory)
     assert (memory.wanted[0], memory.wanted[4]) == pytest.approx((0.4, 2.0))
 

@@ -281,7 +281,8 @@ class _Notebook:
     """
 
     def __init__(self, chromium: Any, view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
-        shells, widgets = pytest.importorskip("IPython.display"), pytest.importorskip("ipywidgets")
+        shells = pytest.importorskip("IPython.display")
+        widgets = pytest.importorskip("ipywidgets")
         shown = list[Any]()
         monkeypatch.setattr(shells, "display", lambda data, **given: shown.append(data))
         view._ipython_display_()

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -77,14 +78,16 @@ def _bent(index: int, scenario: Scenario, value: float) -> Scenario:
 
 
 def _with_floor(scenario: Scenario, value: float) -> Scenario:
-    floor = scenario.environment.seafloor
-    return with_environment(scenario, seafloor=replace(floor, z=floor.z + value))  # type: ignore[type-var, attr-defined]
+    floor: Any = scenario.environment.seafloor
+    return with_environment(scenario, seafloor=replace(floor, z=floor.z + value))
 
 
 def _with_obstacle(name: str, axis: int, scenario: Scenario, value: float) -> Scenario:
     shift = pin.SE3(np.eye(3), value * np.eye(3)[axis])
-    moved = [
-        replace(o, X_WO=shift * o.X_WO) if o.name == name else o
-        for o in scenario.environment.obstacles
-    ]
-    return with_environment(scenario, obstacles=tuple(moved))
+    obstacles = []
+    for obstacle in scenario.environment.obstacles:
+        if obstacle.name == name:
+            obstacles.append(replace(obstacle, X_WO=shift * obstacle.X_WO))
+        else:
+            obstacles.append(obstacle)
+    return with_environment(scenario, obstacles=tuple(obstacles))

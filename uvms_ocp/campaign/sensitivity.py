@@ -79,8 +79,14 @@ def _of_figure(
 def _ranks(X: np.ndarray, y: np.ndarray) -> list[tuple[float, float]]:
     from scipy.stats import spearmanr
 
-    correlations = [(0.0, 1.0) if np.ptp(x) == 0.0 else spearmanr(x, y) for x in X.T]
-    return [(float(rho), float(p)) for rho, p in correlations]
+    ranks = []
+    for x in X.T:
+        if np.ptp(x) == 0.0:
+            ranks.append((0.0, 1.0))
+            continue
+        rho, p_value = spearmanr(x, y)
+        ranks.append((float(rho), float(p_value)))
+    return ranks
 
 
 def _pawn(X: np.ndarray, y: np.ndarray) -> list[float]:

@@ -431,25 +431,21 @@ def shade_phases(
             axis.axvspan(
                 span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2
             )
-        for span in spans[1:] if len(spans) <= _MANY else ():
-            axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
+        if len(spans) <= _MANY:
+            for span in spans[1:]:
+                axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
     if named:
-        figure_share = (
-            axes[0].get_position().width / _LEFT
-        )  # with what is beside it, before all is laid out
-        texts = [
-            text.get_text()
-            for axis in axes
-            if (legend := axis.get_legend())
-            for text in legend.get_texts()
-        ]
+        # Share of the figure, with what is beside the panel, before all is laid out.
+        figure_share = axes[0].get_position().width / _LEFT
+        legends = [axis.get_legend() for axis in axes]
+        texts = []
+        for legend in legends:
+            if legend:
+                texts += [text.get_text() for text in legend.get_texts()]
         letters_beside += max((len(text) + _HANDLE for text in texts), default=0)
-        _name_phases(
-            axes[0],
-            spans,
-            0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside,
-        )
+        width = 0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside
+        _name_phases(axes[0], spans, width)
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
@@ -514,7 +510,9 @@ def mark_time(
             axis.axvline(fault.start, color=VERMILLION, lw=0.9, ls=(0, (4, 2)), zorder=1.4)
             if fault.ended:
                 axis.axvline(fault.end, color=VERMILLION, lw=0.9, ls=(0, (1, 2)), zorder=1.4)
-    for line, (start, names) in enumerate(names_by_start.items() if named else ()):
+    if not named:
+        return
+    for line, (start, names) in enumerate(names_by_start.items()):
         _name(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
 
 
@@ -528,8 +526,12 @@ def _name(axis: Axes, start: float, text: str, line: int) -> None:
     higher than the one before.
     """
     begin, end = axis.get_xlim()
-    late = start - begin > 0.5 * (end - begin)
-    offset = (-3 if late else 3, _ABOVE_PHASES + _LINE * line)
-    side = "right" if late else "left"
+    height = _ABOVE_PHASES + _LINE * line
+    if start - begin > 0.5 * (end - begin):
+        offset = (-3, height)
+        side = "right"
+    else:
+        offset = (3, height)
+        side = "left"
     look = {"ha": side, "va": "bottom", "fontsize": points(6.5), "color": VERMILLION}
     note(axis, text, (start, 1.0), offset, xycoords=("data", "axes fraction"), **look)

@@ -35,10 +35,9 @@ _OWN_TRAILS: tuple[Colour, ...] = (
 _MARKERS = ((0.95, 0.3, 0.1), (0.2, 0.85, 0.45), (0.95, 0.85, 0.2), (0.6, 0.4, 0.9))
 _OBSTACLE = np.array([0.85, 0.45, 0.2, 0.55])
 
-_LEAST = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
-# [%] of the time the largest is shorter than its share; how much longer than that any is drawn
-_USUAL = 80
-_MOST = 1.6
+_NEGLIGIBLE = 1e-6  # [N, N m, m/s] nothing that is smaller throughout has an arrow
+_USUAL = 80  # [%] of the time in which the largest arrow is shorter than its share
+_LONGEST = 1.6  # of its share, to which longer arrows are cut
 Arrow = tuple[np.ndarray, np.ndarray]
 """Origin (3,) [m] of an arrow in B, and its vectors (n, 3) [its unit] in B."""
 Draw = Callable[[np.ndarray, Robot, Frames, float], Iterator[Arrow]]
@@ -51,13 +50,11 @@ _MOST_LOOKS = 20_000  # distances of pairs; a longer or fuller run is looked at 
 
 def extent(record: Record, frames: Frames) -> np.ndarray:
     """Return points (n, 3) [m] that the camera must see."""
-    markers = np.array([marker.position for marker in record.meta.surroundings.markers]).reshape(
-        -1, 3
-    )
-    obstacles = np.array([item.position for item in record.meta.surroundings.obstacles]).reshape(
-        -1, 3
-    )
-    return np.vstack([frames.placements[:, 1:, :3].reshape(-1, 3), obstacles, markers])
+    surroundings = record.meta.surroundings
+    links = frames.placements[:, 1:, :3].reshape(-1, 3)
+    obstacles = [obstacle.position for obstacle in surroundings.obstacles]
+    markers = [marker.position for marker in surroundings.markers]
+    return np.vstack([links, np.array(obstacles).reshape(-1, 3), np.array(markers).reshape(-1, 3)])
 
 
 def middle(record: Record, frames: Frames) -> np.ndarray:
@@ -82,9 +79,8 @@ def draw_trails(
     ):
         rgb = colour or _OWN_TRAILS[min(k, len(_OWN_TRAILS) - 1)]
         radius = 0.011 if k else 0.018
-        travelled = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-        )
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        travelled = np.concatenate([[0.0], np.cumsum(steps)])  # [m]
         rows = np.unique(travelled // _TRAIL_STEP, return_index=True)[1]
         if len(rows) > 2:
             trail_node = node[name.replace("/", "_")]
@@ -135,10 +131,8 @@ def labels(record: Record, centre: np.ndarray) -> list[dict[str, Any]]:
     places += [(item.name, item.position, "obstacle") for item in surroundings.obstacles]
     for text, place, kind in places:
         position = (np.array(place) - centre).round(4).tolist()
-        if all(
-            np.linalg.norm(np.subtract(position, label["position"])) > _SAME_PLACE
-            for label in shown_labels
-        ):
+        offsets = [np.subtract(position, label["position"]) for label in shown_labels]
+        if all(np.linalg.norm(offset) > _SAME_PLACE for offset in offsets):
             shown_labels.append({"text": text, "position": position, "kind": kind})
     return shown_labels
 
@@ -179,31 +173,32 @@ def arrow_groups(record: Record, robot: Robot, frames: Frames, size: float) -> l
     Of each arrow: the point ``at`` (3,) [m] in B where it begins, and ``vectors`` (n, 3) [unit of
     the group] in B at the frames.
     """
-    kinds = [kind for kind in _KINDS if kind.series in record.series and robot.n_vehicle]
-    groups = [
-        (kind, list(kind.draw(record[kind.series][frames.row], robot, frames, size)))
-        for kind in kinds
-    ]
-    norms = [
-        np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows]) for _, arrows in groups
-    ]
-    return [
-        _group(kind, arrows, norm, kind.share * size)
-        for (kind, arrows), norm in zip(groups, norms, strict=True)
-        if norm.size and norm.max() > _LEAST
-    ]
+    if not robot.n_vehicle:
+        return []
+    groups = []
+    for kind in _KINDS:
+        if kind.series not in record.series:
+            continue
+        arrows = list(kind.draw(record[kind.series][frames.row], robot, frames, size))
+        norms = np.array([np.linalg.norm(vectors, axis=1) for _, vectors in arrows])
+        if norms.size and norms.max() > _NEGLIGIBLE:
+            groups.append(_group(kind, arrows, norms, kind.share * size))
+    return groups
 
 
 def _group(
     kind: ArrowKind, arrows: list[Arrow], norms: np.ndarray, length: float
 ) -> dict[str, Any]:
     """Return the values of a group; norms (n_arrows, n) [its unit], length [m] of a usual one."""
-    usual_norm = max(float(np.percentile(norms.max(axis=0), _USUAL)), _LEAST)
+    usual_norm = max(float(np.percentile(norms.max(axis=0), _USUAL)), _NEGLIGIBLE)
     return {
-        **{name: getattr(kind, name) for name in ("label", "unit", "colour", "shown")},
+        "label": kind.label,
+        "unit": kind.unit,
+        "colour": kind.colour,
+        "shown": kind.shown,
         "largest": float(norms.max()),
         "scale": length / usual_norm,
-        "longest": length * _MOST,
+        "longest": length * _LONGEST,
         "arrows": [
             {"at": rounded(positions), "vectors": rounded(vectors)} for positions, vectors in arrows
         ],
