@@ -54,9 +54,6 @@ the machine is.
 """
 
 
-# A mission as an optimal control problem over its whole length, and where the search begins.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class MissionProblem:
     """A mission as a problem of optimal control."""
@@ -169,9 +166,6 @@ def _problem(
         floor=floor,
         altimeter_frame=scenario.altimeter_frame or robot.description.altimeter or "altimeter",
     )
-
-
-# From a scenario to a plan of its whole mission.
 
 
 @checked

@@ -34,8 +34,6 @@ from uvms_ocp.tasks import (
 )
 from uvms_ocp.types import Magnitude
 
-# How much stricter a plan is than the mission asks: what is flown departs from what was planned.
-
 _LEAST_SHARE = 0.25  # share of a threshold that a plan may use, however large the margin
 
 ANGLES = ("tilt", "misalignment", "angle")
@@ -76,9 +74,6 @@ def tightened_limit(limit: float, margin: float) -> float:
     rad].
     """
     return max(limit - margin, _LEAST_SHARE * limit)
-
-
-# What the tasks of a phase keep all along it, as strictly as a plan keeps it.
 
 
 def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
@@ -160,10 +155,6 @@ def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -
     return task
 
 
-# The greedy mission on the kinematic plant: where a search for something better begins; and what is
-# foretold of it.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GreedyRollout:
     """Configurations, and when each phase of the way begins."""
@@ -237,13 +228,10 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
     t = np.arange(0.0, begins[-1] + _FORECAST_PERIOD / 2, _FORECAST_PERIOD)
     q = np.tile(scenario.start, (len(t), 1))
     if scenario.robot.n_vehicle:
-        marks = np.array(
-            [
-                scenario.start[:3],
-                *(visit.stances[0].position for visit in forecast(scenario.setup())),
-            ]
-        )
-        q[:, :3] = np.stack([np.interp(t, begins, marks[:, axis]) for axis in range(3)], axis=1)
+        stances = [visit.stances[0].position for visit in forecast(scenario.setup())]
+        marks = np.array([scenario.start[:3], *stances])
+        for axis in range(3):
+            q[:, axis] = np.interp(t, begins, marks[:, axis])
     mission = scenario.mission
     names = build_levels(
         scenario.robot, mission.hierarchy, scenario.dt, mission.beside_tasks
@@ -255,10 +243,6 @@ def foretold_way(scenario: Scenario) -> GreedyRollout:
         begins=begins,
         quantities=dict.fromkeys(names, np.full(len(t), np.nan)),
     )
-
-
-# The horizon of a mission: each phase as a segment of free length, and what has to be held at its
-# end as one more.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -50,20 +50,13 @@ _ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {
 }
 """Rows of residuals whose norm is the quantity."""
 
-_SMOOTH = 0.3  # weight of smoothness: what is free to swing would ring from node to node
-
-_LIKED = 3e-4  # weight of preferences: 0.3 W for 1 rad
-
-_VERTICAL = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
-
+_SMOOTHNESS_WEIGHT = 0.3  # what is free to swing would ring from node to node
+_PREFERENCE_WEIGHT = 3e-4  # 0.3 W for 1 rad
+_ROUNDING = 1e-6  # keeps the root of a sine differentiable where a cylinder stands upright
 _LEVEL = 0.05  # [m] by which the height of a floor may differ along the way
 _MISSED = 2e-3  # [m] of a margin that a plan may miss
 _NEAR = 0.01  # [m] beyond its margin, within which a pair gets rows
 _PAIR_ROWS = 4  # rows per node and pair of links
-
-
-# Terms that a mission has beside those of its tasks: what conditions ask for, what is liked, and
-# rest.
 
 
 @checked_dataclass(eq=False)
@@ -102,10 +95,6 @@ class ZeroVelocities(Term):
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         return zero_residual(stage.tick.velocity[list(self.axes)])
-
-
-# Conditions of transitions as terms: what has to be reached to leave a phase, and what must not
-# happen meanwhile.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -176,7 +165,7 @@ def _refused(condition: Condition, place: ConditionPlacement, below: bool) -> In
 def _heights(
     task: LandingAltitude | MinimumAltitude, limit: float, margin: float, below: bool
 ) -> tuple[float, float]:
-    """Range of the residual [m] for an altitude below the limit [m], or above."""
+    """Return the range of the residual [m] for an altitude below the limit [m], or above."""
     if below:
         altitudes = (-np.inf, mission_segments.tightened_limit(limit, margin))
     else:
@@ -189,16 +178,13 @@ def _heights(
 
 
 def _rows_of(task: Task, quantity: str) -> tuple[int, ...]:
+    """Return the rows of a task's residual whose norm is the quantity; none where there are none."""
     if isinstance(task, JointTracking) and quantity == "posture_error":
         return tuple(range(len(task.joints)))
-    matches = (
-        rows for (kind, name), rows in _ROWS.items() if isinstance(task, kind) and name == quantity
-    )
-    return next(matches, ())
-
-
-# From a mission to an optimal control problem: what its tasks keep, what its transitions ask for,
-# and then the energy.
+    for (kind, name), rows in _ROWS.items():
+        if isinstance(task, kind) and name == quantity:
+            return rows
+    return ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -271,7 +257,7 @@ def mission_levels(
     spent = (
         *energy_terms,
         Effort(weight=weights.effort),
-        Smoothness(weight=_SMOOTH),
+        Smoothness(weight=_SMOOTHNESS_WEIGHT),
         Duration(weight=weights.price),
     )
     return (*goal_levels, OcpLevel(name="energy", terms=(*spent, *terms.preferences)))
@@ -303,12 +289,11 @@ class _Phase:
         self.reached = {task.name for task in self.on if mission_segments.is_prerequisite(task)}
 
     def goals(self) -> Iterator[tuple[TaskClass, Term]]:
-        """At the end of the phase, or all along what has to be held."""
+        """Yield the goals at the end of the phase, or all along what has to be held."""
+        class_of_task = {task.name: task.task_class for task in self.tasks}
         for condition in self._out.when:
             name = condition.quantity.rpartition(".")[0]
-            kind = next(
-                (task.task_class for task in self.tasks if task.name == name), TaskClass.ACTION
-            )
+            kind = class_of_task.get(name, TaskClass.ACTION)
             for part in self._parts:
                 if part.holds:
                     yield kind, self._term(condition, part, At.PATH, met=True)
@@ -319,13 +304,13 @@ class _Phase:
         """Yield the constraints of tasks all along the phase. established: names of prerequisites
         that the phase before has reached.
         """
-        for task in mission_segments.active_constraints(
+        constraints = mission_segments.active_constraints(
             self._phase, self.on, self._out, established, self._margins
-        ):
+        )
+        for task in constraints:
             for part in self._parts:
-                if task.name not in part.waits_for and not (
-                    part.holds and task.name in self._asked
-                ):
+                is_held_by_goal = part.holds and task.name in self._asked
+                if task.name not in part.waits_for and not is_held_by_goal:
                     yield TaskTerm(task=task, at=At.PATH, phase=part.ocp.name)
 
     def preferences(self) -> Iterator[Term]:
@@ -333,14 +318,12 @@ class _Phase:
         for.
         """
         for task in self.on:
-            if (
-                task.task_class is TaskClass.OPTIMIZATION
-                and task.equality
-                and task.name not in self._asked
-            ):
-                yield from (
-                    TaskPreference(task=task, at=At.PATH, phase=part.ocp.name, weight=_LIKED)
-                    for part in self._parts
+            is_preference = task.task_class is TaskClass.OPTIMIZATION and task.equality
+            if not is_preference or task.name in self._asked:
+                continue
+            for part in self._parts:
+                yield TaskPreference(
+                    task=task, at=At.PATH, phase=part.ocp.name, weight=_PREFERENCE_WEIGHT
                 )
 
     def not_triggered(self) -> Iterator[Term]:
@@ -377,10 +360,6 @@ def _rest(robot: Robot, tasks: Sequence[Task]) -> Iterator[Term]:
         yield ZeroVelocities(axes=axes)
 
 
-# Hull and arm stay above a level floor: the height of what is lowest of every shape, which needs no
-# distance.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Rim:
     """A point, or a circle around it, fixed to a joint: the end of a shape."""
@@ -411,54 +390,50 @@ class FloorClearance(Term):
         for rim in self.rims:
             pose = stage.tick.kinematics.joint_poses[rim.joint]
             upright = (pose.R @ ca.DM(rim.axis))[2]
-            sag = rim.radius * ca.sqrt(ca.fmax(1 - upright**2, 0) + _VERTICAL)
+            sag = rim.radius * ca.sqrt(ca.fmax(1 - upright**2, 0) + _ROUNDING)
             rows.append((pose.p + pose.R @ ca.DM(rim.centre))[2] - sag - rim.rounding)
         return bounded_residual(ca.vertcat(ca.SX(0, 1), *rows), lower=self.height)
 
 
 def rims_of(robot: Robot) -> tuple[Rim, ...]:
     """Return the rims of the lower side of the hull, and of every shape of the arm."""
-    hull = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
+    rims = [Rim(joint=1, centre=point, axis=np.zeros(3)) for point in skid_points(robot)]
     first_arm_joint = 2 if robot.n_vehicle else 1
-    arm = [
-        rim
-        for shape in robot.collision_model.geometryObjects
-        if shape.parentJoint >= first_arm_joint
-        for rim in _rims(shape)
-    ]
-    return (*hull, *arm)
+    for shape in robot.collision_model.geometryObjects:
+        if shape.parentJoint >= first_arm_joint:
+            rims += _rims(shape)
+    return tuple(rims)
 
 
 def _rims(shape: pin.GeometryObject) -> list[Rim]:
+    """Return the ends of a shape: of a box its corners."""
     geometry = shape.geometry
+    joint = shape.parentJoint
     X = shape.placement
+    no_axis = np.zeros(3)
     if isinstance(geometry, coal.Sphere):
-        return [
-            Rim(
-                joint=shape.parentJoint,
-                centre=X.translation,
-                axis=np.zeros(3),
-                rounding=geometry.radius,
-            )
-        ]
+        return [Rim(joint=joint, centre=X.translation, axis=no_axis, rounding=geometry.radius)]
     if isinstance(geometry, coal.Cylinder | coal.Capsule):
-        ends = [X.act(np.array([0.0, 0.0, side * geometry.halfLength])) for side in (-1, 1)]
-        size = {"rounding" if isinstance(geometry, coal.Capsule) else "radius": geometry.radius}
-        return [
-            Rim(joint=shape.parentJoint, centre=end, axis=X.rotation[:, 2], **size) for end in ends
-        ]
-    return [
-        Rim(joint=shape.parentJoint, centre=X.act(corner), axis=np.zeros(3))
-        for corner in box_corners(geometry)
-    ]
-
-
-# What surrounds a mission, as an optimal control problem takes it: one current, a level floor,
-# obstacles.
+        is_rounded = isinstance(geometry, coal.Capsule)
+        rims = []
+        for side in (-1, 1):
+            rim = Rim(
+                joint=joint,
+                centre=X.act(np.array([0.0, 0.0, side * geometry.halfLength])),
+                axis=X.rotation[:, 2],
+                radius=0.0 if is_rounded else geometry.radius,
+                rounding=geometry.radius if is_rounded else 0.0,
+            )
+            rims.append(rim)
+        return rims
+    corners = box_corners(geometry)
+    return [Rim(joint=joint, centre=X.act(corner), axis=no_axis) for corner in corners]
 
 
 def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> float:
-    """Height [m] of the floor below the way; raises `InvalidInput` where it is not level."""
+    """Return the height [m] of the floor below the way; raises `InvalidInput` where it is not
+    level.
+    """
     if not scenario.robot.n_vehicle:
         return -np.inf
     heights = [scenario.environment.seafloor.height(float(x), float(y)) for x, y in way.q[:, :2]]
@@ -473,7 +448,7 @@ def floor_along(scenario: Scenario, way: mission_segments.GreedyRollout) -> floa
 def floor_terms(
     scenario: Scenario, segments: Sequence[HorizonSegment], floor: float, margins: Margins
 ) -> list[Term]:
-    """Hull and arm stay above the floor [m] wherever no task on altitude keeps the robot far from
+    """Keep hull and arm above the floor [m] wherever no task on altitude keeps the robot far from
     it.
     """
     if not np.isfinite(floor):
@@ -483,17 +458,17 @@ def floor_terms(
     for segment in segments:
         phase = scenario.mission.phases[segment.phase]
         on = mission_segments.active_tasks(phase, scenario.mission.hierarchy.tasks)
-        if not any(
+        keeps_altitude = any(
             isinstance(task, MinimumAltitude) and task.name not in segment.waits_for for task in on
-        ):
-            terms.append(
-                FloorClearance(rims=rims, height=floor + margins.altitude, phase=segment.ocp.name)
-            )
+        )
+        if not keeps_altitude:
+            height = floor + margins.altitude
+            terms.append(FloorClearance(rims=rims, height=height, phase=segment.ocp.name))
     return terms
 
 
 def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
-    """The robot keeps away from obstacles and from itself, each pair by as much as tasks of the
+    """Keep the robot away from obstacles and from itself, each pair by as much as tasks of the
     mission ask for it.
 
     Links that are near each other by design keep half of what they have at rest, and at the start
@@ -502,27 +477,22 @@ def clearance(scenario: Scenario, margins: Margins) -> ShapeClearance | None:
     scene = collision_scene(
         coordinates(scenario.robot, reference=scenario.start), scenario.environment.obstacles
     )
-    tasks = sorted(
-        (
-            clearance_task
-            for clearance_task in scenario.mission.hierarchy.tasks
-            if isinstance(clearance_task, Clearance)
-        ),
-        key=lambda clearance_task: clearance_task.threshold,
-    )
-    thresholds = {name: task.threshold for task in tasks for name in task.model.pair_names}
+    if not scene.pairs:
+        return None
+    largest_threshold: dict[str, float] = {}
+    for task in scenario.mission.hierarchy.tasks:
+        if isinstance(task, Clearance):
+            for name in task.model.pair_names:
+                known = largest_threshold.get(name, -np.inf)
+                largest_threshold[name] = max(task.threshold, known)
+    thresholds = [largest_threshold.get(pair.name, 0.0) for pair in scene.pairs]
     minimum_margins = np.where(_links(scene), margins.links, margins.position)
-    pair_margins = np.minimum(
-        np.maximum(minimum_margins, [thresholds.get(pair.name, 0.0) for pair in scene.pairs]),
-        scene.room,
-    )
-    if scene.pairs:
-        return ShapeClearance(scene=scene, margins=pair_margins)
-    return None
+    pair_margins = np.minimum(np.maximum(minimum_margins, thresholds), scene.room)
+    return ShapeClearance(scene=scene, margins=pair_margins)
 
 
 def _links(scene: CollisionScene) -> Mask:
-    """(n_pairs,) True for two of them."""
+    """Return True for pairs (n_pairs,) of two links."""
     return np.isfinite(scene.room)
 
 
@@ -545,23 +515,23 @@ def _among(shapes: ShapeClearance, pairs: Mask) -> ShapeClearance:
 
 
 def violated_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
-    """(n_pairs,) True for links that do not keep their margins along a way, at its nodes and
-    between them.
+    """Return True for pairs (n_pairs,) of links that do not keep their margins along a way, at its
+    nodes and between them.
     """
     return (shortfall(shapes, way, 0.0).max(axis=0) > _MISSED) & _links(shapes.scene)
 
 
 def near_links(shapes: ShapeClearance, way: Trajectory) -> Mask:
-    """(n_pairs,) True for links that nearly do not."""
+    """Return True for pairs (n_pairs,) of links that nearly miss their margins along a way."""
     return violated_links(replace(shapes, margins=shapes.margins + _NEAR), way)
 
 
 def certify_along(shapes: ShapeClearance, way: Trajectory) -> ClearanceReport:
-    """The certificate that all pairs stay apart along a way, with the least distance that is met,
-    at its nodes too.
+    """Certify that all pairs stay apart along a way, with the smallest distance that is met, at its
+    nodes too.
     """
     report = certificate(shapes, way)
     sampled = SteppedMotion(term=shapes, trajectory=way).nearest()
-    return replace(
-        report, nearest=min(report.nearest, sampled, key=lambda nearest: nearest.distance)
-    )
+    if sampled.distance < report.nearest.distance:
+        return replace(report, nearest=sampled)
+    return report

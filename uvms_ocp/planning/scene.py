@@ -83,6 +83,7 @@ class CollisionScene:
 
     @property
     def n_pairs(self) -> int:
+        """Number of pairs."""
         return len(self.pairs)
 
     @checked_on_failure
@@ -96,7 +97,7 @@ class CollisionScene:
         t: Annotated[Array, Shape("n")],
         distances: Annotated[Array, Shape("n", "self.n_pairs")],
     ) -> NearestPair:
-        """The smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
+        """Return the smallest of the distances (n, n_pairs) [m] at times t (n,) [s]."""
         if not distances.size:
             return NearestPair(distance=np.inf, time=0.0, pair="")
         row, pair = np.unravel_index(int(np.argmin(distances)), distances.shape)
@@ -116,21 +117,24 @@ class CollisionScene:
             )
         pairs = tuple(self.pairs[k] for k in indices)
         geometry = with_pairs(self.geometry, ((pair.first, pair.second) for pair in pairs))
-        parts = {
-            name: getattr(self, name)[chosen]
-            for name in ("moved", "reach", "carried", "gyration", "room")
-        }
-        return replace(self, geometry=geometry, pairs=pairs, **parts)
+        return replace(
+            self,
+            geometry=geometry,
+            pairs=pairs,
+            moved=self.moved[chosen],
+            reach=self.reach[chosen],
+            carried=self.carried[chosen],
+            gyration=self.gyration[chosen],
+            room=self.room[chosen],
+        )
 
     def groups(self) -> dict[str, list[int]]:
-        """Indices of pairs by the obstacle they are with, and those of two links."""
+        """Return the indices of pairs by the obstacle they are with, and those of two links."""
         groups: dict[str, list[int]] = {}
         for index, pair in enumerate(self.pairs):
-            name = (
-                self.geometry.geometryObjects[pair.first].name
-                if self.is_obstacle(pair.first)
-                else _LINKS
-            )
+            name = _LINKS
+            if self.is_obstacle(pair.first):
+                name = self.geometry.geometryObjects[pair.first].name
             groups.setdefault(name, []).append(index)
         return groups
 
@@ -138,8 +142,10 @@ class CollisionScene:
         """Return (n_pairs,) numbers: `of_obstacles` for pairs with an obstacle, `of_links`, where
         given, for those of two links.
         """
-        links = [of_links is not None and not self.is_obstacle(pair.first) for pair in self.pairs]
-        return np.where(links, of_obstacles if of_links is None else of_links, of_obstacles)
+        if of_links is None:
+            return np.full(len(self.pairs), of_obstacles)
+        is_with_obstacle = [self.is_obstacle(pair.first) for pair in self.pairs]
+        return np.where(is_with_obstacle, of_obstacles, of_links)
 
     def check_no_overlap(
         self, distances: Annotated[Array, Shape("self.n_pairs")], place: str
