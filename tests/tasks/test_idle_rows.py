@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -52,7 +53,7 @@ def test_idle_rows_change_nothing_that_a_task_commands(name: str, solver: str) -
     task = replace(task, joints=("joint2", "joint4")) if isinstance(task, JointTracking) else task
     usual = alone(task, solver, as_it_is)
     for more in (with_a_row_of_zeros, with_its_last_row_twice):
-        extended_run = alone(task, solver, lambda plain, more=more: extended(plain, more))  # type: ignore[misc]
+        extended_run = alone(task, solver, partial(extended, more=more))
         np.testing.assert_allclose(
             extended_run, usual, atol={"icat": 1e-2}.get(solver, 1e-4), err_msg=more.__name__
         )
