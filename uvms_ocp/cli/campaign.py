@@ -29,6 +29,7 @@ _WHAT = (
     "A scenario as for `run` (your own file is run to load it: give only what you trust), or a"
     " campaign's folder."
 )
+_DEFAULT_RUNS = 100
 _DPI = 110
 _SHOWN = 8  # rows of a table on a terminal
 _SENSITIVITY = ("figure", "parameter", "rank_correlation", "pawn", "pawn_floor")
@@ -134,7 +135,7 @@ def campaign(
         new_campaign = Campaign(
             scenario=what,
             variations=vary or (),
-            runs=100 if runs is None else runs,
+            runs=_DEFAULT_RUNS if runs is None else runs,
             seed=seed,
             sampler=sampler,
             options={

@@ -35,7 +35,7 @@ _PLAN = {"curve": "plan.curve", "ocp": "plan.ocp", "mission": "plan.mission"}
 
 _TRACEBACK = "--traceback"
 
-_SIZE = 3
+_SIZE = 3  # numbers of a vector, such as a position
 
 
 class Commands(Mapping[str, Any]):
@@ -79,12 +79,11 @@ def _summary(place: Place) -> str:
         return str(place.info.help)
     module, function = place.split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    nodes = (node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef))
-    return " ".join(
-        next(ast.get_docstring(node) or "" for node in nodes if node.name == function)
-        .partition("\n\n")[0]
-        .split()
-    )
+    functions = [node for node in ast.parse(source).body if isinstance(node, ast.FunctionDef)]
+    command = next(node for node in functions if node.name == function)
+    docstring = ast.get_docstring(command) or ""
+    first_paragraph = docstring.partition("\n\n")[0]
+    return " ".join(first_paragraph.split())
 
 
 def _group(places: Mapping[str, Place], **options: Any) -> typer.Typer:
@@ -110,29 +109,23 @@ _ALL: dict[str, Place] = {
     "check": "show.check",
     "mission": "show.mission",
     "campaign": "campaign.campaign",
-}
-_ALL |= {
     "compare": "show.compare_runs",
     "show": "show.show_scene",
     "estimate": "show.estimate",
     "excite": "identify.excite",
-}
-_ALL |= {
     "map": "identify.map_recording",
     "check-recording": "identify.check_recording",
     "identify": "identify.identify",
-}
-_ALL |= {
     "thruster-curve": "identify.thruster_curve",
     "list": "robots.list_all",
     "check-robot": "robots.check_robot",
-}
-_ALL |= {"schema": "robots.schema", "cache": "compilation.cache", "new-robot": "robots.new_robot"}
-_ALL |= {
+    "schema": "robots.schema",
+    "cache": "compilation.cache",
+    "new-robot": "robots.new_robot",
     "new-mission": "robots.new_mission",
     "export": _group(_EXPORT, help="Write what runs without Python."),
+    "plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission."),
 }
-_ALL |= {"plan": _group(_PLAN, help="Plan a motion among obstacles, or a whole mission.")}
 app = _group(
     _ALL,
     help="Task-priority planning of underwater vehicle-manipulator systems.",
@@ -141,8 +134,8 @@ app = _group(
 )
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(is_set: bool) -> None:
+    if is_set:
         sys.stdout.write(f"uvms-ocp {__version__}\n")
         raise typer.Exit
 
@@ -174,12 +167,11 @@ def expand_vectors(app: typer.Typer, words: Sequence[str]) -> list[str]:
     for word in words:
         if word in getattr(command, "commands", ()):
             command = command.commands[word]
-    return list(
-        _spread(
-            words,
-            {option for item in command.params if item.nargs == _SIZE for option in item.opts},
-        )
-    )
+    vector_options = set[str]()
+    for parameter in command.params:
+        if parameter.nargs == _SIZE:
+            vector_options.update(parameter.opts)
+    return list(_spread(words, vector_options))
 
 
 def _spread(words: Sequence[str], vectors: Collection[str]) -> Iterator[str]:

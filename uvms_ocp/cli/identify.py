@@ -250,28 +250,27 @@ def identify(
         f"{result.estimate.status.value};"
         f" {n_determined} of {len(result.numbers)} numbers determined"
     )
-    for line in [*result.verdicts, *map(str, (*result.worse_than_still, *result.disagreed))]:
-        print_line(console, line)
+    for line in (*result.verdicts, *result.worse_than_still, *result.disagreed):
+        print_line(console, str(line))
     print_paths(console, written)
     if not result.exported.usable:
         print_line(console, f"no robot file is written: {result.exported.estimate.status.advice}")
         raise typer.Exit(NOT_COMPLETED)
 
 
-def _names(n: int, profiles: bool, leave_one_out: bool, predicted: bool) -> list[str]:
-    pictures = [
-        "intervals",
-        *(f"{kind}_{k}" for k in range(n) for kind in ("predicted", "residuals")),
-    ]
-    optional = {"profiles": profiles, "left_out": leave_one_out, "predicted_others": predicted}
-    pictures += [name for name, is_written in optional.items() if is_written]
-    return [
-        VARIANT,
-        WHOLE,
-        IDENTIFY_REPORT,
-        IDENTIFY_DATA,
-        *(f"{FIGURES}/{name}.png" for name in pictures),
-    ]
+def _names(n_sections: int, profiles: bool, leave_one_out: bool, predicted: bool) -> list[str]:
+    """Return the names of the files that an identification may write."""
+    figures = ["intervals"]
+    for section in range(n_sections):
+        figures += [f"predicted_{section}", f"residuals_{section}"]
+    if profiles:
+        figures.append("profiles")
+    if leave_one_out:
+        figures.append("left_out")
+    if predicted:
+        figures.append("predicted_others")
+    figure_paths = [f"{FIGURES}/{name}.png" for name in figures]
+    return [VARIANT, WHOLE, IDENTIFY_REPORT, IDENTIFY_DATA, *figure_paths]
 
 
 def _write(result: Calibration, names: list[str], staging: Path) -> None:
@@ -407,30 +406,25 @@ def thruster_curve(
     """
     if (voltage is None) != (at is None):
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
-    columns = [pwm, thrust, *([voltage] if voltage else [])]
+    columns = [pwm, thrust]
+    if voltage:
+        columns.append(voltage)
     require_known("unit", unit or "N", _NEWTONS)
     tables = [read_table(table, columns, TextFormat(sheet=name)) for name in sheet or [""]]
     unit_name = unit or unit_named(tables[0].units[1]) or tables[0].units[1] or "N"
     require_known("unit", unit_name, _NEWTONS)
     rows = np.concatenate([part.values for part in tables])
     rows = rows[np.isfinite(rows).all(axis=1)]
-    curve, correction = curve_of_table(
-        rows[:, 0], _NEWTONS[unit_name] * rows[:, 1], rows[:, 2] if voltage else None, at or 0.0
-    )
+    forces = _NEWTONS[unit_name] * rows[:, 1]  # [N]
+    voltages = rows[:, 2] if voltage else None
+    curve, correction = curve_of_table(rows[:, 0], forces, voltages, at or 0.0)
     points = ", ".join(f"[{signal:.6g}, {force:.4g}]" for signal, force in curve)
     typer.echo(
         f"minimum: {min(curve[0][1], 0.0):.4g}\nmaximum: {curve[-1][1]:.4g}\ncurve: [{points}]"
     )
     stderr = console_of(stderr=True)
-    print_line(
-        stderr,
-        "; ".join(
-            [
-                f"thrust in {unit_name}",
-                *(f"{table.name}: {part.layout}" for part in tables if part.layout),
-            ]
-        ),
-    )
+    layouts = [f"{table.name}: {part.layout}" for part in tables if part.layout]
+    print_line(stderr, "; ".join([f"thrust in {unit_name}", *layouts]))
     if correction > 0.0:
         print_line(
             stderr, f"levelled by up to {correction:.2g} N, where thrust fell as the signal rose"
