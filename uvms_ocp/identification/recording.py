@@ -59,8 +59,8 @@ class ChannelKind:
 
 
 CHANNEL_KINDS: Mapping[str, ChannelKind] = {
-    name: ChannelKind(**one | {"columns": tuple(one.get("columns", ()))})
-    for name, one in CHANNEL_TABLE["channels"].items()
+    name: ChannelKind(**entry | {"columns": tuple(entry.get("columns", ()))})
+    for name, entry in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
 

@@ -445,19 +445,19 @@ def predict_others(
 
 
 def _held_out(
-    others: FitContext,
+    fitted: FitContext,
     balance: StaticBalance,
     held: PreparedRecording,
     horizons: Sequence[float],
     bounds: PredictionBounds | None,
 ) -> HeldOutRecording:
     """Predict a recording by a fit to others."""
-    predictor = others.predictor()
-    lengths = _lengths(held, others.search.step, predictor.start_window, horizons)
-    predicted = tuple(_horizons(others, balance, held, lengths, bounds))
+    predictor = fitted.predictor()
+    lengths = _lengths(held, fitted.search.step, predictor.start_window, horizons)
+    predicted = tuple(_horizons(fitted, balance, held, lengths, bounds))
     return HeldOutRecording(
         name=held.recording.name,
-        estimate=others.estimate,
+        estimate=fitted.estimate,
         predictor=predictor,
         horizons=tuple(horizon for horizon in predicted if horizon.by[OTHERS].finite),
     )
@@ -467,13 +467,10 @@ def without(fitted: FitContext, held: PreparedRecording) -> FitContext:
     """Fit the other recordings alone, without other parts of the same, from where the vehicle is
     declared.
     """
-    others = tuple(
-        prepared
-        for prepared in fitted.prepared
-        if prepared.recording.source != held.recording.source
-    )
-    estimate = search_fit(fitted.vehicle, others, fitted.noise, fitted.rollout, fitted.search)
-    return replace(fitted, prepared=others, estimate=estimate)
+    source = held.recording.source
+    remaining = tuple(item for item in fitted.prepared if item.recording.source != source)
+    estimate = search_fit(fitted.vehicle, remaining, fitted.noise, fitted.rollout, fitted.search)
+    return replace(fitted, prepared=remaining, estimate=estimate)
 
 
 def _lengths(
@@ -492,22 +489,22 @@ def _lengths(
 
 
 def _horizons(
-    others: FitContext,
+    fitted: FitContext,
     balance: StaticBalance,
     held: PreparedRecording,
     lengths: Iterable[tuple[float, float]],
     bounds: PredictionBounds | None,
 ) -> Iterator[HorizonPrediction]:
-    step = others.search.step
-    if bounds is None:
-        bounding = {}
-    else:
-        bounding = bounds.predictors(held)
-    predictor = others.predictor()
-    before = others.predictor(others.vehicle.shared.start)
-    residuals = Predicted.joined(list(others.residuals().values()))
+    """Yield the predictions of a recording over each horizon, by a fit to others and by predictors
+    that know less.
+    """
+    step = fitted.search.step
+    bounding = {} if bounds is None else bounds.predictors(held)
+    predictor = fitted.predictor()
+    before = fitted.predictor(fitted.vehicle.shared.start)
+    residuals = Predicted.joined(list(fitted.residuals().values()))
     seen_error = errors(residuals)
-    C = covariance(others.vehicle, others.estimate, variance_inflation(residuals, others.noise))
+    C = covariance(fitted.vehicle, fitted.estimate, variance_inflation(residuals, fitted.noise))
     draws = np.random.default_rng(0).multivariate_normal(
         predictor.shared, C, _DRAWS, method="eigh", check_valid="ignore"
     )
@@ -520,17 +517,18 @@ def _horizons(
         windows = held.windows(step, window, length)
         by = {OTHERS: predictor.over(held, step, length), BEFORE: before.over(held, step, length)}
         for name, predict in resting.items():
-            by[name] = Predicted.joined(
-                [predict(segment).after(float(segment.edges[0]) + window) for segment in windows]
-            )
-        disturbed = [
-            replace(others.predictor(shared).over(held, step, length), measured=by[OTHERS].rows)
-            for shared in draws
-        ]
-        endless = np.full(len(SCORED), np.inf)
-        deviations = [
-            errors(prediction) if prediction.finite else endless for prediction in disturbed
-        ]
+            parts = []
+            for segment in windows:
+                parts.append(predict(segment).after(float(segment.edges[0]) + window))
+            by[name] = Predicted.joined(parts)
+        deviations = []
+        for shared in draws:
+            prediction = fitted.predictor(shared).over(held, step, length)
+            disturbed = replace(prediction, measured=by[OTHERS].rows)
+            if disturbed.finite:
+                deviations.append(errors(disturbed))
+            else:
+                deviations.append(np.full(len(SCORED), np.inf))
         yield HorizonPrediction(
             asked=horizon,
             length=length,
