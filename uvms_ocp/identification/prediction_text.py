@@ -180,10 +180,9 @@ def _median_row(shares: Sequence[FitShares]) -> str:
 
 def _share_row(shares: Sequence[FitShares]) -> str:
     by_channel = {entry.channel: entry.share for entry in shares if np.isfinite(entry.share)}
-    cells = [
-        f"{by_channel[channel]:.0f} %" if channel in by_channel else "-"
-        for channel in FITTED_CHANNELS
-    ]
+    cells = []
+    for channel in FITTED_CHANNELS:
+        cells.append(f"{by_channel[channel]:.0f} %" if channel in by_channel else "-")
     return f"| of what one vehicle could explain | {' | '.join(cells)} | |"
 
 

@@ -119,10 +119,9 @@ class PreparedRecording:
         rate = recording.channels.get("angular_velocity")
         if rate is None:
             t, omega = recordings.angular_rate(attitude, window)
-            at = attitude.undelayed_t[
-                (attitude.undelayed_t >= t[0]) & (attitude.undelayed_t <= t[-1])
-            ]
-            rate = recordings.Channel(t=at, values=recordings.interpolated(at, t, omega))
+            sample_times = attitude.undelayed_t
+            inside = sample_times[(sample_times >= t[0]) & (sample_times <= t[-1])]
+            rate = recordings.Channel(t=inside, values=recordings.interpolated(inside, t, omega))
         commands = recordings.ZeroOrderHold(_actuator_commands(recording, vehicle))
         joints = _moved(recording, vehicle)
         vertical = recordings.rotations(attitude, attitude.undelayed_t)[:, 2, :].copy()
@@ -138,10 +137,7 @@ class PreparedRecording:
         """
         begin, end = self.recording.span
         total = int((end - begin) / step)
-        if duration:
-            n = max(1, round(total * step / duration))
-        else:
-            n = 1
+        n = max(1, round(total * step / duration)) if duration else 1
         if total < n:
             duration_text = (
                 f"{self.recording.name}: {end - begin:.4g} s in stretches of"
@@ -151,9 +147,9 @@ class PreparedRecording:
                 f"{duration_text}; a step takes {step:g} s: record more, or give longer stretches or"
                 " shorter steps"
             )
-        return self._parts(
-            self._whole(begin + step * np.arange(total + 1)), total // n * np.arange(n), total // n
-        )
+        whole = self._whole(begin + step * np.arange(total + 1))
+        n_steps = total // n
+        return self._parts(whole, n_steps * np.arange(n), n_steps)
 
     def windows(self, step: float, start_window: float, horizon: float) -> tuple[Segment, ...]:
         """Cut stretches in steps of `step` [s], of the times `start_window` [s] and `horizon` [s]
@@ -165,9 +161,8 @@ class PreparedRecording:
         n_before = round(start_window / step)
         n_after = round(horizon / step)
         n = len(segment.edges) - 1
-        return self._parts(
-            segment, np.arange(0, n - n_before - n_after + 1, n_after), n_before + n_after
-        )
+        begins = np.arange(0, n - n_before - n_after + 1, n_after)
+        return self._parts(segment, begins, n_before + n_after)
 
     def _whole(self, edges: np.ndarray) -> Segment:
         attitude = self.recording.channel("attitude")
@@ -188,29 +183,35 @@ class PreparedRecording:
         t = segment.edges[begins]
         attitude = self.recording.channel("attitude")
         turns = recordings.interpolated(t, attitude.undelayed_t, attitude.values)
-        q = np.hstack([np.zeros((len(t), 3)), turns / np.linalg.norm(turns, axis=1, keepdims=True)])
-        v = np.hstack(
-            [recordings.interpolated(t, segment.t[k], segment.measured[k]) for k in (0, 1)]
-        )
-        return tuple(
-            _cut(segment, k, k + n, *at) for k, *at in zip(begins.tolist(), q, v, strict=True)
-        )
+        attitudes = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+        q = np.hstack([np.zeros((len(t), 3)), attitudes])
+        linear = recordings.interpolated(t, segment.t[0], segment.measured[0])
+        angular = recordings.interpolated(t, segment.t[1], segment.measured[1])
+        v = np.hstack([linear, angular])
+        parts = []
+        for i, k in enumerate(begins.tolist()):
+            parts.append(_cut(segment, k, k + n, q[i], v[i]))
+        return tuple(parts)
 
 
 def _cut(segment: Segment, first: int, last: int, q: np.ndarray, v: np.ndarray) -> Segment:
+    """Return the part of a segment between two of its edges, which begins at pose q (7,) and
+    velocity v (6,).
+    """
     edges = segment.edges[first : last + 1]
-    inside = [
-        slice(np.searchsorted(t, edges[0]), np.searchsorted(t, edges[-1], side="right"))
-        for t in segment.t
-    ]
+    times = []
+    measured = []
+    for t, values in zip(segment.t, segment.measured, strict=True):
+        begin = np.searchsorted(t, edges[0])
+        end = np.searchsorted(t, edges[-1], side="right")
+        times.append(t[begin:end])
+        measured.append(values[begin:end])
     return replace(
         segment,
         edges=edges,
         joints=segment.joints[:, first:last],
-        t=tuple(t[chosen] for t, chosen in zip(segment.t, inside, strict=True)),
-        measured=tuple(
-            values[chosen] for values, chosen in zip(segment.measured, inside, strict=True)
-        ),
+        t=tuple(times),
+        measured=tuple(measured),
         q=q,
         v=v,
     )
@@ -260,11 +261,11 @@ def _joints(
     middle = (edges[1:] + edges[:-1]) / 2
     if channel is None:
         return np.zeros((0, len(middle)))
-    parts = [
-        recordings.smoothed(channel.undelayed_t, channel.values, window, derivative)
-        for derivative in range(3)
-    ]
-    return np.array([np.interp(middle, t, column) for t, values in parts for column in values.T])
+    rows = []
+    for derivative in range(3):
+        t, values = recordings.smoothed(channel.undelayed_t, channel.values, window, derivative)
+        rows += [np.interp(middle, t, column) for column in values.T]
+    return np.array(rows)
 
 
 # Simulation of many stretches at once, with the sensitivities of what is seen.
@@ -281,12 +282,10 @@ class SegmentStart:
 
     def moved(self, change: np.ndarray) -> SegmentStart:
         """Return the start moved by a change (9,) [m/s, rad/s, rad]."""
-        turned = np.asarray(
-            spatial.quaternion_multiply(self.q[3:], spatial.quaternion_exp(change[N_V:]))
-        )
-        return SegmentStart(
-            q=np.concatenate([self.q[:3], turned / np.linalg.norm(turned)]), v=self.v + change[:N_V]
-        )
+        turn = spatial.quaternion_exp(change[N_V:])
+        turned = np.asarray(spatial.quaternion_multiply(self.q[3:], turn))
+        attitude = turned / np.linalg.norm(turned)
+        return SegmentStart(q=np.concatenate([self.q[:3], attitude]), v=self.v + change[:N_V])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -336,9 +335,8 @@ class Rollout:
         vehicle's.
         """
         n = {len(segment.edges) - 1 for segment in stretches}
-        if len(n) != 1 or any(
-            segment.joints.shape[0] != 3 * self.stage.n_j for segment in stretches
-        ):
+        n_joint_rows = {segment.joints.shape[0] for segment in stretches}
+        if len(n) != 1 or n_joint_rows != {3 * self.stage.n_j}:
             raise InvalidInput(
                 f"stretches of {sorted(n)} steps; allowed: equally many, with all joints of the"
                 " vehicle"
@@ -354,9 +352,8 @@ class Rollout:
         """
         key = (name, n, m)
         if key not in self._many:
-            self._many[key] = (function.mapaccum(n) if n else function).map(
-                m, "thread", min(m, n_processors())
-            )
+            chain = function.mapaccum(n) if n else function
+            self._many[key] = chain.map(m, "thread", min(m, n_processors()))
         return self._many[key]
 
 
@@ -545,10 +542,7 @@ class _StretchRun:
 
     def _place(self, k: int, sensor: int) -> tuple[np.ndarray, np.ndarray]:
         segment = self._stretches[k]
-        if sensor == 0:
-            late = float(self._delays[k][0][1, 0])
-        else:
-            late = 0.0
+        late = float(self._delays[k][0][1, 0]) if sensor == 0 else 0.0  # [s]
         place = np.maximum((segment.t[sensor] - late - segment.edges[0]) / segment.step, 0.0)
         index = np.clip(place.astype(int), 0, self._n - 1)
         return index, place - index
