@@ -82,7 +82,8 @@ def test_rounds_are_counted() -> None:
 def test_steps_by_hand_take_the_same_way() -> None:
     """Kernels and `Mission.step`."""
     scenario = patrol(rounds=2, duration=60.0, **KINEMATIC)
-    record, mission = scenario.run(), scenario.mission
+    record = scenario.run()
+    mission = scenario.mission
     state = mission.start(0.0)
     found = []
     for t, row in zip(record["t"], record["quantities"], strict=True):

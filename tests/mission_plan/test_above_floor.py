@@ -22,7 +22,8 @@ from uvms_ocp.robot.signals import State
 def test_the_lowest_row_is_the_distance_of_the_arm_from_a_plane(seed: int) -> None:
     robot = load_robot("girona_maris7_full")
     rng = np.random.default_rng(seed)
-    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    lower = robot.limits.position_lower
+    upper = robot.limits.position_upper
     q = robot.configuration(
         position=(0, 0, 5.0), rpy=rng.uniform(-0.3, 0.3, 3), joints=rng.uniform(lower, upper)
     )

@@ -248,7 +248,8 @@ def test_joint_limits_are_kept_between_nodes(arm_vehicle: Robot, draw: int) -> N
     robot = arm_vehicle
     rng = np.random.default_rng(40 + draw)
     k = int(rng.integers(min(4, robot.n_joints)))
-    lower, upper = robot.limits.position_lower[k], robot.limits.position_upper[k]
+    lower = robot.limits.position_lower[k]
+    upper = robot.limits.position_upper[k]
     room = rng.uniform(0.04, 0.08) * (upper - lower)
     joints = robot.home.copy()
     joints[k] = upper - room

@@ -18,7 +18,8 @@ from uvms_ocp.errors import InvalidInput
 
 
 def _function() -> ca.Function:
-    x, y = ca.SX.sym("x", 3), ca.SX.sym("y")
+    x = ca.SX.sym("x", 3)
+    y = ca.SX.sym("y")
     return ca.Function("wave", [x, y], [ca.sin(x) * y, ca.densify(ca.jacobian(ca.sin(x) * y, x))])
 
 

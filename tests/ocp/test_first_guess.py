@@ -31,7 +31,8 @@ def staged(robot: Robot) -> Planner:
 
 def chosen_and_stayed(given: OcpProblem, staged: Planner) -> tuple[Plan, Plan]:
     """Plans without a guess, and from where the robot stays, both solved."""
-    chosen, stayed = staged.plan(given), staged.plan(given, guess=hold_guess(given))
+    chosen = staged.plan(given)
+    stayed = staged.plan(given, guess=hold_guess(given))
     assert chosen.status is stayed.status is OcpStatus.SOLVED
     return chosen, stayed
 
@@ -85,7 +86,8 @@ def test_motions_over_few_steps_go_to_postures_all_over_the_ranges_of_the_joints
     assert problem.n_steps == COARSE_STEPS
     first, *others = coarse_guesses(problem)
     np.testing.assert_array_equal(first.q, hold_guess(problem).q)
-    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    lower = robot.limits.position_lower
+    upper = robot.limits.position_upper
     shares = np.array([(guess.q[-1, 7:] - lower) / (upper - lower) for guess in others])
     assert ((shares > 0.0) & (shares < 1.0)).all()
     for column in shares.T:  # each joint is sent to either half of its range, and over most of it

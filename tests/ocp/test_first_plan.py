@@ -144,7 +144,7 @@ def test_ipopt_is_tried_where_the_solver_by_stages_does_not_come_to_an_end(
     direct = Planner(reach(robot), NlpOptions(plugin="ipopt")).plan()
     assert direct.plugin == "ipopt"
     assert Planner(reach(robot)).plan().plugin == "stagewise"
-    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, merit: (NlpStatus.STALLED, merit))
     planner = Planner(reach(robot))
     begin = perf_counter()
     plan = planner.plan()
@@ -175,7 +175,7 @@ def test_where_neither_solver_ends_the_better_plan_alone_is_diagnosed(
         return NlpOutcome(point=start, status=NlpStatus.STALLED, iterations=0, violation=np.inf)
 
     monkeypatch.setattr(planning, "Diagnosis", court)
-    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, merit: (NlpStatus.STALLED, merit))
     monkeypatch.setattr(LevelSolver, "__call__", nowhere)
     plan = Planner(reach(robot)).plan()
     assert plan.plugin == "stagewise"

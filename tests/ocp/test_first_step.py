@@ -30,7 +30,8 @@ def approaching(
     robot: Robot, room: float, speed: float, duration: float | tuple[float, float]
 ) -> OcpProblem:
     """The last joint `room` [rad] before its upper limit, moving at `speed` [rad/s]."""
-    q, v = np.array(robot.configuration()), np.zeros(robot.n_v)
+    q = np.array(robot.configuration())
+    v = np.zeros(robot.n_v)
     q[JOINT], v[JOINT] = robot.limits.position_upper[JOINT] - room, speed
     return OcpProblem(
         robot=robot,
@@ -46,7 +47,8 @@ def test_a_range_is_possible_exactly_if_one_of_its_durations_is(planar: Robot) -
     rng = np.random.default_rng(2)
     verdicts = []
     for _ in range(200):
-        room, speed = rng.uniform(0.0, 0.1), rng.uniform(0.0, 1.9)
+        room = rng.uniform(0.0, 0.1)
+        speed = rng.uniform(0.0, 1.9)
         shortest, longest = np.sort(rng.uniform(0.05, 30.0, 2) ** rng.choice([0.3, 1.0]))
         durations = np.linspace(shortest, longest, 400)
         alone = [

@@ -160,10 +160,8 @@ def test_an_error_of_the_one_who_looks_on_is_his(planner: Planner) -> None:
 
 
 def test_a_watched_plan_is_the_same_plan(planner: Planner, robot: Robot) -> None:
-    silent, watched = (
-        planner.plan(reach(robot)),
-        planner.plan(reach(robot), progress=lambda moment: None),
-    )
+    silent = planner.plan(reach(robot))
+    watched = planner.plan(reach(robot), progress=lambda moment: None)
     np.testing.assert_allclose(silent.trajectory.q, watched.trajectory.q, atol=1e-9)
 
 
@@ -175,10 +173,10 @@ def stalled(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Planner:
     iterate = sqp.StageSqp._iterate
 
     def stalls(
-        self: sqp.StageSqp, here: sqp.FilterMerit
+        self: sqp.StageSqp, merit: sqp.FilterMerit
     ) -> tuple[NlpStatus | None, sqp.FilterMerit]:
-        status, here = iterate(self, here)
-        return (NlpStatus.STALLED if self._worst < 1e-3 else status), here
+        status, merit = iterate(self, merit)
+        return (NlpStatus.STALLED if self._worst < 1e-3 else status), merit
 
     monkeypatch.setattr(sqp.StageSqp, "_iterate", stalls)
     return Planner(reach(robot))
@@ -214,7 +212,7 @@ def test_a_stop_in_the_last_iteration_of_the_first_solver_begins_no_second_one(
         if moment.iteration == 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, here: (NlpStatus.STALLED, here))
+    monkeypatch.setattr(sqp.StageSqp, "_iterate", lambda self, merit: (NlpStatus.STALLED, merit))
     planner.plan(progress=stop, diagnose=False)
     assert "_by_ipopt" not in vars(planner)
 

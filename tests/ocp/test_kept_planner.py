@@ -291,7 +291,8 @@ def numbers(
     transcription: Transcription, x: np.ndarray, p: np.ndarray, problem: OcpProblem
 ) -> list[np.ndarray]:
     """All that an NLP solver is told."""
-    ranges, program = transcription.ranges(problem), transcription.program
+    ranges = transcription.ranges(problem)
+    program = transcription.program
     values = [
         np.array(value).ravel()
         for nlp in program.nlps

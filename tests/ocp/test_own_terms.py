@@ -192,7 +192,8 @@ def swing(robot: Robot, **options: Any) -> OcpProblem:
 
 def apart(robot: Robot, plan: Plan) -> float:
     """Largest difference of the last state to the first."""
-    q, v = plan.trajectory.q, plan.trajectory.v
+    q = plan.trajectory.q
+    v = plan.trajectory.v
     return max(np.abs(pin.difference(robot.model, q[0], q[-1])).max(), np.abs(v[-1] - v[0]).max())
 
 
@@ -214,7 +215,8 @@ def test_a_periodic_motion_ends_in_its_first_state(name: str) -> None:
 
 def test_a_start_is_free_as_far_as_it_says(arm: Robot) -> None:
     freedom = np.zeros(2 * arm.n_v)
-    freedom[0], freedom[arm.n_v] = 0.2, np.inf
+    freedom[0] = 0.2
+    freedom[arm.n_v] = np.inf
     push = residual_term("push", lambda stage: stage.tick.q[0] - 0.5)
     problem = replace(
         on_arm(arm, levels=(OcpLevel(name="go", terms=(push,)),)), start_freedom=freedom

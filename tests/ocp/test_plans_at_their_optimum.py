@@ -203,9 +203,9 @@ def test_damping_never_outweighs_the_largest_curvature(
     bounds: list[float] = []
     iterate = StageSqp._iterate
 
-    def watched(self: StageSqp, here: object) -> object:
+    def watched(self: StageSqp, merit: object) -> object:
         bounds.append(largest_curvature(self._level))
-        end = iterate(self, here)  # type: ignore[arg-type]
+        end = iterate(self, merit)  # type: ignore[arg-type]
         bounds.append(largest_curvature(self._level))
         shares.append(self._damping / max(bounds))
         return end
@@ -249,7 +249,9 @@ def stationarity(level: StageLevelQp, solution: FlatSolution) -> float:
     but for the start, which is given.
     """
     qp = level.qp
-    n_z, n_c, n_x = qp.shape.n_z, qp.shape.n_c, qp.shape.n_x
+    n_z = qp.shape.n_z
+    n_c = qp.shape.n_c
+    n_x = qp.shape.n_x
     costates = np.split(solution.costate, np.cumsum(n_x)[:-1])
     rows = np.split(solution.y[: sum(n_c)], np.cumsum(n_c)[:-1])
     bounds = np.split(solution.y[sum(n_c) :], np.cumsum(n_z)[:-1])

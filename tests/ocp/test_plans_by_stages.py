@@ -69,7 +69,8 @@ def test_what_it_finds_keeps_the_constraints_of_the_sparse_program(
 def test_a_moved_start_is_solved_from_the_last_plan_in_fewer_iterations(
     stage_planner: Planner, robot: Robot
 ) -> None:
-    cold, problem = stage_planner.plan(), stage_planner.problem
+    cold = stage_planner.plan()
+    problem = stage_planner.problem
     q = pin.integrate(robot.model, problem.start.q, np.array([0.02, *np.zeros(robot.n_v - 1)]))
     moved = replace(problem, start=State(q=q, v=problem.start.v))
     warm = stage_planner.plan(moved, guess=cold)
@@ -133,8 +134,10 @@ def test_derivatives_of_stages_equal_differences_on_the_manifold(
     n = tangent.n_x + tangent.n_u
     layout = model.layout
     z = 0.1 * rng.standard_normal(layout.n_z)
-    z[layout.q], z[layout.h] = problem.start.q, 0.4
-    s, u = np.ones(function.block.rows.n_parameters), np.array([0.1, -0.2, 0.05])
+    z[layout.q] = problem.start.q
+    z[layout.h] = 0.4
+    s = np.ones(function.block.rows.n_parameters)
+    u = np.array([0.1, -0.2, 0.05])
     step = ca.SX.sym("step", n)
     moved = ca.Function("moved", [model.z, step], [tangent.moved(step)])
     groups = len(function.held) + len(function.errors) - 1
@@ -186,7 +189,8 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     after[model.layout.q] = model.problem.start.q
     assert function.weights is not None
     y, r = (rng.standard_normal(function.weights.numel_in(i)) for i in (5, 6))
-    costates, d = rng.standard_normal(tangent.n_x), rng.standard_normal(step.numel())
+    costates = rng.standard_normal(tangent.n_x)
+    d = rng.standard_normal(step.numel())
     here = (z, s, u, *tangent.forces[1](z, u))
     bent = tangent.step_curvature(
         z, after, costates, model.bend(z[: model.n_motion], u, function.weights(*here, y, r))
@@ -199,7 +203,8 @@ def test_curvature_of_stages_is_the_second_difference_on_the_manifold(
     def value(share: float) -> float:
         there = np.array(moved(z, share * d)).ravel()
         rows = [np.array(part).ravel() for part in values_of(tangent, function, there, s, u)]
-        held, errors = np.concatenate(rows[n_errors:-1]), np.concatenate(rows[:n_errors])
+        held = np.concatenate(rows[n_errors:-1])
+        errors = np.concatenate(rows[:n_errors])
         return float(y @ held + r @ errors + costates @ np.array(motion(there)).ravel())
 
     second = (value(e) - 2 * value(0.0) + value(-e)) / e**2

@@ -195,10 +195,8 @@ def wall_at(robot: Robot, upper: float) -> OcpProblem:
 @pytest.mark.slow
 def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robot) -> None:
     planner = Planner(wall_at(robot, 0.02), NlpOptions(time_limit=PATIENCE))
-    p, x = (
-        planner.transcription.parameters(),
-        planner.transcription.pack(hold_guess(planner.problem)),
-    )
+    p = planner.transcription.parameters()
+    x = planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert [item.group.name for item in least.relaxations] == ["constraint 'wall'"]
@@ -209,10 +207,8 @@ def test_what_would_have_to_give_way_is_enough_and_no_more_than_that(robot: Robo
 
 
 def test_nothing_gives_way_where_a_motion_keeps_all(planner: Planner) -> None:
-    p, x = (
-        planner.transcription.parameters(),
-        planner.transcription.pack(hold_guess(planner.problem)),
-    )
+    p = planner.transcription.parameters()
+    x = planner.transcription.pack(hold_guess(planner.problem))
     least = phase_one(planner.transcription, planner.problem, p, x, time_limit=PATIENCE)
     assert least.converged
     assert not least.relaxations
@@ -251,7 +247,8 @@ def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_s
     arm = replace(arm, limits=replace(arm.limits, velocity=fast, acceleration=fast[::-1].copy()))
     problem = on_arm(arm, arm.configuration(), along(arm, "goal", 1.0, 1.0), 2.0)
     transcription = Planner(problem, NlpOptions(time_limit=PATIENCE)).transcription
-    p, hold = transcription.parameters(), transcription.pack(hold_guess(problem))
+    p = transcription.parameters()
+    hold = transcription.pack(hold_guess(problem))
     elastic = _ElasticProgram(transcription, problem, _constraint_rows(transcription, problem), p)
     x = hold + np.random.default_rng(1).normal(scale=20.0, size=len(hold))
     values = np.concatenate([np.array(elastic.functions["nlp_g"](x, p)).ravel(), x])
@@ -260,19 +257,19 @@ def test_the_search_for_what_gives_way_begins_where_all_that_can_give_way_does_s
     Q = elastic.Q.full()
     soft = Q.any(axis=1)
 
-    def broken(given: np.ndarray) -> np.ndarray:
-        rows = P @ values + Q @ given
+    def broken(group_amounts: np.ndarray) -> np.ndarray:
+        rows = P @ values + Q @ group_amounts
         missed: np.ndarray = np.maximum(
             np.maximum(rows - elastic.upper, elastic.lower - rows), 0.0
         )[soft]
         return missed
 
     assert broken(amounts).max() == 0.0
-    wanting = np.flatnonzero(amounts > 0.011)
-    assert len(wanting) > 1
-    for i in wanting.tolist():
-        less = amounts - 0.011 * (np.arange(len(amounts)) == i)
-        assert broken(less).max() > 0.0
+    giving_way = np.flatnonzero(amounts > 0.011)
+    assert len(giving_way) > 1
+    for i in giving_way.tolist():
+        fewer = amounts - 0.011 * (np.arange(len(amounts)) == i)
+        assert broken(fewer).max() > 0.0
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
@@ -318,7 +315,8 @@ def test_what_is_said_to_hold_back_is_what_gives_the_gain_where_it_is_loosened(
     q = arm.configuration()
     goal = TaskTerm(task=JointTracking(joints=("theta1", "theta2"), goal=q[3:] + way))
     planner = Planner(on_arm(arm, q, goal, duration), NlpOptions(time_limit=PATIENCE))
-    plan, transcription = planner.plan(), planner.transcription
+    plan = planner.plan()
+    transcription = planner.transcription
     assert plan.status is OcpStatus.TOO_SHORT, plan.reason
     assert cause in plan.reason, plan.reason
     assert plan.result is not None

@@ -157,7 +157,8 @@ def test_a_violation_is_told_by_the_name_of_its_row(problem: OcpProblem, robot: 
     assert {name for name, value in away.items() if value > 1e-12} == {"start"}
     assert away["start"] == pytest.approx(0.1)
     v = still.v.copy()
-    v[0], v[4] = 0.1, 0.2
+    v[0] = 0.1
+    v[4] = 0.2
     restless = transcription.violations(transcription.pack(replace(still, v=v)), p)
     assert restless["at rest"] == pytest.approx(0.2 / robot.limits.velocity.min())
     assert restless["motion"] >= 0.1

@@ -22,39 +22,41 @@ from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 
 
 def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> None:
-    seen = Filter(first_violation=1.0, largest_violation=10.0)
-    here = FilterMerit(cost=1.0, violation=1e-2)
-    seen.entries.append(here)
-    assert not seen.accepts(FilterMerit(cost=1.1, violation=2e-2), here, 0.0, 1.0)
-    assert not seen.accepts(FilterMerit(cost=0.0, violation=11.0), here, 0.0, 1.0)
-    assert seen.accepts(FilterMerit(cost=1.1, violation=5e-3), here, 0.0, 1.0)
-    assert seen.accepts(FilterMerit(cost=0.9, violation=2e-2), here, 0.0, 1.0)
+    point_filter = Filter(first_violation=1.0, largest_violation=10.0)
+    merit = FilterMerit(cost=1.0, violation=1e-2)
+    point_filter.entries.append(merit)
+    assert not point_filter.accepts(FilterMerit(cost=1.1, violation=2e-2), merit, 0.0, 1.0)
+    assert not point_filter.accepts(FilterMerit(cost=0.0, violation=11.0), merit, 0.0, 1.0)
+    assert point_filter.accepts(FilterMerit(cost=1.1, violation=5e-3), merit, 0.0, 1.0)
+    assert point_filter.accepts(FilterMerit(cost=0.9, violation=2e-2), merit, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("cost", [0.0, 1.0, 1e6])
 def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(
     cost: float,
 ) -> None:
-    seen = Filter(first_violation=0.0, largest_violation=1.0)
-    here = FilterMerit(cost=cost, violation=0.0)
+    point_filter = Filter(first_violation=0.0, largest_violation=1.0)
+    merit = FilterMerit(cost=cost, violation=0.0)
     for share, passes in ((0.5e-13, True), (1e-12, False)):
         trial = FilterMerit(cost=cost + share * max(1.0, cost), violation=1e-13)
-        assert seen.accepts(trial, here, 0.0, 1.0) == passes
-        assert not seen.accepts(FilterMerit(cost=trial.cost, violation=1e-9), here, 0.0, 1.0)
+        assert point_filter.accepts(trial, merit, 0.0, 1.0) == passes
+        assert not point_filter.accepts(
+            FilterMerit(cost=trial.cost, violation=1e-9), merit, 0.0, 1.0
+        )
 
 
 def test_a_level_that_others_follow_ends_where_no_step_is_worth_one_and_the_last_one_tries_for_a_while() -> (
     None
 ):
-    here = FilterMerit(cost=1.0, violation=0.0)
+    merit = FilterMerit(cost=1.0, violation=0.0)
     above, last = (steps_of_level(level) for level in (0, 1))
-    assert above._is_flat(here, 1e-20)
-    assert not last._is_flat(here, 1e-20)
+    assert above._is_flat(merit, 1e-20)
+    assert not last._is_flat(merit, 1e-20)
     above._count = last._count = 10_000
-    assert above._is_flat(here, 1e-20)
-    assert last._is_flat(here, 1e-20)
-    assert not above._is_flat(here, 1.0)
-    assert not last._is_flat(here, 1.0)
+    assert above._is_flat(merit, 1e-20)
+    assert last._is_flat(merit, 1e-20)
+    assert not above._is_flat(merit, 1.0)
+    assert not last._is_flat(merit, 1.0)
 
 
 def steps_of_level(level: int) -> StageSqp:

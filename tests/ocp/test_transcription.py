@@ -56,7 +56,8 @@ def test_derivatives_equal_finite_differences(robot: Robot, options: dict[str, o
             J = functions["nlp_jac_g"](at, p)[1].full()
             return np.array(functions["nlp_grad_f"].call([at, p])[-1]).ravel() + J.T @ lam
 
-        f, g = functions["nlp_f"], functions["nlp_g"]
+        f = functions["nlp_f"]
+        g = functions["nlp_g"]
         total = [
             float(f(at, p)) + lam @ np.array(g(at, p)).ravel() for at in (x + e * d, x - e * d)
         ]
@@ -79,20 +80,20 @@ def test_forces_are_those_of_the_motion_in_the_middle_of_every_step(
     matrix = thruster_matrix(robot)
     for k, h in enumerate(np.diff(trajectory.t)):
         q, v, a = trajectory.state_at(robot.model, trajectory.t[k] + h / 2)
-        wanted = dynamics.inverse_dynamics(q, v, a, Water(velocity=currents[k]))
-        given = np.concatenate([matrix @ trajectory.thrust[k], trajectory.torque[k]])
-        np.testing.assert_allclose(given, wanted, atol=1e-3)
+        required = dynamics.inverse_dynamics(q, v, a, Water(velocity=currents[k]))
+        actuated = np.concatenate([matrix @ trajectory.thrust[k], trajectory.torque[k]])
+        np.testing.assert_allclose(actuated, required, atol=1e-3)
 
 
 def test_forces_that_are_no_variables_are_those_of_the_motion(weightless: Robot) -> None:
     trajectory = patient(reach(weightless, n_steps=10, **DRY)).plan().trajectory
     data = weightless.model.createData()
     for k, h in enumerate(np.diff(trajectory.t)):
-        wanted = pin.rnea(
+        required = pin.rnea(
             weightless.model, data, *trajectory.state_at(weightless.model, trajectory.t[k] + h / 2)
         )
-        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
-        np.testing.assert_allclose(given, wanted, atol=1e-8)
+        actuated = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        np.testing.assert_allclose(actuated, required, atol=1e-8)
 
 
 def test_plans_with_and_without_forces_as_variables_are_the_same(weightless: Robot) -> None:
@@ -116,8 +117,8 @@ def test_a_semi_implicit_step_moves_with_the_new_velocity_under_the_forces_of_th
     )
     data = weightless.model.createData()
     for k, h in enumerate(np.diff(trajectory.t)):
-        given = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
-        a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], given)
+        actuated = np.concatenate([trajectory.thrust[k], trajectory.torque[k]])
+        a = pin.aba(weightless.model, data, trajectory.q[k], trajectory.v[k], actuated)
         v = trajectory.v[k] + h * a
         np.testing.assert_allclose(trajectory.v[k + 1], v, atol=1e-7)
         np.testing.assert_allclose(

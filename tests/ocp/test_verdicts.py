@@ -136,7 +136,8 @@ def test_the_limits_of_the_first_step_condemn_no_start_that_has_a_plan(
     planner_of_each: Planner, robot: Robot
 ) -> None:
     moving = np.zeros(robot.n_v)
-    moving[0], moving[9] = 0.3, 0.2
+    moving[0] = 0.3
+    moving[9] = 0.2
     problem = replace(
         planner_of_each.problem, start=State(q=planner_of_each.problem.start.q, v=moving)
     )

@@ -33,10 +33,8 @@ def world(turn: float, *origin: float) -> pin.SE3:
     return pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, turn), np.array(origin))
 
 
-START, END = (
-    uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.2)),
-    uo.pose_at((1.2, 0.3, -5.2), (0.0, 0.0, 1.0)),
-)
+START = uo.pose_at((0.0, 0.0, -5.0), (0.0, 0.0, 0.2))
+END = uo.pose_at((1.2, 0.3, -5.2), (0.0, 0.0, 1.0))
 MOVED = {
     "moved by 1 km": world(0.0, 800.0, -600.0, 0.0),
     "turned once around": world(2 * np.pi, 0.0, 0.0, 0.0),

@@ -99,7 +99,8 @@ def rows_of(term: ShapeClearance, robot: Robot) -> ca.Function:
 
 def postures(robot: Robot, n: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    lower = robot.limits.position_lower
+    upper = robot.limits.position_upper
     joints = [
         dict(zip(robot.joint_names, rng.uniform(lower, upper), strict=True)) for _ in range(n)
     ]
@@ -121,7 +122,8 @@ def test_the_least_row_is_the_least_distance_apart_and_in_penetration(
     rows = rows_of(term, robot)
     q = postures(robot, 40, 5)
     n_world = term.n_rows
-    parameters, true = term.references([0.0] * len(q), q), term.distances([0.0] * len(q), q)
+    parameters = term.references([0.0] * len(q), q)
+    true = term.distances([0.0] * len(q), q)
     of_thing = term.scene.groups()["thing"]
     others = np.setdiff1d(np.arange(term.scene.n_pairs), of_thing)
     values = np.array([np.array(rows(*pair)).ravel() for pair in zip(q, parameters, strict=True)])
@@ -307,7 +309,8 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
     rng = np.random.default_rng(2)
     term = clearance(robot, [obstacle("ball", coal.Sphere(0.2), [0.9, 0.1, -0.5])])
     q = robot.configuration(rpy=(0.2, -0.3, 0.5))
-    v, a = rng.normal(size=(2, robot.n_v)), rng.normal(size=(1, robot.n_v))
+    v = rng.normal(size=(2, robot.n_v))
+    a = rng.normal(size=(1, robot.n_v))
     end = pin.integrate(robot.model, q, 0.8 * v[0] + 0.32 * a[0])
     path = Trajectory(
         t=np.array([0.0, 0.8]),
@@ -318,7 +321,8 @@ def test_bounds_of_a_turning_vehicle_hold_for_every_point_of_it(robot: Robot) ->
         torque=np.zeros((1, 7)),
     )
     motion = SteppedMotion(term=term, trajectory=path)
-    middle, half = np.linspace(0.1, 0.7, 13), np.full(13, 0.1)
+    middle = np.linspace(0.1, 0.7, 13)
+    half = np.full(13, 0.1)
     bound = motion.bounds(middle, half) @ term.scene.reach.T
     there = motion.distances(middle)
     for share in (-1.0, -0.5, 0.5, 1.0):
@@ -458,7 +462,8 @@ def test_every_pair_that_is_near_has_a_row_before_another_has_two() -> None:
     )
     term = ShapeClearance(scene=scene, margins=scene.per_pair(0.06, 0.0), n_rows=9, n_own_rows=7)
     rng = np.random.default_rng(2)
-    lower, upper = robot.limits.position_lower, robot.limits.position_upper
+    lower = robot.limits.position_lower
+    upper = robot.limits.position_upper
     shares = rng.uniform(0.2, 0.8, (8, robot.n_joints))
     q = np.array(
         [
