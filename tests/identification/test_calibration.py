@@ -85,7 +85,7 @@ def _yaml() -> object:
 
 def test_numbers_of_the_robot_are_found() -> None:
     start = case()[2].subject.start
-    told = {one.name: one for one in case()[2].numbers}
+    told = {number.name: number for number in case()[2].numbers}
     wanted = (
         start.added_mass[0, 0] * np.exp(2 * HEAVIER),
         start.quadratic_drag[0, 0] * np.exp(ROUGHER),
@@ -104,7 +104,7 @@ def test_the_file_makes_the_robot_that_was_found(tmp_path: Path) -> None:
     assert robot.n_joints
     robot = without_arm(robot)
     made = NominalParameters.of(robot_dynamics(robot).symbolic)
-    told = {one.name: one.value for one in case()[2].numbers}
+    told = {number.name: number.value for number in case()[2].numbers}
     assert made.added_mass[0, 0] == pytest.approx(told["added_mass surge"], rel=1e-5)
     assert made.added_mass[1, 1] == pytest.approx(told["added_mass sway"], rel=1e-5)
     assert made.quadratic_drag[0, 0] == pytest.approx(told["quadratic_drag surge"], rel=1e-5)
@@ -124,7 +124,7 @@ def test_every_number_of_the_file_has_its_source() -> None:
 
 def test_the_report_has_every_number_and_every_recording() -> None:
     text = report_text(case()[2])
-    assert all(f"| {one.name} |" in text for one in case()[2].numbers)
+    assert all(f"| {number.name} |" in text for number in case()[2].numbers)
     assert "| drive2 |" in text
 
 
@@ -228,7 +228,7 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
 
 def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
     found = case()[2]
-    known = {one.quantity: one.known for one in found.constants}
+    known = {constant.quantity: constant.known for constant in found.constants}
     assumed = (
         "gain",
         "reverse",
@@ -246,7 +246,7 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
         **dict.fromkeys(given, "given"),
         **filed,
     }
-    change = {one.quantity: one.change for one in found.constants}
+    change = {constant.quantity: constant.change for constant in found.constants}
     assert change["wrench_offset"] == change["bias"] > 1.0
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
     assert all(one.sigma > before.sigma for one, before in zip(found.numbers, alone, strict=True))
@@ -303,7 +303,7 @@ def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
         settings.model_copy(update={"noise": noise}),
         [recording],
     )
-    said = next(one for one in found.constants if one.quantity == "noise velocity")
+    said = next(constant for constant in found.constants if constant.quantity == "noise velocity")
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
     moved = {
         one.name: abs(two.value - one.value) / one.sigma

@@ -180,7 +180,7 @@ def test_an_attitude_that_is_read_wrong_is_told_as_such_and_not_as_other_axes_of
         return
     assert f"attitude: reads better with {how}: it agrees with" in text
     assert "its axes fit" not in text
-    assert {one.channel for one in issues} <= {"attitude", "position"}
+    assert {issue.channel for issue in issues} <= {"attitude", "position"}
 
 
 @pytest.mark.parametrize("how", [how for how in ATTITUDES if how.startswith("format")])

@@ -145,7 +145,7 @@ def test_commands_are_late_as_channels_are() -> None:
 
 def by_hand(given: ExperimentTask) -> np.ndarray:
     made = [largest(given, rollout(), name).numbers for name in BY_HAND]
-    return np.array([[one.sigma for one in numbers] for numbers in made]).min(axis=0)
+    return np.array([[number.sigma for number in numbers] for numbers in made]).min(axis=0)
 
 
 def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> None:
@@ -197,7 +197,7 @@ def test_a_push_in_one_direction_leaves_the_pool_and_is_told_so() -> None:
 
 
 def test_a_design_tells_every_number_better_than_any_signal_by_hand() -> None:
-    ratios = np.array([one.sigma for one in found().numbers]) / by_hand(assignment())
+    ratios = np.array([number.sigma for number in found().numbers]) / by_hand(assignment())
     assert ratios.max() < 0.7
 
 

@@ -452,7 +452,7 @@ def test_messages_in_bursts_are_not_taken_for_two_sensors(burst: int) -> None:
         held[8 - k :: 10] = t[9::10] - 1e-5 * (k + 1)
     values = np.column_stack([np.sin(t), np.cos(0.7 * t), 0.3 * np.sin(1.1 * t)])
     both = Recording(name="dive", channels={"position": Channel(t=held, values=values)})
-    assert not any("two sensors" in one.problem for one in check_data_quality(both))
+    assert not any("two sensors" in issue.problem for issue in check_data_quality(both))
 
 
 def test_a_workbook_is_a_table(tmp_path: Path) -> None:
@@ -589,7 +589,7 @@ def require_one_clock(recording: Recording) -> None:
         np.testing.assert_allclose(
             channel.t - channel.values[:, 0], recording.channels["linear_velocity"].t[0], atol=1e-6
         )
-    assert max(one.t[-1] for one in recording.channels.values()) < DIVE[-1] - DIVE[0] + 1e-6
+    assert max(channel.t[-1] for channel in recording.channels.values()) < DIVE[-1] - DIVE[0] + 1e-6
 
 
 def test_what_comes_after_midnight_alone_is_on_the_clock_of_what_passed_it_in_the_same_file(

@@ -69,7 +69,7 @@ def _fitted(recording: Recording, settings: CalibrationSettings) -> Calibration:
 def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
     recording, mass, drag = _towed()
     found = _fitted(recording, _settings("surge", **LEARN, wrench_offset={"prior": 0.1}))
-    numbers = {one.name: one for one in found.numbers}
+    numbers = {number.name: number for number in found.numbers}
     assert set(numbers) == {"added_mass surge", "quadratic_drag surge", f"{TOTAL} surge"}
     for name, truth in ((f"{TOTAL} surge", mass), ("quadratic_drag surge", drag)):
         assert abs(numbers[name].value - truth) < 3.0 * numbers[name].sigma
@@ -98,7 +98,7 @@ def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None
         name="decay", channels={"angular_velocity": Channel(t=t, values=_along(2, rate, 3))}
     )
     found = _fitted(recording, settings)
-    drag = next(one for one in found.numbers if one.name == "quadratic_drag yaw")
+    drag = next(number for number in found.numbers if number.name == "quadratic_drag yaw")
     assert abs(drag.value - 1.5 * subject.start.quadratic_drag[5, 5]) < 3.0 * drag.sigma
     assert drag.determined
     assert any(

@@ -200,7 +200,7 @@ def test_numbers_from_default_sensors_lie_within_their_intervals() -> None:
         (each.value - true) / each.sigma for each, true in zip(found.numbers, truth, strict=True)
     ]
     assert np.abs(off).max() < 3.0
-    assert all(one.determined for one in found.numbers)
+    assert all(number.determined for number in found.numbers)
 
 
 def test_a_fault_that_never_came_is_not_told() -> None:

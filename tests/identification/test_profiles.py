@@ -15,7 +15,9 @@ from uvms_ocp.identification.validation import profiles
 
 def told(inflation: float) -> list[IdentifiedNumber]:
     fitted = problem()
-    return [replace(one, size=1e3) for one in numbers(fitted.vehicle, fitted.estimate, inflation)]
+    return [
+        replace(number, size=1e3) for number in numbers(fitted.vehicle, fitted.estimate, inflation)
+    ]
 
 
 @pytest.mark.parametrize("inflation", [1.0, 7.0])

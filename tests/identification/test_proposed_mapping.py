@@ -760,7 +760,7 @@ def test_columns_without_names_are_known_by_their_values(
     t = good.channels["position"].t
     felt = 9.81 * rotations(good.channels["attitude"], t)[:, 2]
     told = np.repeat(8.0 * rng.normal(size=(len(t) // 20 + 1, 6)), 20, axis=0)[: len(t)]
-    values = {name: one.values for name, one in good.channels.items()} | {
+    values = {name: channel.values for name, channel in good.channels.items()} | {
         "specific_force": felt,
         "thrust": told,
     }

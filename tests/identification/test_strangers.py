@@ -541,7 +541,7 @@ def test_a_stranger_s_file_is_read_right_or_what_is_said_of_it_is_true_and_names
     assert len(doubts) == len(case.doubts), doubts
     for said, doubt in zip(case.doubts, doubts, strict=True):
         assert re.search(said, doubt), doubt
-    assert sum(one.missing for one in found.channels.values()) == case.missing
+    assert sum(channel.missing for channel in found.channels.values()) == case.missing
 
 
 def mapping(path: Path, channels: Channels) -> RecordingMapping:

@@ -55,7 +55,7 @@ def test_each_channel_is_told_by_itself_with_its_size() -> None:
         t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, measured=tuple(seen)
     )
     told = {
-        one.channel: one for one in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))
+        test.channel: test for test in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))
     }
     assert set(told) == set(CHANNELS) - {"vertical y"}
     assert told["surge"].size == pytest.approx(2.0, rel=0.1)

@@ -38,7 +38,7 @@ def test_a_search_without_iterations_left_has_not_converged() -> None:
     error = problem(bend=10.0).problem()
     found = error.solve(error.start(), damping=1e6, iterations=2)
     assert found.status is FitStatus.ITERATION_LIMIT
-    assert not any(one.determined for one in numbers(vehicle(), found))
+    assert not any(number.determined for number in numbers(vehicle(), found))
 
 
 def test_a_search_whose_steps_are_wrong_does_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +69,9 @@ def test_what_the_data_cannot_tell_is_not_determined(blind: str, seed: int) -> N
     error = OutputErrorProblem(vehicle(), [_stretch(seen)], NOISE, rollout)
     estimate = error.solve(error.start())
     assert estimate.status is FitStatus.CONVERGED
-    found = {one.entry: one for one in numbers(vehicle(), estimate) if one.quantity == "bias"}
+    found = {
+        number.entry: number for number in numbers(vehicle(), estimate) if number.quantity == "bias"
+    }
     is_told = {axis: not basis[k].any() for k, axis in enumerate(AXES)}
     assert {axis: found[axis].determined for axis in AXES} == is_told
     for one in found.values():
