@@ -54,7 +54,7 @@ _unchecked = unchecked_constructor(Plan)
 @checked
 class Planner:
     """Solves problems of one shape, built once with its NLPs; see
-    `uvms_ocp.ocp.transcription.term_rows`.
+    `uvms_ocp.ocp.transcription.problem_reuse`.
 
     Threads that share one, or its transcription, take turns: their functions keep memory. Give each
     a planner, and none waits.
@@ -198,9 +198,9 @@ class Planner:
     def _second_try(
         self, refinement: Refinement, start: MotionGuess, first: RefinedResult
     ) -> tuple[Planner, RefinedResult, str]:
-        """Return the planner whose result is taken, the result, and what the reason says of that: it is
-        IPOPT's where this planner may try it, has no optimum and time is left, unless it breaks
-        more.
+        """Return the planner whose result is taken, the result, and what the reason says of that:
+        it is IPOPT's where this planner may try it, has no optimum and time is left, unless it
+        breaks more.
         """
         status = first.result.status
         ended = self._nlp.watch.should_stop or perf_counter() > refinement.deadline
