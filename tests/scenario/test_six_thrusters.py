@@ -13,7 +13,7 @@ from six_thrusters import six_thrusters
 import uvms_ocp as uo
 from uvms_ocp.control.velocity.tick import _shorten
 from uvms_ocp.report.metrics import swings
-from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.description import Thruster, TrimBody, checked_copy
 from uvms_ocp.scenario.options import (
     RunOptions,
     abort_phase,
@@ -160,3 +160,25 @@ def test_the_shipped_vehicles_that_do_not_pitch_reach(robot: str) -> None:
     record = uo.scenario.reach(robot=robot).run()
     assert record.run_meta.completed
     assert swings(record) == []
+
+
+def _mounted_inexactly(thruster: Thruster, rng: np.random.Generator) -> Thruster:
+    position = np.array(thruster.position) + rng.uniform(-1e-3, 1e-3, 3)
+    return Thruster.model_validate(dict(thruster) | {"position": position.tolist()})
+
+
+@pytest.mark.parametrize("density", [998.0, 1025.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_millimetre_at_the_thrusters_takes_no_more_thrust(seed: int, density: float) -> None:
+    robot = six_thrusters()
+    rng = np.random.default_rng(seed)
+    thrusters = tuple(_mounted_inexactly(thruster, rng) for thruster in robot.description.thrusters)
+    inexact = checked_copy(robot.description, thrusters=thrusters, water_density=density)
+    exact = checked_copy(robot.description, water_density=density)
+    shares = []
+    for description in (exact, inexact):
+        scenario = uo.scenario.reach(robot=replace(robot, description=description))
+        (forces,) = (f for f in scenario.check().findings if f.check == "forces")
+        assert forces.severity is Severity.NOTE, forces.text
+        shares.append(forces.figures["thrust_share"])
+    assert shares[1] == pytest.approx(shares[0], abs=0.01)

@@ -13,6 +13,7 @@ import pinocchio as pin
 from uvms_ocp.checks import checked
 from uvms_ocp.codegen.elementwise import Array
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.robot import symbolic_bodies
 from uvms_ocp.robot.description import Thruster
 from uvms_ocp.robot.robot import Robot
 
@@ -315,6 +316,20 @@ def free_motions(robot: Robot) -> tuple[np.ndarray, np.ndarray]:
         motions[:6] = null_space
         measured[:, :6] = np.linalg.solve(weighted @ null_space, weighted)
     return motions, measured
+
+
+def without_free_motions(robot: Robot, M: Array, tau: Array) -> Array:
+    """Return the generalized force (n_v, 1) [N, N m] that does no work along `free_motions`, for a
+    force tau (n_v, 1) and the mass matrix M (n_v, n_v).
+
+    Free motions go on as all other forces have it, and what that takes of driven axes is fed
+    forward. M, tau: CasADi's, symbols or numbers.
+    """
+    motions = symbolic_bodies.sparse(free_motions(robot)[0])
+    if not motions.shape[1]:
+        return tau
+    moved = M @ motions
+    return tau - moved @ ca.solve(motions.T @ moved, motions.T @ tau)
 
 
 def driven_turns(robot: Robot, frame: str) -> tuple[int, ...] | None:

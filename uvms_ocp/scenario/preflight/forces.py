@@ -8,17 +8,21 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import casadi as ca
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.control.force.allocation import Allocation, allocation_of
+from uvms_ocp.control.force.allocation import Allocation, AllocationResult, allocation_of
 from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
+from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.static_balance import rotation_at_rest
 from uvms_ocp.robot.thrusters import (
     AXES,
+    largest_force,
     unactuated_axes,
+    without_free_motions,
 )
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
@@ -31,7 +35,8 @@ CURRENT_TIMES = np.linspace(0.0, 120.0, 9)
 
 _FULL = 0.8  # share of a limit above which holding still is called tight
 _TILTED = 0.1  # [rad] that is worth a warning where no task asks for a level vehicle
-_NEGLIGIBLE_FORCE = 1e-3  # [N, N m] below which nothing is missing
+_NEGLIGIBLE_SHARE = 1e-4
+"""Share of the largest force that thrusters give along an axis, below which none is missing."""
 _NEGLIGIBLE_SPEED = 5e-3
 """[m/s, rad/s] at which drag may make up for a missing force: 0.3 m in a minute."""
 
@@ -54,13 +59,13 @@ def check_forces(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     yield _force_finding(visits[worst], loads[worst])
     for visit, load in zip(visits, loads, strict=True):
         task = visit.active(VehiclePose)
-        if task is None or load.missing > _NEGLIGIBLE_FORCE:
+        if task is None or load.is_short:
             continue
         speed = min(float(setup.robot.limits.velocity[:3].min()), task.saturation_linear)
-        missing = _hold(setup, dynamics, visit, speed=speed).missing
-        if missing > _NEGLIGIBLE_FORCE:
+        moving = _hold(setup, dynamics, visit, speed=speed)
+        if moving.is_short:
             text = (
-                f"thrust is short by {missing:.2g} N against the current at full speed: the"
+                f"thrust is short by {moving.missing:.2g} N against the current at full speed: the"
                 " approach is slower"
             )
             yield Severity.WARNING.finding(FORCES, text, visit.phase.name)
@@ -85,6 +90,8 @@ class DriveLoad:
     """Largest torque of a joint as a share of its limit; above 1 its motor cannot give it."""
     missing: float
     """[N, N m] norm of the part of the wrench that is missing."""
+    is_short: bool
+    """True where along some axis more than `_NEGLIGIBLE_SHARE` is missing."""
     axes: str
     """Description of what is missing on each axis."""
     drifts: bool
@@ -93,14 +100,15 @@ class DriveLoad:
 
 def _force_finding(visit: Visit, load: DriveLoad) -> Finding:
     figures = {"thrust_share": load.thrust, "torque_share": load.torque, "missing_N": load.missing}
-    torque = f"{100 * load.torque:.0f} % of the joint torque"
-    if load.missing <= _NEGLIGIBLE_FORCE and load.torque <= 1.0:
-        text = f"to hold still takes {100 * load.thrust:.0f} % of the thrust and {torque}"
+    thrust = f"{100 * load.thrust:.0f} % of the thrust"
+    if load.is_short:
+        thrust = f"{load.axes} more than the thrusters give"
+    text = f"to hold still takes {thrust} and {100 * load.torque:.0f} % of the joint torque"
+    if not load.is_short and load.torque <= 1.0:
         is_tight = max(load.thrust, load.torque) > _FULL
         severity = Severity.WARNING if is_tight else Severity.NOTE
         return severity.finding(FORCES, text, visit.phase.name, **figures)
-    text = f"to hold still takes {load.axes or 'nothing'} more than the thrusters give and {torque}"
-    if load.drifts:
+    if load.drifts or load.torque > 1.0:
         text += "; wait for less current, trim the robot, or take a stronger one"
     else:
         text += (
@@ -134,14 +142,16 @@ def _hold(setup: Setup, dynamics: Dynamics, visit: Visit, speed: float = 0.0) ->
 def _forces(
     setup: Setup, dynamics: Dynamics, q: np.ndarray, t: float, speed: float, v: np.ndarray
 ) -> np.ndarray:
-    """Return the generalized force (n_v,) [N, N m] at a steady velocity (n_v,) over ground, in
-    water that is faster by `speed` [m/s].
+    """Return the generalized force (n_v,) [N, N m] that the controller asks for at a steady
+    velocity (n_v,) over ground, in water that is faster by `speed` [m/s].
     """
     water = water_at(setup.environment.current, dynamics.link_positions(q), t)
     water_speed = np.linalg.norm(water.velocity, axis=1, keepdims=True)
     factor = 1.0 + speed / np.maximum(water_speed, 1e-9)
     faster_water = replace(water, velocity=water.velocity * factor)
-    return dynamics.inverse_dynamics(q, v, np.zeros(setup.robot.n_v), faster_water)
+    tau = dynamics.inverse_dynamics(q, v, np.zeros(setup.robot.n_v), faster_water)
+    M = ca.DM(dynamics.mass_matrix(q))
+    return np.array(without_free_motions(setup.robot, M, ca.DM(tau))).ravel()
 
 
 def _load(
@@ -160,29 +170,46 @@ def _load(
     ]
     thrust_shares = np.abs(result.thrust) / np.array(thruster_limits)
     torque_shares = np.abs(tau[robot.joint_v]) / robot.limits.effort
-    missing = 0.0
-    axes = []
+    lack = _missing_wrench(robot, result)
+    missing = float(np.linalg.norm(lack))
+    short_axes = _short_axes(robot, lack)
     drifts = False
-    actuated = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
-    if result.saturated:
-        missing = float(np.linalg.norm(result.unreachable[actuated]))
-        for axis in actuated:
-            force = abs(result.unreachable[axis])
-            if force > _NEGLIGIBLE_FORCE:
-                size = f"{force:.0f}" if force >= 1.0 else f"{force:.1g}"
-                unit = "N" if axis < 3 else "N m"
-                axes.append(f"{size} {unit} of {AXES[axis]}")
-    if missing > _NEGLIGIBLE_FORCE:
-        v[actuated] = -_NEGLIGIBLE_SPEED * result.unreachable[actuated] / max(missing, 1e-9)
+    if short_axes:
+        v[robot.vehicle_v] = -_NEGLIGIBLE_SPEED * lack / missing
         moving = allocation.allocate(forces(v)[robot.vehicle_v])
-        drifts = bool(np.linalg.norm(moving.unreachable[actuated]) > _NEGLIGIBLE_FORCE)
+        drifts = bool(_short_axes(robot, _missing_wrench(robot, moving)))
     return DriveLoad(
         thrust=float(np.max(thrust_shares)),
         torque=float(np.max(torque_shares, initial=0.0)),
         missing=missing,
-        axes=", ".join(axes),
+        is_short=bool(short_axes),
+        axes=", ".join(_axis_text(axis, lack[axis]) for axis in short_axes),
         drifts=drifts,
     )
+
+
+def _missing_wrench(robot: Robot, result: AllocationResult) -> np.ndarray:
+    """Wrench (6,) [N, N m] that thrusters at their limits do not give along the axes that they
+    drive.
+    """
+    lack = np.zeros(6)
+    if result.saturated:
+        driven = [axis for axis in range(6) if axis not in unactuated_axes(robot)]
+        lack[driven] = result.unreachable[driven]
+    return lack
+
+
+def _short_axes(robot: Robot, lack: np.ndarray) -> list[int]:
+    """Axes along which what is missing, lack (6,) [N, N m], is more than negligible."""
+    negligible = _NEGLIGIBLE_SHARE * largest_force(robot)[:6]
+    return np.flatnonzero(np.abs(lack) > negligible).tolist()
+
+
+def _axis_text(axis: int, lack: float) -> str:
+    force = abs(lack)
+    size = f"{force:.0f}" if force >= 1.0 else f"{force:.1g}"
+    unit = "N" if axis < 3 else "N m"
+    return f"{size} {unit} of {AXES[axis]}"
 
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
