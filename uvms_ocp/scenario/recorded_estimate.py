@@ -21,7 +21,7 @@ import numpy as np
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation import estimator, filter_memory
-from uvms_ocp.estimation.health.channel_state import sizes_of
+from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record.display import SmallTable, TableDisplay, cell

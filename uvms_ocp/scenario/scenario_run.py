@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import plain_line
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.estimation.health.channel_state import sizes_of
+from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission import MissionState

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.health import channel_state
+from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import (
     CHANNELS,
@@ -37,7 +37,7 @@ class WatchedSensors:
             )
         self._wrapped: Callable[[State, float], Readings] = sensors
         self._name = name
-        self._sizes = channel_state.sizes_of(robot)
+        self._sizes = sizes_of(robot)
         self._expected = {channel for channel in CHANNELS if getattr(specs, channel) is not None}
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(CHANNELS)
 

@@ -17,7 +17,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, structure_of
 from uvms_ocp.codegen.kernels import bind_kernels
 from uvms_ocp.estimation.estimator import JOINT_CHANNELS, AltimeterMount, PassThrough
 from uvms_ocp.estimation.filter_memory import N_CHANNELS, NUMBER, ChannelIndex
-from uvms_ocp.estimation.health import channel_state, plausibility, screening
+from uvms_ocp.estimation.health import channel_setup, channel_state, plausibility, screening
 from uvms_ocp.estimation.health.tuning import HealthTuning, Reason, ReasonTexts
 from uvms_ocp.robot import signals
 from uvms_ocp.robot.robot import Robot
@@ -419,7 +419,7 @@ class HealthMonitor:
         self.tuning = tuning or HealthTuning()
         frame = altimeter_frame or robot.description.altimeter
         present = {name: getattr(specs, name) for name in _present(robot, specs, frame)}
-        self.memory = memory = channel_state.health_memory(robot, present, self.tuning)
+        self.memory = memory = channel_setup.health_memory(robot, present, self.tuning)
         """Memory of the kernels, a `HealthMemory`."""
         structures = (type(memory), structure_of(EstimateSupport), structure_of(PassThroughMemory))
         kernels = (screen, judge, finish, screen_tick, finish_tick, screen_and_finish_tick)
@@ -427,7 +427,7 @@ class HealthMonitor:
             kernels, structures, compiled=compiled
         )
         """`screen_tick`, `finish_tick` and `screen_and_finish_tick`."""
-        shapes = channel_state.sizes_of(robot)
+        shapes = channel_setup.sizes_of(robot)
         self._texts = ReasonTexts(robot.joint_names)
         self._buffers = dict[str, ChannelBuffer]()
         for name in present:
