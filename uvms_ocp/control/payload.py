@@ -35,9 +35,6 @@ _MASS_ERROR = 0.25  # [kg] or that at most: a tool that carries nothing has no s
 _CERTAIN = 3.0  # standard errors that a weight must have to be carried along
 
 
-# Whether a load can be learnt at all: the controller refuses by it, and pre-flight says so before.
-
-
 def require_learnable(robot: Robot, *, observed: bool) -> None:
     """Raise `FrameNotFound` for a robot without a tool, and `InvalidInput` where it may not learn.
 

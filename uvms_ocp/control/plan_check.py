@@ -32,8 +32,6 @@ from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.hydrodynamics import Water
 from uvms_ocp.robot.signals import State, unchecked_state
 
-# What the robot makes of a plan.
-
 _LONGEST_STEP = 0.1
 """[s] of the simulation, in which drag is implicit."""
 _PREDICTION_STEP = 0.01

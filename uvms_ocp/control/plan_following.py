@@ -26,9 +26,6 @@ _CATCH_UP = (
 _LEFT = GuideOutput(v=None)
 
 
-# Carrying out a plan: blind, to see how well the model fits, or with feedback.
-
-
 class PlanTracker:
     """Follows one trajectory to its end: a callable ``(StateEstimate, t) -> Command`` with thrust
     and torque.

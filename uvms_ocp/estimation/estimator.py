@@ -59,9 +59,6 @@ _RATE = 100.0  # [Hz] at which the estimator is run
 _SETTLED = 20.0  # [s] after which its covariance no longer changes
 
 
-# One tick of the Kalman filter, as a kernel: from the inputs in its memory to the outputs there.
-
-
 def advance_filter(m: filtering.FilterMemory) -> None:
     """Run one tick: predict, fuse what is fresh, and write the outputs."""
     m.dt = m.now - m.before if m.started else 0.0

@@ -36,9 +36,6 @@ _LEVEL = (
 )
 
 
-# What to do about measurements that stop coming.
-
-
 class Freshness(enum.IntEnum):
     """Degree to which an estimate can be trusted."""
 

@@ -21,8 +21,6 @@ from uvms_ocp.estimation.filter_memory import (
 )
 from uvms_ocp.robot.kinematics import STEEP
 
-# When readings are taken that arrive late, and which clone stands for one.
-
 # in place of a clone
 NOW = -1
 NONE = -2

@@ -42,18 +42,6 @@ from uvms_ocp.robot.thrusters import joint_power
 from uvms_ocp.sim.seafloor_contact import ContactModel
 from uvms_ocp.sim.thrusters import N_DECAYS, Thrusters
 
-# One time step of a robot in water as a CasADi Function.
-#
-# The step is implicit in everything stiff and dissipative: with h the bias force and G the slope of
-# drag, joint friction, joint stops and floor contact with respect to velocity,
-#
-#     (M + dt G) (v_next - v) = dt (tau + contact + stops - h(q, v)),    q_next = q (+) v_next dt.
-#
-# Added mass is part of M, so the step stays stable where it exceeds the dry mass; G keeps a coarse
-# step from overshooting the drag. First order in dt. A joint that is locked has v_next = 0 in place
-# of its row: the force that holds it is solved for, and where it still moved, the first step is the
-# impulse that stops it, which leaves all other momenta as they were.
-
 CARRIED = ("q", "v", "thrust", "thruster_energy", "joint_energy")
 """State that one step hands to the next."""
 INPUTS = (

@@ -11,8 +11,6 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, require_distinct_names
 from uvms_ocp.sim.currents import Current, StillWater
 from uvms_ocp.sim.seafloor import Seafloor
 
-# What surrounds the robot: floor, water and obstacles.
-
 
 @checked_dataclass(eq=False)
 class Environment:

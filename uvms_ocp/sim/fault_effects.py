@@ -15,9 +15,6 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import limits
 from uvms_ocp.sim.faults import Fault
 
-# What faults make of the samples of one sensor: another value, another time stamp, a later arrival,
-# or nothing.
-
 Disturb = Callable[[Any, np.ndarray], Any]
 
 

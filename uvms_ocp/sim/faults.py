@@ -18,9 +18,6 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, require_known, short
 from uvms_ocp.robot.signals import CHANNELS
 from uvms_ocp.types import DAY, Bound
 
-# Every kind of fault: what it can strike, its values and their ranges. One table for values, text
-# and messages.
-
 _LARGEST = 1e6
 _SHORT_NAMES = {"altimeter": "altimeter_range"}
 _COUNTER = re.compile(r"[1-9]\d{0,3}")

@@ -27,9 +27,6 @@ from uvms_ocp.sim.faults import Fault
 from uvms_ocp.sim.loop import Controller, Sensors, StateEstimator
 from uvms_ocp.sim.plant import Plant
 
-# What was given for a part: a value of the toolkit's or what makes one of a user's own, and what is
-# known of it beforehand.
-
 
 def part_name(maker: Any) -> str:
     """Name of the part that it makes, as records have it: the name of a function or class, of

@@ -27,9 +27,6 @@ from uvms_ocp.sim import (
 from uvms_ocp.sim.faults import Fault
 from uvms_ocp.types import Period
 
-# Plants: what a command does to the true state.
-
-
 EFFORTS = ("thrust", "torque", "thruster_energy", "joint_energy")
 """Telemetry that reports and figures know."""
 

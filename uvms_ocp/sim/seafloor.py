@@ -17,8 +17,6 @@ from uvms_ocp.record.meta_values import FloorRelief
 from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.types import Positive, Range, Shape, Vector3
 
-# What a sea floor is, the plane, and any floor as a table of heights, a mesh and an obstacle.
-
 LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
 _DEEPEST = 1e5  # [m]
 _RELIEF_POINTS = 81  # along each side

@@ -18,8 +18,6 @@ from uvms_ocp.control.faults.wrench_balance import (
     update_wrench_balance,
 )
 
-# A look at all thrusters and joints, and at what is left without the faulty ones, as kernels.
-
 _TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no longer can
 
 

@@ -18,13 +18,6 @@ from uvms_ocp.control.faults.fault_classification import FaultFit, classify_faul
 from uvms_ocp.control.faults.fault_isolation import IsolationWindow, append_sample, isolate_fault
 from uvms_ocp.control.faults.verdicts import ActuatorHealth, FaultKind, ThrusterEffectiveness
 
-# Thrusters that do not give what they are asked, found in the residual wrench and named, as
-# kernels.
-#
-# The residual wrench is what the disturbance observer finds beyond model and commands. A thruster
-# is faulty once its asked thrust has explained nearly all changes of it, and no other thruster as
-# well, look after look.
-
 _CLEAR_LEAD = (
     16.0  # lead from which on a look counts fully; those of a smaller one count by its square
 )

@@ -16,8 +16,6 @@ from uvms_ocp.codegen.elementwise import Array, where
 from uvms_ocp.codegen.kernel_layout import Layout, Sized
 from uvms_ocp.types import Positive, Range
 
-# What comes of the thrust that is asked for, thruster by thruster, as far as faults are known.
-
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class ThrusterEffectiveness(Layout):

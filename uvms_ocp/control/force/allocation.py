@@ -3,7 +3,8 @@ thruster that works.
 
 Of a thruster that is dead or stuck nothing is asked, of a weak one more, of a reversed one the
 opposite; the thrust of a stuck one is compensated. Thrusters are first-order lags, which commands
-are ahead of.
+are ahead of. The thrust is that in the water: a weak thruster takes the power of what it is asked,
+which is more.
 """
 
 from __future__ import annotations
@@ -33,13 +34,6 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 from uvms_ocp.solvers.bounded_least_squares import dot, room_for
 from uvms_ocp.types import Array as Numbers, Range, Shape
-
-# A wrench shared out among the thrusters that follow, as kernels: what is stuck is a known wrench
-# that is made up for.
-#
-# Of what is dead or stuck nothing is asked, of what is weak so much, of what is reversed the other
-# way. The thrust is that in the water: a weak thruster takes the power of what it is asked, which
-# is more.
 
 LARGEST_WRENCH = 1e12
 """[N, N m] that any part of a wrench may be."""

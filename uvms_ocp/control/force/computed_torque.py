@@ -32,9 +32,6 @@ _ASKED_RATE = 0.98
 """share of the limit that is asked for: forces are held over a tick, in which rates go on."""
 
 
-# From a generalized force to what is asked of thrusters and joint motors.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RealizedForce:
     """Limits of thrusters and motors on a generalized force."""

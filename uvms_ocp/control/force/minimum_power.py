@@ -13,8 +13,6 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.solvers import bounded_least_squares
 
-# Thrust of least electrical power among all that give the same wrench, as a kernel.
-
 _STEPS = 6
 _ROUNDING = 1e-14  # below it there is nothing
 _SMALLEST = 2.2250738585072014e-308  # that is not rounded

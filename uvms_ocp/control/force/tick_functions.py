@@ -28,8 +28,6 @@ from uvms_ocp.control.force.thruster_lag import ThrusterLag
 from uvms_ocp.control.force.velocity_law import BandwidthDerating, VelocityLaw
 from uvms_ocp.robot import Robot, symbolic_bodies, thruster_matrix, thrusters
 
-# Inputs, state, desired force and outputs of a tick: named parts of columns of numbers.
-
 Parts = TypeVar("Parts", bound=Layout)
 
 _EASE = 1.0  # [s] in which the bandwidth of the velocity loop changes

@@ -16,8 +16,6 @@ from uvms_ocp.mission.progress import MissionMemory, always_grows
 from uvms_ocp.robot import signals
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
-# What sends a mission into its abort phase: lost sensors, contact, too little thrust, no progress.
-
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 _SUNK_AFTER = 0.5  # [s] of arm or hull in the floor that is believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away

@@ -19,11 +19,6 @@ from uvms_ocp.codegen.kernel_layout import FunctionField, Layout, Sized, Vector
 from uvms_ocp.robot import Robot, SymbolicModel, limits
 from uvms_ocp.tasks.activation import ENDLESS, stopping_speed
 
-# How a robot comes to rest: all axes slow down in proportion, as fast as the first of them can.
-#
-# What glides along an obstacle goes on gliding along it until it stands, while axes that stop one
-# after the other would swing into it.
-
 _AT_REST = 1e-12  # [s] to rest
 NONE = -1
 """Number that stands for no limit."""

@@ -1,5 +1,9 @@
 """Parameters of all tasks at one tick: goals of the phase, moving goals as samples, and the
 distances that tasks ask for.
+
+A task on distances asks for `uvms_ocp.tasks.nearest_pairs.NearestPairs`; they are measured here, on
+the way to rest. Goals that are still are in memory, for a kernel to take; those that move are asked
+at every tick.
 """
 
 from __future__ import annotations
@@ -33,13 +37,6 @@ from uvms_ocp.robot.shapes.collision_model import distance_layout_sizes, in_c
 from uvms_ocp.tasks.activation import ENDLESS
 from uvms_ocp.tasks.nearest_pairs import NearestPairs
 from uvms_ocp.tasks.task import Task
-
-# Parameters of tasks at one tick: their references, ending with the distances that some of them ask
-# for.
-#
-# A task on distances asks for `uvms_ocp.tasks.nearest_pairs.NearestPairs`; they are measured here, on the
-# way to rest. Goals that are still are in memory, for a kernel to take; those that move are asked
-# at every tick.
 
 
 class GoalsMemory(Layout):

@@ -48,8 +48,6 @@ from uvms_ocp.solvers.hierarchy.core import CompiledSolver
 from uvms_ocp.solvers.hierarchy.solution import InPlaceTick, Tick
 from uvms_ocp.types import Period
 
-# Kinematic control layer: measurements in, reference velocities out ([Gao2022] figure 4).
-
 _tick_state = unchecked_constructor(TickInputs)
 _FRESHNESS = tuple(Freshness)
 

@@ -43,12 +43,6 @@ solver or of both.
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
-# One tick of the kinematic layer but for the hierarchy: what is known, `before` it, and what comes
-# of it, `after`.
-#
-# Between the two the hierarchy is solved.
-
-
 def _begin(m: TickMemory) -> None:
     """External activations, which tell whether the altitude matters."""
     progress.start_at_first_tick(m.mission, m.t)

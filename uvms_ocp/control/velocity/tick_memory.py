@@ -35,9 +35,6 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.tasks.task import Task
 
-# The memory of one tick of the kinematic layer: where the mission is, what is known, and what comes
-# of it.
-
 
 class TickMemory(Layout):
     """All that a tick reads and remembers."""

@@ -26,9 +26,6 @@ from uvms_ocp.robot.shapes.distance_kernels import (
 )
 from uvms_ocp.solvers.bounded_least_squares import dot
 
-# The viability rule: a velocity is accepted only if a full stop from it respects every limit on
-# positions.
-
 _HALVINGS = 5
 
 

@@ -15,8 +15,6 @@ from typing import Annotated
 from uvms_ocp.codegen.kernel_layout import Layout, Sized
 from uvms_ocp.estimation.health.tuning import Complaint, HealthTuning, Reason, set_complaint
 
-# Where echoes came from, in rings of those that are remembered.
-
 MAX_FLOOR_POINTS = 128
 _STEEPEST = 0.6  # of a slope along which a beam runs down
 

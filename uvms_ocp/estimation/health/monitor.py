@@ -34,8 +34,6 @@ from uvms_ocp.robot.signals import (
 )
 from uvms_ocp.types import Array
 
-# Which channel stands in for which, how long, and how old that makes a measurement.
-
 _VEHICLE = ("position", "attitude", "linear_velocity", "angular_velocity")
 
 _N_OUTCOME = 4  # numbers of an outcome

@@ -11,8 +11,6 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.health.plausibility import angle_between, conjugate, small_rotation
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
-# Values of the last seconds with their times, in a ring.
-
 LONGEST = 64
 
 _GAP = 2.0  # [s] of silence after which a comparison begins anew

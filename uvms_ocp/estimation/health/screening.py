@@ -1,5 +1,8 @@
 """Screen every new reading before the filter sees it, and decide which of two channels that
 disagree is at fault.
+
+A reading is checked for its sense, its time stamp, repetition, and against what the estimate of its
+time allows.
 """
 
 from __future__ import annotations
@@ -19,10 +22,6 @@ from uvms_ocp.estimation.health.channel_state import (
 )
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
 from uvms_ocp.robot import kinematics, signals
-
-# All that can be said against one new reading before the filter sees it.
-#
-# Sense, time stamp, repetition, and what the estimate at the time of the reading allows.
 
 _CONFIRMED = 5
 """Readings in a row that must agree before one that does not is refused: an estimate is made of

@@ -19,9 +19,6 @@ _TEXTS: dict[str, str] = tomllib.loads(
 )
 
 
-# What the health monitor takes for possible, with reasons.
-
-
 @checked_dataclass()
 class HealthTuning:
     """Bounds of what robot, water and floor make possible. Raises `InvalidInput` for a number that
