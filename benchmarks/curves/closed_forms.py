@@ -60,12 +60,12 @@ class ClosedFormDistances:
         normal = witness.normal[row]
         screws = self._screws(x, sample)
         wrench = np.concatenate([normal, np.cross(witness.first[row], normal)], axis=1)
+        slope = (wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair]
         return NearPairs(
             sample=sample,
             pair=pair,
             distance=distance[sample, pair],
-            gradient=((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pair])
-            @ self.scene.fold,
+            gradient=slope @ self.scene.fold,
             screws=screws,
             centre=0.5 * (ends[2][row] + ends[3][row]),
         )
@@ -120,9 +120,8 @@ def segment_ends(scene: CollisionScene) -> ca.Function:
     x = ca.SX.sym("x", scene.coordinates.n_axes)
     symbolic = SymbolicModel(scene.coordinates.robot.model)
     poses = symbolic.forward_kinematics(symbolic_configuration(scene.coordinates, x)).joint_poses
-    return ca.Function(
-        "segment_ends", [x], [ca.densify(ca.vertcat(*_ends_at(scene, poses)))], {"cse": True}
-    )
+    ends = ca.densify(ca.vertcat(*_ends_at(scene, poses)))
+    return ca.Function("segment_ends", [x], [ends], {"cse": True})
 
 
 def collision_density(scene: CollisionScene, weights: CostWeights) -> ca.Function:

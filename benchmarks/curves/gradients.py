@@ -47,13 +47,8 @@ def _cost_rows(name: str, scene: CollisionScene, weights: CostWeights) -> Iterat
         cost, y = _random_cost(solver, weights)
         yield figure(name, type(solver).__name__, "gradient error", _cost_error(cost, y))
     eigenvalues = np.linalg.eigvalsh(cost.model(y).hessian.dense())
-    yield figure(
-        name,
-        "Gauss-Newton",
-        "least eigenvalue, relative",
-        eigenvalues[0] / eigenvalues[-1],
-        "-1e-10",
-    )
+    ratio = eigenvalues[0] / eigenvalues[-1]
+    yield figure(name, "Gauss-Newton", "least eigenvalue, relative", ratio, "-1e-10")
 
 
 def _cost_error(cost: PathCost, y: Array) -> float:
@@ -67,18 +62,20 @@ def _min_snap_errors(k: int) -> dict[str, float]:
     specification = CurveSpecification(derivative=k)
     gradients = min_snap(waypoints, times, specification).gradients()
     steps = np.random.default_rng(0).normal(size=(20, *waypoints.shape))
-    by_point = [
-        _directional(lambda w: min_snap(w, times, specification).cost, waypoints, s) for s in steps
-    ]
-    by_time = [
-        _directional(lambda t: min_snap(waypoints, t, specification).cost, times, s[:, 0])
-        for s in steps
-    ]
+
+    def cost_of_points(points: Array) -> float:
+        return min_snap(points, times, specification).cost
+
+    def cost_of_times(node_times: Array) -> float:
+        return min_snap(waypoints, node_times, specification).cost
+
+    point_slopes = [_directional(cost_of_points, waypoints, step) for step in steps]
+    time_slopes = [_directional(cost_of_times, times, step[:, 0]) for step in steps]
+    by_points = np.tensordot(steps, gradients.waypoints, axes=2)
+    by_times = steps[:, :, 0] @ gradients.times
     return {
-        "way points": _relative_error(
-            np.tensordot(steps, gradients.waypoints, axes=2), np.array(by_point)
-        ),
-        "times": _relative_error(steps[:, :, 0] @ gradients.times, np.array(by_time)),
+        "way points": _relative_error(by_points, np.array(point_slopes)),
+        "times": _relative_error(by_times, np.array(time_slopes)),
     }
 
 
@@ -97,15 +94,16 @@ def _exact_hessian_error(scene: CollisionScene) -> float:
     hessian = density_hessian(collision_density(scene, CostWeights(clearance=0.3)))
     rng = np.random.default_rng(0)
     home = scene.coordinates.x(scene.coordinates.robot.configuration())
+
+    def gradient(z: Array) -> Array:
+        return np.asarray(hessian(z)[1]).ravel()
+
     worst = 0.0
     for _ in range(5):
-        z = np.concatenate(
-            [home + 0.1 * rng.normal(size=home.size), 0.3 * rng.normal(size=home.size)]
-        )
-        slopes = [
-            _directional(lambda y: np.asarray(hessian(y)[1]).ravel(), z, s, 1e-6)
-            for s in np.eye(z.size)
-        ]
+        x = home + 0.1 * rng.normal(size=home.size)
+        v = 0.3 * rng.normal(size=home.size)
+        z = np.concatenate([x, v])
+        slopes = [_directional(gradient, z, direction, 1e-6) for direction in np.eye(z.size)]
         worst = max(worst, _relative_error(np.asarray(hessian(z)[0]), np.array(slopes)))
     return worst
 

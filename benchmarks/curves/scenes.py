@@ -55,18 +55,15 @@ def problem(
         ]
         scene = collision_scene(planned, obstacles)
         distances = CoalDistances(scene)
-        along = distances.distances(
-            ends[0] + np.linspace(0.0, 1.0, 80)[:, None] * (ends[1] - ends[0])
-        )
-        if distances.distances(ends).min() < 0.005 or along.min() > -0.03:
+        start, goal = ends
+        straight_line = start + np.linspace(0.0, 1.0, 80)[:, None] * (goal - start)
+        depth = -float(distances.distances(straight_line).min())
+        if distances.distances(ends).min() < 0.005 or depth < 0.03:
             continue
-        path = sampled_waypoints(
-            distances, ends[0], ends[1], SamplingOptions(seed=seed, max_samples=400)
-        )
+        options = SamplingOptions(seed=seed, max_samples=400)
+        path = sampled_waypoints(distances, start, goal, options)
         if path is not None:
-            return Problem(
-                seed=seed, scene=scene, ends=ends, depth=-float(along.min()), free_path=path
-            )
+            return Problem(seed=seed, scene=scene, ends=ends, depth=depth, free_path=path)
 
 
 def _ends(rng: np.random.Generator, planned: Coordinates) -> Array:

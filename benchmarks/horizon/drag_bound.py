@@ -44,9 +44,8 @@ def quasi_static_energy(
     for k in rows:
         water = water_at(current, q[k : k + 1, :3], float(t[k]))
         u = type(water)(velocity=water.velocity[0])
-        powers.append(
-            least_power(robot, dynamics.inverse_dynamics(q[k], v[k], a[k], u)[: robot.n_vehicle])
-        )
+        force = dynamics.inverse_dynamics(q[k], v[k], a[k], u)
+        powers.append(least_power(robot, force[: robot.n_vehicle]))
     return float(np.trapezoid(powers, t[rows]))
 
 

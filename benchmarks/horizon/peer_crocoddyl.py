@@ -19,7 +19,7 @@ MAX_ITERATIONS = 200
 
 
 def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
-    """The shooting problem and its first state."""
+    """Build the shooting problem and its first state."""
     model = weightless(numbers)
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)  # every velocity has a force of its own
@@ -35,7 +35,7 @@ def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
 
 
 def weightless(numbers: dict[str, Any]) -> Any:
-    """The robot with its trim bodies, without gravity."""
+    """Build the robot with its trim bodies, without gravity."""
     model = pin.buildModelFromUrdf(numbers["urdf"], pin.JointModelFreeFlyer())
     for i, body in enumerate(numbers["inertias"]):
         model.inertias[i] = pin.Inertia(
@@ -46,7 +46,7 @@ def weightless(numbers: dict[str, Any]) -> Any:
 
 
 def costs(numbers: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any]:
-    """Running and terminal costs; residuals and the weights of their squares are those of the other
+    """Build running and terminal costs; residuals and the weights of their squares are those of the other
     side.
     """
     w = numbers["weights"]
@@ -73,7 +73,7 @@ def costs(numbers: dict[str, Any], state: Any, x0: np.ndarray) -> tuple[Any, Any
 
 
 def solve(numbers: dict[str, Any], repeats: int) -> dict[str, Any]:
-    """Cold from rest with zero forces, and warm from the solution."""
+    """Solve cold from rest with zero forces, and warm from the solution."""
     building = once(lambda: build(numbers))
     problem, x0 = building.value
     xs = [x0] * (problem.T + 1)
@@ -97,7 +97,7 @@ def solve(numbers: dict[str, Any], repeats: int) -> dict[str, Any]:
 def calls(
     problem: Any, xs: list[np.ndarray], us: list[np.ndarray], repeats: int
 ) -> tuple[dict[str, Any], Any]:
-    """Times and outcome of solves from states and forces; and the solver of the last."""
+    """Measure solves from states and forces; returns times, the outcome and the last solver."""
 
     def call() -> tuple[bool, Any]:
         solver = crocoddyl.SolverFDDP(problem)

@@ -21,7 +21,7 @@ MAX_ITERATIONS = 200
 
 
 def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
-    """The shooting problem and its first state."""
+    """Build the shooting problem and its first state."""
     model = weightless(numbers)
     state = crocoddyl.StateMultibody(model)
     actuation = crocoddyl.ActuationModelFull(state)
@@ -41,7 +41,7 @@ def build(numbers: dict[str, Any]) -> tuple[Any, np.ndarray]:
 
 
 def constraints(numbers: dict[str, Any], state: Any, x0: np.ndarray, *, torques: bool) -> Any:
-    """Limits on joint positions, all velocities and joint torques; the wrench on the vehicle has
+    """Build limits on joint positions, all velocities and joint torques; the wrench on the vehicle has
     none.
     """
     manager = crocoddyl.ConstraintModelManager(state, state.nv)
@@ -65,7 +65,7 @@ def constraints(numbers: dict[str, Any], state: Any, x0: np.ndarray, *, torques:
 
 
 def solve(numbers: dict[str, Any], repeats: int) -> dict[str, Any]:
-    """Cold from rest with zero forces."""
+    """Solve cold from rest with zero forces."""
     building = once(lambda: build(numbers))
     problem, x0 = building.value
     xs = [x0] * (problem.T + 1)
