@@ -43,16 +43,18 @@ def throughput(variations: Any, runs: int, folder: Path, workers: int) -> float:
     """
     times: list[tuple[float, int]] = []
     campaign = Campaign(scenario=noisy_case1, variations=variations, runs=runs, seed=1)
-    campaign.run(
-        folder, workers=workers, progress=lambda done, *_: times.append((perf_counter(), done))
-    )
+
+    def note_time(done: int, failed: int, total: int) -> None:
+        times.append((perf_counter(), done))
+
+    campaign.run(folder, workers=workers, progress=note_time)
     begin_time, done_before = next((time, done) for time, done in times if done >= workers)
     end_time, _ = times[-1]
     return (runs - done_before) / (end_time - begin_time)
 
 
 def causes(report: dict[str, Any]) -> list[Row]:
-    """The most frequent ones with their intervals."""
+    """List the most frequent causes with their intervals."""
     return [
         {
             "outcome": row["outcome"],

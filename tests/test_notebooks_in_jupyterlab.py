@@ -179,11 +179,8 @@ def page() -> Iterator[Any]:
 
 
 def _error(cell: dict[str, Any]) -> str:
-    return "".join(
-        "\n".join(output["traceback"])
-        for output in cell["outputs"]
-        if output["output_type"] == "error"
-    )
+    errors = [output for output in cell["outputs"] if output["output_type"] == "error"]
+    return "".join("\n".join(error["traceback"]) for error in errors)
 
 
 def test_an_interrupted_mission_stops_and_then_all_of_it_runs(lab: str, page: Any) -> None:

@@ -122,19 +122,23 @@ def vehicle(n_steps: int = 20) -> Conflict:
 
 
 def chain() -> Robot:
-    """A planar arm of equal links; gravity is along its axes."""
+    """Build a planar arm of equal links; gravity is along its axes."""
     links = "".join(_link(i) for i in range(1, N_LINKS + 1))
-    marks = "".join(
-        f'<link name="{name}"/><joint name="{name}_mount" type="fixed"><parent link="link{i}"/>'
-        f'<child link="{name}"/><origin xyz="{LINK} 0 0"/></joint>'
-        for name, i in MARKS.items()
-    )
+    marks = "".join(_mark(name, i) for name, i in MARKS.items())
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "chain.urdf"
         path.write_text(
             f'<robot name="chain"><link name="link0"/>{links}{marks}</robot>', encoding="utf-8"
         )
         return load_robot(urdf=path, base="fixed")
+
+
+def _mark(name: str, i: int) -> str:
+    """A frame at the end of a link."""
+    return (
+        f'<link name="{name}"/><joint name="{name}_mount" type="fixed"><parent link="link{i}"/>'
+        f'<child link="{name}"/><origin xyz="{LINK} 0 0"/></joint>'
+    )
 
 
 def _link(i: int) -> str:

@@ -130,7 +130,10 @@ class Tree:
 def fingerprint(*folders: str) -> str:
     """Hash all files in folders of the repository."""
     digest = hashlib.sha256()
-    for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*")):
+    paths = list[Path]()
+    for folder in folders:
+        paths += (ROOT / folder).rglob("*")
+    for path in sorted(paths):
         if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".csv":
             digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()

@@ -53,4 +53,7 @@ def kept_rows(study: Study, folder: Path, jobs: int, hours: float) -> list[Row]:
 def spread_out(cases: Sequence[int]) -> list[int]:
     """Order cases so that any beginning is a fair share of all."""
     stride = max(1, len(cases) // _ROUND)
-    return [case for first in range(stride) for case in cases[first::stride]]
+    order = list[int]()
+    for first in range(stride):
+        order += cases[first::stride]
+    return order

@@ -313,10 +313,17 @@ _SAME = (0.0, 0.0, 0.0, 1.0)
 _READS = "reads better with .* it agrees with"
 _LATE = "s .* against the rate of the"
 _GAPS = "gaps, the longest"
+_JUMPED = "differ at the end by another time than at the beginning"
 _MIXED = "the vehicle accelerates as with"
 _SPIKES = "jumps to .* and back"
 _FLIP_Z = np.array([1.0, -1.0, -1.0])
 _SENSORS = (_VELOCITY, _RATE)
+
+
+def _jumping_clock(name: str, shortest: float, longest: float, pattern: str) -> Kind:
+    """The clock of a channel jumps by `shortest` to `longest` [s], of which a doubt says so."""
+    how = f"clock of {name} jumps by {shortest:g} to {longest:g} s"
+    return Kind("time", how, name, (pattern,), _times(name, _jump(shortest, longest)))
 
 
 KINDS = (
@@ -501,20 +508,8 @@ KINDS = (
         )
         for name in ("position", _VELOCITY)
     ),
-    *(
-        Kind(
-            "time",
-            f"clock of {name} jumps by {shortest:g} to {longest:g} s",
-            name,
-            (pattern,),
-            _times(name, _jump(shortest, longest)),
-        )
-        for shortest, longest, pattern in (
-            (0.45, 0.7, "differ at the end by another time than at the beginning"),
-            (1.0, 5.0, _GAPS),
-        )
-        for name in _SENSORS
-    ),
+    *(_jumping_clock(name, 0.45, 0.7, _JUMPED) for name in _SENSORS),
+    *(_jumping_clock(name, 1.0, 5.0, _GAPS) for name in _SENSORS),
     *(
         Kind("time", f"samples of {name} lost for a while", name, (_GAPS,), _change(name, _lost))
         for name in _SENSORS

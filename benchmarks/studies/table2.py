@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 from recording.rows import column, rows_where
@@ -75,7 +76,7 @@ def run_transit(case: dict[str, Any]) -> Row:
 
 def cells(rows: Sequence[Row]) -> list[Row]:
     """One row per cell: clearance over the seeds, our verdict and the paper's."""
-    return [_cell(floor, threshold, rows) for floor in FLOORS for threshold in THRESHOLDS]
+    return [_cell(floor, threshold, rows) for floor, threshold in product(FLOORS, THRESHOLDS)]
 
 
 def _cell(floor: str, threshold: float, rows: Sequence[Row]) -> Row:

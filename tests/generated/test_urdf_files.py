@@ -102,18 +102,19 @@ def numbers(text: str | None, n: int = 1) -> list[float]:
 
 def sizes(shape: ElementTree.Element) -> list[float]:
     """Of the parts of a shape; placeholders, of no size, touch nothing and are left out."""
-    values = [value for part in shape.iterfind("geometry/*") for value in part.attrib.values()]
-    return [size for value in values for size in numbers(value, n=len(value.split(" ")))]
+    lengths = []
+    for part in shape.iterfind("geometry/*"):
+        for value in part.attrib.values():
+            lengths += numbers(value, n=len(value.split(" ")))
+    return lengths
 
 
 def is_sound(shape: ElementTree.Element) -> bool:
     """Whether what only draws can be drawn; what cannot is left out, too."""
     try:
-        places = [
-            numbers(value, n=3)
-            for origin in shape.iterfind("origin")
-            for value in origin.attrib.values()
-        ]
+        places = []
+        for origin in shape.iterfind("origin"):
+            places += [numbers(value, n=3) for value in origin.attrib.values()]
         return min(sizes(shape)) > 0.0 and bool(np.isfinite(places).all())
     except (AssertionError, ValueError):
         return False

@@ -10,6 +10,7 @@ import pickle
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -44,8 +45,8 @@ def rows(name: str) -> list[dict[str, str]]:
 
 VERDICTS = [Verdict(**row) for row in rows("verdicts.csv")]
 NO_VERDICTS = {row["name"]: row["why"] for row in rows("no_verdicts.csv")}
-NAMES = [name for verdict in VERDICTS for name in verdict.given_by.split()]
-STATUSES = [status for kind in AdvisedStatus.__subclasses__() for status in kind]
+NAMES = list(chain.from_iterable(verdict.given_by.split() for verdict in VERDICTS))
+STATUSES = list(chain.from_iterable(AdvisedStatus.__subclasses__()))
 
 
 def is_listed(name: str) -> bool:
