@@ -538,8 +538,12 @@ class Collocation:
         Z = np.zeros((self.N + 1, layout.n))
         q = trajectory.q.copy()
         if self.problem.robot.n_vehicle:
-            for before, after in pairwise(q):  # of two quaternions of an attitude the nearer one
-                if before[3:7] @ after[3:7] < 0.0:
+            turns = h[:, None] * trajectory.v[:-1, 3:6] + h[:, None] ** 2 / 2 * trajectory.a[:, 3:6]
+            for (before, after), turn in zip(pairwise(q), turns, strict=True):
+                # Of two quaternions of an attitude the one that the step comes to: not the nearer
+                # one where the vehicle turns by more than half a revolution.
+                side = np.cos(np.linalg.norm(turn) / 2)
+                if side * (before[3:7] @ after[3:7]) < 0.0:
                     after[3:7] *= -1.0
         Z[:, layout.q] = q
         Z[:, layout.v] = trajectory.v
