@@ -31,6 +31,14 @@ def test_a_filter_refuses_what_a_point_before_beats_in_cost_and_violation() -> N
     assert point_filter.accepts(FilterMerit(cost=0.9, violation=2e-2), merit, 0.0, 1.0)
 
 
+@pytest.mark.parametrize("violation", [1.0, 1e-4, 1e-9])
+def test_a_filter_allows_no_rise_of_the_cost_for_a_hair_of_a_violation(violation: float) -> None:
+    point_filter = Filter(first_violation=1.0, largest_violation=10.0)
+    merit = FilterMerit(cost=1.0, violation=violation)
+    is_accepted = point_filter.accepts(FilterMerit(cost=1.01, violation=0.0), merit, 0.0, 1.0)
+    assert is_accepted == (violation > 1e-6)
+
+
 @pytest.mark.parametrize("cost", [0.0, 1.0, 1e6])
 def test_a_filter_takes_a_worse_cost_of_a_point_without_violation_for_rounding_alone(
     cost: float,

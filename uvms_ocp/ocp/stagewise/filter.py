@@ -12,6 +12,9 @@ _ARMIJO = 1e-4  # share of the descent that the slope promises
 # between two rules of acceptance, and no end of a search depends on it
 _LARGE_VIOLATION = 1e-4
 _NO_VIOLATION = 1e-12  # violation that is rounding
+# [1/unit of the row] cost, as a share of itself or of 1, that a point may rise by for what it
+# breaks less. Without it a hair of a violation would allow any rise.
+_LARGEST_PRICE = 1e4
 
 
 @dataclass(kw_only=True, slots=True)
@@ -66,6 +69,9 @@ class FilterMerit:
 
 def _is_better(trial: FilterMerit, entry: FilterMerit) -> bool:
     """Check that a point improves on another by enough, in violation or in cost."""
-    has_less_violation = trial.violation <= (1 - _SUFFICIENT_SHARE) * entry.violation
+    reduction = entry.violation - trial.violation
+    largest_rise = _LARGEST_PRICE * max(1.0, entry.cost) * reduction
+    is_worth_its_cost = trial.cost - entry.cost <= largest_rise
+    has_less_violation = reduction >= _SUFFICIENT_SHARE * entry.violation and is_worth_its_cost
     has_less_cost = trial.cost <= entry.cost - _SUFFICIENT_SHARE * entry.violation
     return has_less_violation or has_less_cost

@@ -44,6 +44,8 @@ _NEGLIGIBLE_RESIDUAL = 0.1
 _LARGE_GRADIENT = 100.0
 _FLAT_GAIN = 1e-5  # share of the cost that no step from an optimum may promise to gain
 _FLAT_AFTER = 15  # iterations of the last level before it ends with no more digits than that
+# steps that gain nothing, taken for digits of the optimality conditions before a level ends without
+_MAX_FLAT_STEPS = 2
 
 # Ways back to the rows.
 _MAX_RESTORATION_STEPS = 3
@@ -132,6 +134,8 @@ class StageSqp:
         """Largest violation at the point where curvature was last found not to be convex."""
         self._was_whole = False
         """The last step was neither damped nor cut."""
+        self._flat_steps = 0
+        """Steps taken so far that promised no gain worth one."""
         self._has_levels_below = level.level + 1 < level.memory.n_levels
         # What levels above leave open, those below decide: no step goes far there.
         self._base_damping = _INITIAL_DAMPING if self._has_levels_below else 0.0
@@ -209,13 +213,18 @@ class StageSqp:
         # A step that changes no gradient leads to the same multipliers: they are judged here.
         is_stationary = solution.products.change <= self._options.convergence
         is_optimal = is_stationary and self._is_optimal(solution)
-        if is_optimal or self._is_flat(merit, self._predicted_gain(solution)):
-            if self._is_proven(merit):
-                is_optimal = is_optimal or self._is_optimal(solution)
-                return NlpStatus.SOLVED if is_optimal else NlpStatus.INEXACT, merit
-            solution = self._solution  # the undamped one, which does promise a gain
-            self._memory.step[:] = solution.z
         predicted_gain = self._predicted_gain(solution)
+        if is_optimal or self._is_flat(merit, predicted_gain):
+            if not self._is_proven(merit):
+                solution = self._solution  # the undamped one, which does promise a gain
+                predicted_gain = self._predicted_gain(solution)
+            elif is_optimal or self._is_optimal(solution):
+                return NlpStatus.SOLVED, merit
+            elif self._flat_steps == _MAX_FLAT_STEPS:
+                return NlpStatus.INEXACT, merit
+            else:
+                self._flat_steps += 1
+            self._memory.step[:] = solution.z
         status, next_merit = self._search_line(merit, solution, predicted_gain)
         if status is None and self._is_optimal(solution):
             has_settled = self._was_whole and predicted_gain <= self._worthwhile_gain(next_merit)
