@@ -194,6 +194,39 @@ def test_the_first_joint_has_the_limits_of_the_leader_and_the_friction_of_all(pa
     assert_allclose(coupled.model.damping[k], 2.0 * (G[6:, k] ** 2).sum())
 
 
+@pytest.mark.parametrize("lead", ["alpha", "zeta"])
+def test_numbers_by_joint_name_are_those_of_free_joints_along_the_coupling(
+    lead: str, tmp_path: Path
+) -> None:
+    scales = {lead: (1.0, 0.0), "slider": (-2.0, 0.1), "third": (-1.0, 0.05)}
+    rotors = {lead: 0.5, "elbow": 0.2, "slider": 0.03, "third": 0.7}
+    bare = machine(tmp_path, lead)
+    lines = [f"{name}: {{rotor_inertia: {rotor}}}" for name, rotor in rotors.items()]
+    lines[0] = f"{lead}: {{rotor_inertia: {rotors[lead]}, home: 0.4, acceleration: 3.0}}"
+    lines[3] = f"third: {{rotor_inertia: {rotors['third']}, home: 0.1, acceleration: 2.0}}"
+    (tmp_path / "water.yaml").write_text(
+        WATER + f"joints: {{{', '.join(lines)}}}\n", encoding="utf-8"
+    )
+    files = {"urdf": tmp_path / "robot.urdf", "hydrodynamics": tmp_path / "water.yaml"}
+    robot = load_robot(**files)
+    (leading,) = robot.leading_joints
+    scale, offset = scales[leading]
+    k = robot.joint(leading).idx_v
+    added = np.diag(robot_dynamics(robot).mass_matrix(robot.configuration())) - np.diag(
+        robot_dynamics(bare).mass_matrix(robot.configuration())
+    )
+    own = sum((scales[name][0] / scale) ** 2 * rotors[name] for name in scales)
+    assert_allclose(added[[k, robot.joint("elbow").idx_v]], [own, 0.2], atol=1e-12)
+    assert_allclose(robot.home[k - 6], scale * 0.4 + offset)
+    assert_allclose(robot.limits.acceleration[k], 2.0 * abs(scale))
+    again = load_robot(urdf=files["urdf"], hydrodynamics=robot.description)
+    np.testing.assert_array_equal(again.model.armature, robot.model.armature)
+    np.testing.assert_array_equal(again.home, robot.home)
+    held = load_robot(**files, lock={lead: 0.2})
+    assert held.joint_names == ("elbow",)
+    np.testing.assert_array_equal(held.model.armature[held.joint_v], [0.2])
+
+
 def test_costs_of_curves_are_those_of_free_joints_along_the_coupling(pair: Pair) -> None:
     coupled, free, q, q_free, G = pair
     ball = obstacle("ball", coal.Sphere(0.5), (1.5, 0.5, 0.5))

@@ -146,6 +146,14 @@ def test_the_base_is_the_root_and_what_hangs_on_it_by_default_hangs_there(tmp_pa
     assert kinematics.pose("base_link") == kinematics.pose("hull")
 
 
+def test_what_hangs_on_a_link_hangs_there_when_a_role_takes_its_name(tmp_path: Path) -> None:
+    ball = "{name: ball, link: tool, position: [0, 0, 0], mass: 2, volume: 0}"
+    rack = link("tool") + joint("hull", "tool", "fixed")
+    robot = loaded(tmp_path, ARM, rack, water=f"tool: fore\ntrim: [{ball}]\n")
+    with_ball = robot.model.inertias[1].mass
+    assert with_ball == pytest.approx(30 + 1 + 2)
+
+
 def test_a_role_that_is_stated_wins_over_a_link_of_its_name(tmp_path: Path) -> None:
     robot = loaded(
         tmp_path, ARM, TIP, link("tool", 0) + joint("hull", "tool", "fixed"), water="tool: nozzle\n"

@@ -14,6 +14,7 @@ from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.robot import coefficients, description as descriptions
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.limits import home_of, joints_of, limits_of
+from uvms_ocp.robot.mimic import coupled_entries
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import ALTIMETER, BASE, DVL, TOOL, tools_of, with_roles
 from uvms_ocp.robot.static_balance import with_bodies
@@ -42,17 +43,16 @@ def assemble(
 
 def _of_what_is_there(description: RobotDescription, models: UrdfModels) -> RobotDescription:
     """Return the description without what it says of links and joints of the file that are left
-    out.
+    out, and with one entry for joints that move as one.
     """
     no_links = models.no_links
     no_joints = models.no_joints
+    joints = coupled_entries(description.joints, models.model, models.joint_groups)
     entries: dict[str, Any] = {
         "trim": tuple(body for body in description.trim if body.link not in no_links),
         "thrusters": tuple(t for t in description.thrusters if t.link not in no_links),
         "links": {name: link for name, link in description.links.items() if name not in no_links},
-        "joints": {
-            name: joint for name, joint in description.joints.items() if name not in no_joints
-        },
+        "joints": {name: joint for name, joint in joints.items() if name not in no_joints},
     }
     for key in (BASE, ALTIMETER, DVL):
         if getattr(description, key) in no_links:

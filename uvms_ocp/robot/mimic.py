@@ -1,5 +1,5 @@
-"""Joints that mimic another one: whom they follow in the end, where that puts them, and models in
-which they move as one.
+"""Joints that mimic another one: whom they follow in the end, where that puts them, and models and
+descriptions in which they move as one.
 
 Where joints move as one there is one coordinate of q, and one of v, for all of them: that of the
 first in Pinocchio's order.
@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.robot.description import JointDescription
 from uvms_ocp.robot.urdf_elements import read_number
 from uvms_ocp.robot.urdf_findings import Findings
 
@@ -112,3 +113,52 @@ def coupled(model: pin.Model, groups: Groups) -> pin.Model:
             shift = follower_offset - ratio * offset
             model = pin.transformJointIntoMimic(model, index[first_name], index[name], ratio, shift)
     return model
+
+
+def coupled_entries(
+    entries: Mapping[str, JointDescription], model: pin.Model, groups: Groups
+) -> dict[str, JointDescription]:
+    """Return the entries of a description by joint, of joints that move as one as one entry: that
+    of the first, in its coordinate.
+
+    model: in which they move as one.
+    """
+    coupled_entries = dict(entries)
+    for group in groups.values():  # each has its leader first
+        first_name = min(group, key=model.getJointId)
+        members = {name: entries[name] for name in group if name in entries}
+        if members.keys() <= {first_name}:
+            continue
+        for name in members:
+            del coupled_entries[name]
+        coupled_entries[first_name] = _entry_of_group(members, group, first_name)
+    return coupled_entries
+
+
+def _entry_of_group(
+    members: Mapping[str, JointDescription],
+    group: Mapping[str, tuple[float, float]],
+    first_name: str,
+) -> JointDescription:
+    """Return the entry of joints that move as one, in the coordinate of the first.
+
+    Rotors add up by the squares of their speeds, no joint exceeds its acceleration, and the home is
+    the leader's, or else that of the first follower with one.
+    """
+    scale, offset = group[first_name]
+    rotor_inertia = 0.0
+    accelerations = list[float]()
+    homes = list[float]()
+    for name, entry in members.items():
+        multiplier, member_offset = group[name]
+        ratio = multiplier / scale
+        rotor_inertia += ratio**2 * entry.rotor_inertia
+        if entry.acceleration is not None:
+            accelerations.append(entry.acceleration / abs(ratio))
+        if entry.home is not None:
+            homes.append(scale * (entry.home - member_offset) / multiplier + offset)
+    return JointDescription(
+        rotor_inertia=rotor_inertia,
+        acceleration=min(accelerations, default=None),
+        home=next(iter(homes), None),
+    )

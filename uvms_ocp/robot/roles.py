@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -323,12 +324,31 @@ def _placed(
     if model.existFrame(role):
         displaced = f"{role}_of_urdf"
         model.frames[model.getFrameId(role)].name = displaced
-        links = dict[str, LinkDescription]()
-        for link, link_description in description.links.items():
-            links[displaced if link == role else link] = link_description
-        description = description.model_copy(update={"links": links})
+        description = _with_renamed_link(description, role, displaced)
     add_frame(model, role, name, pin.FrameType.OP_FRAME)
     return description
+
+
+def _with_renamed_link(
+    description: RobotDescription, role: str, displaced: str
+) -> RobotDescription:
+    """Return the description with all that it says of the URDF's link `role` under another name.
+
+    What hangs on ``base_link`` by default hangs on the vehicle, whichever link that is.
+    """
+    links = dict[str, LinkDescription]()
+    for name, link in description.links.items():
+        links[displaced if name == role else name] = link
+    renamed: dict[str, Any] = {"links": links}
+    if role != BASE:
+        for key in ("trim", "thrusters"):
+            bodies = []
+            for body in getattr(description, key):
+                if body.link == role:
+                    body = body.model_copy(update={"link": displaced})
+                bodies.append(body)
+            renamed[key] = tuple(bodies)
+    return description.model_copy(update=renamed)
 
 
 def add_frame(model: pin.Model, name: str, at: str, kind: pin.FrameType) -> None:

@@ -57,6 +57,8 @@ class UrdfModels:
     """Links of the file that are left out."""
     no_joints: frozenset[str] = frozenset()
     """Moving joints of the file that are left out, or have no motion of their own here."""
+    joint_groups: Groups = field(default_factory=dict)
+    """Joints that move as one."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -268,6 +270,7 @@ def models_and_notes(
         model=model,
         no_links=frozenset(links - remaining_links),
         no_joints=frozenset(joints - moving),
+        joint_groups=groups,
     )
     return models, _shortened([*notes, *findings.notes])
 
