@@ -125,14 +125,21 @@ def test_a_configuration_is_sound_where_every_quaternion_and_circle_in_it_has_no
     assert validity == {True, False}
 
 
-def test_a_robot_that_has_never_measured_is_stopped(robot: Robot) -> None:
+def test_a_robot_that_has_never_measured_holds_until_first_readings_are_overdue(
+    robot: Robot,
+) -> None:
     broken = StateEstimate(
         q=np.full(robot.n_q, np.nan), v=np.zeros(robot.n_v), altimeter_range=math.nan
     )
     assert LastValidEstimate(robot)(broken, 0.0).age == np.inf
-    command = diving(robot)(broken, 0.0)
-    assert command.stop
-    assert not command.v.any()
+    control = diving(robot)
+    stop_after = control.watchdog.stop_after
+    for t in (0.0, stop_after):
+        command = control(broken, t)
+        assert command.hold
+        assert not command.stop
+        assert not command.v.any()
+    assert control(broken, stop_after + DT).stop
 
 
 @pytest.mark.parametrize("outage", [0.0, CALM])

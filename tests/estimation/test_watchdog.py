@@ -49,7 +49,7 @@ def test_a_noisy_run_whose_first_fix_is_late_begins_without_an_alarm() -> None:
     record = dataclasses.replace(
         scenario, sensors=dataclasses.replace(scenario.specs, position=late)
     ).run()
-    assert record["freshness"][0] == Freshness.LOST
+    assert record["freshness"][0] == Freshness.STALE
     assert record["freshness"][-1] == Freshness.FRESH
     assert record.meta.alarms == ()
 

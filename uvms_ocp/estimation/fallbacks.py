@@ -42,7 +42,9 @@ class Freshness(enum.IntEnum):
     FRESH = 0
     """Go on."""
     STALE = 1
-    """Hold: brake along a ramp, without feedback from what is stale."""
+    """Hold: brake along a ramp, without feedback from what is stale. So at the beginning, while
+    first readings are under way.
+    """
     LOST = 2
     """Stop: no thrust; motors hold the arm."""
 
@@ -91,7 +93,7 @@ class Watchdog:
         self._waits = self._waits and age == math.inf
         if math.isnan(self._begun):
             self._begun = t
-        is_early = self._waits and t - self._begun <= self.stop_after
+        is_early = self._waits and is_under_way(t - self._begun, self.stop_after)
         if verdict is self._verdict or is_early:
             return verdict
         self._verdict = verdict
@@ -113,6 +115,13 @@ def freshness_of(age: float, hold_after: float, stop_after: float) -> int:
     if age <= stop_after:
         return Freshness.STALE
     return Freshness.LOST
+
+
+def is_under_way(waited: float, stop_after: float) -> bool:
+    """Return whether a first reading that has been waited for [s] may still be on its way;
+    `stop_after` [s] of a `Watchdog`. A kernel.
+    """
+    return waited <= stop_after
 
 
 _TEXTS = {

@@ -24,6 +24,7 @@ from uvms_ocp.estimation.fallbacks import (
     echo_range,
     freshness_of,
     hold_last_valid,
+    is_under_way,
     point_altimeter,
 )
 from uvms_ocp.mission import progress
@@ -100,6 +101,10 @@ def prepare_tick(m: TickMemory) -> None:
     m.echo_is_oldest = echo_age > age
     m.oldest = max(age, echo_age)
     m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)
+    m.awaits_first = m.awaits_first and m.age == math.inf
+    if m.awaits_first and is_under_way(m.t - m.mission.began, m.stop_after):
+        # Weight and buoyancy are carried meanwhile, or the vehicle would fall.
+        m.freshness = int(Freshness.STALE)
     m.holds = is_blind(m) or m.restriction.hold or (m.restriction.ended and not m.distress.aborts)
     for i in range(len(m.previous)):
         m.previous[i] = m.command[i] / m.pace

@@ -115,6 +115,8 @@ class TickMemory(Layout):
     """[s] age of what is."""
     freshness: int
     """A `Freshness`."""
+    awaits_first: bool
+    """No estimate has had a reading of all that it needs yet."""
     holds: bool
     """The robot comes to rest, whatever the tasks want."""
     swings: Annotated[list[int], Sized(3)]
@@ -215,6 +217,7 @@ def tick_memory(
         stop_after=watchdog.stop_after,
         pace=1.0,
         near=True,
+        awaits_first=True,
         place=robot.configuration(),
         last_phase_quantities=math.nan,
         velocity_limit=robot.limits.velocity + jerk_limit.unlimited_axes(robot),

@@ -1,0 +1,117 @@
+"""The first ticks of a run, in which late sensors have not spoken yet."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from compiler import long_without_compiler
+
+from uvms_ocp.control.force.dynamic import DynamicController
+from uvms_ocp.robot.description import TrimBody
+from uvms_ocp.robot.dynamics import robot_dynamics
+from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.signals import StateEstimate
+from uvms_ocp.robot.static_balance import with_trim
+from uvms_ocp.robot.thrusters import largest_wrench
+from uvms_ocp.scenario.cases.bluerov import reach
+from uvms_ocp.scenario.scenario import Scenario
+
+_ARM = 0.5  # [m] of the lead to one side of the vehicle's origin, and of the foam to the other
+_GRAVITY = 9.81  # [m/s2]
+_LEAD = 11340.0  # [kg/m3]
+_LIGHTEST = 0.2  # share of the mass of the lead that the foam has
+_FALLEN = 0.2  # [rad] tilt of a vehicle that was not held
+
+
+def out_of_trim(robot: Robot, axis: int, share: float) -> Robot:
+    """Return the robot with a moment about an axis of rotation, 3 or 4, or with weight, axis 2: a
+    share of the largest that its thrusters have there.
+    """
+    wrench = share * float(largest_wrench(robot)[axis])
+    density = robot.description.water_density
+    if axis == 2:
+        mass = wrench / _GRAVITY
+        return with_trim(robot, [lead(mass, (0.0, 0.0, 0.0))])
+    mass = wrench / (2.0 * _ARM * _GRAVITY)
+    side = [0.0, 0.0, 0.0]
+    side[axis % 2] = _ARM
+    lifted = mass * (1.0 - density / _LEAD)
+    foam = TrimBody(
+        name="foam",
+        position=(-side[0], -side[1], -side[2]),
+        mass=_LIGHTEST * mass,
+        volume=(lifted + _LIGHTEST * mass) / density,
+    )
+    return with_trim(robot, [lead(mass, (side[0], side[1], side[2])), foam])
+
+
+def lead(mass: float, position: tuple[float, float, float]) -> TrimBody:
+    return TrimBody(name="lead", position=position, mass=mass, volume=mass / _LEAD)
+
+
+def late(robot: Robot, *, position: float, gyro: float, dt: float, seed: int) -> Scenario:
+    """Return a short run of a robot whose fixes and gyro are late [s]."""
+    scenario = reach(robot=robot, noise=True, seed=seed, dt=dt, duration=position + 0.8)
+    specs = scenario.specs
+    assert specs.position is not None
+    assert specs.angular_velocity is not None
+    late_specs = dataclasses.replace(
+        specs,
+        position=dataclasses.replace(specs.position, delay=position),
+        angular_velocity=dataclasses.replace(specs.angular_velocity, delay=gyro),
+    )
+    return dataclasses.replace(scenario, sensors=late_specs)
+
+
+def tilts(q: np.ndarray) -> np.ndarray:
+    """Return the angles (n,) [rad] between the z axis of the vehicle in q (n, n_q) and that in the
+    first row.
+    """
+    axes = np.array([pin.Quaternion(row[3:7]).toRotationMatrix()[:, 2] for row in q])
+    return np.arccos(np.clip(axes @ axes[0], -1.0, 1.0))
+
+
+@pytest.mark.parametrize("axis", [2, 3, 4])
+def test_the_first_command_carries_weight_and_buoyancy(axis: int) -> None:
+    robot = out_of_trim(load_robot("bluerov2_alpha5"), axis, 0.3)
+    scenario = reach(robot=robot)
+    dynamics = robot_dynamics(robot)
+    layer = DynamicController(
+        robot=robot, dynamics=dynamics, kinematic=scenario.kinematic_controller()
+    )
+    awaiting = StateEstimate(
+        q=scenario.start, v=np.zeros(robot.n_v), altimeter_range=math.nan, age=math.inf
+    )
+    rest = np.zeros(robot.n_v)
+    weight = dynamics.inverse_dynamics(scenario.start, rest, rest)[:6]
+    assert abs(weight[axis]) > 1.0
+    command = layer(awaiting, 0.0)
+    assert not command.stop
+    np.testing.assert_allclose(command.telemetry["wrench"], weight, atol=1e-9)
+    np.testing.assert_allclose(command.telemetry["unreachable"], np.zeros(6), atol=1e-6)
+
+
+@long_without_compiler
+@pytest.mark.parametrize(
+    ("axis", "share", "position", "gyro", "dt", "seed"),
+    [
+        (4, 0.3, 0.5, 0.02, 0.005, 0),
+        (3, 0.3, 0.5, 0.05, 0.005, 1),
+        (2, 0.5, 0.3, 0.05, 0.01, 2),
+        pytest.param(4, 0.5, 0.5, 0.05, 0.01, 3, marks=pytest.mark.slow),
+        pytest.param(3, 0.5, 0.2, 0.03, 0.02, 4, marks=pytest.mark.slow),
+    ],
+)
+def test_nothing_falls_and_nothing_is_refused_while_late_sensors_are_awaited(
+    axis: int, share: float, position: float, gyro: float, dt: float, seed: int
+) -> None:
+    robot = out_of_trim(load_robot("bluerov2_alpha5"), axis, share)
+    record = late(robot, position=position, gyro=gyro, dt=dt, seed=seed).run()
+    assert tilts(np.array(record["q"])).max() < _FALLEN
+    assert np.abs(record["q"][:, 2] - record["q"][0, 2]).max() < _FALLEN
+    assert record.meta.alarms == ()
