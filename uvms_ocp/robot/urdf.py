@@ -31,10 +31,11 @@ from uvms_ocp.robot.urdf_elements import (
     quoted,
     read_axis,
     read_origin,
+    read_sizes,
     read_urdf_xml,
 )
 from uvms_ocp.robot.urdf_findings import Findings
-from uvms_ocp.robot.urdf_meshes import find_mesh, mesh_problem
+from uvms_ocp.robot.urdf_meshes import collada_asset, find_mesh, mesh_problem
 from uvms_ocp.robot.urdf_words import unread_words
 
 _log = logging.getLogger(__name__)
@@ -261,6 +262,7 @@ def models_and_notes(
     findings = Findings(path)
     folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
     _resolve_meshes(findings, root, folders)
+    _scale_to_metres(findings, root)
     models = _build(findings, root, free_flyer)
     model = coupled(models.model, groups)
     moving = {name for name, joint in zip(model.names, model.joints, strict=True) if joint.nv}
@@ -285,6 +287,44 @@ def _resolve_meshes(findings: Findings, root: Element, folders: Sequence[Path]) 
             else:
                 mesh.set("filename", str(mesh_file))
     findings.refuse()
+
+
+def _scale_to_metres(findings: Findings, root: Element) -> None:
+    """Multiply the scale of Collada meshes by the unit that they state, which the loader does not
+    do. Their axes stay, as in RViz: most files that state y up have z up.
+    """
+    units = dict[str, float]()
+    turned = dict[str, str]()
+    for link, shape in _shapes_of(root):
+        for mesh in shape.iter("mesh"):
+            file = Path(mesh.get("filename", ""))
+            asset = collada_asset(file)
+            if asset.up_axis != "Z_UP":
+                turned[file.name] = asset.up_axis
+            if asset.metres == 1.0:
+                continue
+            units[file.name] = asset.metres
+            where = f"link {link.get('name')!r} {shape.tag}"
+            scale = np.array(read_sizes(findings.path, mesh, where))
+            mesh.set("scale", _words(scale * asset.metres))
+    if units:
+        stated = [f"{name!r} ({metres:g} m)" for name, metres in units.items()]
+        findings.notes.append(f"meshes that state a unit are read in it: {_first_of(stated)}")
+    if turned:
+        stated = [f"{name!r} ({axis})" for name, axis in turned.items()]
+        findings.notes.append(
+            f"meshes that state other axes than z up are not turned, as in RViz: {_first_of(stated)};"
+            " look at the picture of `uvms-ocp show`"
+        )
+
+
+def _first_of(words: Sequence[str]) -> str:
+    """Return the first words in a row, and how many more there are."""
+    text = ", ".join(words[:_MAX_NOTES])
+    n_more = len(words) - _MAX_NOTES
+    if n_more > 0:
+        text += f" and {n_more} more"
+    return text
 
 
 def _give_up(findings: Findings, link: Element, shape: Element, problem: str) -> None:

@@ -1,4 +1,4 @@
-"""Find the files of the meshes of a URDF, and say what is wrong with them."""
+"""Find the files of the meshes of a URDF, in which unit they are, and say what is wrong with them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import coal
@@ -14,10 +15,14 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import note_file_read
 from uvms_ocp.record.xml_file import read_xml, read_xml_text
-from uvms_ocp.robot.urdf_elements import read_urdf_xml
+from uvms_ocp.robot.urdf_elements import read_urdf_xml, to_float
 
 _LFS = b"version https://git-lfs"
 """First bytes of a file that Git LFS has not fetched."""
+_COLLADA_HEAD = 65536  # bytes within which a Collada file states its unit and axes
+_UNITS = (1e-6, 1e6)  # [m] what a unit of length may be
+_COLLADA_METRE = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']\s*([^"'\s]+)\s*["']""")
+_COLLADA_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ]_UP)\s*</up_axis>")
 _DECLARED_ENCODING = re.compile(r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["']""")
 
 
@@ -52,6 +57,31 @@ def _is_package(folder: Path, package: str) -> bool:
         if os.path.isfile(manifest):
             return read_xml(manifest).findtext("name", "").strip() == package
     return False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ColladaAsset:
+    """What a Collada file states of its coordinates."""
+
+    metres: float = 1.0
+    """Length of its unit [m]."""
+    up_axis: str = "Z_UP"
+    """The axis that points up: ``X_UP``, ``Y_UP`` or ``Z_UP``."""
+
+
+def collada_asset(file: Path) -> ColladaAsset:
+    """Read the unit and the axes of a mesh; metres with z up of one that states none."""
+    if file.suffix.lower() != ".dae":
+        return ColladaAsset()
+    with suppress(OSError), file.open("rb") as stream:
+        head = stream.read(_COLLADA_HEAD)
+        unit = _COLLADA_METRE.search(head)
+        metres = to_float(unit[1].decode("latin-1")) if unit else 1.0
+        if not _UNITS[0] <= metres <= _UNITS[1]:
+            metres = 1.0
+        up_axis = _COLLADA_UP_AXIS.search(head)
+        return ColladaAsset(metres=metres, up_axis=up_axis[1].decode() if up_axis else "Z_UP")
+    return ColladaAsset()
 
 
 def mesh_problem(file: Path, loader: coal.MeshLoader) -> str:

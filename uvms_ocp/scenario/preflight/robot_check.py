@@ -29,6 +29,7 @@ from uvms_ocp.robot import (
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
+from uvms_ocp.scenario.preflight.mesh_sizes import mesh_size_doubts
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -251,6 +252,8 @@ def _shapes(robot: Robot) -> Iterator[RobotFinding]:
         yield _good(
             "shapes", f"{shapes.ngeoms} {kind} shapes, {n_meshes} of them meshes, all found"
         )
+    for doubt in mesh_size_doubts(robot):
+        yield _warning("shapes", doubt)
     unshaped = links_without_shape(robot)
     if unshaped and robot.collision_model.ngeoms:
         text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
