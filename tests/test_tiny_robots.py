@@ -24,6 +24,7 @@ from uvms_ocp.report.metrics import estimate_table
 from uvms_ocp.report.summary import RunSummary, summarize
 from uvms_ocp.robot.signals import Command, SensorSpecs, State
 from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.sim import GustyCurrent, ShearedCurrent
 from uvms_ocp.viz import plot, show, write_figures, write_scene
 
 
@@ -159,6 +160,25 @@ def test_a_campaign_has_the_least_margin_of_joints_that_slide() -> None:
     q = record["q"][:, -1:]
     away = np.minimum(q - limits.position_lower, limits.position_upper - q).min()
     assert run_metrics(scenario, record)["joint_margin_m"] == pytest.approx(away)
+
+
+SHEARED = ShearedCurrent(z=[-10.0, 0.0], velocities=[[0.0, 0.0, 0.0], [0.2, 0.1, 0.0]])
+LAYERS = {
+    "of two heights": SHEARED,
+    "of one height": ShearedCurrent(z=[-10.0], velocities=[[0.1, 0.0, 0.0]]),
+    "with gusts": GustyCurrent(base=SHEARED),
+}
+
+
+@pytest.mark.parametrize("layers", LAYERS)
+@pytest.mark.parametrize("name", ["fixed base, no thrusters", "one wet link", "no joints"])
+def test_a_current_that_varies_with_depth_flows_past_a_single_link(name: str, layers: str) -> None:
+    scenario = scenario_of(robot_of(TINY[name]), "dynamic", duration=0.02)
+    environment = replace(scenario.environment, current=LAYERS[layers])
+    scenario = replace(scenario, environment=environment)
+    scenario.check()
+    record = scenario.run()
+    assert np.linalg.norm(record["current"][1:], axis=1).min() > 0.05
 
 
 def test_a_figure_of_zero_is_on_the_page() -> None:

@@ -17,9 +17,14 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.annotation_kinds import kinds_of
 from uvms_ocp.argument_kinds import Kind
-from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError, short
+from uvms_ocp.errors import ArgumentMissing, ArgumentNotFound, InvalidInput, UvmsError, short
 from uvms_ocp.types import Range, Shape
-from uvms_ocp.written_functions import parameter_source, written_function
+from uvms_ocp.written_functions import (
+    NOT_GIVEN,
+    is_required,
+    parameter_source,
+    written_function,
+)
 
 _T = TypeVar("_T", bound=Callable[..., Any])
 _P = ParamSpec("_P")
@@ -42,7 +47,8 @@ def checked(thing: _T) -> _T:
     A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A
     function gets an array where its annotation asks for one. Wrong arguments raise `InvalidInput`,
     in one line that names the argument, and of a constructor the value, by its argument `name` or
-    `to`; a name that no argument has raises `ArgumentNotFound`, with the nearest.
+    `to`; a name that no argument has raises `ArgumentNotFound`, with the nearest, and a call without
+    an argument that it needs `ArgumentMissing`.
     """
     if isinstance(thing, type):
         return _checked_class(thing)
@@ -170,7 +176,9 @@ class _Arguments:
 
     @cached_property
     def _names(self) -> dict[str, None] | None:
-        """What may be given by name, in its order; `None` where any name may, by ``**``."""
+        """Names of the arguments, in their order; `None` for a function that takes any name, by
+        ``**``.
+        """
         names = dict[str, None]()
         for name, parameter in self._parameters.items():
             if parameter.kind is parameter.VAR_KEYWORD:
@@ -178,6 +186,10 @@ class _Arguments:
             if parameter.kind is not parameter.VAR_POSITIONAL:
                 names[name] = None
         return names
+
+    @cached_property
+    def _required(self) -> tuple[str, ...]:
+        return tuple(name for name, value in self._parameters.items() if is_required(value))
 
     @cached_property
     def _shaped(self) -> tuple[str, ...]:
@@ -188,14 +200,18 @@ class _Arguments:
         return frozenset(name for name, kind in self._kinds.items() if kind.converts)
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
-        """Raise `InvalidInput` for a wrong argument, and `ArgumentNotFound` for a name that none
-        has.
+        """Raise `InvalidInput` for a wrong argument, `ArgumentNotFound` for a name that none has,
+        and `ArgumentMissing` for one that is needed and not given.
         """
         if self._names is not None and not kwargs.keys() <= self._names.keys():
             unknown = next(name for name in kwargs if name not in self._names)
             allowed_names = [name for name in self._names if name != "self"]
             raise ArgumentNotFound(self.title, unknown, allowed_names)
         arguments = dict(zip(self._by_place, args, strict=False)) | kwargs
+        for name in self._required:
+            if arguments.get(name, NOT_GIVEN) is NOT_GIVEN:
+                allowed = self._kinds.get(name, Kind()).allowed
+                raise ArgumentMissing(self._called(arguments), name, allowed)
         for name, value in arguments.items():
             kind = self._kinds.get(name)
             if kind is None or kind.holds(value) or value is self._parameters[name].default:
@@ -283,7 +299,7 @@ def _checked_after_failure(function: Any, owner: type | None) -> Any:
     # A constructor says best itself what is wrong; what a method passes on names the arguments of
     # another call.
     passed_on = UvmsError if function.__name__ == "__init__" else ()
-    parameters = parameter_source(function)
+    parameters = parameter_source(function, all_optional=True)
     source = _AFTER_FAILURE.format(
         declaration=parameters.declaration, arguments=parameters.arguments, doubt=_doubt(function)
     )
@@ -291,6 +307,7 @@ def _checked_after_failure(function: Any, owner: type | None) -> Any:
         "_function": function,
         "_explain": explain,
         "_passed_on": passed_on,
+        "_not_given": NOT_GIVEN,
         **parameters.defaults,
         **_CLASSES,
     }
@@ -315,12 +332,13 @@ for _usual, _classes in _CHECKED_BY_CLASS.values():
 
 
 def _doubt(function: Callable[..., Any]) -> str:
-    """Source that is true where a plain argument may be wrong: a call that does not read one would
-    not fail.
+    """Source that is true where a plain argument may be wrong or one is not given: a call that does
+    not read it would not fail.
     """
     # Annotations are read as text: while a module is imported, its names are not all there. Those
     # of five plain classes need none; what else there is, is read by `kinds_of` after a failure.
     doubts = []
+    checked_names = set[str]()
     for name, annotation in function.__annotations__.items():
         if name == "return" or not isinstance(annotation, str):
             continue
@@ -333,6 +351,10 @@ def _doubt(function: Callable[..., Any]) -> str:
         doubts.append(f"(type({name}) is not {usual} and type({name}) not in {usual}s)")
         extra_class = Shape if class_name == "np.ndarray" else Range
         doubts += [extra.doubt(name) for extra in extras if isinstance(extra, extra_class)]
+        checked_names.add(name)
+    for name, parameter in inspect.signature(function).parameters.items():
+        if is_required(parameter) and name not in checked_names:
+            doubts.append(f"{name} is _not_given")
     return " or ".join(doubts) or "False"
 
 

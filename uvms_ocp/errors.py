@@ -102,6 +102,13 @@ class ArgumentNotFound(NameNotFound, TypeError):
         super().__init__(f"argument of {call}", given, allowed)
 
 
+class ArgumentMissing(UvmsError, TypeError):
+    """An argument that a call needs and does not get."""
+
+    def __init__(self, call: str, name: str, allowed: str) -> None:
+        super().__init__(f"{call}: {name} is missing; give {allowed}")
+
+
 class RobotDataError(InvalidInput):
     """A robot file (URDF or YAML) that is missing, broken or physically impossible."""
 

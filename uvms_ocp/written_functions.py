@@ -14,6 +14,10 @@ _STARS: dict[Any, str] = {
 }
 
 
+NOT_GIVEN: Any = object()
+"""Value of an argument that a call does not give although it is needed."""
+
+
 def written_function(source: str, name: str, names: Mapping[str, Any]) -> Any:
     """Return the function `name` that the source defines; `names` are its globals."""
     # By `exec`, as nothing but source makes a function whose parameters are not known beforehand;
@@ -37,8 +41,21 @@ class ParameterSource(NamedTuple):
     """
 
 
-def parameter_source(function: Callable[..., Any]) -> ParameterSource:
-    """Write the parameters of a function as source."""
+def is_required(parameter: inspect.Parameter) -> bool:
+    """Return whether a call has to give an argument for the parameter, of a method `self` apart."""
+    if parameter.kind in _STARS or parameter.name in ("self", "cls"):
+        return False
+    return parameter.default is parameter.empty
+
+
+def parameter_source(
+    function: Callable[..., Any], *, all_optional: bool = False
+) -> ParameterSource:
+    """Write the parameters of a function as source.
+
+    all_optional: with the default `NOT_GIVEN` where the function has none, so that a call without
+    a required argument gets through to where it is named.
+    """
     declarations = []
     arguments = []
     defaults = {}
@@ -49,7 +66,10 @@ def parameter_source(function: Callable[..., Any]) -> ParameterSource:
         if is_keyword_only and not has_star:
             declarations.append("*")
         has_star = has_star or is_keyword_only or stars == "*"
-        if parameter.default is parameter.empty:
+        if all_optional and is_required(parameter):
+            declarations.append(f"{name}=_default_{name}")
+            defaults[f"_default_{name}"] = NOT_GIVEN
+        elif parameter.default is parameter.empty:
             declarations.append(f"{stars}{name}")
         else:
             defaults[f"_default_{name}"] = parameter.default

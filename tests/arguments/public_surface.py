@@ -77,6 +77,22 @@ def _calls(exported: Any) -> Iterator[Call]:
             yield from _call(f"{exported.__name__}.{name}", member, exported)
 
 
+def inherited_methods() -> Iterator[tuple[str, Callable[..., Any]]]:
+    """Public methods that exported classes have from bases of the package, with their titles."""
+    for exported in _exported():
+        if not inspect.isclass(exported) or getattr(exported, "_is_protocol", False):
+            continue
+        for base in exported.__mro__[1:]:
+            is_of_package = base.__module__.startswith(f"{uvms_ocp.__name__}.")
+            if not is_of_package or getattr(base, "_is_protocol", False):
+                continue
+            for name, member in vars(base).items():
+                if name.startswith("_") or name in vars(exported):
+                    continue
+                if inspect.isfunction(member) and list(_call(name, member, base)):
+                    yield f"{exported.__name__}.{name}", getattr(exported, name)
+
+
 def _call(title: str, function: Callable[..., Any], owner: type | None) -> Iterator[Call]:
     signature = inspect.signature(inspect.unwrap(function))  # without what completion is shown
     parameters = dict(signature.parameters)

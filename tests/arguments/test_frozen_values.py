@@ -28,6 +28,7 @@ ERRORS = [
     NameNotFound("robot", "nautilus", ["girona"]),
     exceptions.FrameNotFound("tol", ["tool"]),
     exceptions.ArgumentNotFound("load_robot", "varient", ["variant"]),
+    exceptions.ArgumentMissing("Icat.solve", "levels", "a sequence of which each is a Level"),
     exceptions.RobotDataError("robot.urdf", "broken"),
     OutputError("no room"),
     OutputError(errno.ENOSPC, "full", "record.npz"),

@@ -14,7 +14,7 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.cases import SCENARIOS
-from uvms_ocp.scenario.options import RunOptions, run_options
+from uvms_ocp.scenario.options import RunOptions, apply_options, run_options
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.icat import Icat
@@ -133,3 +133,20 @@ def test_signatures_name_the_options_of_all_scenarios(name: str) -> None:
     assert {each.name for each in fields(RunOptions)} <= set(parameters)
     assert "options" not in parameters
     assert all(each.kind is each.KEYWORD_ONLY for each in parameters.values())
+
+
+@pytest.mark.parametrize("faults", [0, 1j, object(), 0.5, True])
+def test_faults_that_are_no_list_are_refused_with_what_a_fault_looks_like(faults: object) -> None:
+    refused = pytest.raises(
+        InvalidInput, match=r"^faults = .*; give a list of faults, each as TARGET:"
+    )
+    with refused:
+        SCENARIOS["case1"](faults=faults)
+    with refused:
+        apply_options(default("reach"), {"faults": faults})
+
+
+@pytest.mark.parametrize("noise", [(), np.zeros(0), np.zeros(2), "yes", 1])
+def test_noise_that_is_neither_true_nor_false_is_refused(noise: object) -> None:
+    with pytest.raises(InvalidInput, match=r"^RunOptions: noise = .*; give True or False"):
+        apply_options(default("reach"), {"noise": noise})

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -28,8 +28,8 @@ counts from the start of the phase; highest priority first.
 """
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Threshold:
+@checked_dataclass()
+class Threshold:
     """A measured quantity on the desired side of a limit."""
 
     sign: ClassVar[str]
@@ -88,7 +88,7 @@ class _Threshold:
 
 
 @checked_dataclass()
-class Below(_Threshold):
+class Below(Threshold):
     """True once a measured quantity, named ``task.quantity``, is below `limit`, until it reaches
     `release` again.
 
@@ -100,7 +100,7 @@ class Below(_Threshold):
 
 
 @checked_dataclass()
-class Above(_Threshold):
+class Above(Threshold):
     """True once a measured quantity exceeds `limit`, and until it falls to `release`; mirror of
     `Below`.
 

@@ -127,7 +127,7 @@ class Term(ABC):
         return ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class TaskRows(Term):
     """Rows of a task of the velocity hierarchy, with its name, goal and environment."""
 

@@ -201,19 +201,18 @@ def apply_options(scenario: Scenario, options: Mapping[str, Any]) -> Scenario:
 
     Raises `InvalidInput` and `NameNotFound` as `run_options` and `Scenario` do.
     """
+    requested = run_options(options, robot=scenario.robot)
     changes: dict[str, Any] = {}
-    for name in ("plant", "solver", "seed", "duration", "dt", "record_rate"):
+    for name in ("plant", "solver", "seed", "duration", "dt", "record_rate", "faults"):
         if name in options:
-            changes[name] = options[name]
+            changes[name] = getattr(requested, name)
     surroundings: dict[str, Any] = {}
     if "current" in options:
-        surroundings["current"] = current_from(options["current"])
+        surroundings["current"] = requested.current
     if "seabed" in options:
-        surroundings["seafloor"] = FlatSeafloor(z=options["seabed"])
+        surroundings["seafloor"] = FlatSeafloor(z=requested.seabed)
     if "noise" in options:
-        changes["sensors"] = _sensors(scenario.robot, options["noise"])
-    if "faults" in options:
-        changes["faults"] = parse_faults(options["faults"])
+        changes["sensors"] = _sensors(scenario.robot, requested.noise)
     environment = replace(scenario.environment, **surroundings)
     return replace(scenario, environment=environment, **changes)
 

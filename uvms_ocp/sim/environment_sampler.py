@@ -76,7 +76,10 @@ class EnvironmentSampler:
         """Write what there is at configuration q (n_q,) [m, rad] and time t [s], for the next dt
         [s].
         """
-        sites = _NOWHERE if self._sites is None else self._sites(q)[0].T
+        sites = _NOWHERE
+        if self._sites is not None:
+            (p_W,) = self._sites(q)
+            sites = p_W.reshape(3, -1).T  # of a single site a column, (3,)
         if not self._steady:
             self._sample_water(sites[: self._n_links], t)
         if self._flat:

@@ -291,6 +291,8 @@ def parse_faults(given: Iterable[str | Fault]) -> tuple[Fault, ...]:
     """Return faults, of which some may be texts. Raises `InvalidInput` and `NameNotFound`, in one
     line.
     """
+    if not isinstance(given, Iterable):
+        raise InvalidInput(f"faults = {short(given)}; give a list of faults, each as {_FORM}")
     faults = list[Fault]()
     for fault in given:
         faults.append(fault if isinstance(fault, Fault) else parse_fault(fault))

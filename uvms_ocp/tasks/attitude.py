@@ -7,7 +7,7 @@ would meet the row by whatever is left, and flee.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import casadi as ca
@@ -53,7 +53,7 @@ def misalignment(a: ca.SX, b: ca.SX, fallback: ca.SX) -> tuple[ca.SX, ca.SX]:
     return ca.atan2(sine, ca.dot(a, b)), axis
 
 
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+@checked_dataclass(eq=False)
 class AngleTask(Task):
     """Shared fields of tasks that keep one angle theta small by an inequality."""
 

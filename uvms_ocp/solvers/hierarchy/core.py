@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from uvms_ocp.checks import checked_on_failure
+from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
 from uvms_ocp.codegen.compile import WIDE_MACROS, c_macros, compile_function, external_function
 from uvms_ocp.solvers.hierarchy import solution
@@ -119,6 +119,7 @@ class CoreTick:
         )
 
 
+@checked
 class CompiledSolver:
     """Base of the solvers that run a core in C where there is a compiler, and the same method in
     NumPy otherwise.
