@@ -29,9 +29,9 @@ class Violation(NamedTuple):
     place: str
     """Where it is, such as ``phases[2].name``."""
     problem: str
-    """What is wrong with it, as it follows the place."""
+    """Predicate of a sentence whose subject is the place, such as ``= -1``."""
     allowed: str
-    """What is allowed there."""
+    """Values that would be right, in words, such as ``a number >= 0``."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,19 @@ def read(tmp_path: Path, text: str) -> RobotDescription:
     return read_description(path)
 
 
+@pytest.mark.parametrize(
+    ("minimum", "maximum", "largest_thrust"),
+    [(-40, 50, 50), (-60, 50, 60), (-60, 0, 60), (0, 5, 5)],
+)
+def test_the_largest_thrust_of_a_thruster_is_that_of_its_stronger_direction(
+    tmp_path: Path, minimum: float, maximum: float, largest_thrust: float
+) -> None:
+    limits = f"minimum: {minimum}, maximum: {maximum}"
+    thruster = THRUSTER.replace("minimum: -40, maximum: 40", limits)
+    description = read(tmp_path, f"links: {{}}\nthrusters: [{{{thruster}}}]")
+    assert description.thrusters[0].largest_thrust == largest_thrust
+
+
 def coefficients(text: str) -> str:
     return f"links: {{hull: {{coefficients: {{{text}}}}}}}"
 

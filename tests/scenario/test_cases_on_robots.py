@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -129,22 +130,18 @@ def tour(**options: object) -> Scenario:
     go.
     """
     run = run_options({"robot": "torpedo_auv", "duration": 200.0, **options}, seabed=-15.0)
-    headings = [float(np.arctan2(b[1] - a[1], b[0] - a[0])) for a, b in pairwise(PLACES)]
-    goals = [
-        uo.pose_at(place, (0.0, 0.0, yaw)) for place, yaw in zip(PLACES[1:], headings, strict=True)
-    ]
-    turned, beyond_goal = (
-        uo.Below(quantity="AT.misalignment", limit=0.07),
-        uo.Below(quantity="PC.position_error", limit=0.3),
-    )
+    goals = []
+    for place, next_place in pairwise(PLACES):
+        heading = math.atan2(next_place[1] - place[1], next_place[0] - place[0])
+        goals.append(uo.pose_at(next_place, (0.0, 0.0, heading)))
+    aligned = uo.Below(quantity="AT.misalignment", limit=0.07)
+    arrived = uo.Below(quantity="PC.position_error", limit=0.3)
     phases = []
     for k, goal in enumerate(goals):
         at = goal.translation
-        phases.append(phase_of(f"T{k}", "turn", ("MAC", "AT"), f"A{k}", turned, hold=1.0, AT=at))
+        phases.append(phase_of(f"T{k}", "turn", ("MAC", "AT"), f"A{k}", aligned, hold=1.0, AT=at))
         to = f"T{k + 1}" if k + 1 < len(goals) else uo.DONE
-        phases.append(
-            phase_of(f"A{k}", "swim", ("MAC", "AT", "PC"), to, beyond_goal, PC=goal, AT=at)
-        )
+        phases.append(phase_of(f"A{k}", "swim", ("MAC", "AT", "PC"), to, arrived, PC=goal, AT=at))
     tasks = [MinimumAltitude(), Alignment(goal=goals[0].translation), VehiclePose(goal=goals[0])]
     return run.scenario(
         name="tour",

@@ -173,10 +173,10 @@ def test_a_current_made_of_a_uniform_one_is_not_taken_for_it() -> None:
 
 
 class TidalCurrent(UniformCurrent):
-    """Made of a uniform one, and still the same everywhere: its `uniform_flow` is its own."""
+    """Made of a uniform one, and still the same everywhere: its `flow` is its own."""
 
-    def uniform_flow(self, t: float) -> np.ndarray:
-        return math.cos(t) * super().uniform_flow(t)
+    def flow(self, t: float) -> np.ndarray:
+        return math.cos(t) * super().flow(t)
 
 
 class LayeredTidalCurrent(TidalCurrent):

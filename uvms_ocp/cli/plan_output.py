@@ -1,4 +1,4 @@
-"""What a plan of any method writes and prints."""
+"""Write the files of a plan and print its figures, by whatever method it was found."""
 
 from __future__ import annotations
 

@@ -98,8 +98,8 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
 
     @property
     def words(self) -> tuple[str | None, ...]:
-        """For each column, then each row: the word that reads as 1 (every other word as 0); None
-        where numbers are read.
+        """Words of the columns, then of the rows, that a flag is read by: a cell with this word is
+        1, any other 0. None for columns and rows of numbers.
         """
         words: list[str | None] = [None] * len(self.fields)
         for value in self.rows.values():

@@ -32,9 +32,9 @@ class GuessedName:
     """A name for a column that has none."""
 
     name: str
-    """As a file with a header would call it."""
+    """Heading of a column of the same contents, such as ``roll``."""
     evidence: str
-    """Columns that were guessed together, and what speaks for it."""
+    """Columns that were guessed together, and the reason for the guess."""
 
 
 def guessed_names(

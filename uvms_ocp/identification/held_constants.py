@@ -131,10 +131,12 @@ def _origin(name: str, settings: CalibrationSettings) -> str:
 
 
 class _Effects:
-    """What changes of the unknowns mean for the numbers, in their standard errors."""
+    """Changes of a robot's numbers that follow from changes of the unknowns of a fit."""
 
     def __init__(self, fitted: FitContext, inflation: float) -> None:
-        """inflation: samples that miss alike, as `variance_inflation` finds."""
+        """inflation: factor on the variance for residuals that are alike, of
+        `variance_inflation`.
+        """
         named, slopes = uncertainty.slopes_of(fitted.vehicle, fitted.estimate.shared)
         C = uncertainty.covariance(fitted.vehicle, fitted.estimate, inflation)
         self._names = [name for _, name in named]

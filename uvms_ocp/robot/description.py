@@ -256,14 +256,19 @@ class Thruster(_Section):
 
     @model_validator(mode="after")
     def _dead_zone_is_inside_the_limits(self) -> Thruster:
-        largest_thrust = max(self.maximum, -self.minimum)
-        if largest_thrust == 0.0:
+        if self.largest_thrust == 0.0:
             raise ValueError("maximum or minimum must differ from 0 N")
-        if self.dead_zone >= largest_thrust:
+        if self.dead_zone >= self.largest_thrust:
             raise ValueError(
-                f"dead_zone {self.dead_zone} N outside [0, {largest_thrust} N), what it can give"
+                f"dead_zone {self.dead_zone} N outside [0, {self.largest_thrust} N), what it can"
+                " give"
             )
         return self
+
+    @property
+    def largest_thrust(self) -> float:
+        """Largest thrust in either direction [N]."""
+        return max(self.maximum, -self.minimum)
 
 
 class VehicleLimits(_Section):

@@ -59,12 +59,16 @@ def least_dissipation(linear_drag: np.ndarray) -> tuple[np.ndarray, float]:
     root = np.sqrt(diagonal)
     fed = np.argwhere(np.abs(couplings) > (1.0 + _ROUNDING) * np.outer(root, root))
     if len(fed):  # of these two axes alone; what is left below has couplings of at most 1
-        i, j = sorted(fed[0], key=lambda axis: diagonal[axis])
-        nu = np.eye(6)[i] - np.eye(6)[j] * S[i, j] / max(diagonal[j], abs(S[i, j]))
+        weak, strong = sorted(fed[0], key=lambda axis: diagonal[axis])
+        coupling = S[weak, strong]
+        nu = np.zeros(6)
+        nu[weak] = 1.0
+        nu[strong] = -coupling / max(diagonal[strong], abs(coupling))
         return nu, float(nu @ S @ nu)
     units = 1.0 / np.where(diagonal > 0.0, root, 1.0)
-    eigenvalues, axes = np.linalg.eigh(units[:, None] * S * units)
-    nu = units * axes[:, 0] / np.abs(units * axes[:, 0]).max()
+    eigenvalues, eigenvectors = np.linalg.eigh(units[:, None] * S * units)
+    direction = units * eigenvectors[:, 0]
+    nu = direction / np.abs(direction).max()
     if eigenvalues[0] < -_ROUNDING:
         return nu, float(nu @ S @ nu)
     return nu, 0.0

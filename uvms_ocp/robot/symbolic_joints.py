@@ -144,22 +144,27 @@ def _towards_unit(x: ca.SX) -> ca.SX:
 
 
 def _planar_pose(S: np.ndarray, q: ca.SX) -> tuple[ca.SX, ca.SX]:
-    return spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1)), ca.vertcat(
-        q[0], q[1], ca.SX(1, 1)
-    )
+    rotation = spatial.matrix((q[2], -q[3], 0), (q[3], q[2], 0), (0, 0, 1))
+    position = ca.vertcat(q[0], q[1], ca.SX(1, 1))
+    return rotation, position
 
 
 def _planar_integrate(q: ca.SX, v: ca.SX) -> ca.SX:
-    p = spatial.exp6_translation(ca.vertcat(v[0], v[1], 0, 0, 0, v[2]))
-    moved = ca.vertcat(q[0] + q[2] * p[0] - q[3] * p[1], q[1] + q[3] * p[0] + q[2] * p[1])
-    return ca.vertcat(moved, _circle_integrate(q[2:], v[2]))
+    x, y, c, s = ca.vertsplit(q)
+    step = spatial.exp6_translation(ca.vertcat(v[0], v[1], 0, 0, 0, v[2]))
+    moved_x = x + c * step[0] - s * step[1]
+    moved_y = y + s * step[0] + c * step[1]
+    return ca.vertcat(moved_x, moved_y, _circle_integrate(q[2:], v[2]))
 
 
 def _planar_difference(q0: ca.SX, q1: ca.SX) -> ca.SX:
+    _, _, c, s = ca.vertsplit(q0)
     d = q1[:2] - q0[:2]
     angle = _circle_difference(q0[2:], q1[2:])
-    p = ca.vertcat(q0[2] * d[0] + q0[3] * d[1], q0[2] * d[1] - q0[3] * d[0], 0)
-    return ca.vertcat(spatial.log6_translation(ca.vertcat(0, 0, angle), p)[:2], angle)
+    in_body = ca.vertcat(c * d[0] + s * d[1], c * d[1] - s * d[0], 0)
+    turn = ca.vertcat(0, 0, angle)
+    translation = spatial.log6_translation(turn, in_body)
+    return ca.vertcat(translation[:2], angle)
 
 
 # Unbounded revolute: q = (cos, sin).

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,37 +97,30 @@ def water_at(current: Current, p_W: Points, t: float) -> Water:
 
 @checked_on_failure
 class UniformField(Current):
-    """A current that is the same at all points: its `uniform_flow` says all of it."""
+    """A current that is the same at all points: its `flow` says all of it."""
 
     __slots__ = ()
 
-    def uniform_flow(self, t: float) -> np.ndarray:
+    def flow(self, t: float) -> np.ndarray:
+        """Return velocity [m/s] and its rate [m/s2] (2, 3) in W at time t [s]."""
         raise NotImplementedError
 
+    @final
+    def uniform_flow(self, t: float) -> np.ndarray:
+        # A class with a `velocity` of its own loses this method, and may still ask for the flow of
+        # the class that it is made of by ``super().velocity(p_W, t)``.
+        return self.flow(t)
+
     def velocity(self, p_W: Points, t: float) -> np.ndarray:
-        velocity, _ = self._flow_of_base(t)
+        velocity, _ = self.flow(t)
         return np.tile(velocity, (len(p_W), 1))
 
     def rate(self, p_W: Points, t: float) -> np.ndarray:
-        _, rate = self._flow_of_base(t)
+        _, rate = self.flow(t)
         return np.tile(rate, (len(p_W), 1))
 
     def gradient(self, p_W: Points, t: float) -> np.ndarray:
         return np.zeros((len(p_W), 3, 3))
-
-    def _flow_of_base(self, t: float) -> np.ndarray:
-        """Return velocity [m/s] and rate [m/s2] (2, 3) of the nearest class that states a
-        `uniform_flow`.
-
-        A class with a `velocity` of its own states none; it may ask for that of the class that it
-        is made of by ``super().velocity(p_W, t)``.
-        """
-        flow: np.ndarray | None = self.uniform_flow(t)
-        for cls in type(self).__mro__:
-            if flow is not None:
-                return flow
-            flow = super(cls, self).uniform_flow(t)  # type: ignore[arg-type]
-        raise NotImplementedError
 
 
 @checked_dataclass(check=checked_on_failure)
@@ -138,7 +131,7 @@ class StillWater(UniformField):
     def is_steady(self) -> bool:
         return True
 
-    def uniform_flow(self, t: float) -> np.ndarray:
+    def flow(self, t: float) -> np.ndarray:
         return np.zeros((2, 3))
 
 
@@ -159,7 +152,7 @@ class UniformCurrent(UniformField):
     def is_steady(self) -> bool:
         return True
 
-    def uniform_flow(self, t: float) -> np.ndarray:
+    def flow(self, t: float) -> np.ndarray:
         return np.array([self.value, np.zeros(3)])
 
 
@@ -247,7 +240,7 @@ class OnsetCurrent(UniformField):
         object.__setattr__(self, "start", float(start))
         object.__setattr__(self, "rise", float(rise))
 
-    def uniform_flow(self, t: float) -> np.ndarray:
+    def flow(self, t: float) -> np.ndarray:
         return np.multiply.outer(self.growth(t), self.value)
 
     def growth(self, t: float) -> tuple[float, float]:

@@ -295,6 +295,4 @@ def _powers(thrusters: tuple[Thruster, ...]) -> list[Power]:
     if len(powers) == len(thrusters):
         return powers
     # Without data for all, full thrust costs the same for each.
-    return [
-        Power(thrust=max(thruster.maximum, -thruster.minimum), watts=1.0) for thruster in thrusters
-    ]
+    return [Power(thrust=thruster.largest_thrust, watts=1.0) for thruster in thrusters]

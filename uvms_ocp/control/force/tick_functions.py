@@ -299,9 +299,8 @@ def control_function(laws: ForceLaws) -> ca.Function:
         )
         - observed.estimate
     )
-    if motions.shape[1]:
-        M = laws.velocity.dynamics.mass_matrix(inputs.q)
-        tau = thrusters.without_free_motions(laws.robot, M, tau)
+    M = laws.velocity.dynamics.mass_matrix(inputs.q)
+    tau = thrusters.without_free_motions(laws.robot, M, tau)
     force = _by_part(laws, ca.if_else(inputs.stop, 0.0, tau), tau)
     n = laws.robot.n_vehicle
     desired = DesiredForce(

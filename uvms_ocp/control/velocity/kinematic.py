@@ -142,8 +142,8 @@ class KinematicController(TableDisplay):
         self._health: tuple[ChannelHealth, ...] = ()
         self._bad: list[ChannelHealth] = []
         """Channels of the last verdicts that are not good, searched only where these are new."""
-        self._waited = [_awaited_limits(phase, names) for phase in mission.all_phases]
-        """By phase: quantities that are to fall below a limit."""
+        self._awaited_limits = [_awaited_limits(phase, names) for phase in mission.all_phases]
+        """Quantities whose fall below a limit ends a phase, for each phase; watched for swings."""
         self._swings = SwingWatch(dt, floating=bool(robot.n_vehicle))
         self._state = mission.start()
         self._progress = memory.mission  # made anew whenever it is asked for
@@ -323,7 +323,7 @@ class KinematicController(TableDisplay):
         phase = self._state.phase
         arrays = self._arrays
         for swing in self._swings.after(
-            phase, arrays.q, arrays.phase_quantities, self._waited[phase], ticks
+            phase, arrays.q, arrays.phase_quantities, self._awaited_limits[phase], ticks
         ):
             self.watchdog.alarms.append((t, str(swing)))
 

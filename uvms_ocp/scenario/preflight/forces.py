@@ -165,9 +165,7 @@ def _load(
     v = np.zeros(robot.n_v)
     tau = forces(v)
     result = allocation.allocate(tau[robot.vehicle_v])
-    thruster_limits = [
-        max(thruster.maximum, -thruster.minimum) for thruster in robot.description.thrusters
-    ]
+    thruster_limits = [thruster.largest_thrust for thruster in robot.description.thrusters]
     thrust_shares = np.abs(result.thrust) / np.array(thruster_limits)
     torque_shares = np.abs(tau[robot.joint_v]) / robot.limits.effort
     lack = _missing_wrench(robot, result)
