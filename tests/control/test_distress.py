@@ -4,6 +4,7 @@ plant.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -57,10 +58,13 @@ def reasons(
     *,
     error: float = 1.0,
     rate: float = 0.0,
+    course: Callable[[float], float] | None = None,
     health: tuple[ChannelHealth, ...] = (),
     clearance: float = np.nan,
 ) -> list[str]:
-    """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s]."""
+    """At every tick of phase A, where every quantity is `error`, which falls with `rate` [1/s], or
+    follows a course of time [s].
+    """
     control = scenario.kinematic_controller()
     mission = scenario.mission
     names = quantities_read(mission.all_phases)
@@ -75,7 +79,8 @@ def reasons(
     )
     reasons = []
     for k in range(round(seconds / DT)):
-        quantities = dict.fromkeys(control.problem.quantity_names, error * np.exp(-rate * k * DT))
+        value = error * np.exp(-rate * k * DT) if course is None else course(k * DT)
+        quantities = dict.fromkeys(control.problem.quantity_names, value)
         tick = control.observe(measured, k * DT)
         write_state(phases, tick.mission)
         values = [quantities[name] for name in names]
@@ -225,6 +230,33 @@ def test_an_error_that_grows_at_the_thrusters_limits_ends_the_mission_at_once(
     assert fled[-1].endswith("not < 0.1, and farther than 5 s ago, with thrusters at their limits")
     for feedback, rate in ((short, 0.01), (short, -0.001), (ActuationFeedback(), -0.05)):
         assert not any(reasons(still, feedback, 11.0, rate=rate))
+
+
+@pytest.mark.parametrize("period", [2.0, 4.0, 7.0, 10.0])
+@pytest.mark.parametrize("decay", [0.0, 0.05])
+def test_an_error_that_swings_near_the_goal_does_not_run_away(
+    still: Scenario, period: float, decay: float
+) -> None:
+    """Farther from trough to crest for seconds, with thrusters at their limits, and never farther
+    than the crests before.
+    """
+
+    def swing(t: float) -> float:
+        return 0.3 + 0.15 * np.exp(-decay * t) * np.sin(2 * np.pi * t / period)
+
+    short = ActuationFeedback(short=True)
+    swung = reasons(with_abort(still, thrust_after=100.0), short, 40.0, course=swing)
+    assert not any(swung)
+
+
+def test_an_error_that_grows_as_it_swings_runs_away(still: Scenario) -> None:
+    def flight(t: float) -> float:
+        return 0.3 + 0.05 * np.sin(np.pi * t) + 0.1 * max(t - 10.0, 0.0)
+
+    short = ActuationFeedback(short=True)
+    fled = reasons(with_abort(still, thrust_after=100.0), short, 25.0, course=flight)
+    assert 10.0 < first(fled) < 22.0
+    assert fled[-1].startswith("runaway: ")
 
 
 def test_a_stall_says_once_for_all_sensors_why_they_hold_it_back(still: Scenario) -> None:

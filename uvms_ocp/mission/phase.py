@@ -292,8 +292,8 @@ class Abort:
     thrust_after: Positive = 20.0
     """[s] time for which the limits of the thrusters keep them from what is asked for."""
     runaway_after: Positive = 5.0
-    """[s] in which an error that a phase waits for grows, and none shrinks, with thrusters at their
-    limits for most of them.
+    """[s] in which an error that a phase waits for grows beyond its crests of the last 10 s and
+    more, and none shrinks, with thrusters at their limits for most of them.
     """
     contact: Positive = 0.3
     """Upward force that the model does not know, as a share of the thrusters' largest, that counts

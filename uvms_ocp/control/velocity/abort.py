@@ -19,6 +19,7 @@ from uvms_ocp.tasks.altitude import MinimumAltitude
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
 _SUNK_AFTER = 0.5  # [s] of arm or hull in the floor that is believed
 _GROWTH = 0.1  # share of an error by which it grows where the robot runs away
+_CREST_SPAN = 10.0  # [s] crests are remembered for one to two of it: a swing has one in each
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -106,6 +107,14 @@ class AbortMemory(Layout):
     """Ticks since then with thrusters at their limits."""
     held: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [unit of the quantity] then."""
+    crest: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] the largest of the two spans until then."""
+    span_since: float
+    """[s] since when the present span of `_CREST_SPAN` lasts."""
+    span_crest: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] the largest of the present span."""
+    last_crest: Annotated[Vector, Sized("n_quantities")]
+    """(n_quantities,) [unit of the quantity] the largest of the span before."""
     began: float
     """[s] start of the phase that `best` belongs to."""
     best: Annotated[Vector, Sized("n_quantities")]
@@ -183,15 +192,21 @@ def _is_high(d: AbortMemory, gates: Vector) -> bool:
 def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
     """Return whether an error that the phase waits for has grown for too long, and none fallen, at
     the thrusters' limits.
+
+    An error that swings grows from every trough. It has grown where it exceeds its crests: those of
+    a swing that lasts or dies away are no farther than the ones before.
     """
+    is_new = m.since != d.began or math.isnan(d.runaway_since)
+    _remember_crests(d, t, quantities, is_new)
     grown = False
-    fallen = m.since != d.began or math.isnan(d.runaway_since)
+    fallen = is_new
     for i in range(m.first[m.phase], m.end[m.phase]):
         for k in range(m.first_condition[i], m.end_condition[i]):
             quantity = quantities[m.quantity[k]]
             held = d.held[m.quantity[k]]
+            crest = d.crest[m.quantity[k]]
             if m.below[k] != 0 and not quantity < m.limit[k]:
-                grown = grown or quantity > (1.0 + _GROWTH) * held
+                grown = grown or quantity > (1.0 + _GROWTH) * crest
                 fallen = fallen or not quantity >= (1.0 - _PROGRESS) * held
     d.ticks += 1
     d.short_ticks += 1 if d.short else 0
@@ -203,7 +218,25 @@ def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -
         d.ticks = 0
         d.short_ticks = 0
         d.held[:] = quantities
+        for i in range(len(d.crest)):
+            d.crest[i] = d.span_crest[i]
+            if d.last_crest[i] > d.crest[i]:
+                d.crest[i] = d.last_crest[i]
     return False
+
+
+def _remember_crests(d: AbortMemory, t: float, quantities: Vector, is_new: bool) -> None:
+    """Update the largest quantities of the present span and of the one before."""
+    if is_new:
+        d.last_crest[:] = quantities
+    elif t - d.span_since > _CREST_SPAN:
+        d.last_crest[:] = d.span_crest
+    if is_new or t - d.span_since > _CREST_SPAN:
+        d.span_since = t
+        d.span_crest[:] = quantities
+    for i in range(len(d.span_crest)):
+        if not quantities[i] <= d.span_crest[i]:
+            d.span_crest[i] = quantities[i]
 
 
 def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
