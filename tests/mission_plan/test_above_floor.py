@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from uvms_ocp.mission_plan.terms import FloorClearance, rims_of
+from uvms_ocp.mission_plan.clearances import FloorClearance, rims_of
 from uvms_ocp.ocp.problem import OcpLevel, single_phase
 from uvms_ocp.ocp.terms import Effort
 from uvms_ocp.ocp.transcription.stage import StageModel

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from uvms_ocp.mission_plan import Margins, terms
+from uvms_ocp.mission_plan import Margins, clearances
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.scenario.cases import obstacle_field
 from uvms_ocp.tasks import Clearance, Hierarchy
@@ -26,7 +26,7 @@ def test_each_pair_keeps_what_is_asked_for_it(of_links: float, of_obstacles: flo
         own.append(Clearance(model=around, threshold=of_obstacles))
     mission = replace(given.mission, hierarchy=Hierarchy([*others, *own]))
     margins = Margins()
-    kept = terms.clearance(replace(given, mission=mission), margins)
+    kept = clearances.shape_clearance(replace(given, mission=mission), margins)
     assert kept is not None
     links = np.isfinite(kept.scene.room)
     assert kept.margins[links] == pytest.approx(

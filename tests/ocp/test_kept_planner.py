@@ -22,13 +22,8 @@ import pytest
 from same_words import require_same_words
 
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.mission_plan.terms import (
-    BoundedRows,
-    FloorClearance,
-    Rim,
-    TaskPreference,
-    ZeroVelocities,
-)
+from uvms_ocp.mission_plan.clearances import FloorClearance, Rim
+from uvms_ocp.mission_plan.terms import BoundedRows, TaskPreference, ZeroVelocities
 from uvms_ocp.ocp.ball_clearance import Ball, BallClearance
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner

@@ -80,8 +80,10 @@ class Mission(TableDisplay):
     def __post_init__(self) -> None:
         if not self.phases:
             raise InvalidInput("mission without phases; give at least one")
-        abort_phases = () if self.abort is None else (self.abort.phase,)
-        object.__setattr__(self, "all_phases", (*self.phases, *abort_phases))
+        all_phases = self.phases
+        if self.abort is not None:
+            all_phases = (*self.phases, self.abort.phase)
+        object.__setattr__(self, "all_phases", all_phases)
         for name in self.phase_names:
             if name in (DONE, ABORT) or self.phase_names.count(name) > 1:
                 raise InvalidInput(
@@ -90,12 +92,18 @@ class Mission(TableDisplay):
         self._check_targets()
         if self.abort is not None:
             _pose_task(self.hierarchy, self.abort.ascent_task)
-        targets = np.array([self._activations_of(phase) for phase in self.all_phases])
-        tasks = tuple(self._tasks_of(phase) for phase in self.all_phases)
-        references = tuple(map(_references, self.all_phases, tasks))
+        targets = np.zeros((len(all_phases), self.n_tasks))
+        tasks = []
+        references = []
+        for index, phase in enumerate(all_phases):
+            for name, activation in phase.activations.items():
+                targets[index, self.hierarchy.index(name)] = activation
+            phase_tasks = self._tasks_of(phase)
+            tasks.append(phase_tasks)
+            references.append(_references(phase, phase_tasks))
         object.__setattr__(self, "_targets", targets)
-        object.__setattr__(self, "_tasks", tasks)
-        object.__setattr__(self, "_references", references)
+        object.__setattr__(self, "_tasks", tuple(tasks))
+        object.__setattr__(self, "_references", tuple(references))
 
     @property
     def phase_names(self) -> tuple[str, ...]:
@@ -172,7 +180,10 @@ class Mission(TableDisplay):
         since_mission = t - state.began
         references = []
         for reference, from_phase_start in self.goals(state):
-            references.append(reference(since_phase if from_phase_start else since_mission))
+            if from_phase_start:
+                references.append(reference(since_phase))
+            else:
+                references.append(reference(since_mission))
         return references
 
     def goals(self, state: MissionState) -> GoalFunctions:
@@ -197,11 +208,12 @@ class Mission(TableDisplay):
         if state.over:
             return state, None
         names = progress.quantities_read(self.all_phases)
-        phase = self.all_phases[state.phase]
         quantities = {**self.own_quantities(state, t), **quantities}
-        read = {c.quantity: measured(c.quantity, quantities) for c in phase.conditions}
+        values = [math.nan] * len(names)
+        for condition in self.all_phases[state.phase].conditions:
+            value = measured(condition.quantity, quantities)
+            values[names.index(condition.quantity)] = value
         memory = self._memory(state)
-        values = [read.get(name, math.nan) for name in names]
         due = progress.transition_due(memory, t, values)
         if due != progress.NONE:
             progress.take_transition(memory, t, due)
@@ -215,11 +227,14 @@ class Mission(TableDisplay):
         names = progress.quantities_read(self.all_phases)
         values = [math.nan] * len(names)
         progress.measure_own(self._memory(state), t, math.nan, math.nan, values)
-        pairs = zip(names, values, strict=True)
-        return {name: value for name, value in pairs if name in OWN_QUANTITIES}
+        own_quantities = {}
+        for name, value in zip(names, values, strict=True):
+            if name in OWN_QUANTITIES:
+                own_quantities[name] = value
+        return own_quantities
 
     def _memory(self, state: MissionState) -> Any:
-        """Return memory of the kernels for a state, asked with the quantities that conditions
+        """Return memory of the kernels for a state; its quantities are those that conditions
         read.
         """
         sizes = progress.sizes_of(self.all_phases)
@@ -233,11 +248,10 @@ class Mission(TableDisplay):
     def abandon(
         self, state: MissionState, t: float, reason: str, ascent_pose: pin.SE3 | None = None
     ) -> tuple[MissionState, Event]:
-        """Return the state after the mission is given up at t [s], for a reason, and the event that
-        tells of it.
+        """Give the mission up at t [s]; return the state after that, and its event with the reason.
 
-        ascent_pose: the goal of the task that climbs in the abort phase, which begins. Without,
-        without such a phase, or already in it, the mission ends.
+        ascent_pose: goal of the task that climbs in the abort phase, which begins. The mission ends
+        where there is no such pose, no such phase, or where it is in that phase already.
         """
         memory = self._memory(state)
         progress.abort_mission(memory, t, ascent_pose is not None)
@@ -274,10 +288,10 @@ class Mission(TableDisplay):
         if state.aborted:
             return f"given up, {state.aborted}"
         transitions = self.all_phases[state.phase].transitions
-        waits = " or ".join(transition.describe(quantities) for transition in transitions)
+        awaited = " or ".join(transition.describe(quantities) for transition in transitions)
         if state.abort_reason:
-            return f"giving up, {state.abort_reason}; {waits}"
-        return waits
+            return f"giving up, {state.abort_reason}; {awaited}"
+        return awaited
 
     def describe(self, state: MissionState) -> dict[str, str]:
         """Return tasks, phases and where it is now, each in a few words."""
@@ -305,9 +319,9 @@ class Mission(TableDisplay):
 
     def _table(self) -> SmallTable:
         rows = []
-        for row in self.table():
-            cells = [f"{cell:g}" if isinstance(cell, float) else cell for cell in row.values()]
-            rows.append(tuple(cells))
+        for task, activations in zip(self.hierarchy.tasks, self._targets.T.tolist(), strict=True):
+            cells = [f"{activation:g}" for activation in activations]
+            rows.append((task.name, task.label, *cells))
         return SmallTable(
             title="Mission, tasks by phases",
             head=("task", "type", *self.phase_names),
@@ -337,16 +351,12 @@ class Mission(TableDisplay):
 
     def mermaid(self) -> str:
         """Return the phases and transitions as a state diagram in Mermaid's notation."""
-        return mermaid(self.phases, None if self.abort is None else self.abort.phase)
-
-    def _activations_of(self, phase: Phase) -> np.ndarray:
-        """Return the external activations (n_tasks,) of a phase."""
-        activations = np.zeros(len(self.hierarchy.tasks))
-        for name, activation in phase.activations.items():
-            activations[self.hierarchy.index(name)] = activation
-        return activations
+        if self.abort is None:
+            return mermaid(self.phases)
+        return mermaid(self.phases, self.abort.phase)
 
     def _tasks_of(self, phase: Phase) -> tuple[Task, ...]:
+        """Return all tasks, with the goals that a phase gives them."""
         tasks = list(self.hierarchy.tasks)
         for name, goal in phase.goals.items():
             index = self.hierarchy.index(name)
@@ -354,6 +364,7 @@ class Mission(TableDisplay):
         return tuple(tasks)
 
     def _check_targets(self) -> None:
+        """Raise `NameNotFound` where a transition leads to no phase of the mission."""
         names = tuple(phase.name for phase in self.phases)
         for phase in self.phases:
             for transition in phase.transitions:
@@ -362,9 +373,7 @@ class Mission(TableDisplay):
 
 
 def write_mission(memory: progress.MissionMemory, mission: Mission, names: Sequence[str]) -> None:
-    """Write a mission into a `MissionMemory`; names: of the vector of quantities that it is asked
-    with.
-    """
+    """Write a mission into a `MissionMemory`; names: of the entries of its vector of quantities."""
     memory.ramp = mission.ramp
     if mission.abort is None:
         memory.abort_phase = progress.NONE
@@ -385,7 +394,12 @@ def _pose_task(hierarchy: Hierarchy, name: str) -> PoseTask:
 
 
 def _references(phase: Phase, tasks: Sequence[Task]) -> GoalFunctions:
-    return tuple((unchecked_method(task.reference), task.name in phase.goals) for task in tasks)
+    """Return the goals of tasks in a phase, as functions of time."""
+    references = []
+    for task in tasks:
+        from_phase_start = task.name in phase.goals
+        references.append((unchecked_method(task.reference), from_phase_start))
+    return tuple(references)
 
 
 def is_constant(reference: Callable[[float], np.ndarray]) -> bool:
@@ -398,13 +412,17 @@ def text_table(hierarchy: Hierarchy, phases: Sequence[Phase], targets: np.ndarra
     """Write tasks by phases as text, from their targets (n_phases, n_tasks), the external
     activations.
     """
-    tasks = [plain_line(name) for name in hierarchy.names]
-    names = [plain_line(phase.name) for phase in phases]
-    task_width = max(len(name) for name in (*tasks, "task"))
-    widths = [max(len(name), 4) for name in names]
-    head = " ".join(name.rjust(width) for name, width in zip(names, widths, strict=True))
-    lines = [f"{'task'.ljust(task_width)}  {'type':<9} {head}"]
-    for name, task, activations in zip(tasks, hierarchy.tasks, targets.T, strict=True):
+    task_names = [plain_line(name) for name in hierarchy.names]
+    task_width = max(map(len, [*task_names, "task"]))
+    widths = []
+    head = []
+    for phase in phases:
+        name = plain_line(phase.name)
+        width = max(len(name), 4)
+        widths.append(width)
+        head.append(name.rjust(width))
+    lines = [f"{'task'.ljust(task_width)}  {'type':<9} {' '.join(head)}"]
+    for name, task, activations in zip(task_names, hierarchy.tasks, targets.T, strict=True):
         cells = []
         for activation, width in zip(activations, widths, strict=True):
             cell = f"{activation:g}" if activation else "."
@@ -422,10 +440,12 @@ def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
 
     abort: the phase that every other one may lead to, if there is one.
     """
-    all_phases = list(phases) if abort is None else [*phases, abort]
-    states = {phase.name: _state(phase.name, i) for i, phase in enumerate(all_phases)}
-    states[DONE] = "[*]"
-    states[ABORT] = "[*]"
+    all_phases = list(phases)
+    if abort is not None:
+        all_phases.append(abort)
+    states = {DONE: "[*]", ABORT: "[*]"}
+    for index, phase in enumerate(all_phases):
+        states[phase.name] = _state(phase.name, index)
     lines = ["stateDiagram-v2", f"    [*] --> {states[all_phases[0].name]}"]
     for phase in all_phases:
         state = states[phase.name]
@@ -441,7 +461,10 @@ def mermaid(phases: Sequence[Phase], abort: Phase | None = None) -> str:
 
 def successors(phases: Sequence[Phase]) -> dict[str, set[str]]:
     """Map the name of each phase to where its transitions lead."""
-    return {phase.name: {transition.to for transition in phase.transitions} for phase in phases}
+    edges = {}
+    for phase in phases:
+        edges[phase.name] = {transition.to for transition in phase.transitions}
+    return edges
 
 
 def closure(names: set[str], edges: Mapping[str, set[str]]) -> set[str]:
@@ -467,16 +490,21 @@ def _state(name: str, index: int) -> str:
 
 def _text(text: str) -> str:
     """Replace all but words and a few marks by their code, as the notation writes them."""
-    letters = []
+    escaped = ""
     for letter in plain_line(text):
-        is_plain = letter.isalnum() or letter in " ._-,()"
-        letters.append(letter if is_plain else f"#{ord(letter)};")
-    return "".join(letters)
+        if letter.isalnum() or letter in " ._-,()":
+            escaped += letter
+        else:
+            escaped += f"#{ord(letter)};"
+    return escaped
 
 
 def _label(transition: Transition) -> str:
     """Describe when a transition fires."""
-    label = ", ".join(f"{_text(c.quantity)} {c.sign} {c.limit:g}" for c in transition.when)
+    conditions = []
+    for condition in transition.when:
+        conditions.append(f"{_text(condition.quantity)} {condition.sign} {condition.limit:g}")
+    label = ", ".join(conditions)
     if transition.hold:
         label += f" for {transition.hold:g} s"
     if transition.retries is not None:

@@ -45,7 +45,8 @@ class Threshold:
 
     def __post_init__(self) -> None:
         may_be_negative = self.quantity.startswith("vehicle.")
-        if not (self.limit > 0 or may_be_negative) or not abs(self.limit) <= LARGEST:
+        has_allowed_sign = self.limit > 0 or may_be_negative
+        if not (has_allowed_sign and abs(self.limit) <= LARGEST):
             raise InvalidInput(
                 f"threshold of {self.quantity} = {self.limit}; give a finite value > 0, at most"
                 f" {LARGEST:g}"
@@ -70,9 +71,8 @@ class Threshold:
 
         Raises `NameNotFound` where they lack its own.
         """
-        if self.release is None or not held:
-            limit = self.limit
-        else:
+        limit = self.limit
+        if held and self.release is not None:
             limit = self.release
         return is_met(measured(self.quantity, quantities), limit, self.is_below)
 
@@ -83,8 +83,9 @@ class Threshold:
         value = measured(self.quantity, quantities)
         if math.isnan(value):
             return f"{self.quantity} is not known, asked {self.sign} {self.limit:g}"
-        sign = self.sign if self.holds(quantities) else f"not {self.sign}"
-        return f"{self.quantity} = {value:.4g} {sign} {self.limit:g}"
+        if self.holds(quantities):
+            return f"{self.quantity} = {value:.4g} {self.sign} {self.limit:g}"
+        return f"{self.quantity} = {value:.4g} not {self.sign} {self.limit:g}"
 
 
 @checked_dataclass()
@@ -190,8 +191,10 @@ class Phase(FieldTable):
     """
 
     def __post_init__(self) -> None:
-        activations = self.activations.items()
-        outside = {name: value for name, value in activations if not 0 <= value <= 1}
+        outside = {}
+        for name, activation in self.activations.items():
+            if not 0 <= activation <= 1:
+                outside[name] = activation
         if outside:
             raise InvalidInput(
                 f"phase {self.name!r}: activations {outside}; give values from 0 to 1"

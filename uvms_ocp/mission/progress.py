@@ -227,44 +227,50 @@ def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:
 
 def quantities_read(phases: Sequence[Phase]) -> tuple[str, ...]:
     """Return the names of all quantities in conditions."""
-    names: dict[str, None] = {}
+    names: list[str] = []
     for phase in phases:
-        names |= dict.fromkeys(condition.quantity for condition in phase.conditions)
-    return tuple(names)
+        names += [condition.quantity for condition in phase.conditions]
+    return tuple(dict.fromkeys(names))
 
 
 def write_conditions(memory: MissionMemory, phases: Sequence[Phase], names: Sequence[str]) -> None:
-    """Write the conditions of all phases into a `MissionMemory`; names: of the vector of quantities
-    that they are asked with.
+    """Write the conditions of all phases into a `MissionMemory`; names: of the entries of its
+    vector of quantities.
     """
-    leads_to: dict[str, int] = {DONE: Terminal.DONE, ABORT: Terminal.ABORT}
-    leads_to |= {phase.name: k for k, phase in enumerate(phases)}
-    memory.own[:] = [names.index(name) if name in names else NONE for name in OWN_QUANTITIES]
-    transitions = 0
-    conditions = 0
+    for k, name in enumerate(OWN_QUANTITIES):
+        memory.own[k] = names.index(name) if name in names else NONE
+    targets: dict[str, int] = {DONE: Terminal.DONE, ABORT: Terminal.ABORT}
     for index, phase in enumerate(phases):
-        memory.first[index] = transitions
+        targets[phase.name] = index
+    n_transitions = 0
+    n_conditions = 0
+    for index, phase in enumerate(phases):
+        memory.first[index] = n_transitions
         for transition in phase.transitions:
-            memory.first_condition[transitions] = conditions
-            memory.hold[transitions] = transition.hold
-            memory.to[transitions] = leads_to[transition.to]
-            memory.retries[transitions] = -1 if transition.retries is None else transition.retries
+            memory.first_condition[n_transitions] = n_conditions
+            memory.hold[n_transitions] = transition.hold
+            memory.to[n_transitions] = targets[transition.to]
+            memory.retries[n_transitions] = -1
+            if transition.retries is not None:
+                memory.retries[n_transitions] = transition.retries
             for condition in transition.when:
-                _write_condition(memory, conditions, condition, names)
-                conditions += 1
-            memory.end_condition[transitions] = conditions
-            transitions += 1
-        memory.end[index] = transitions
+                _write_condition(memory, n_conditions, condition, names)
+                n_conditions += 1
+            memory.end_condition[n_transitions] = n_conditions
+            n_transitions += 1
+        memory.end[index] = n_transitions
 
 
 def _write_condition(
     memory: MissionMemory, index: int, condition: Condition, names: Sequence[str]
 ) -> None:
-    release = condition.limit if condition.release is None else condition.release
+    """Write a condition into a `MissionMemory`, under its index among all conditions."""
     memory.quantity[index] = names.index(condition.quantity)
     memory.below[index] = isinstance(condition, Below)
     memory.limit[index] = condition.limit
-    memory.release[index] = release
+    memory.release[index] = condition.limit
+    if condition.release is not None:
+        memory.release[index] = condition.release
 
 
 def write_state(memory: MissionMemory, state: MissionState) -> None:
@@ -282,7 +288,8 @@ def write_state(memory: MissionMemory, state: MissionState) -> None:
         memory.fired[memory.first[phase] + index] = n
     view(memory.held_since)[:] = math.nan
     for k, since in enumerate(state.held_since, memory.first[state.phase]):
-        memory.held_since[k] = math.nan if since is None else since
+        if since is not None:
+            memory.held_since[k] = since
 
 
 def state_after_transition(
@@ -305,14 +312,19 @@ def state_after_transition(
     phase = phases[state.phase]
     transition = phase.transitions[due]
     n_fired = state.fired.get((state.phase, due), 0)
-    hold = f" for {transition.hold:g} s" if transition.hold else ""
-    reason = transition.describe(quantities) + hold
+    reason = transition.describe(quantities)
+    if transition.hold:
+        reason += f" for {transition.hold:g} s"
     target = transition.to
     if transition.retries is not None and is_used_up(n_fired, transition.retries):
         reason = f"{n_fired} retries are used up: {reason}"
         target = ABORT
-    values = tuple((condition, quantities[condition.quantity]) for condition in transition.when)
-    event = Event(t=t, source=phase.name, target=target, reason=reason, conditions=values)
+    measurements = []
+    for condition in transition.when:
+        measurements.append((condition, quantities[condition.quantity]))
+    event = Event(
+        t=t, source=phase.name, target=target, reason=reason, conditions=tuple(measurements)
+    )
     return _after(phases, state, memory, reason), event
 
 
@@ -326,16 +338,12 @@ def state_after_abort(
 ) -> tuple[MissionState, Event]:
     """Return state and event after `abort_mission` at t [s]. goals: of the abort phase."""
     next_state = _after(phases, state, memory, reason)
-    source = phases[state.phase].name
-    event = Event(
-        t=t,
-        source=source,
-        target=ABORT if next_state.over else phases[next_state.phase].name,
-        reason=reason,
-        conditions=(),
-    )
+    target = ABORT
     if not next_state.over:
         next_state = replace_unchecked(next_state, abort_reason=reason, goals=goals)
+        target = phases[next_state.phase].name
+    source = phases[state.phase].name
+    event = Event(t=t, source=source, target=target, reason=reason, conditions=())
     return next_state, event
 
 
@@ -344,7 +352,9 @@ def _after(
 ) -> MissionState:
     """Return the state that a memory holds; reason: why the mission ends, if it is aborted."""
     if is_over(memory):
-        aborted = (state.abort_reason or reason) if memory.aborted else ""
+        aborted = ""
+        if memory.aborted:
+            aborted = state.abort_reason or reason
         return replace_unchecked(state, completed=bool(memory.completed), aborted=aborted)
     fired = {}
     for k, phase in enumerate(phases):
@@ -367,5 +377,8 @@ def _held_since(memory: MissionMemory) -> tuple[float | None, ...]:
     times: list[float | None] = []
     for k in range(memory.first[memory.phase], memory.end[memory.phase]):
         since = memory.held_since[k]
-        times.append(None if math.isnan(since) else since)
+        if math.isnan(since):
+            times.append(None)
+        else:
+            times.append(since)
     return tuple(times)

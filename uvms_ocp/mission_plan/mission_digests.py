@@ -5,7 +5,7 @@ recognised.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 
 import numpy as np
@@ -16,9 +16,9 @@ from uvms_ocp.robot import Robot
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks.task import Task
 
-_MOMENTS = (0.0, 1.0, 7.0)  # [s] at which goals are looked at
-_DIGITS = 9
-_PLAIN = (bool, int, float, str, tuple)
+_SAMPLE_TIMES = (0.0, 1.0, 7.0)  # [s] at which goals are evaluated
+_DECIMALS = 9  # of numbers, so that rounding errors change no digest
+_PLAIN_TYPES = (bool, int, float, str, tuple)  # of fields whose text is their value
 
 
 @checked
@@ -31,34 +31,46 @@ def mission_digests(scenario: Scenario) -> dict[str, str]:
     }
 
 
-def _digest(parts: list[str] | Iterator[str]) -> str:
-    return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
+def _digest(texts: Iterable[str]) -> str:
+    """Return the first digits of the hash of texts."""
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:16]
 
 
 def _of_robot(robot: Robot) -> Iterator[str]:
-    yield from (robot.name, *robot.model.names)
+    """Yield what a motion depends on: bodies, joints, limits and thrusters."""
+    yield robot.name
+    yield from robot.model.names
     for inertia, placement in zip(robot.model.inertias, robot.model.jointPlacements, strict=True):
         yield _rounded(inertia.toDynamicParameters())
         yield _rounded(placement.homogeneous)
-    yield from (_rounded(getattr(robot.limits, item.name)) for item in fields(robot.limits))
+    for limit in fields(robot.limits):
+        yield _rounded(getattr(robot.limits, limit.name))
     yield repr(robot.description.thrusters)
 
 
 def _of_mission(mission: Mission) -> Iterator[str]:
+    """Yield the phases, their transitions, and the tasks that are on in each."""
     for index, phase in enumerate(mission.phases):
-        yield from (phase.name, repr(sorted(phase.activations.items())), repr(phase.transitions))
+        yield phase.name
+        yield repr(sorted(phase.activations.items()))
+        yield repr(phase.transitions)
         for task in mission.tasks_of(index):
             if task.name in phase.on:
                 yield from _of_task(task)
 
 
 def _of_task(task: Task) -> Iterator[str]:
+    """Yield the kind of a task, its plain fields, and its goal at a few times."""
     yield type(task).__name__
-    values = {item.name: getattr(task, item.name) for item in fields(task)}
-    yield from (f"{name}={value!r}" for name, value in values.items() if isinstance(value, _PLAIN))
-    yield from (_rounded(task.reference(t)) for t in _MOMENTS)
+    for item in fields(task):
+        value = getattr(task, item.name)
+        if isinstance(value, _PLAIN_TYPES):
+            yield f"{item.name}={value!r}"
+    for t in _SAMPLE_TIMES:
+        yield _rounded(task.reference(t))
 
 
 def _rounded(values: np.ndarray) -> str:
-    rounded = np.round(np.asarray(values, dtype=float), _DIGITS) + 0.0
+    """Write numbers (...) with `_DECIMALS`, and -0 as 0."""
+    rounded = np.round(np.asarray(values, dtype=float), _DECIMALS) + 0.0
     return np.array2string(rounded, threshold=rounded.size + 1)

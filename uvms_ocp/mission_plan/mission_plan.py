@@ -1,7 +1,10 @@
-"""Plan of a whole mission: a motion, when it takes the phases, and which mission it is of."""
+"""Plan of a whole mission: a motion, when it takes the phases, and which mission it is of. As a
+file it is an ``.npz`` with the arrays of the motion and a text of all else.
+"""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,15 +15,19 @@ from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.control.plan_following import FollowingTuning, PlanGuide, PlannedPhase
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission_plan.mission_digests import mission_digests
-from uvms_ocp.mission_plan.plan_files import read_plan, write_plan
 from uvms_ocp.model_errors import printable
-from uvms_ocp.ocp import OcpStatus, Plan, Trajectory
+from uvms_ocp.ocp import OcpStatus, Plan, Trajectory, plan_file
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.record.record import Record
 from uvms_ocp.scenario.part_factories import MissionController
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.loop import Progress
 from uvms_ocp.types import Count, Finite, Magnitude
+
+_TEXT = "mission_plan"  # name of the text in a file
+_NO_PLAN = "no plan of a mission"
+_SHORTER_BY = {"t": 0, "q": 0, "v": 0, "a": 1, "thrust": 1, "torque": 1}
+"""Rows by which each array of a file is shorter than there are times."""
 
 
 @checked_dataclass(eq=False, repr=False)
@@ -66,16 +73,17 @@ class MissionPlan(TableDisplay):
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers and texts, ready for JSON."""
-        phases = [
-            {
-                "name": name,
-                "phase": phase.phase,
-                "begin_s": phase.begin,
-                "end_s": phase.end,
-                "moves": phase.moves,
-            }
-            for name, phase in zip(self.names, self.phases, strict=True)
-        ]
+        phases = []
+        for name, phase in zip(self.names, self.phases, strict=True):
+            phases.append(
+                {
+                    "name": name,
+                    "phase": phase.phase,
+                    "begin_s": phase.begin,
+                    "end_s": phase.end,
+                    "moves": phase.moves,
+                }
+            )
         return {
             "scenario": self.scenario,
             "status": self.status.value,
@@ -93,21 +101,19 @@ class MissionPlan(TableDisplay):
         }
 
     def _table(self) -> SmallTable:
-        summary = {
-            name: value
-            for name, value in self.summary().items()
-            if name not in ("phases", "identity")
-        }
-        phases = zip(self.names, self.phases, strict=True)
-        rows = ((f"phase {name}", f"{part.begin:.2f} to {part.end:.2f} s") for name, part in phases)
+        summary = self.summary()
+        del summary["phases"]
+        del summary["identity"]
+        rows = list(rows_of(summary))
+        for name, phase in zip(self.names, self.phases, strict=True):
+            rows.append((f"phase {name}", f"{phase.begin:.2f} to {phase.end:.2f} s"))
         return SmallTable(
-            title=f"MissionPlan of {self.scenario}: {self.status.value}",
-            rows=(*rows_of(summary), *rows),
+            title=f"MissionPlan of {self.scenario}: {self.status.value}", rows=tuple(rows)
         )
 
     def to_record(self, scenario: Scenario) -> Record:
-        """The motion of the scenario's robot as a record, which figures, scenes and comparisons
-        take.
+        """Return the motion of the scenario's robot as a record, which figures, scenes and
+        comparisons take.
 
         Raises `InvalidInput` as `require_of` does.
         """
@@ -123,7 +129,8 @@ class MissionPlan(TableDisplay):
 
     def save(self, path: Path | str) -> Path:
         """Write it as ``.npz``. Raises `OutputError` where the file cannot be written."""
-        return write_plan(path, self.trajectory, self.summary())
+        arrays = plan_file.trajectory_arrays(self.trajectory)
+        return plan_file.write_arrays(Path(path), _TEXT, json.dumps(self.summary()), arrays)
 
     @staticmethod
     def load(path: Path | str) -> MissionPlan:
@@ -131,7 +138,8 @@ class MissionPlan(TableDisplay):
         file.
         """
         try:
-            return _from_summary(*read_plan(path))
+            summary, arrays = plan_file.from_arrays(Path(path), _TEXT, _NO_PLAN)
+            return _from_summary(_stored_trajectory(arrays), summary)
         except InvalidInput as error:
             raise InvalidInput(
                 f"{printable(path)}: {error}; give the plan.npz that `plan mission` wrote"
@@ -147,11 +155,10 @@ class MissionPlan(TableDisplay):
             raise InvalidInput(
                 f"the plan of {self.scenario} is {self.status.value}; {self.status.advice}"
             )
-        differing_parts = [
-            name
-            for name, digest in mission_digests(scenario).items()
-            if self.identity.get(name) != digest
-        ]
+        differing_parts = []
+        for name, digest in mission_digests(scenario).items():
+            if self.identity.get(name) != digest:
+                differing_parts.append(name)
         if differing_parts:
             mismatch = (
                 f"the plan is of {self.scenario} with another {' and '.join(differing_parts)} than"
@@ -198,17 +205,20 @@ class MissionPlan(TableDisplay):
 def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPlan:
     """Build a plan from a file's summary, as `MissionPlan.summary` has it."""
     statuses = {status.value: status for status in OcpStatus}
-    parts = [
-        PlannedPhase(
-            phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"]
+    names = []
+    phases = []
+    for part in summary["phases"]:
+        names.append(part["name"])
+        phases.append(
+            PlannedPhase(
+                phase=part["phase"], begin=part["begin_s"], end=part["end_s"], moves=part["moves"]
+            )
         )
-        for part in summary["phases"]
-    ]
     return MissionPlan(
         scenario=summary["scenario"],
         trajectory=trajectory,
-        phases=tuple(parts),
-        names=tuple(part["name"] for part in summary["phases"]),
+        phases=tuple(phases),
+        names=tuple(names),
         status=statuses[summary["status"]],
         reason=summary["reason"],
         energy=summary["energy_j"],
@@ -218,3 +228,23 @@ def _from_summary(trajectory: Trajectory, summary: dict[str, Any]) -> MissionPla
         solve_time=summary["solve_time_s"],
         identity=summary["identity"],
     )
+
+
+def _stored_trajectory(arrays: plan_file.Arrays) -> Trajectory:
+    """Build the motion from the arrays of a file, which anyone may have written. Raises
+    `InvalidInput` where they are no motion.
+    """
+    if not arrays.keys() >= _SHORTER_BY.keys():
+        raise InvalidInput(_NO_PLAN)
+    series = {name: arrays[name] for name in _SHORTER_BY}
+    n = series["t"].size
+    for name, array in series.items():
+        n_axes = 1 if name == "t" else 2
+        has_axes = array.ndim == n_axes and array.dtype.kind == "f"
+        if not has_axes or len(array) != n - _SHORTER_BY[name] or not np.isfinite(array).all():
+            raise InvalidInput(
+                f"{name} of shape {array.shape} does not fit {n} times, or is not finite"
+            )
+    if n < 2 or not (np.diff(series["t"]) > 0).all():
+        raise InvalidInput("its times do not increase")
+    return Trajectory(**series, of_wrench=False)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from uvms_ocp.control.velocity.levels import build_levels
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.mission import Mission, Phase, Transition
 from uvms_ocp.ocp.problem import OcpPhase
-from uvms_ocp.record.meta_values import DONE
+from uvms_ocp.record.meta_values import DONE, EventMeta
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.part_factories import our_controller
 from uvms_ocp.scenario.preflight.setup import forecast, main_path
@@ -34,23 +35,30 @@ from uvms_ocp.tasks import (
 )
 from uvms_ocp.types import Magnitude
 
-_LEAST_SHARE = 0.25  # share of a threshold that a plan may use, however large the margin
-
 ANGLES = ("tilt", "misalignment", "angle")
 """Quantities of tasks that bound an angle."""
-
-_PERIOD = 0.05  # [s] control period: a guess needs no better
-_TICKS_PER_SAMPLE = 4  # ticks between two configurations that are kept
-# [s] of a phase that the greedy mission does not come to, or not out of, or that is foretold
+_SMALLEST_LIMIT = 0.25
+"""Share of a threshold that a plan may use, however large the margin."""
+_PERIOD = 0.05
+"""[s] Control period of the greedy mission: a guess needs no better."""
+_TICKS_PER_SAMPLE = 4
+"""Ticks between two configurations that are kept."""
 _NOMINAL_PHASE_TIME = 10.0
-_FORECAST_PERIOD = 0.5  # [s] between two configurations that are foretold
-
-# shares of the greedy duration of a phase
+"""[s] Duration of a phase that the greedy mission does not come to, or not out of, or that is
+foretold.
+"""
+_FORECAST_PERIOD = 0.5
+"""[s] Time between two configurations that are foretold."""
 _SHORTEST_SHARE = 0.25
+"""Share of the greedy duration of a segment that a plan takes at least."""
 _LONGEST_SHARE = 1.5
-_FEWEST_STEPS = 4  # steps of a segment
-_MOVING_GOAL_STEP = 0.5  # [s] steps where a goal moves
-_LEEWAY = 1.0  # [s] that a segment may take however soon the greedy mission is through
+"""Share of the greedy duration of a segment that a plan takes at most, with `_LEEWAY` added."""
+_FEWEST_STEPS = 4
+"""Steps of a segment of free duration."""
+_MOVING_GOAL_STEP = 0.5
+"""[s] Longest step where a goal moves."""
+_LEEWAY = 1.0
+"""[s] Time that a segment may take, however soon the greedy mission is through."""
 
 
 @checked_dataclass()
@@ -73,7 +81,7 @@ def tightened_limit(limit: float, margin: float) -> float:
     """Tighten a limit [m or rad], so that the motion carried out stays below it; margin [m or
     rad].
     """
-    return max(limit - margin, _LEAST_SHARE * limit)
+    return max(limit - margin, _SMALLEST_LIMIT * limit)
 
 
 def active_tasks(phase: Phase, tasks: Collection[Task]) -> list[Task]:
@@ -88,25 +96,26 @@ def active_constraints(
     established: Collection[str],
     margins: Margins,
 ) -> list[Task]:
-    """Constraints, what keeps the robot safe, and prerequisites that are established: stricter than
-    the mission has them.
+    """Return the tasks that a plan keeps all along a phase, stricter than the mission has them:
+    constraints, safety tasks, and prerequisites that are established.
 
     tasks: that are on. out: the transition by which the mission leaves the phase. established:
     names of the prerequisites that were on in the phase before. Raises `InvalidInput` for a task
     without residual, by its name.
     """
     limits = {condition.quantity.rpartition(".")[0]: condition.limit for condition in out.when}
-    constraints = [
-        task for task in tasks if _is_kept(task, limits, established) and not _kept_otherwise(task)
-    ]
-    for task in constraints:
+    constraints = []
+    for task in tasks:
+        if not _is_kept(task, limits, established) or _kept_otherwise(task):
+            continue
         if type(task).residual is Task.residual:
             problem = (
                 f"phase {phase.name!r}: {task.name}, a {type(task).__name__}, has no residual over"
                 " a horizon"
             )
             raise InvalidInput(f"{problem}; turn it off, or fly this mission without a plan")
-    return [_tightened_task(task, limits, margins) for task in constraints]
+        constraints.append(_tightened_task(task, limits, margins))
+    return constraints
 
 
 def is_prerequisite(task: Task) -> bool:
@@ -140,16 +149,16 @@ def _kept_otherwise(task: Task) -> bool:
     """Check whether the dynamics, the bounds on joints or clearances between shapes keep the
     task.
     """
-    return isinstance(task, (UnderActuation, Clearance)) or (
-        isinstance(task, JointLimits) and task.guard == 0
-    )
+    if isinstance(task, JointLimits):
+        return task.guard == 0
+    return isinstance(task, (UnderActuation, Clearance))
 
 
 def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -> Task:
+    """Return a task with its own threshold, or the limit of a condition on it, tightened."""
     if isinstance(task, attitude.AngleTask):
-        return replace(
-            task, aim=tightened_limit(limits.get(task.name, task.activation.end), margins.angle)
-        )
+        limit = limits.get(task.name, task.activation.end)
+        return replace(task, aim=tightened_limit(limit, margins.angle))
     if isinstance(task, MinimumAltitude):
         return replace(task, threshold=task.threshold + margins.altitude)
     return task
@@ -157,23 +166,23 @@ def _tightened_task(task: Task, limits: Mapping[str, float], margins: Margins) -
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class GreedyRollout:
-    """Configurations, and when each phase of the way begins."""
+    """Configurations of the mission as the hierarchy of tasks flies it, or may fly it."""
 
     t: np.ndarray
-    """(n,) [s]"""
+    """(n,) [s] times of the samples."""
     q: np.ndarray
-    """(n, n_q) [m, rad]"""
+    """(n, n_q) [m, rad] configurations at these times."""
     phases: tuple[int, ...]
-    """Indices in the mission of the phases on the way."""
+    """Indices in the mission of the phases on the way to its end, in their order."""
     begins: np.ndarray
     """(n_phases + 1,) [s] beginning of each phase, and the end of the last."""
-
     quantities: Mapping[str, np.ndarray]
     """Quantities (n,) by the names of conditions [in their units]."""
 
     def rows(self, k: int) -> np.ndarray:
         """Return the indices of the samples of the k-th phase on the way."""
-        return np.flatnonzero((self.t >= self.begins[k]) & (self.t < self.begins[k + 1]))
+        is_inside = (self.t >= self.begins[k]) & (self.t < self.begins[k + 1])
+        return np.flatnonzero(is_inside)
 
     def at(self, row: int) -> dict[str, float]:
         """Return all quantities in a row."""
@@ -192,36 +201,38 @@ def greedy_rollout(scenario: Scenario) -> GreedyRollout:
         dt=_PERIOD,
         duration=max(scenario.duration, _PERIOD),
     ).run()
-    ends = [(event.source, event.t) for event in record.run_meta.events]
     phases = main_path(scenario.mission.phases)
-    names = [scenario.mission.phases[index].name for index in phases]
     sampled_rows = slice(None, None, _TICKS_PER_SAMPLE)
-    # Beginnings of the phases [s], as far as the greedy mission goes through them in their order,
-    # and the last end.
-    begins = [0.0]
-    for k, name in enumerate(names):
-        is_completed = k < len(ends) and ends[k][0] == name
-        if is_completed:
-            begins.append(max(ends[k][1], begins[-1]))
-        else:
-            begins.append(begins[-1] + _NOMINAL_PHASE_TIME)
+    quantities = record["quantities"][sampled_rows].T
     return GreedyRollout(
         t=record["t"][sampled_rows],
         q=record["q"][sampled_rows],
         phases=tuple(phases),
-        begins=np.array(begins),
-        quantities=dict(
-            zip(record.meta.quantities, record["quantities"][sampled_rows].T, strict=True)
-        ),
+        begins=_begins(scenario.mission, phases, record.run_meta.events),
+        quantities=dict(zip(record.meta.quantities, quantities, strict=True)),
     )
 
 
-def foretold_way(scenario: Scenario) -> GreedyRollout:
+def _begins(mission: Mission, phases: Sequence[int], events: Sequence[EventMeta]) -> np.ndarray:
+    """Return the beginnings (n_phases + 1,) [s] of phases, and the last end, as far as a mission
+    with these events goes through them in their order.
+    """
+    begins = [0.0]
+    for index, event in zip_longest(phases, events[: len(phases)]):
+        if event is not None and event.source == mission.phases[index].name:
+            begins.append(max(event.t, begins[-1]))
+        else:
+            begins.append(begins[-1] + _NOMINAL_PHASE_TIME)
+    return np.array(begins)
+
+
+def foretold_rollout(scenario: Scenario) -> GreedyRollout:
     """Roll the mission out as pre-flight does: what cannot be planned is found before anything is
     simulated, and compiled for that.
 
-    Straight from stance to stance, as long in every phase; no quantity is known on it. Raises
-    `FrameNotFound` and `NameNotFound` for what tasks name and the robot does not have.
+    It leads straight from stance to stance, with phases of the same duration; no quantity is known
+    on it. Raises `FrameNotFound` and `NameNotFound` for what tasks name and the robot does not
+    have.
     """
     phases = main_path(scenario.mission.phases)
     begins = _NOMINAL_PHASE_TIME * np.arange(len(phases) + 1)
@@ -250,9 +261,9 @@ class HorizonSegment:
     """A part of the horizon within one phase of the mission."""
 
     phase: int
-    """Index in the mission."""
+    """Index of that phase in the mission."""
     ocp: OcpPhase
-    """Name, steps and range of durations."""
+    """Name, steps and range of durations of the segment."""
     greedy: tuple[float, float]
     """[s] beginning and end of the segment in the greedy mission."""
     holds: bool = False
@@ -263,18 +274,20 @@ class HorizonSegment:
     """Names of tasks that do not hold yet when it begins, but when it ends."""
 
 
-def exit_transition(phases: Sequence[Phase], way: Sequence[int], k: int) -> Transition:
-    """The transition by which the mission leaves the k-th phase of its way. Raises `InvalidInput`
-    where there is none.
+def exit_transition(phases: Sequence[Phase], route: Sequence[int], k: int) -> Transition:
+    """Return the transition by which the mission leaves the k-th phase of a route; route: indices
+    of phases. Raises `InvalidInput` where there is none.
     """
-    phase = phases[way[k]]
-    to = phases[way[k + 1]].name if k + 1 < len(way) else DONE
+    phase = phases[route[k]]
+    target = DONE
+    if k + 1 < len(route):
+        target = phases[route[k + 1]].name
     for transition in phase.transitions:
-        if transition.to == to:
+        if transition.to == target:
             return transition
     raise InvalidInput(
-        f"no transition leads from phase {phase.name!r} to {to}; a plan needs a mission that can be"
-        " completed"
+        f"no transition leads from phase {phase.name!r} to {target}; a plan needs a mission that"
+        " can be completed"
     )
 
 
@@ -292,32 +305,27 @@ def horizon_segments(
         on = active_tasks(phase, mission.tasks_of(index))
         constraints = active_constraints(phase, on, out, prerequisites, margins)
         prerequisites = {task.name for task in on if is_prerequisite(task)}
-        moving = goals_end_time(phase, on)
+        moving_time = goals_end_time(phase, on)
         hold = out.hold
-        if moving:
+        segment_step = step
+        if moving_time:
             segment_step = min(step, _MOVING_GOAL_STEP)
-        else:
-            segment_step = step
         begin = greedy.begins[k]
         entered = _time_entered(greedy, k, constraints)
         end = greedy.begins[k + 1]
-        middle = max(entered, end - hold)
-        broken = frozenset(
-            task.name
-            for task in constraints
-            if len(greedy.rows(k)) and is_violated(task, greedy.at(greedy.rows(k)[0]))
-        )
-        if broken:
-            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving, segment_step)
+        hold_begin = max(entered, end - hold)
+        violated = _violated_at_begin(greedy, k, constraints)
+        if violated:
+            ocp = _free_phase(f"{phase.name} entered", entered - begin, moving_time, segment_step)
             segments.append(
-                HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=broken)
+                HorizonSegment(phase=index, ocp=ocp, greedy=(begin, entered), waits_for=violated)
             )
-        # A goal that rests while conditions have to hold is followed from the beginning of that:
+        # Where the goal comes to rest while conditions have to hold, the whole phase is held:
         # nothing is free then.
-        if not 0 < moving <= hold:
-            ocp = _free_phase(phase.name, middle - entered, moving, segment_step)
+        if not 0 < moving_time <= hold:
+            ocp = _free_phase(phase.name, hold_begin - entered, moving_time, segment_step)
             segments.append(
-                HorizonSegment(phase=index, ocp=ocp, greedy=(entered, middle), ends=not hold)
+                HorizonSegment(phase=index, ocp=ocp, greedy=(entered, hold_begin), ends=not hold)
             )
         if hold:
             ocp = OcpPhase(
@@ -326,33 +334,45 @@ def horizon_segments(
                 duration=hold + margins.hold,
             )
             segments.append(
-                HorizonSegment(phase=index, ocp=ocp, greedy=(middle, end), ends=True, holds=True)
+                HorizonSegment(
+                    phase=index, ocp=ocp, greedy=(hold_begin, end), ends=True, holds=True
+                )
             )
     return segments
 
 
-def _free_phase(name: str, greedy: float, moving: float, step: float) -> OcpPhase:
-    """Phase of a free duration, about as long as the greedy mission takes [s], and no shorter than
-    its goals are moving [s].
+def _free_phase(name: str, greedy_time: float, moving_time: float, step: float) -> OcpPhase:
+    """Return a phase of free duration, about as long as the greedy mission takes [s], and no
+    shorter than its goals are moving [s].
     """
-    longest = max(_LONGEST_SHARE * greedy, moving) + _LEEWAY
-    shortest = max(_SHORTEST_SHARE * greedy, moving, 0.2 * _LEEWAY)
-    return OcpPhase(
-        name=name,
-        n_steps=max(_FEWEST_STEPS, math.ceil(greedy / step)),
-        duration=(shortest, longest),
-    )
+    longest = max(_LONGEST_SHARE * greedy_time, moving_time) + _LEEWAY
+    shortest = max(_SHORTEST_SHARE * greedy_time, moving_time, 0.2 * _LEEWAY)
+    n_steps = max(_FEWEST_STEPS, math.ceil(greedy_time / step))
+    return OcpPhase(name=name, n_steps=n_steps, duration=(shortest, longest))
+
+
+def _violated_at_begin(
+    greedy: GreedyRollout, k: int, constraints: Sequence[Task]
+) -> frozenset[str]:
+    """Return the names of the constraints that do not hold as the k-th phase begins."""
+    rows = greedy.rows(k)
+    if not len(rows):
+        return frozenset()
+    quantities = greedy.at(rows[0])
+    return frozenset(task.name for task in constraints if is_violated(task, quantities))
 
 
 def _time_entered(greedy: GreedyRollout, k: int, constraints: Sequence[Task]) -> float:
     """Return the time [s] at which all constraints hold for the first time in the k-th phase of the
     greedy way.
     """
-    for row in greedy.rows(k):
-        if not any(is_violated(task, greedy.at(row)) for task in constraints):
-            if row > greedy.rows(k)[0]:
-                return float(greedy.t[row])
-            return float(greedy.begins[k])
+    rows = greedy.rows(k)
+    for row in rows:
+        quantities = greedy.at(row)
+        if not any(is_violated(task, quantities) for task in constraints):
+            if row == rows[0]:
+                return float(greedy.begins[k])
+            return float(greedy.t[row])
     return float(greedy.begins[k + 1])
 
 
@@ -360,23 +380,22 @@ def goals_end_time(phase: Phase, on: Sequence[Task]) -> float:
     """Return the time [s after the beginning of the phase] at which the goals that are its own come
     to rest; 0 where none moves. on: its tasks.
     """
-    phase_goals = [phase.goals.get(task.name) for task in on]
-    ends = [
-        float(goal.end)
-        for goal in phase_goals
-        if callable(goal) and isinstance(goal, goals.EndingReference)
-    ]
-    return max([0.0, *ends])
-
-
-def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
-    """Value and rate at t [s] of a reference that begins at `start` [s]."""
-    return goal(max(t - start, 0.0))
+    last_end = 0.0
+    for task in on:
+        goal = phase.goals.get(task.name)
+        if callable(goal) and isinstance(goal, goals.EndingReference):
+            last_end = max(last_end, float(goal.end))
+    return last_end
 
 
 def delay_task(task: Task, phase: Phase, begin: float) -> Task:
-    """A task of a phase that begins at `begin` [s] on the horizon."""
+    """Return a task of a phase that begins at `begin` [s] on the horizon, with its goal delayed."""
     goal = getattr(task, "goal", None)
     if task.name in phase.goals and callable(goal):
         return task.with_goal(partial(_delayed, goal, begin))
     return task
+
+
+def _delayed(goal: Callable[[float], Any], start: float, t: float) -> Any:
+    """Return value and rate at t [s] of a reference that begins at `start` [s]."""
+    return goal(max(t - start, 0.0))
