@@ -56,12 +56,14 @@ class BoundCalls:
     Until machine code is there CasADi's virtual machine makes them, with the same results.
     """
 
-    __slots__ = ("_calls", "_for_now", "_make")
+    __slots__ = ("_calls", "_is_interim", "_make")
 
     def __init__(self) -> None:
         self._calls: list[_Call] = []
         self._make: Callable[[], None] | None = None
-        self._for_now = False
+        """Makes all calls; `None` until they are bound."""
+        self._is_interim = False
+        """True while a function is still being compiled, so that the virtual machine calls it."""
 
     def add(
         self, function: ca.Function, arguments: Sequence[Array], results: Sequence[Array | None]
@@ -87,21 +89,22 @@ class BoundCalls:
 
     def __call__(self) -> None:
         """Make all calls."""
-        if self._make is None or self._for_now:
+        if self._make is None or self._is_interim:
             self._bind()
         assert self._make is not None
         self._make()
 
     def _bind(self) -> None:
-        waits = any(is_being_compiled(call.function) for call in self._calls)
-        if not waits:
+        """Bind the calls to machine code, or as long as it is not there to the virtual machine."""
+        self._is_interim = any(is_being_compiled(call.function) for call in self._calls)
+        if not self._is_interim:
             self._make = _in_machine_code(self._calls) or _by_buffers(self._calls)
         elif self._make is None:
             self._make = _by_buffers(self._calls)
-        self._for_now = waits
 
 
 def _require(function: ca.Function, array: Array, size: int) -> None:
+    """Raise `InvalidInput` for memory that is not `size` numbers side by side."""
     if array.size != size or array.dtype != np.float64 or not array.flags.c_contiguous:
         raise InvalidInput(
             f"{function.name()}: memory of shape {array.shape}; give {size} numbers side by side"
@@ -109,10 +112,14 @@ def _require(function: ca.Function, array: Array, size: int) -> None:
 
 
 def _by_buffers(calls: Sequence[_Call]) -> Callable[[], None]:
-    bound = [(*buffer_on(call.function, call.arguments, call.results), call) for call in calls]
+    """Return the calls as CasADi's virtual machine makes them."""
+    bound_calls = []
+    for call in calls:
+        buffer, evaluate = buffer_on(call.function, call.arguments, call.results)
+        bound_calls.append((buffer, evaluate, call))
 
     def make() -> None:
-        for buffer, evaluate, call in bound:
+        for buffer, evaluate, call in bound_calls:
             evaluate()
             if buffer.ret():
                 call.fail()
@@ -141,36 +148,41 @@ def _in_machine_code(calls: Sequence[_Call]) -> Callable[[], None] | None:
 class _MachineCode:
     """Calls that machine code makes, from a table of addresses."""
 
-    __slots__ = ("_calls", "_make", "_memory", "_table")
+    __slots__ = ("_calls", "_inputs", "_make", "_memory")
 
     def __init__(
         self, library: ctypes.CDLL, symbols: Sequence[int | None], calls: Sequence[_Call]
     ) -> None:
-        argument_addresses = [_addresses(call.arguments, call.function.sz_arg()) for call in calls]
-        result_addresses = [_addresses(call.results, call.function.sz_res()) for call in calls]
-        columns = (
-            symbols,
-            _pairs(calls),
-            [addresses.ctypes.data for addresses in argument_addresses],
-            [addresses.ctypes.data for addresses in result_addresses],
-        )
-        table = np.array(list(zip(*columns, strict=True)), dtype=np.uintp)
-        n_integers = max((call.function.sz_iw() for call in calls), default=0)
-        n_numbers = max((call.function.sz_w() for call in calls), default=0)
+        rows = []
+        addresses = []
+        n_integers = 0
+        n_numbers = 0
+        for symbol, symbol_of_pair, call in zip(symbols, _pairs(calls), calls, strict=True):
+            arguments = _addresses(call.arguments, call.function.sz_arg())
+            results = _addresses(call.results, call.function.sz_res())
+            addresses += [arguments, results]
+            rows.append((symbol, symbol_of_pair, arguments.ctypes.data, results.ctypes.data))
+            n_integers = max(n_integers, call.function.sz_iw())
+            n_numbers = max(n_numbers, call.function.sz_w())
+        table = np.array(rows, dtype=np.uintp)
         integer_work = np.zeros(n_integers, dtype=np.int64)
         work = np.zeros(n_numbers)
-        pointers = (ctypes.c_void_p(array.ctypes.data) for array in (table, integer_work, work))
         self._make = library.make_calls
-        self._table = (ctypes.c_int(len(calls)), *pointers)
+        self._inputs = (
+            ctypes.c_int(len(calls)),
+            ctypes.c_void_p(table.ctypes.data),
+            ctypes.c_void_p(integer_work.ctypes.data),
+            ctypes.c_void_p(work.ctypes.data),
+        )
         self._calls = calls
-        self._memory = (argument_addresses, result_addresses, table, integer_work, work)
+        self._memory = (addresses, table, integer_work, work)
 
     def __call__(self) -> None:
-        failed = self._make(0, *self._table)
+        failed = self._make(0, *self._inputs)
         n = len(self._calls)
         while failed < n:
             self._calls[failed].fail()
-            failed = self._make(failed + 1, *self._table)
+            failed = self._make(failed + 1, *self._inputs)
 
 
 def _pairs(calls: Sequence[_Call]) -> list[int]:

@@ -85,6 +85,7 @@ class BufferedFunction:
         return bool(self._buffer.ret())
 
     def _fitted(self, i: int, argument: ArrayLike) -> Array:
+        """Return an argument in the shape of its memory, or one column for all columns."""
         shape = self._arguments[i].shape
         array = np.asarray(argument, dtype=np.float64)
         squeezed_shape = self._arguments[i].squeeze().shape
@@ -128,6 +129,8 @@ def _side_by_side(array: Array) -> memoryview:
 
 
 def _memory(size: tuple[int, int]) -> Array:
-    if size[1] == 1:
-        return np.zeros(size[0])
+    """Return zeros (m,) for a column, (m, n) for a matrix."""
+    n_rows, n_columns = size
+    if n_columns == 1:
+        return np.zeros(n_rows)
     return np.zeros(size, order="F")

@@ -16,26 +16,34 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-_PART_LENGTH = 400  # statements: compiled in the least time, and the code is no slower
-_STRAIGHT_FUNCTION = re.compile(
-    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
-    r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
-)
-_STATEMENT = re.compile(r"  (?:(a\d+)=)?(.*\n)")
-_VARIABLE = re.compile(r"\ba\d+\b")
-_IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
-_IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
-_VECTOR = re.compile(r"\b(?:arg|res)\[")
-_ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
+TWO_CALLS = "two_calls"
+"""Name in C of the function that makes two calls at once."""
+_PART_LENGTH = 400
+"""Statements of a part: compiled in the shortest time, and the code is no slower."""
 _ARITHMETIC_SHARE = 0.9
 """Share of arithmetic in a function from which one call takes as long as two at once, each in its
 half of a register.
 """
-TWO_CALLS = "two_calls"
-"""Name in C of the function that makes two calls at once."""
+_STRAIGHT_FUNCTION = re.compile(
+    r"(static int casadi_f\d+\(.*\) \{\n)(?:  casadi_real a.*;\n)+((?:  (?:a\d+=|if"
+    r" \(res\[\d+\]!=0\) ).*;\n)+)  return 0;\n"
+)
+"""A function without branches: its head, and its statements."""
+_STATEMENT = re.compile(r"  (?:(a\d+)=)?(.*\n)")
+"""A statement: the variable that it sets, if it does, and what it is set to."""
+_VARIABLE = re.compile(r"\ba\d+\b")
+_IF_WANTED = re.compile(r"if \(res\[\d+\]!=0\) ")
+"""Condition that a result is wanted."""
+_IF_GIVEN = re.compile(r"arg\[(\d+)\]\? arg\[\1\]\[(\d+)\] : 0")
+"""An entry of an argument, or 0 where that is not given."""
+_VECTOR = re.compile(r"\b(?:arg|res)\[")
+_ARITHMETIC = re.compile(r"  a\d+=\((?:-|(?:a\d+|numbers\[\d+\])[-+*/])a\d+\);\n")
+"""A sum, difference, product or quotient of variables and numbers."""
 _NUMBER = re.compile(r"(?<![\w.])\d+\.(?:\d+e[+-]\d+)?(?![\w.])")
 _ARRAY = re.compile(r"static const casadi_real (casadi_c\d+)\[\d+\] =\s*\{([^}]*)\};")
-_OF_FORM = frozenset(("0.", "1."))
+"""Declaration of an array of constants: its name, and its numbers."""
+_NUMBERS_OF_FORM = frozenset(("0.", "1."))
+"""Numbers that stay in the code."""
 
 
 def without_numbers(code: str) -> tuple[str, np.ndarray]:
@@ -51,7 +59,7 @@ def without_numbers(code: str) -> tuple[str, np.ndarray]:
         return f"#undef {name}\n#define {name} (numbers + {first})"
 
     def replace_number(match: re.Match[str]) -> str:
-        if match[0] in _OF_FORM:
+        if match[0] in _NUMBERS_OF_FORM:
             return match[0]
         numbers.append(match[0])
         return f"numbers[{len(numbers) - 1}]"
@@ -77,9 +85,8 @@ def with_variable(code: str, name: str, values: Sequence[float]) -> str:
     """Replace in C code as CasADi writes it the constant array of these `values` [any] by the
     variable `name` of a file beside it.
     """
-    declaration = next(
-        match for match in _ARRAY.finditer(code) if np.array_equal(_numbers(match), values)
-    )
+    declarations = _ARRAY.finditer(code)
+    declaration = next(match for match in declarations if np.array_equal(_numbers(match), values))
     array = declaration[1]
     variable = f"extern double {name}[];\n#undef {array}\n#define {array} {name}"
     return code.replace(declaration[0], variable)
@@ -91,7 +98,10 @@ def _numbers(declaration: re.Match[str]) -> np.ndarray:
 
 
 class _Statement(NamedTuple):
+    """A statement of C."""
+
     line: str
+    """The whole of it, with the end of its line."""
     target: str | None
     """The variable that it sets, `None` for a result."""
     read: list[str]
@@ -102,12 +112,18 @@ def in_parts(code: str) -> str:
     """Split long functions without branches, in C code as CasADi writes it, into functions that
     they call; the results are the same to the bit.
     """
-    numbers = count()
-    return _STRAIGHT_FUNCTION.sub(lambda function: _parted(function, next(numbers)), code)
+    function_numbers = count()
+
+    def parted(function: re.Match[str]) -> str:
+        return _parted(function, next(function_numbers))
+
+    return _STRAIGHT_FUNCTION.sub(parted, code)
 
 
 def _parted(function: re.Match[str], number: int) -> str:
-    """Return one function in parts, for two calls at once where nearly all of it is arithmetic."""
+    """Return one function in parts, for two calls at once where nearly all of it is arithmetic.
+    number: of the function in its file, for the names of its parts.
+    """
     head = function[1]
     body = _IF_WANTED.sub("", function[2])
     body = _IF_GIVEN.sub(r"arg[\1][\2]", body)
@@ -117,16 +133,15 @@ def _parted(function: re.Match[str], number: int) -> str:
         statements.append(_Statement(statement[0], statement[1], variables))
     if len(statements) < 2 * _PART_LENGTH:
         return function[0]
-    calls = "".join(
-        f"  part{number}_{first}(given, wanted, kept);\n"
-        for first in range(0, len(statements), _PART_LENGTH)
-    )
+    calls = ""
+    for first in range(0, len(statements), _PART_LENGTH):
+        calls += f"  part{number}_{first}(given, wanted, kept);\n"
     targets = [statement.target for statement in statements if statement.target]
-    n_variables = 1 + max(_place(target) for target in targets)
+    n_variables = 1 + max(map(_place, targets))
     n_arguments, largest_argument = _sizes("arg", body)
     n_results, largest_result = _sizes("res", body)
     sizes = f"{n_variables}, {n_arguments}, {largest_argument}, {n_results}, {largest_result}"
-    n_arithmetic = sum(_is_arithmetic(statement) for statement in statements)
+    n_arithmetic = sum(map(_is_arithmetic, statements))
     if "casadi_f0(" not in head or n_arithmetic < _ARITHMETIC_SHARE * len(targets):
         parts = _parts(number, statements, "double")
         return f"{parts}{head}  MEMORY_OF_PARTS({sizes})\n{calls}  return 0;\n"
@@ -189,9 +204,11 @@ def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -
     declared = dict[str, None]()
     text = list[str]()
     for k, (line, target, read) in enumerate(statements):
-        text += [f"  {name}=kept[{_place(name)}];\n" for name in read if name not in declared]
+        for name in read:
+            if name not in declared:
+                text.append(f"  {name}=kept[{_place(name)}];\n")
+                declared[name] = None
         text.append(line)
-        declared |= dict.fromkeys(read)
         if target:
             declared[target] = None
             if target in later and last[target] == k:
@@ -200,4 +217,5 @@ def _part(statements: Sequence[_Statement], later: Set[str | None], kind: str) -
 
 
 def _place(name: str) -> int:
+    """Return the place in memory of a variable: that of ``a7`` is 7."""
     return int(name[1:])

@@ -51,6 +51,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.progress import progress_bar
 
 _FLAGS = ("-O3", "-shared", "-fPIC", "-ffp-contract=off")
+"""Flags of all compilations, before those of the caller and of the user."""
 _EXACT = ("-fno-fast-math", "-ffp-contract=off", "-fno-tree-slp-vectorize")
 """Flags behind those of the user, so that numbers are the same with them: see exact.c."""
 _STRAIGHT = (
@@ -62,10 +63,12 @@ _STRAIGHT = (
 """Flags for code without loops, which gains nothing from more optimisation but the time that takes."""
 _LONG_STRAIGHT = ("-Og", "-finline-small-functions", "-fno-semantic-interposition")
 """Flags for long code without loops: half the time of `_STRAIGHT`."""
-_LONG_CODE = 200_000  # [bytes] from which code is compiled with `_LONG_STRAIGHT`
+_LONG_CODE = 200_000
+"""[bytes] from which code is compiled with `_LONG_STRAIGHT`."""
 
 
 def _c_text(name: str) -> str:
+    """Read a file of C beside this one."""
     return (files("uvms_ocp.codegen") / f"{name}.c").read_text("utf-8")
 
 
@@ -88,24 +91,35 @@ MOST_CACHED = 1e9
 """[bytes] beyond which libraries that were used longest ago are removed."""
 PROGRESS = "progress"
 """Attribute of what is logged as a warning to be seen, and warns of nothing."""
-_VERSION_TIMEOUT = 30.0  # [s]
-_HUNG: set[str] = set()  # compilers, which are not called again
-_SAID: set[str] = set()  # warnings, which are logged once
-_KEPT_FUNCTIONS = 48  # loaded functions that all callers share
+_KEPT_FUNCTIONS = 48
+"""Loaded functions that all callers share."""
+_MAX_COMPILERS = 4
+"""Compilers of a process at once: the processes of a campaign are many."""
+_TIMEOUT = 300.0
+"""[s] Time after which a compiler is stopped: ten times what the longest of ours takes."""
+_VERSION_TIMEOUT = 30.0
+"""[s] Time after which a compiler is stopped that is asked for its version."""
+_PACE = 1.2e-6
+"""[s] Time that a byte of long code takes to compile."""
+_LONG = 2.0
+"""[s] Time of silence that looks like a hang."""
+_MAX_OUTPUT = 2000
+"""[bytes] of what a compiler writes that are kept."""
+_SLOWER = "everything works, only slower"
+"""What a missing compiler means, in a warning."""
+_NO_NUMBERS = np.zeros(0)
+_WAITS = ContextVar("waits", default=True)
+"""Whether machine code is waited for, see `compiling_beside`."""
+_HUNG: set[str] = set()
+"""Compilers that have hung, which are not called again."""
+_SAID: set[str] = set()
+"""Warnings that have been logged, each once."""
 _ADDRESSES = WeakKeyDictionary[ca.Function, dict[str, int | None]]()
 """Addresses of compiled functions, by symbol."""
 _BESIDE = WeakKeyDictionary[ca.Function, tuple[AsyncResult[Path | None], np.ndarray]]()
 """Functions that are being compiled in the background: their library, and their numbers."""
 _BEGUN: list[tuple[AsyncResult[Any], Callable[[], Any]]] = []
 """Compilations in the background, whether anybody waits for them or not."""
-_WAITS = ContextVar("waits", default=True)
-_NO_NUMBERS = np.zeros(0)
-_MAX_COMPILERS = 4  # at once, of a process: those of a campaign are many
-_PACE = 1.2e-6  # [s] that a byte of long code takes to compile
-_LONG = 2.0  # [s] of silence that look like a hang
-_SLOWER = "everything works, only slower"
-_TIMEOUT = 300.0  # [s], ten times what the longest of ours takes
-_MAX_OUTPUT = 2000  # [bytes] of what a compiler writes
 _STARTING = threading.RLock()
 """Held while a compiler is started, so that no fork happens in between."""
 _RUNNING = set[subprocess.Popen[bytes]]()
@@ -115,135 +129,6 @@ _BEHIND = threading.Event()
 _log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-
-
-def compile_timeout() -> float:
-    """Return the time [s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises
-    `InvalidInput` where that is no time.
-    """
-    configured = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
-    try:
-        seconds = float(configured or _TIMEOUT)
-    except ValueError:
-        seconds = -1.0
-    if not 0.0 < seconds < 1e9:
-        raise InvalidInput(
-            f"UVMS_OCP_COMPILE_TIMEOUT = {configured!r}; give seconds, such as {_TIMEOUT:g}"
-        )
-    return seconds
-
-
-def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
-    """Run a compiler for at most that many `seconds` [s]; return its code and the end of what it
-    wrote on both outputs.
-
-    Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
-    with all its children.
-    """
-    with tempfile.TemporaryFile() as output:
-        with _STARTING:
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-            _RUNNING.add(process)
-        try:
-            code = process.wait(seconds)
-        except BaseException:  # Ctrl-C too, which does not reach a session of its own
-            _kill(process)
-            raise
-        finally:
-            _RUNNING.discard(process)
-        size = output.seek(0, os.SEEK_END)
-        output.seek(max(0, size - _MAX_OUTPUT))
-        return code, output.read().decode(errors="replace")
-
-
-@atexit.register
-def _end_compilers() -> None:
-    """Stop all compilers as the process ends, which threads that wait for them do not notice."""
-    _STARTING.acquire()  # and none begins any more
-    unfinished = [work for result, work in _BEGUN if not result.ready()]
-    for process in _RUNNING.copy():
-        _kill(process)
-    if unfinished:
-        _hand_over(unfinished)
-
-
-def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
-    """Give unfinished compilations to a process of their own, so that the next process finds their
-    libraries.
-    """
-    is_python = "python" in Path(sys.executable or "").name.lower()
-    if not is_python:  # but a program that has Python in it, and would begin anew
-        return
-    imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
-    with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
-        pickle.dump(unfinished, file)
-        file.seek(0)
-        subprocess.Popen(
-            [sys.executable, "-c", f"{imports}; compile_what_is_left()"],
-            stdin=file,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
-
-
-def compile_what_is_left() -> None:
-    """Compile what another process has begun and left on stdin, behind all other work of the
-    machine.
-    """
-    if sys.platform != "win32":
-        os.nice(19)
-    _BEHIND.set()
-    jobs = pickle.load(sys.stdin.buffer)
-    workers = _workers(os.getpid())
-    results = [workers.apply_async(job) for job in jobs]
-    for result in results:
-        result.wait()
-
-
-def _forget_threads() -> None:
-    """Forget in a fork the threads and compilers, which are those of its parent."""
-    _BESIDE.clear()
-    _BEGUN.clear()
-    _RUNNING.clear()
-    _STARTING.release()
-
-
-if sys.platform != "win32":
-    # A fork in the middle of a start would hold open the pipe by which the starting thread hears
-    # that its compiler runs.
-    os.register_at_fork(
-        before=_STARTING.acquire, after_in_parent=_STARTING.release, after_in_child=_forget_threads
-    )
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    if sys.platform == "win32":
-        process.kill()
-    else:
-        with suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-
-
-def constants_of(module: ModuleType) -> dict[str, float]:
-    """Return the numbers that a module names in capitals."""
-    return {
-        name: value
-        for name, value in vars(module).items()
-        if name.isupper() and isinstance(value, int | float)
-    }
-
-
-def c_macros(values: Mapping[str, object]) -> str:
-    """Define a macro for each value, under its name in capitals."""
-    return "".join(f"#define {name.upper()} {value}\n" for name, value in values.items())
 
 
 @checked
@@ -323,13 +208,12 @@ def compiling_beside(in_background: bool) -> Iterator[None]:
     """Inside, `available_function` waits for no compiler, unless ``UVMS_OCP_WAIT_FOR_COMPILER`` is
     set.
     """
-    before = _WAITS.set(
-        not in_background or os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
-    )
+    is_wait_required = os.environ.get("UVMS_OCP_WAIT_FOR_COMPILER", "0") not in {"", "0"}
+    previous = _WAITS.set(not in_background or is_wait_required)
     try:
         yield
     finally:
-        _WAITS.reset(before)
+        _WAITS.reset(previous)
 
 
 def waits_for_compiler() -> bool:
@@ -597,6 +481,23 @@ def loaded_library(path: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(path))
 
 
+def constants_of(module: ModuleType) -> dict[str, float]:
+    """Return the numbers that a module names in capitals."""
+    constants = {}
+    for name, value in vars(module).items():
+        if name.isupper() and isinstance(value, int | float):
+            constants[name] = value
+    return constants
+
+
+def c_macros(values: Mapping[str, object]) -> str:
+    """Define a macro for each value, under its name in capitals."""
+    macros = ""
+    for name, value in values.items():
+        macros += f"#define {name.upper()} {value}\n"
+    return macros
+
+
 def _key(sources: Sequence[str], flags: Sequence[str], compiler: str) -> str:
     identity = (*sources, *flags, compiler, _version(compiler), platform.machine(), sys.platform)
     return hashlib.sha256("\0".join(identity).encode()).hexdigest()
@@ -736,3 +637,118 @@ def _build_in(
     os.replace(built, library)
     os.replace(digest, library.with_suffix(".sha256"))
     return True
+
+
+def compile_timeout() -> float:
+    """Return the time [s] after which a compiler is stopped: ``UVMS_OCP_COMPILE_TIMEOUT``. Raises
+    `InvalidInput` where that is no time.
+    """
+    configured = os.environ.get("UVMS_OCP_COMPILE_TIMEOUT", "")
+    try:
+        seconds = float(configured or _TIMEOUT)
+    except ValueError:
+        seconds = -1.0
+    if not 0.0 < seconds < 1e9:
+        raise InvalidInput(
+            f"UVMS_OCP_COMPILE_TIMEOUT = {configured!r}; give seconds, such as {_TIMEOUT:g}"
+        )
+    return seconds
+
+
+def run_compiler(command: Sequence[str], seconds: float) -> tuple[int, str]:
+    """Run a compiler for at most that many `seconds` [s]; return its code and the end of what it
+    wrote on both outputs.
+
+    Raises `OSError` where it cannot be run, and `subprocess.TimeoutExpired` where it was stopped,
+    with all its children.
+    """
+    with tempfile.TemporaryFile() as output:
+        with _STARTING:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            _RUNNING.add(process)
+        try:
+            code = process.wait(seconds)
+        except BaseException:  # Ctrl-C too, which does not reach a session of its own
+            _kill(process)
+            raise
+        finally:
+            _RUNNING.discard(process)
+        size = output.seek(0, os.SEEK_END)
+        output.seek(max(0, size - _MAX_OUTPUT))
+        return code, output.read().decode(errors="replace")
+
+
+@atexit.register
+def _end_compilers() -> None:
+    """Stop all compilers as the process ends, which threads that wait for them do not notice."""
+    _STARTING.acquire()  # and none begins any more
+    unfinished = [work for result, work in _BEGUN if not result.ready()]
+    for process in _RUNNING.copy():
+        _kill(process)
+    if unfinished:
+        _hand_over(unfinished)
+
+
+def _hand_over(unfinished: Sequence[Callable[[], object]]) -> None:
+    """Give unfinished compilations to a process of their own, so that the next process finds their
+    libraries.
+    """
+    is_python = "python" in Path(sys.executable or "").name.lower()
+    if not is_python:  # but a program that has Python in it, and would begin anew
+        return
+    imports = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import compile_what_is_left"
+    with suppress(OSError, AttributeError, pickle.PicklingError), tempfile.TemporaryFile() as file:
+        pickle.dump(unfinished, file)
+        file.seek(0)
+        subprocess.Popen(
+            [sys.executable, "-c", f"{imports}; compile_what_is_left()"],
+            stdin=file,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+
+def compile_what_is_left() -> None:
+    """Compile what another process has begun and left on stdin, behind all other work of the
+    machine.
+    """
+    if sys.platform != "win32":
+        os.nice(19)
+    _BEHIND.set()
+    jobs = pickle.load(sys.stdin.buffer)
+    workers = _workers(os.getpid())
+    results = [workers.apply_async(job) for job in jobs]
+    for result in results:
+        result.wait()
+
+
+def _forget_threads() -> None:
+    """Forget in a fork the threads and compilers, which are those of its parent."""
+    _BESIDE.clear()
+    _BEGUN.clear()
+    _RUNNING.clear()
+    _STARTING.release()
+
+
+if sys.platform != "win32":
+    # A fork in the middle of a start would hold open the pipe by which the starting thread hears
+    # that its compiler runs.
+    os.register_at_fork(
+        before=_STARTING.acquire, after_in_parent=_STARTING.release, after_in_child=_forget_threads
+    )
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    process.wait()

@@ -78,15 +78,20 @@ class CType:
         """True for a number, False for an array or a structure."""
         return not self.sizes and self.structure is None
 
+    @property
+    def subscripts(self) -> str:
+        """Sizes of an array as a declaration has them, empty for anything else."""
+        return "".join(f"[{size}]" for size in self.sizes)
+
     def entry(self) -> CType:
         """Return the type of an entry of an array."""
         return CType(self.name, self.sizes[1:], self.structure)
 
     def declared(self, name: str) -> str:
-        """A declaration of `name`."""
+        """Declare a variable or a parameter of this type."""
         if self.sizes == (0,) or (self.structure is not None and not self.sizes):
             return f"{self.name} *{name}"
-        return f"{self.name} {name}{''.join(f'[{size}]' for size in self.sizes)}"
+        return f"{self.name} {name}{self.subscripts}"
 
 
 DOUBLE = CType("double")
@@ -118,8 +123,8 @@ def field_of(owner: CType, name: str) -> CType:
 
 
 def column_size(kind: CType) -> int:
-    """Numbers of a structure of nothing else, which are one after the other; 0 of any other
-    type.
+    """Count the numbers of a structure that has nothing else, which stand one after the other; 0
+    for any other type.
     """
     if kind.structure is None or kind.sizes:
         return 0
@@ -130,7 +135,7 @@ def column_size(kind: CType) -> int:
 
 
 def c_name(name: str) -> str:
-    """A name of Python in C, where some have another meaning."""
+    """Return a name of Python in C, where some have another meaning."""
     if name in _RESERVED:
         return f"{name}_"
     return name
@@ -173,7 +178,7 @@ class Scope:
 
 
 def expression(node: ast.expr, scope: Scope) -> CExpression:
-    """`node` in C. Raises `InvalidInput` for what kernels cannot do."""
+    """Translate an expression to C. Raises `InvalidInput` for what kernels cannot do."""
     return _TRANSLATED.get(type(node), refused)(node, scope)
 
 
@@ -183,7 +188,7 @@ def refused(node: ast.AST, scope: Scope) -> NoReturn:
 
 
 def number(node: ast.expr, scope: Scope) -> CExpression:
-    """An expression that is a number."""
+    """Translate an expression that has to be a number."""
     value = expression(node, scope)
     require(
         value.type.is_number and value.type != NOTHING, node, f"is no number but {value.type.name}"
@@ -296,18 +301,18 @@ def _unary(node: ast.UnaryOp, scope: Scope) -> CExpression:
 def _logic(node: ast.BoolOp, scope: Scope) -> CExpression:
     parts = [number(value, scope) for value in node.values]
     require(all(part.type == INT for part in parts), node, "is only for truth values")
-    operator = " && " if isinstance(node.op, ast.And) else " || "
+    operator = " || "
+    if isinstance(node.op, ast.And):
+        operator = " && "
     text = operator.join(part.text for part in parts)
     return CExpression(f"({text})", INT)
 
 
 def _comparison(node: ast.Compare, scope: Scope) -> CExpression:
     terms = [number(term, scope).text for term in (node.left, *node.comparators)]
-    require(
-        all(type(op) in _COMPARISONS for op in node.ops), node, "does not compare numbers by size"
-    )
     comparisons = list[str]()
     for operator, (first, second) in zip(node.ops, pairwise(terms), strict=True):
+        require(type(operator) in _COMPARISONS, node, "does not compare numbers by size")
         comparisons.append(f"{first} {_COMPARISONS[type(operator)]} {second}")
     return CExpression(f"({' && '.join(comparisons)})", INT)
 
@@ -342,6 +347,7 @@ def _call(node: ast.Call, scope: Scope) -> CExpression:
 
 
 def _listed(arguments: Sequence[ast.expr], scope: Scope) -> str:
+    """Translate the arguments of a call, which have to be numbers."""
     return ", ".join(number(argument, scope).text for argument in arguments)
 
 

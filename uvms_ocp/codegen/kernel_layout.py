@@ -22,7 +22,9 @@ from uvms_ocp.errors import InvalidInput
 _FUNCTIONS = WeakKeyDictionary[Any, tuple[str, ...]]()
 """Names of the fields of each type of a structure that hold functions."""
 _CALL = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_void_p,) * 4, ctypes.c_int)
+"""Type of machine code that CasADi writes: of arguments, results, work memory and its number."""
 _NOTHING = ca.Function("ask", [], [])
+"""Function without arguments, in whose place a callback is called."""
 _buffered = lru_cache(maxsize=96)(BufferedFunction)
 
 Vector: TypeAlias = MutableSequence[float]
@@ -73,9 +75,9 @@ def function_structure(function: ca.Function) -> type[FunctionStructure]:
     """Return the type of the field. Raises `InvalidInput` for a function with structural zeros
     among what it takes or gives.
     """
-    sparsities = [function.sparsity_in(i) for i in range(function.n_in())]
-    sparsities += [function.sparsity_out(i) for i in range(function.n_out())]
-    if not all(sparsity.is_dense() for sparsity in sparsities):
+    dense_inputs = [function.sparsity_in(i).is_dense() for i in range(function.n_in())]
+    dense_outputs = [function.sparsity_out(i).is_dense() for i in range(function.n_out())]
+    if not all(dense_inputs + dense_outputs):
         raise InvalidInput(f"{function.name()} has sparse arguments; make them dense")
     n_arg, n_res, n_iw, n_w = work_sizes(function)
     fields = (
@@ -132,14 +134,15 @@ def _with_functions(kind: Any) -> tuple[str, ...]:
     """
     if kind in _FUNCTIONS:
         return _FUNCTIONS[kind]
-    names: tuple[str, ...]
+    names: tuple[str, ...] = ()
     if issubclass(kind, ctypes.Array):
         names = _with_functions(kind._type_)
     elif issubclass(kind, FunctionStructure):
         names = ("",)
     else:
-        fields = getattr(kind, "_fields_", ())
-        names = tuple(name for name, field_kind, *_ in fields if _with_functions(field_kind))
+        for name, field_kind, *_ in getattr(kind, "_fields_", ()):
+            if _with_functions(field_kind):
+                names = (*names, name)
     _FUNCTIONS[kind] = names
     return names
 
@@ -282,6 +285,7 @@ def _length(size: int | str, sizes: Mapping[str, int]) -> int:
 
 
 def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
+    """Return the type in ctypes of a field; name: of it and its layout, ``Layout.field``."""
     if hint in NUMBERS:
         return NUMBERS[hint]
     if isinstance(hint, type) and issubclass(hint, Layout):
@@ -298,12 +302,14 @@ def _field(name: str, hint: Any, sizes: Mapping[str, Any]) -> Any:
         )
     kind = _field(name, item, sizes)
     for size in reversed(get_args(hint)[1].sizes):
-        length = _required(name, size, sizes) if isinstance(size, str) else size
-        kind = kind * max(1, length)  # C knows no empty array
+        if isinstance(size, str):
+            size = _required(name, size, sizes)
+        kind = kind * max(1, size)  # C knows no empty array
     return kind
 
 
 def _required(name: str, size_name: str, sizes: Mapping[str, Any]) -> Any:
+    """Return a size or function by its name; raise `InvalidInput` where a field lacks it."""
     if size_name not in sizes:
         raise InvalidInput(
             f"{name} needs {size_name!r}, which is not given; given: {sorted(sizes)}"

@@ -59,27 +59,27 @@ def c_program(
         program.signature_of(kernel)
     while program.waiting:
         program.translate(program.waiting.pop(0))
-    heads = dict[Callable[..., Any], str]()
+    declarations = []
+    definitions = []
     for kernel, signature in program.signatures.items():
-        storage = "" if kernel in kernels else "static "
-        heads[kernel] = f"{storage}{_head(signature)}"
-    wide_kernels = WIDE.intersection(heads)
-    code = [_HEAD]
-    if wide_kernels:
-        code.append(WIDE_MACROS)
-    code += [f"{head};" for head in heads.values()]
-    code.append("")
-    for kernel, head in heads.items():
-        prefix = "WIDE " if kernel in wide_kernels else ""
-        code.append(f"{prefix}{head} {{\n{program.bodies[kernel]}}}\n")
-    return "\n".join(program.declared), "\n".join(code)
+        head = _head(signature)
+        if kernel not in kernels:
+            head = f"static {head}"
+        declarations.append(f"{head};")
+        prefix = "WIDE " if kernel in WIDE else ""
+        definitions.append(f"{prefix}{head} {{\n{program.bodies[kernel]}}}\n")
+    macros = []
+    if WIDE.intersection(program.signatures):
+        macros.append(WIDE_MACROS)
+    code = "\n".join([_HEAD, *macros, *declarations, "", *definitions])
+    return "\n".join(program.structure_declarations), code
 
 
 class _Program:
     """Program under construction: kernels are translated once the structures are declared."""
 
     def __init__(self, structures: Iterable[type[ctypes.Structure]]) -> None:
-        self.declared: list[str] = []
+        self.structure_declarations: list[str] = []
         """Declarations of the structures, in C."""
         self.signatures: dict[Callable[..., Any], c_code.Signature] = {}
         """Signatures of all kernels that are called, in the order in which they are met."""
@@ -101,33 +101,34 @@ class _Program:
             )
         if kernel not in self.signatures:
             self._names[name] += 1
-            count = self._names[name]
-            unique_name = name if count == 1 else f"{name}_{count}"
+            unique_name = name
+            if self._names[name] > 1:
+                unique_name = f"{name}_{self._names[name]}"
             self.signatures[kernel] = self._signature(unique_name, kernel)
             self.waiting.append(kernel)
         return self.signatures[kernel]
 
     def _signature(self, name: str, kernel: Callable[..., Any]) -> c_code.Signature:
+        """Return the signature of a kernel, by a name that no other one has in the program."""
         hints = get_type_hints(kernel)
         result = self._type(f"what {name} returns", hints.pop("return", None))
-        parameters = {
-            parameter: self._type(f"{name}: {parameter}", hints.get(parameter))
-            for parameter in inspect.signature(kernel).parameters
-        }
+        parameters = {}
+        for parameter in inspect.signature(kernel).parameters:
+            parameters[parameter] = self._type(f"{name}: {parameter}", hints.get(parameter))
         return c_code.Signature(name, parameters, result)
 
     def _type(self, what: str, hint: Any) -> c_code.CType:
+        """Return the type of an annotation; what: it is of, for the error."""
         if hint is None or hint in _TYPES:
             return _TYPES.get(hint, c_code.NOTHING)
         if isinstance(hint, type) and issubclass(hint, Layout):
             structure = self._structures.get(hint.__name__)
             if structure is not None:
                 return c_code.CType(hint.__name__, (), structure)
-        layouts = [
-            name
-            for name, kind in self._structures.items()
-            if not issubclass(kind, FunctionStructure)
-        ]
+        layouts = []
+        for name, structure in self._structures.items():
+            if not issubclass(structure, FunctionStructure):
+                layouts.append(name)
         raise InvalidInput(
             f"{what} is annotated with {hint}; give float, int, bool, Vector or a layout of"
             f" {layouts}"
@@ -148,14 +149,17 @@ class _Program:
             raise InvalidInput(
                 f"{kernel.__module__}.{kernel.__name__} is no kernel: {error}"
             ) from None
-        declarations = list[str]()
+        body = ""
         for name, kind in scope.local.items():
             if name not in signature.parameters:
                 variable = _variable(name, kind, is_owned=name in scope.owned_arrays)
-                declarations.append(f"  {variable};")
-        self.bodies[kernel] = "".join(f"{line}\n" for line in declarations + lines)
+                body += f"  {variable};\n"
+        for line in lines:
+            body += f"{line}\n"
+        self.bodies[kernel] = body
 
     def _declare(self, structure: type[ctypes.Structure]) -> None:
+        """Declare a structure, after those that it is made of."""
         name = structure.__name__
         if name in self._structures:
             if self._structures[name] is not structure:
@@ -163,15 +167,16 @@ class _Program:
             return
         if issubclass(structure, FunctionStructure):
             self._structures[name] = structure
-            self.declared.append(_function_declaration(structure))
+            self.structure_declarations.append(_function_declaration(structure))
             return
-        kinds = {field: c_code.of_ctypes(kind) for field, kind in structure._fields_}  # type: ignore[misc]
-        for kind in kinds.values():
+        fields = ""
+        for field, ctypes_kind in structure._fields_:  # type: ignore[misc]
+            kind = c_code.of_ctypes(ctypes_kind)
             if kind.structure is not None:
                 self._declare(kind.structure)
+            fields += f"  {_field(field, kind)};\n"
         self._structures[name] = structure
-        fields = "".join(f"  {_field(field, kind)};\n" for field, kind in kinds.items())
-        self.declared.append(f"typedef struct {{\n{fields}}} {name};\n")
+        self.structure_declarations.append(f"typedef struct {{\n{fields}}} {name};\n")
 
 
 def _function_declaration(structure: type[FunctionStructure]) -> str:
@@ -189,14 +194,17 @@ def _function_declaration(structure: type[FunctionStructure]) -> str:
 
 
 def _head(signature: c_code.Signature) -> str:
-    parameters = [kind.declared(c_code.c_name(name)) for name, kind in signature.parameters.items()]
+    """Declare a function, without the semicolon."""
+    parameters = []
+    for name, kind in signature.parameters.items():
+        parameters.append(kind.declared(c_code.c_name(name)))
     listed = ", ".join(parameters) or "void"
     return f"{signature.result.name} {c_code.PREFIX}{signature.name}({listed})"
 
 
 def _field(name: str, kind: c_code.CType) -> str:
-    sizes = "".join(f"[{size}]" for size in kind.sizes)
-    return f"{kind.name} {c_code.c_name(name)}{sizes}"
+    """Declare a field of a structure, without the semicolon."""
+    return f"{kind.name} {c_code.c_name(name)}{kind.subscripts}"
 
 
 def _variable(name: str, kind: c_code.CType, *, is_owned: bool) -> str:
@@ -224,11 +232,10 @@ def program_content(kernels: Iterable[Any]) -> str:
             texts[code.co_filename] = _text(code.co_filename)
         values = _values_named_in(kernel)
         content.append((kernel.__module__, kernel.__name__, code.co_firstlineno, kernel in WIDE))
-        content += [(path, _named_value(value)) for path, value in values]
-        for _, value in values:
-            if not inspect.isfunction(value) or value in reached:
-                continue
-            if value.__name__ == value.__qualname__:
+        for path, value in values:
+            content.append((path, _named_value(value)))
+            is_function = inspect.isfunction(value) and value.__name__ == value.__qualname__
+            if is_function and value not in reached:
                 reached.append(value)
     return f"{content} {texts}"
 
@@ -249,6 +256,7 @@ def _values_named_in(kernel: FunctionType) -> list[tuple[str, Any]]:
 
 
 def _named_value(value: Any) -> str:
+    """Return a number in C, anything else by its name."""
     number = c_code.literal(value)
     if number:
         return number.text
@@ -267,6 +275,9 @@ def structure_signature(kind: Any) -> Any:
 
 
 def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
+    """Return the definition of a kernel. Raises `InvalidInput` for decorators and inner
+    functions.
+    """
     code = kernel.__code__
     definition = _functions_in(_text(code.co_filename)).get(code.co_firstlineno)
     n_allowed_decorators = 1 if kernel in WIDE else 0
@@ -278,6 +289,7 @@ def _syntax(kernel: Callable[..., Any]) -> ast.FunctionDef:
 
 
 def _text(file: str) -> str:
+    """Return the text of a file, as it is now."""
     linecache.checkcache(file)
     return "".join(linecache.getlines(file))
 

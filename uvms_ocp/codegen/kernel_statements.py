@@ -13,6 +13,7 @@ from uvms_ocp.codegen.kernel_layout import FunctionStructure, zeros
 
 _PURE_BUILTINS = ("abs", "bool", "float", "int", "len", "max", "min")
 _PURE = (*_PURE_BUILTINS, *(f"math.{name}" for name in vars(math)))
+"""Functions, as kernels call them, that change nothing and depend on their arguments alone."""
 
 
 def block(nodes: Sequence[ast.stmt], scope: c_code.Scope) -> list[str]:
@@ -32,11 +33,17 @@ def _assign(node: ast.Assign | ast.AnnAssign, scope: c_code.Scope) -> list[str]:
     """
     if node.value is None:
         raise c_code.kernel_error(node, "has to give a value")
-    targets = [node.target] if isinstance(node, ast.AnnAssign) else node.targets
+    targets: list[ast.expr]
+    if isinstance(node, ast.AnnAssign):
+        targets = [node.target]
+    else:
+        targets = node.targets
+    values: list[ast.expr] = []
+    if isinstance(node.value, ast.Tuple):
+        values = node.value.elts
     pairs: list[tuple[ast.expr, ast.expr]] = []
     for target in targets:
         if isinstance(target, ast.Tuple):
-            values = node.value.elts if isinstance(node.value, ast.Tuple) else []
             c_code.require(len(values) == len(target.elts), node, "has to give as many values")
             pairs += zip(target.elts, values, strict=True)
         else:
@@ -63,7 +70,7 @@ def _reads(value: ast.expr, target: ast.expr) -> bool:
     """Check whether a value may depend on a target, which may have other names too."""
     parts = list(ast.walk(value))
     if isinstance(target, ast.Name):
-        return any(isinstance(part, ast.Name) and part.id == target.id for part in parts)
+        return target.id in [part.id for part in parts if isinstance(part, ast.Name)]
     is_element = isinstance(target, ast.Subscript)
     while isinstance(target, ast.Subscript):
         target = target.value
@@ -224,7 +231,9 @@ def _for(node: ast.For, scope: c_code.Scope) -> list[str]:
         node,
         "has to go over a range of one or two whole numbers, without else",
     )
-    start = "0" if len(bounds) == 1 else bounds[0].text
+    start = "0"
+    if len(bounds) == 2:
+        start = bounds[0].text
     end = bounds[-1].text
     k = f"at_{node.lineno}"
     last = f"end_{node.lineno}"
@@ -299,8 +308,10 @@ def _smooth_call(call: ast.Call, target: c_code.CExpression, scope: c_code.Scope
     for k, (argument, size) in enumerate(zip(call.args, sizes, strict=True)):
         is_input = k < n_in
         vector = _vector(argument, size, is_input, scope)
-        place = f"arg[{k}]" if is_input else f"res[{k - n_in}]"
-        lines.append(f"  f->{place} = {vector};")
+        if is_input:
+            lines.append(f"  f->arg[{k}] = {vector};")
+        else:
+            lines.append(f"  f->res[{k - n_in}] = {vector};")
     return [*lines, "  f->call(f->arg, f->res, f->iw, f->w, 0);", "}"]
 
 
@@ -314,14 +325,14 @@ def _vector(node: ast.expr, size: int, is_input: bool, scope: c_code.Scope) -> s
     column = c_code.column_size(source.type)
     if column >= size and column:
         return f"(double *){source.text}"
-    length = source.type.sizes[0] if source.type.sizes else -1
     is_vector = source.type.name == "double" and len(source.type.sizes) == 1
-    is_too_short = 0 < length < size  # 0 is unknown
+    is_too_short = is_vector and 0 < source.type.sizes[0] < size  # 0 is unknown
     c_code.require(is_vector and not is_too_short, node, f"is no vector of {size} numbers")
     return source.text
 
 
 def _word(word: str) -> Callable[[Any, c_code.Scope], list[str]]:
+    """Return the translation of a statement that is one word."""
     return lambda node, scope: [word]
 
 

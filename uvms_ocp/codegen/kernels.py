@@ -62,7 +62,7 @@ def initial_value(memory: Layout) -> str:
 
 
 def _text(value: Any) -> str:
-    """Return a value in C; empty for zero."""
+    """Return the value of a field in C; empty for zero."""
     if isinstance(value, FunctionStructure):
         return f"{{.call = {value.function.name()}}}"
     if isinstance(value, ctypes.Structure):
@@ -84,28 +84,30 @@ def _structure_text(structure: Any) -> str:
 
 
 def _array_text(array: Any) -> str:
-    items = [_text(item) for item in array]
-    while items and not items[-1]:
-        items.pop()
-    if not items:
+    """Return an array in C, without the zeros at its end."""
+    zero = "0"
+    if issubclass(array._type_, (ctypes.Array, ctypes.Structure)):
+        zero = "{0}"
+    entries = [_text(entry) or zero for entry in array]
+    while entries and entries[-1] == zero:
+        entries.pop()
+    if not entries:
         return ""
-    zero = "{0}" if isinstance(array[0], (ctypes.Array, ctypes.Structure)) else "0"
-    return f"{{{', '.join(item or zero for item in items)}}}"
+    return f"{{{', '.join(entries)}}}"
 
 
 def number(value: float) -> str:
     """Write a number in C, exact to the last bit; empty for 0."""
+    if value == 0 and math.copysign(1.0, value) > 0.0:
+        return ""
     if isinstance(value, int):
-        return str(value) if value else ""
+        return str(value)
     if math.isnan(value):
         return "NAN"
     if value == math.inf:
         return "INFINITY"
     if value == -math.inf:
         return "-INFINITY"
-    is_plus_zero = value == 0.0 and math.copysign(1.0, value) > 0.0
-    if is_plus_zero:
-        return ""
     return value.hex()
 
 
@@ -166,9 +168,10 @@ def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the function of a library that a kernel has become."""
     function = library[f"{PREFIX}{kernel.__name__}"]
     hints = get_type_hints(kernel)
-    function.argtypes = [_passed(hints[name]) for name in signature(kernel).parameters]
+    function.argtypes = [_argument_type(hints[name]) for name in signature(kernel).parameters]
     function.restype = NUMBERS.get(hints.get("return"))
     return function
 
@@ -181,7 +184,8 @@ class _ByReference:
     from_param = ctypes.byref
 
 
-def _passed(hint: Any) -> Any:
+def _argument_type(hint: Any) -> Any:
+    """Return the type in ctypes of an annotated parameter."""
     if isinstance(hint, type) and issubclass(hint, Layout):
         return _ByReference
     return NUMBERS.get(hint, ctypes.POINTER(ctypes.c_double))
@@ -230,13 +234,15 @@ def c_library(
         smooth_code = with_variable(smooth_code, *variable)
     form, values = without_numbers(smooth_code)
     array = f"const double numbers[{max(1, len(values))}]"
-    listed = ", ".join(number(value) or "0" for value in values.tolist()) or "0"
-    declarations = [_DECLARATION.format(function.name()) for function in functions]
+    listed_numbers = ", ".join(number(value) or "0" for value in values.tolist()) or "0"
+    declarations = ""
+    for function in functions:
+        declarations += _DECLARATION.format(function.name())
     return CLibrary(
         types=types,
         kernels=code,
         functions=f"{MATH}extern {array};\n{form}",
-        numbers=f"extern {array};\n{array} = {{{listed}}};\n",
-        declarations="".join(declarations),
+        numbers=f"extern {array};\n{array} = {{{listed_numbers}}};\n",
+        declarations=declarations,
         initial=initial_value(memory),
     )

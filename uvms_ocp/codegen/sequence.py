@@ -20,22 +20,30 @@ Step = tuple[Any, ...]
 """A kernel of `bind_kernels`, and up to four memories that it works on."""
 _SOURCE = (files("uvms_ocp.codegen") / "sequence.c").read_text(encoding="utf-8")
 _MEMORIES = 4
+"""Largest number of memories that a kernel works on."""
+# How numbers get into a row, as sequence.c counts the ways.
 _SAME = 0
-_DIFFERENCE = 4
-_KINDS = {
+"""As they are."""
+_CONVERSIONS = {
     ("int32", "int64"): 1,
     ("int32", "int8"): 2,
     ("int32", "bool"): 2,
     ("float64", "int64"): 3,
 }
-"""Conversions of numbers from one type to another."""
+"""As numbers of another type."""
+_DIFFERENCE = 4
+"""As the time between two steps."""
 
 
 class _Step(ctypes.Structure):
+    """A kernel and its memories, as sequence.c has them."""
+
     _fields_ = (("kernel", ctypes.c_void_p), ("memory", ctypes.c_void_p * _MEMORIES))
 
 
 class _Column(ctypes.Structure):
+    """Where numbers come from and go to, as sequence.c has it."""
+
     _fields_ = (
         ("from_", ctypes.c_void_p),
         ("to", ctypes.c_void_p),
@@ -50,7 +58,7 @@ class Elapsed:
     """Time [s] that steps of the last pass took, as a number of a row."""
 
     def __init__(self, first: int, last: int) -> None:
-        """first, last: steps, the last included."""
+        """first, last: indices of steps, the last included."""
         self.first = first
         self.n = last + 1 - first
 
@@ -104,7 +112,7 @@ class KernelSequence:
         if source.dtype == rows.dtype:
             kind = _SAME
         else:
-            kind = _KINDS[source.dtype.name, rows.dtype.name]
+            kind = _CONVERSIONS[source.dtype.name, rows.dtype.name]
         return _Column(source.ctypes.data, to, source.nbytes, stride, source.size, kind)
 
 
@@ -116,6 +124,7 @@ def compiles(steps: Sequence[Step]) -> bool:
 
 
 def _in_c(step: Step) -> _Step:
+    """Return the addresses of a kernel and its memories."""
     kernel, *memories = step
     addresses = [ctypes.addressof(memory) for memory in memories]
     return _Step(ctypes.cast(kernel, ctypes.c_void_p), (ctypes.c_void_p * _MEMORIES)(*addresses))

@@ -1,6 +1,4 @@
-"""One tick of the velocity layer in order: `before` the hierarchy, the hierarchy itself, `after`
-it.
-"""
+"""One tick of the velocity layer in order: prepare it, solve the hierarchy, finish it."""
 
 from __future__ import annotations
 
@@ -31,37 +29,22 @@ from uvms_ocp.mission import progress
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.solvers.hierarchy.solution import Status, TickResult, dense
 
-_SPARE = 1.3  # times the error of the velocity, which still grows as it is seen
-_FASTER = 0.2  # share of its velocity limit that a joint leaves at most
-# [s] in which it is learnt that a joint goes faster than commanded, and that it does no more
-_NOTICED = 0.04
-_FORGOTTEN = 5.0
+_EXCESS_GAIN = 1.3
+"""Times the error of a joint's velocity that is left of its limit: the error still grows as it is
+seen.
+"""
+_LARGEST_EXCESS = 0.2
+"""Share of its velocity limit that a joint leaves at most."""
+_RISE_TIME = 0.04
+"""[s] Time constant with which it is learnt that a joint goes faster than commanded."""
+_DECAY_TIME = 5.0
+"""[s] Time constant with which that is forgotten."""
 
 Solved = tuple[int, np.ndarray, np.ndarray, float]
 """Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
 solver or of both.
 """
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
-
-
-def _begin(m: TickMemory) -> None:
-    """External activations, which tell whether the altitude matters."""
-    progress.start_at_first_tick(m.mission, m.t)
-    progress.activations_at(m.mission, m.t, m.gates)
-    m.altitude_matters = False
-    for i in range(len(m.gates)):
-        m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
-
-
-def _follow_swing(m: TickMemory) -> None:
-    """Separate what swings from its mean, and smooth the weight that the force layer finds at the
-    tool.
-    """
-    gain = m.rule.stop.dt / m.swing_memory
-    for k in range(3):
-        if m.swings[k] != 0:
-            m.passive[k] += m.rule.stop.dt * m.v[3 + k] - gain * m.passive[k]
-    m.passive[3] -= gain * (m.distress.push * m.lift + m.passive[3])
 
 
 def prepare_tick(m: TickMemory) -> None:
@@ -111,8 +94,30 @@ def prepare_tick(m: TickMemory) -> None:
     _measure_distances(m)
 
 
+def _follow_swing(m: TickMemory) -> None:
+    """Separate what swings from its mean, and smooth the weight that the force layer finds at the
+    tool.
+    """
+    gain = m.rule.stop.dt / m.swing_memory
+    for k in range(3):
+        if m.swings[k] != 0:
+            m.passive[k] += m.rule.stop.dt * m.v[3 + k] - gain * m.passive[k]
+    m.passive[3] -= gain * (m.distress.push * m.lift + m.passive[3])
+
+
+def _begin(m: TickMemory) -> None:
+    """Evaluate the external activations, which tell whether the altitude matters."""
+    progress.start_at_first_tick(m.mission, m.t)
+    progress.activations_at(m.mission, m.t, m.gates)
+    m.altitude_matters = False
+    for i in range(len(m.gates)):
+        m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
+
+
 def _measure_distances(m: TickMemory) -> None:
-    """For tasks that are on or begin; on the way to rest where that could come near a limit."""
+    """Measure the distances that tasks ask for which are on or begin; on the way to rest where that
+    could come near a limit.
+    """
     target = m.mission.targets[m.mission.phase]
     looked = False
     for k in range(m.nearest.n_asking):
@@ -144,7 +149,7 @@ def finish_tick(m: TickMemory) -> None:
 
 
 def _check_mission(m: TickMemory) -> None:
-    """Go on with the mission, or give it up."""
+    """Take the transition that is due, or give the mission up."""
     less = m.restriction
     stopped = is_stopped(m)
     hopeless = stopped and (less.ended or less.any_lost)
@@ -170,6 +175,7 @@ def _check_mission(m: TickMemory) -> None:
 
 
 def _doubts_altimeter(m: TickMemory) -> bool:
+    """Return whether the altimeter is not to be trusted."""
     return m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
 
 
@@ -184,7 +190,7 @@ def is_stopped(m: TickMemory) -> bool:
 
 
 def commit_velocity(m: TickMemory) -> None:
-    """The velocity that is wanted is commanded."""
+    """Command the velocity that is wanted."""
     for i in range(len(m.command)):
         m.change[i] = m.wanted[i] / m.wanted_pace - m.previous[i]
         m.command[i] = m.wanted[i]
@@ -201,10 +207,9 @@ def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
 
 
 def _report(m: TickMemory) -> None:
-    """Update the quantities.
+    """Update the quantities that are reported, and those that phases read.
 
-    Phases are told less: nothing that rests on a channel that is not good, but in the abort phase
-    the best there is.
+    Phases read no quantity that rests on a channel that is not good, but in the abort phase all.
     """
     progress.measure_own(
         m.mission, m.t, 0.0 - m.distress.push * m.lift, m.distress.spent, m.quantities
@@ -229,7 +234,7 @@ def _report(m: TickMemory) -> None:
 
 
 def _come_to_rest(m: TickMemory) -> None:
-    """Along the stop that the last tick with a measurement has found clear."""
+    """Go on along the stop that the last tick with a measurement has found clear."""
     way = m.rule.stop
     braking.begin_stop(way, m.place, m.command)
     braking.step_stop(way)
@@ -241,7 +246,7 @@ def _come_to_rest(m: TickMemory) -> None:
 
 
 def _choose(m: TickMemory) -> None:
-    """The velocity that is wanted, as far as the limits on positions let it be taken."""
+    """Command the velocity that is wanted, as far as the limits on positions let it be taken."""
     m.place[:] = m.q
     _wanted_velocity(m)
     m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
@@ -255,8 +260,8 @@ def _choose(m: TickMemory) -> None:
 
 
 def _wanted_velocity(m: TickMemory) -> None:
-    """The velocity that the tasks ask for, within what the limits of each axis and the restrictions
-    leave.
+    """Find the velocity that the tasks ask for, within what the limits of each axis and the
+    restrictions leave.
     """
     m.wanted_pace = m.pace
     if m.usable:
@@ -278,11 +283,11 @@ def _wanted_velocity(m: TickMemory) -> None:
 
 
 def _shorten(m: TickMemory) -> None:
-    """The solver's velocity, shortened to the velocity limits with its direction kept.
+    """Shorten the solver's velocity to the velocity limits, with its direction kept.
 
-    Joints leave what they have lately been faster by than commanded, so that they keep their limits
-    themselves: each for itself, or one that is driven by the vehicle's drag would slow the whole
-    mission. What lags behind as they brake is not that, nor what moves them at rest.
+    A joint that has lately been faster than commanded leaves that much of its limit, so that it
+    keeps the limit itself: each joint by itself, or one that is driven by the vehicle's drag would
+    slow the whole mission. Its lag as it brakes does not count, nor what moves it at rest.
     """
     excess = 1.0
     dt = m.rule.stop.dt
@@ -290,12 +295,14 @@ def _shorten(m: TickMemory) -> None:
         if m.is_joint[i] != 0:
             ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
             if ahead:
-                faster = min(_SPARE * abs(m.v[i] - m.command[i]), _FASTER * m.velocity_limit[i])
+                faster = min(
+                    _EXCESS_GAIN * abs(m.v[i] - m.command[i]), _LARGEST_EXCESS * m.velocity_limit[i]
+                )
             else:
                 faster = 0.0
             if m.command[i] * m.change[i] < 0.0:
                 faster = min(faster, m.faster[i])
-            gain = min(1.0, dt / (_NOTICED if faster > m.faster[i] else _FORGOTTEN))
+            gain = min(1.0, dt / (_RISE_TIME if faster > m.faster[i] else _DECAY_TIME))
             m.faster[i] += gain * (faster - m.faster[i])
         excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
     for i in range(len(m.solved)):
@@ -308,7 +315,7 @@ def _shorten(m: TickMemory) -> None:
 
 
 class VelocityController(Layout):
-    """All that a controller of velocities remembers."""
+    """Memory of a tick with its hierarchy: levels, solver, and what comes of it."""
 
     tick: TickMemory
     """Memory of the tick, before and after the solver."""
@@ -317,28 +324,33 @@ class VelocityController(Layout):
     solver: FunctionField
     """J, lower, upper, rate, activation, gate, state -> v, state, report, residual."""
     jacobian: Annotated[Vector, Sized("n_entries")]
-    """(n_rows, n_v) column after column, as all that follows of `Level`."""
+    """(n_rows, n_v) [1, m, 1/rad] Jacobian of all levels, column after column."""
     lower: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) [m/s, rad/s] lower bounds of the rows, see `Level`."""
     upper: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) [m/s, rad/s] upper bounds of the rows."""
     rate: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) [m/s, rad/s] desired rates of the rows."""
     activation: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) activations of the rows, internal times external."""
     gate: Annotated[Vector, Sized("n_rows")]
+    """(n_rows,) 1 for rows that count, 0 for others."""
     activity: Annotated[Vector, Sized("n_activity")]
-    """(n_activity,) as that of the levels function."""
+    """(n_activity,) activations again, as the levels function gives them for the record."""
     state: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) of the solver, from the tick before: of the strict one its active set."""
+    """(n_rows,) state of the solver from the tick before: of the strict one its active set."""
     new_state: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) from this one."""
+    """(n_rows,) state of the solver after this tick."""
     report: Annotated[Vector, Sized(2)]
     """(2,) code of the solver's `Status`, and iterations."""
     residual: Annotated[Vector, Sized("n_rows")]
-    """(n_rows,) [m/s, rad/s] as that of `TickResult`."""
+    """(n_rows,) [m/s, rad/s] residuals of the rows, see `TickResult`."""
     usable: Annotated[list[int], Sized("n_statuses")]
-    """(n_statuses,) which statuses have a velocity to use."""
+    """(n_statuses,) whether a solution of each status has a velocity to use."""
 
 
 def solve(c: VelocityController) -> int:
-    """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
+    """Solve the hierarchy; return the code of the `Status`. A kernel."""
     m = c.tick
     J = c.jacobian
     low = c.lower
@@ -373,7 +385,7 @@ def solve(c: VelocityController) -> int:
 
 
 def solve_and_finish(c: VelocityController) -> int:
-    """`solve`, and `after` it. A kernel."""
+    """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
     status = solve(c)
     finish_tick(c.tick)
     return status
@@ -382,41 +394,38 @@ def solve_and_finish(c: VelocityController) -> int:
 def velocity_controller(
     tick: TickMemory, problem: LevelsProblem, core: ca.Function | None
 ) -> VelocityController | None:
-    """A `VelocityController` whose tick is a copy of this one; `None` without a core, as
+    """Return a `VelocityController` whose tick is a copy of this one; `None` without a core, as
     `CompiledSolver.core` gives it.
     """
     if core is None:
         return None
     levels = dense(problem.function)
-    rows = problem.sizes
-    sizes = {"n_rows": sum(rows), "n_entries": levels.numel_out(0), "n_statuses": len(Status)}
-    activity = levels.numel_out(levels.n_out() - 1)
-    kind = structure_of(
+    structure = structure_of(
         VelocityController,
         tick=type(tick),
         levels=levels,
         solver=core,
-        n_activity=activity,
-        **sizes,
+        n_rows=sum(problem.sizes),
+        n_entries=levels.numel_out(0),
+        n_activity=levels.numel_out(levels.n_out() - 1),
+        n_statuses=len(Status),
     )
-    memory = kind()
+    memory = structure()
     memory.tick = tick
     memory.usable[:] = [status.usable for status in Status]
     return memory
 
 
-# The second half of a tick as a thing to call: the solver and what follows, in one call of machine
-# code or one by one.
-
-
 def solve_in_c(controller: VelocityController) -> Callable[[VelocityController], int]:
-    """`solve_and_finish` for a `VelocityController`."""
+    """Return `solve_and_finish` for this memory, in machine code where there is a compiler."""
     (run,) = bind_memory(controller, (solve_and_finish,))
     return run
 
 
 def finish_in_c(controller: VelocityController) -> Callable[[], Solved]:
-    """On a `VelocityController`."""
+    """Return a function that solves the hierarchy and finishes the tick in one call of machine
+    code.
+    """
     run = solve_in_c(controller)
     residual = view(controller.residual)
     activity = view(controller.activity)
@@ -432,7 +441,9 @@ def finish_in_c(controller: VelocityController) -> Callable[[], Solved]:
 def finish_by(
     solve: Callable[[], TickResult], after: Callable[[], None], arrays: Any, memory: TickMemory
 ) -> Callable[[], Solved]:
-    """Solve the hierarchy by a solver that Python calls, on the arrays of a `TickMemory`."""
+    """Return a function that solves the hierarchy by a solver that Python calls, and finishes the
+    tick by `after`. arrays: those of the `TickMemory`.
+    """
 
     def call() -> Solved:
         result = solve()
