@@ -37,12 +37,9 @@ _NAMING = (("name", ""), ("to", "to "))
 """Arguments of constructors that name the value, and the word before each."""
 
 
-# Decorators that name a wrong argument at the call that took it.
-
-
 def checked(thing: _T) -> _T:
-    """A function or class whose arguments are looked at before every call: of a class, constructor
-    and public methods.
+    """Check the arguments of a function or class before every call: of a class, those of its
+    constructor and public methods.
 
     A frozen dataclass keeps copies of arrays and mappings that can no longer be written to. A
     function gets an array where its annotation asks for one. Wrong arguments raise `InvalidInput`,
@@ -56,8 +53,8 @@ def checked(thing: _T) -> _T:
 
 
 def checked_on_failure(thing: _T) -> _T:
-    """A function or class whose arguments are looked at only once a call has failed, for what runs
-    at every tick.
+    """Check the arguments of a function or class only once a call has failed, for what runs at
+    every tick.
 
     Of numbers, words and arrays the class is looked at before the call, with the range of numbers
     and the axes of arrays. A right call costs a fraction of a microsecond more: leave values that
@@ -74,7 +71,7 @@ def checked_on_failure(thing: _T) -> _T:
 
 
 def checked_constructor(cls: _T) -> _T:
-    """A class whose constructor is `checked` and whose methods, which run at every tick, are
+    """Check a class whose constructor is `checked` and whose methods, which run at every tick, are
     `checked_on_failure`.
     """
     return _checked_class(cls, late_methods=True)
@@ -92,6 +89,9 @@ def checked_dataclass(check: Callable[[Any], Any] = checked, **options: bool) ->
 
 
 def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bool = False) -> Any:
+    """Replace constructor and public methods of a class by checked ones; late: once a call has
+    failed.
+    """
     for name, member in list(vars(cls).items()):
         if name.startswith("_") and name not in _CHECKED_SPECIAL_METHODS:
             continue
@@ -102,12 +102,7 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
         if name == "__init__":
             is_late = late_constructor
         else:
-            overridden = getattr(super(cls, cls), name, None)
-            is_late = (
-                late_methods
-                or getattr(function, _ON_FAILURE, False)
-                or getattr(overridden, _ON_FAILURE, False)
-            )
+            is_late = late_methods or _is_marked_late(cls, name, function)
         if is_late:
             wrapped = _checked_after_failure(function, cls)
         else:
@@ -118,7 +113,14 @@ def _checked_class(cls: Any, *, late_constructor: bool = False, late_methods: bo
     return cls
 
 
+def _is_marked_late(cls: Any, name: str, method: Callable[..., Any]) -> bool:
+    """Return whether a method, or one that it overrides, is `checked_on_failure`."""
+    overridden = getattr(super(cls, cls), name, None)
+    return hasattr(method, _ON_FAILURE) or hasattr(overridden, _ON_FAILURE)
+
+
 def _takes_arguments(function: Callable[..., Any]) -> bool:
+    """Return whether a function takes anything but the value whose method it is."""
     code = function.__code__
     n_named = code.co_argcount + code.co_kwonlyargcount
     names = set(code.co_varnames[:n_named]) - {"self", "cls"}
@@ -127,6 +129,7 @@ def _takes_arguments(function: Callable[..., Any]) -> bool:
 
 
 def _checked_before_call(function: Any, owner: type | None) -> Any:
+    """Return a function that checks and converts its arguments first; owner: its class."""
     arguments = _Arguments(function, owner)
     dataclass_options = getattr(owner, "__dataclass_params__", None)
     is_frozen = bool(getattr(dataclass_options, "frozen", False))
@@ -158,21 +161,22 @@ class _Arguments:
 
     @cached_property
     def _by_place(self) -> tuple[str, ...]:
-        by_place = (
-            inspect.Parameter.POSITIONAL_ONLY,
-            inspect.Parameter.POSITIONAL_OR_KEYWORD,
-        )
-        return tuple(
-            name for name, parameter in self._parameters.items() if parameter.kind in by_place
-        )
+        """Names of the parameters that may be given by place, in their order."""
+        names = []
+        for name, parameter in self._parameters.items():
+            if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD):
+                names.append(name)
+        return tuple(names)
 
     @cached_property
     def _kinds(self) -> dict[str, Kind]:
-        starred = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        kinds = kinds_of(self._function, self._class)
-        return {
-            name: kind for name, kind in kinds.items() if self._parameters[name].kind not in starred
-        }
+        """What each parameter takes, by its name; nothing for those with stars."""
+        kinds = {}
+        for name, kind in kinds_of(self._function, self._class).items():
+            parameter = self._parameters[name]
+            if parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD):
+                kinds[name] = kind
+        return kinds
 
     @cached_property
     def _names(self) -> dict[str, None] | None:
@@ -189,14 +193,17 @@ class _Arguments:
 
     @cached_property
     def _required(self) -> tuple[str, ...]:
+        """Names of the parameters that have to be given."""
         return tuple(name for name, value in self._parameters.items() if is_required(value))
 
     @cached_property
     def _shaped(self) -> tuple[str, ...]:
+        """Names of the parameters with a declared shape."""
         return tuple(name for name, kind in self._kinds.items() if kind.shape)
 
     @cached_property
     def _converting(self) -> frozenset[str]:
+        """Names of the parameters that get their arguments as something else."""
         return frozenset(name for name, kind in self._kinds.items() if kind.converts)
 
     def check(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
@@ -204,27 +211,27 @@ class _Arguments:
         and `ArgumentMissing` for one that is needed and not given.
         """
         if self._names is not None and not kwargs.keys() <= self._names.keys():
-            unknown = next(name for name in kwargs if name not in self._names)
+            unknown_names = [name for name in kwargs if name not in self._names]
             allowed_names = [name for name in self._names if name != "self"]
-            raise ArgumentNotFound(self.title, unknown, allowed_names)
+            raise ArgumentNotFound(self.title, unknown_names[0], allowed_names)
         arguments = dict(zip(self._by_place, args, strict=False)) | kwargs
         for name in self._required:
             if arguments.get(name, NOT_GIVEN) is NOT_GIVEN:
                 allowed = self._kinds.get(name, Kind()).allowed
-                raise ArgumentMissing(self._called(arguments), name, allowed)
+                raise ArgumentMissing(self._title_with(arguments), name, allowed)
         for name, value in arguments.items():
             kind = self._kinds.get(name)
             if kind is None or kind.holds(value) or value is self._parameters[name].default:
                 continue
             place, problem, allowed = kind.wrong(name, value)
             sentence = " ".join(f"{place} {problem}; give {allowed}".split())
-            raise InvalidInput(f"{self._called(arguments)}: {sentence}")
+            raise InvalidInput(f"{self._title_with(arguments)}: {sentence}")
         if self._shaped:
             self._check_shapes(arguments)
 
-    def _called(self, arguments: Mapping[str, Any]) -> str:
-        """The title, of a constructor with the name that it was given: ``Phase 'A'``, ``Transition
-        to 'B'``.
+    def _title_with(self, arguments: Mapping[str, Any]) -> str:
+        """Return the title, of a constructor with the name that it was given: ``Phase 'A'``,
+        ``Transition to 'B'``.
         """
         if self._class is None:
             return self.title
@@ -245,15 +252,15 @@ class _Arguments:
                 continue
             shape = declared_shape.among(lengths)
             if not shape.holds(value):
-                companions = dict.fromkeys(
-                    names_by_length[length]
-                    for length in declared_shape.names
-                    if length in names_by_length
-                )
-                reason = f" to go with {' and '.join(companions)}" if companions else ""
+                known_lengths = [
+                    length for length in declared_shape.names if length in names_by_length
+                ]
+                companions = dict.fromkeys(names_by_length[length] for length in known_lengths)
+                advice = f"give {shape}"
+                if companions:
+                    advice += f" to go with {' and '.join(companions)}"
                 raise InvalidInput(
-                    f"{self._called(arguments)}: {name} has shape {np.shape(value)}; give"
-                    f" {shape}{reason}"
+                    f"{self._title_with(arguments)}: {name} has shape {np.shape(value)}; {advice}"
                 )
             lengths |= shape.named(value)
             names_by_length |= dict.fromkeys(shape.named(value), name)
@@ -261,7 +268,7 @@ class _Arguments:
     def converted(
         self, args: tuple[Any, ...], kwargs: dict[str, Any], keep: bool
     ) -> tuple[tuple[Any, ...], dict[str, Any]]:
-        """The arguments as the function gets them, or as a frozen value keeps them."""
+        """Return the arguments as the function gets them, or as a frozen value keeps them."""
         if not self._converting:
             return args, kwargs
 
@@ -332,8 +339,8 @@ for _usual, _classes in _CHECKED_BY_CLASS.values():
 
 
 def _doubt(function: Callable[..., Any]) -> str:
-    """Source that is true where a plain argument may be wrong or one is not given: a call that does
-    not read it would not fail.
+    """Return source that is true where a plain argument may be wrong or one is not given: a call
+    that does not read it would not fail.
     """
     # Annotations are read as text: while a module is imported, its names are not all there. Those
     # of five plain classes need none; what else there is, is read by `kinds_of` after a failure.
@@ -350,7 +357,9 @@ def _doubt(function: Callable[..., Any]) -> str:
         usual, _ = _CHECKED_BY_CLASS[class_name]
         doubts.append(f"(type({name}) is not {usual} and type({name}) not in {usual}s)")
         extra_class = Shape if class_name == "np.ndarray" else Range
-        doubts += [extra.doubt(name) for extra in extras if isinstance(extra, extra_class)]
+        for extra in extras:
+            if isinstance(extra, extra_class):
+                doubts.append(extra.doubt(name))
         checked_names.add(name)
     for name, parameter in inspect.signature(function).parameters.items():
         if is_required(parameter) and name not in checked_names:
@@ -359,8 +368,8 @@ def _doubt(function: Callable[..., Any]) -> str:
 
 
 def _plain(annotation: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]]:
-    """The class that an annotation names, and what it says beyond that where it is, or stands for,
-    an `Annotated`.
+    """Return the class that an annotation names, and what it says beyond that where it is, or
+    stands for, an `Annotated`.
     """
     module, _, name = annotation.rpartition(".")
     if annotation.startswith("Annotated[") and annotation.endswith("]"):
@@ -376,9 +385,6 @@ def _plain(annotation: str, scope: dict[str, Any]) -> tuple[str, tuple[Any, ...]
     if base is np.ndarray:
         return "np.ndarray", tuple(extras)
     return getattr(base, "__name__", ""), tuple(extras)
-
-
-# Numbers that are given, as arrays.
 
 
 def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
@@ -403,9 +409,6 @@ def finite_array(what: str, values: ArrayLike, shape: tuple[int, ...]) -> np.nda
     return array
 
 
-# Frozen values made without a look at their arguments, for what runs at every tick.
-
-
 _CONSTRUCTOR = """
 def _constructor({declaration}):
     _self = _new(_writable)
@@ -416,8 +419,8 @@ def _constructor({declaration}):
 
 
 def unchecked_constructor(cls: Callable[_P, _V]) -> Callable[_P, _V]:
-    """The constructor of a `checked` class without the check, for who makes a value at every tick
-    of what is known to fit.
+    """Return the constructor of a `checked` class without the check, for who makes a value at every
+    tick of what is known to fit.
 
     Nothing is copied: the arrays belong to the value from then on.
     """
@@ -456,7 +459,7 @@ def _is_plain(cls: Any) -> bool:
 
 
 def _writable_class(cls: Any) -> type:
-    """The class as one whose fields can be written to: a third of the time that a frozen
+    """Return the class as one whose fields can be written to: a third of the time that a frozen
     constructor takes.
     """
     members = {
@@ -468,7 +471,7 @@ def _writable_class(cls: Any) -> type:
 
 
 def _field_source(item: Field[Any]) -> str:
-    """Source of the value of a field, from its argument."""
+    """Return source of the value of a field, from its argument."""
     name = item.name
     if item.default_factory is MISSING:
         return name
@@ -492,13 +495,17 @@ def _replace(_value, _changes):
 
 @cache
 def _replacement(cls: Any) -> Callable[[Any, Mapping[str, Any]], Any]:
-    """The function of a value of this class and changed fields, by name, that returns the changed
-    value.
+    """Return the function of a value of this class and changed fields, by name, that returns the
+    changed value.
     """
-    names = [item.name for item in fields(cls) if item.init]
-    arguments = ", ".join(f"{name}=_changes.get({name!r}, _value.{name})" for name in names)
+    names = []
+    arguments = []
+    for item in fields(cls):
+        if item.init:
+            names.append(item.name)
+            arguments.append(f"{item.name}=_changes.get({item.name!r}, _value.{item.name})")
     return written_function(
-        _REPLACE.format(arguments=arguments),
+        _REPLACE.format(arguments=", ".join(arguments)),
         "_replace",
         {"_constructor": unchecked_constructor(cls), "_names": frozenset(names)},
     )
@@ -517,8 +524,10 @@ def replace_with_symbols(value: _V, /, **fields: Any) -> _V:
 
 
 def unchecked_method(method: Callable[_P, _V]) -> Callable[_P, _V]:
-    """A method of a value without the look at its arguments, for a loop whose caller has been
-    looked at.
+    """Return a method of a value without the check of its arguments, for a loop whose caller has
+    been checked.
     """
-    bare = getattr(method, "__wrapped__", None)
-    return method if bare is None else MethodType(bare, method.__self__)  # type: ignore[attr-defined]
+    unchecked = getattr(method, "__wrapped__", None)
+    if unchecked is None:
+        return method
+    return MethodType(unchecked, method.__self__)  # type: ignore[attr-defined]

@@ -11,31 +11,26 @@ from typing import Annotated, Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_OF = "length of "  # before the name of a length, so that no argument is meant
-
 DAY = 86_400.0
 """[s] Beyond it no run, plan or solution is waited for."""
+_OF = "length of "
+"""Prefix of the name of a length, so that it is not taken for an argument."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 
 
-# What annotations say of numbers and arrays beyond their type: in which range, of which shape.
-
-
 @dataclass(frozen=True)
 class Range:
-    """In an annotation: the numbers that are allowed, from `low` to `high`; `open` leaves both ends
-    out. NaN is never inside.
-    """
+    """In an annotation: the numbers that are allowed, from `low` to `high`. NaN is never inside."""
 
     low: float = -np.inf
-    """[any]"""
+    """[any] lower end."""
     high: float = np.inf
-    """[any]"""
+    """[any] upper end."""
     open: bool = False
-    """Without the ends: of an infinite one, infinity."""
+    """Both ends are left out: of an infinite one, infinity."""
 
     def holds(self, value: float) -> bool:
         """Return whether the value [any] is inside."""
@@ -44,11 +39,13 @@ class Range:
         return self.low <= value <= self.high
 
     def doubt(self, name: str) -> str:
-        """Source that is true where the number `name` is not inside; ``_inf`` is infinity."""
+        """Return source that is true where the number `name` is not inside; ``_inf`` is
+        infinity.
+        """
         low = repr(float(self.low)).replace("inf", "_inf")
         high = repr(float(self.high)).replace("inf", "_inf")
-        below = "<" if self.open else "<="
-        return f"not {low} {below} {name} {below} {high}"
+        sign = "<" if self.open else "<="
+        return f"not {low} {sign} {name} {sign} {high}"
 
     def __str__(self) -> str:
         has_low = not np.isinf(self.low)
@@ -56,10 +53,14 @@ class Range:
         if self.open:
             if has_high:
                 return f" between {self.low:g} and {self.high:g}"
-            return f" > {self.low:g}, finite" if has_low else ", finite"
+            if has_low:
+                return f" > {self.low:g}, finite"
+            return ", finite"
         if has_high:
             return f" from {self.low:g} to {self.high:g}"
-        return f" >= {self.low:g}" if has_low else ", not NaN"
+        if has_low:
+            return f" >= {self.low:g}"
+        return ", not NaN"
 
 
 class Shape:
@@ -71,7 +72,9 @@ class Shape:
 
     def __init__(self, *sizes: int | str | types.EllipsisType) -> None:
         self._any_before = ... in sizes
+        """True where any axes may stand before the others."""
         self._sizes = tuple(size for size in sizes if not isinstance(size, types.EllipsisType))
+        """Lengths of the last axes, or their names."""
 
     def __repr__(self) -> str:
         return f"Shape({', '.join(self._words())})"
@@ -82,32 +85,37 @@ class Shape:
         n = len(self._sizes)
         if len(shape) < n or (len(shape) > n and not self._any_before):
             return False
-        return all(
-            isinstance(size, str) or size == m
-            for size, m in zip(self._sizes, shape[len(shape) - n :], strict=True)
-        )
+        last_axes = shape[len(shape) - n :]
+        for size, length in zip(self._sizes, last_axes, strict=True):
+            if not isinstance(size, str) and size != length:
+                return False
+        return True
 
     def doubt(self, name: str) -> str:
-        """Source that is true where the array `name` has other axes than the value knows whose
-        method it is.
+        """Return source that is true where the array `name` has other axes than the value knows
+        whose method it is.
         """
         n = len(self._sizes)
-        differs = "<" if self._any_before else "!="
-        doubts = [f"{name}.ndim {differs} {n}"]
+        sign = "<" if self._any_before else "!="
+        doubts = [f"{name}.ndim {sign} {n}"]
         for i, size in enumerate(self._sizes):
             if isinstance(size, int) or size.startswith("self."):
                 doubts.append(f"{name}.shape[{i - n}] != {size}")
         return " or ".join(doubts)
 
     def among(self, arguments: Mapping[str, object]) -> Shape:
-        """The shape with the lengths that the arguments of a call tell."""
-        sizes: list[int | str | types.EllipsisType] = [...] if self._any_before else []
+        """Return the shape with the lengths that the arguments of a call have."""
+        sizes: list[int | str | types.EllipsisType] = []
+        if self._any_before:
+            sizes.append(...)
         for size in self._sizes:
-            sizes.append(_length(size, arguments) if isinstance(size, str) else size)
+            if isinstance(size, str):
+                size = _length(size, arguments)
+            sizes.append(size)
         return Shape(*sizes)
 
     def named(self, value: Any) -> dict[str, int]:
-        """The lengths that an array of such a shape gives to names."""
+        """Return the lengths that an array of such a shape gives to names."""
         last_axes = np.shape(value)[np.ndim(value) - len(self._sizes) :]
         lengths = {}
         for size, n in zip(self._sizes, last_axes, strict=True):
@@ -127,8 +135,10 @@ class Shape:
         return f"({', '.join(words)})"
 
     def _words(self) -> list[str]:
-        words = ["..."] if self._any_before else []
-        return words + [str(size) for size in self._sizes]
+        words = [str(size) for size in self._sizes]
+        if self._any_before:
+            words.insert(0, "...")
+        return words
 
 
 def _length(name: str, values: Mapping[str, object]) -> int | str:
@@ -136,15 +146,16 @@ def _length(name: str, values: Mapping[str, object]) -> int | str:
     name itself where the values do not tell it.
     """
     argument, *attributes = name.split(".")
-    value = values.get(argument if attributes else f"{_OF}{name}")
-    for part in attributes:
-        value = getattr(value, part, None)
+    if attributes:
+        value = values.get(argument)
+    else:
+        value = values.get(f"{_OF}{name}")
+    for attribute in attributes:
+        value = getattr(value, attribute, None)
     if isinstance(value, int):
         return value
     return name
 
-
-# Annotations that say more than their type, by name.
 
 Finite = Annotated[float, Range(open=True)]
 Positive = Annotated[float, Range(0.0, open=True)]
@@ -162,18 +173,12 @@ Vector3 = Annotated[np.ndarray, Shape(3)]
 Point = Annotated[Sequence[float], Shape(3), Range(open=True)]
 
 
-# Values by which what was made of them is found again.
-
-
 @dataclass(frozen=True, slots=True)
 class Keyed:
     """An argument of what `functools.lru_cache` keeps, equal to others of the same key."""
 
     key: Hashable
     value: Any = field(compare=False)
-
-
-# Values that cannot be changed: mappings and arrays.
 
 
 class FrozenDict(dict[Any, Any]):
@@ -202,8 +207,8 @@ def frozen_mapping(items: Mapping[Any, Any]) -> FrozenDict:
 
 
 def read_only(values: ArrayLike, dtype: type | None = None) -> np.ndarray:
-    """``values`` (...) [any] as an array that neither its holder nor its giver can write to: a copy
-    unless it is one.
+    """Return ``values`` (...) [any] as an array that neither its holder nor its giver can write to:
+    a copy unless it is one.
     """
     array = np.asarray(values, dtype=dtype)
     base = memory_of(array)

@@ -22,6 +22,7 @@ from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import DENSEST, SMALL, require_regular_file
 
 _MAX_ARRAYS = 256
+"""Arrays of a file."""
 _LARGE = 1 << 20
 """[B] of an array that is mapped where it was not packed, and of what is read at a time."""
 _NAME_LENGTH_OFFSET = 26
@@ -29,12 +30,14 @@ _NAME_LENGTH_OFFSET = 26
 length of its extra field, 2 B (APPNOTE of PKZIP, 4.3.7).
 """
 _SUFFIX = ".npy"
-_KINDS = "fiubU"  # numbers and text: no objects, which would be unpickled
+"""Suffix of an array in an archive."""
+_KINDS = "fiubU"
+"""Kinds of arrays, `dtype.kind`: numbers and text, no objects, which would be unpickled."""
 _HEADER_READERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-
+"""Functions that read the head of an array, by the version of its format."""
 _ARCHIVE_ERRORS = (OSError, EOFError, BadZipFile, zlib.error, LZMAError, struct.error)
 _HEADER_ERRORS = (
     ValueError,
@@ -65,11 +68,11 @@ def read_arrays(path: Path | str, names: Collection[str] | None = None) -> Mappi
             if names is not None:
                 members = {name: member for name, member in members.items() if name in names}
             mapped_file = None
-            if any(_is_mappable(member) for member in members.values()):
+            if any(map(_is_mappable, members.values())):
                 mapped_file = np.memmap(file, np.uint8, "r")
-            arrays = {
-                name: _array(archive, member, name, mapped_file) for name, member in members.items()
-            }
+            arrays = {}
+            for name, member in members.items():
+                arrays[name] = _array(archive, member, name, mapped_file)
             return MappingProxyType(arrays)
     except InvalidInput:
         raise
@@ -103,6 +106,7 @@ def _members(archive: ZipFile, size: int) -> dict[str, ZipInfo]:
 
 
 def _is_mappable(member: ZipInfo) -> bool:
+    """Return whether an array is large and not packed."""
     return member.compress_type == ZIP_STORED and member.file_size > _LARGE
 
 
@@ -152,10 +156,11 @@ def _content_offset(member: ZipInfo, mapped_file: np.ndarray) -> int:
 
 
 def _short(shape: tuple[int, ...]) -> str:
-    if all(abs(n) < 1 << 63 for n in shape[:4]):
-        text = str(tuple(shape[:4]))[:60]
-    else:
-        text = "(too large)"
+    """Write a shape, which anyone may have invented, in a few letters."""
+    first_sizes = shape[:4]
+    text = "(too large)"
+    if all(abs(size) < 1 << 63 for size in first_sizes):
+        text = str(tuple(first_sizes))[:60]
     if len(shape) <= 4:
         return text
     return f"{text[:-1]}, ...)"

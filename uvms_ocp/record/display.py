@@ -17,22 +17,26 @@ from uvms_ocp.errors import plain_line
 WIDTH = 80
 """Characters of a line."""
 _MAX_ROWS = 40
-_GAP = "  "  # between columns, and before a row
-_MAX_ENTRIES = 8  # of an array or a list that is written in full
-_MAX_LETTERS = 120  # of a value
+"""Rows that are shown."""
+_GAP = "  "
+"""Space between columns, and before a row."""
+_MAX_ENTRIES = 8
+"""Entries of an array or a list that is written in full."""
+_MAX_LETTERS = 120
+"""Letters of a value that is written in full."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class SmallTable:
-    """A title and rows of texts, the first of which are the names of the columns if there are
-    any.
-    """
+    """A table with a title, which shows itself as text and in HTML."""
 
     title: str
     words: str = ""
     """What there is to say before the rows, whole, whatever its length."""
     head: tuple[str, ...] = ()
+    """Names of the columns, if they have any."""
     rows: tuple[tuple[str, ...], ...]
+    """Cells of each row."""
 
     def text(self) -> str:
         """Return lines of at most 80 characters; what is longer is cut, and rows beyond the first
@@ -44,28 +48,33 @@ class SmallTable:
         for line in wrap(plain_line(self.words), WIDTH - len(_GAP)):
             lines.append(f"{_GAP}{line}")
         for row in rows:
-            cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=False))
+            cells = [text.ljust(width) for text, width in zip(row, widths, strict=False)]
             lines.append(_GAP + _GAP.join(cells).rstrip())
         lines += self._more_rows_text()
-        return "\n".join(_cut(line) for line in lines)
+        return "\n".join(map(_cut, lines))
 
     def html(self) -> str:
         """Return a table in HTML; names are text, whatever they hold."""
-        words = ""
+        html = f"<b>{escape(self.title)}</b>"
         if self.words:
-            words = f"<p>{escape(plain_line(self.words))}</p>"
-        head = ""
+            html += f"<p>{escape(plain_line(self.words))}</p>"
+        html += "<table>"
         if self.head:
-            head = f"<thead>{_html_row('th', self.head)}</thead>"
-        rows = "".join(_html_row("td", row) for row in self._first_rows())
-        table = f"<table>{head}<tbody>{rows}</tbody></table>"
-        more_rows = "".join(f"<p>{escape(line)}</p>" for line in self._more_rows_text())
-        return f"<b>{escape(self.title)}</b>{words}{table}{more_rows}"
+            html += f"<thead>{_html_row('th', self.head)}</thead>"
+        html += "<tbody>"
+        for row in self._first_rows():
+            html += _html_row("td", row)
+        html += "</tbody></table>"
+        for line in self._more_rows_text():
+            html += f"<p>{escape(line)}</p>"
+        return html
 
     def _first_rows(self) -> Sequence[tuple[str, ...]]:
+        """Return the rows that are shown."""
         return self.rows[:_MAX_ROWS]
 
     def _more_rows_text(self) -> list[str]:
+        """Return a line that counts the other rows, if there are any."""
         n_more = len(self.rows) - _MAX_ROWS
         if n_more > 0:
             return [f"{_GAP}and {n_more} more"]
@@ -92,14 +101,20 @@ def _cut(line: str) -> str:
 
 
 def _html_row(tag: str, row: Sequence[str]) -> str:
+    """Return a row in HTML; tag: of each cell."""
     style = ' style="text-align:left"'
-    cells = "".join(f"<{tag}{style}>{escape(text)}</{tag}>" for text in row)
+    cells = ""
+    for text in row:
+        cells += f"<{tag}{style}>{escape(text)}</{tag}>"
     return f"<tr>{cells}</tr>"
 
 
 def rows_of(values: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return a row for each value, numbers in four digits."""
-    return tuple((name.replace("_", " "), cell(value)) for name, value in values.items())
+    rows = []
+    for name, value in values.items():
+        rows.append((name.replace("_", " "), cell(value)))
+    return tuple(rows)
 
 
 def cell(value: Any) -> str:
@@ -134,15 +149,15 @@ class TableRows(TableDisplay, list[dict[str, Any]]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        names = tuple(self[0]) if self else ()
+        title = f"{len(self)} rows"
+        if not self:
+            return SmallTable(title=title, rows=())
+        names = list(self[0])
         rows = list[tuple[str, ...]]()
         for row in self:
-            rows.append(tuple(cell(row.get(name)) for name in names))
-        return SmallTable(
-            title=f"{len(self)} rows",
-            head=tuple(name.replace("_", " ") for name in names),
-            rows=tuple(rows),
-        )
+            rows.append(tuple([cell(row.get(name)) for name in names]))
+        head = [name.replace("_", " ") for name in names]
+        return SmallTable(title=title, head=tuple(head), rows=tuple(rows))
 
 
 class FieldTable(TableDisplay):

@@ -22,6 +22,7 @@ STORE = ".uvms_ocp"
 Model = TypeVar("Model", bound=BaseModel)
 
 _ADVICE = "move it away or choose another folder"
+"""What to do about something in the way."""
 
 
 def _inner(name: str) -> str:
@@ -75,7 +76,9 @@ def parents_of(names: Iterable[str]) -> set[str]:
     """Return folders that files of these names need."""
     folders = set[str]()
     for name in names:
-        folders.update(str(parent) for parent in PurePosixPath(name).parents if parent.name)
+        for folder in PurePosixPath(name).parents:
+            if folder.name:
+                folders.add(str(folder))
     return folders
 
 

@@ -25,8 +25,11 @@ VERSION = "2"
 _WITH_PROTOBUF = "1"
 """Older version, which is read too."""
 _KEY = "uvms_ocp"
+"""Name of our metadata in a file."""
 _SERIES = "/series/"
-_BLOCK = 4096  # ticks that are encoded at a time
+"""Prefix of the topics of series."""
+_BLOCK = 4096
+"""Ticks that are encoded at a time."""
 _KINDS = {"f": ("float64", "f8"), "i": ("int64", "i8"), "u": ("uint64", "u8"), "b": ("bool", "?")}
 """Type of a ROS 2 field and of its values in NumPy, by `dtype.kind` of a series: the widest of each
 kind.
@@ -51,13 +54,14 @@ def to_mcap(
         writer.add_metadata(_KEY, {"version": VERSION, "meta": run_meta.write_meta(meta)})
         all_topics = [_series_topic(name, array, meta) for name, array in series.items()]
         all_topics += topics(series, meta, times, urdf)
-        channels = [(_channel(writer, topic), topic) for topic in all_topics]
+        channels = [_channel(writer, topic) for topic in all_topics]
         log = 0
         if log_entries:
             log = _channel(writer, Topic(name="/log", kind="rcl_interfaces/Log", parts=()))
         for first in range(0, len(t), _BLOCK):
             rows = slice(first, first + _BLOCK)
-            encoded = [(channel, topic.messages(rows)) for channel, topic in channels]
+            blocks = [topic.messages(rows) for topic in all_topics]
+            encoded = list(zip(channels, blocks, strict=True))
             for k, stamp in enumerate(times[rows].tolist()):
                 for channel, messages in encoded:
                     if k < len(messages):
@@ -68,6 +72,7 @@ def to_mcap(
 
 
 def _channel(writer: Any, topic: Topic) -> int:
+    """Register a topic, and return the number of its channel."""
     package, name = topic.kind.split("/")
     definition = (topic.definition or ros_definition(topic.kind)).encode()
     schema = writer.register_schema(f"{package}/msg/{name}", "ros2msg", definition)
@@ -78,7 +83,8 @@ def _series_topic(name: str, array: np.ndarray, meta: Any) -> Topic:
     """Make the topic of a series, with what its columns are."""
     names, flat = flat_columns(name, array, meta, alone="value")
     kind, stored = _KINDS[array.dtype.kind]
-    fields = field_names([column.removeprefix(f"{name}.") for column in names])
+    columns = [column.removeprefix(f"{name}.") for column in names]
+    definition = [f"{kind} {field}" for field in field_names(columns)]
     description = {
         "dtype": array.dtype.str,
         "columns": "\n".join(names),
@@ -88,7 +94,7 @@ def _series_topic(name: str, array: np.ndarray, meta: Any) -> Topic:
         name=f"{_SERIES}{name}",
         kind=f"uvms_ocp/{field_names([name])[0]}",
         parts=(flat.astype(stored, copy=False),),
-        definition="\n".join(f"{kind} {field}" for field in fields),
+        definition="\n".join(definition),
         metadata=series_description(name, array) | description,
     )
 
@@ -100,7 +106,9 @@ def field_names(columns: Sequence[str]) -> list[str]:
         plain = re.sub(r"\W+|__+", "_", column, flags=re.ASCII).strip("_")
         if not plain[:1].isalpha():
             plain = f"c{plain}"
-        names.append(plain if plain not in names else f"{plain}_{len(names) + 1}")
+        if plain in names:
+            plain = f"{plain}_{len(names) + 1}"
+        names.append(plain)
     return names
 
 
@@ -130,6 +138,7 @@ def from_mcap(path: Path) -> tuple[dict[str, np.ndarray], Any]:
 
 
 def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
+    """Read series and metadata; what a damaged file raises is passed on."""
     from mcap_protobuf.decoder import DecoderFactory
 
     file_metadata = _metadata(path)
@@ -143,13 +152,15 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], Any]:
     metadata = {}
     decoders = DecoderFactory()
     for schema, channel, message in mcap_messages(path):
-        if "series" in channel.metadata:
-            metadata[channel.metadata["series"]] = channel.metadata
-            if version == VERSION:
-                decode = bytes
-            else:
-                decode = decoders.decoder_for(channel.message_encoding, schema)
-            messages[channel.metadata["series"]].append(decode(message.data))
+        name = channel.metadata.get("series")
+        if name is None:
+            continue
+        if version == VERSION:
+            decode = bytes
+        else:
+            decode = decoders.decoder_for(channel.message_encoding, schema)
+        metadata[name] = channel.metadata
+        messages[name].append(decode(message.data))
     series = dict[str, np.ndarray]()
     for name, rows in messages.items():
         description = metadata[name]
@@ -179,13 +190,14 @@ def values_of(messages: Sequence[Any], dtype: str, n_axes: int) -> np.ndarray:
     if numpy_type.kind not in _KINDS:
         raise ValueError(f"a series of {dtype[:20]!r}")
     stored = np.dtype(_KINDS[numpy_type.kind][1]).newbyteorder("<")
+    rows = list[Any]()
     if isinstance(messages[0], bytes):
-        rows: Any = [
-            np.frombuffer(message, dtype=stored, offset=len(CDR_HEAD)) for message in messages
-        ]
+        for message in messages:
+            rows.append(np.frombuffer(message, dtype=stored, offset=len(CDR_HEAD)))
     else:
         fields = [field.name for field in messages[0].DESCRIPTOR.fields]
-        rows = [[getattr(message, name) for name in fields] for message in messages]
+        for message in messages:
+            rows.append([getattr(message, name) for name in fields])
     values = np.array(rows, dtype=stored).astype(numpy_type)
     if n_axes == 1:
         return values[:, 0]

@@ -117,12 +117,17 @@ class Replacement:
     def __init__(self, target: Path) -> None:
         self.target = target
         self.store = target / STORE
-        # where the new files wait, and the old ones are kept
+        """Folder of all that is not a result."""
         self.new = self.store / "new"
+        """Folder in which new files wait."""
         self._old = self.store / "old"
+        """Folder in which old ones are kept."""
         self._manifest = self.store / "manifest.json"
+        """Our files in the target, as a `Manifest`."""
         self._journal = self.store / "journal.json"
+        """The replacement that goes on, as a `Journal`."""
         self._undoing = self.store / "undoing.json"
+        """The journal of one that is being undone."""
 
     def manifest(self) -> Manifest:
         """Return the manifest of what is there. Raises `InvalidInput` for one that cannot be
@@ -157,7 +162,7 @@ class Replacement:
 
     def is_unfinished(self) -> bool:
         """Return whether a command was cut off, or is at it."""
-        return any(path.exists() for path in (self._journal, self._undoing, *self._remains()))
+        return self.is_partly_replaced() or any(path.exists() for path in self._remains())
 
     def is_partly_replaced(self) -> bool:
         """Return whether some files may be old and others new."""
@@ -172,15 +177,15 @@ class Replacement:
         manifest = self.manifest()
         names = names_below(self.new)
         require_own_files(self.target, names, manifest)
-        new_files = {name: fingerprint(self.new / name) for name in names}
-        parents = parents_of(names)
-        new_folders = {folder for folder in parents if not self._is_there(folder)}
         # What the user removed is not ours any more.
         old_files = {name: old for name, old in manifest.files.items() if self._is_there(name)}
+        new_files = {name: fingerprint(self.new / name) for name in names}
+        our_folders = set[str]()
+        for folder in parents_of(names):
+            if folder in manifest.folders or not self._is_there(folder):
+                our_folders.add(folder)
         before = manifest.model_copy(update={"files": old_files})
-        after = Manifest(
-            files=new_files, folders=frozenset(new_folders | (parents & before.folders))
-        )
+        after = Manifest(files=new_files, folders=frozenset(our_folders))
         journal = Journal(before=before, after=after)
         sync_tree(self.new)
         write_durably(self._journal, journal.model_dump_json())
@@ -208,6 +213,9 @@ class Replacement:
         self._clear()
 
     def _complete_or_undo(self, journal: Journal) -> None:
+        """Put the new files into their places; raise `OSError` where the disk refuses, with the old
+        ones back in theirs.
+        """
         try:
             self._complete(journal)
         except OSError:
@@ -218,6 +226,7 @@ class Replacement:
             raise
 
     def _clear(self) -> None:
+        """Remove the journal, then all that waits or was kept."""
         for path in (self._journal, self._undoing):
             path.unlink(missing_ok=True)
         sync_folders([self.store])
@@ -227,6 +236,7 @@ class Replacement:
             raise OSError(f"{self.store} cannot be emptied")
 
     def _complete(self, journal: Journal) -> None:
+        """Put the new files that still wait into their places, and keep the old ones."""
         before = journal.before
         after = journal.after
         self._require_unchanged(journal)
@@ -262,6 +272,7 @@ class Replacement:
             os.replace(place, copy)
 
     def _undo(self, journal: Journal) -> None:
+        """Put the old files back into their places."""
         before = journal.before
         after = journal.after
         require_inside(self.target, [*before.files, *after.files])
@@ -291,6 +302,7 @@ class Replacement:
                 )
 
     def _remains(self) -> list[Path]:
+        """List what a finished command leaves nothing of."""
         return [self.new, self._old, *self.store.glob("*.tmp")]
 
     def _is_there(self, name: str) -> bool:

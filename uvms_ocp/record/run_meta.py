@@ -42,6 +42,7 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     scenario: str
     """Name of the scenario or request, in a few words."""
     robot: str
+    """Name of the robot."""
     robot_files: meta_values.RobotFilesMeta | None = None
     """Files of a robot of one's own; older records lack them."""
     joints: tuple[str, ...]
@@ -69,8 +70,11 @@ class RecordMeta(TableDisplay, meta_values.MetaValue):
     quantities: tuple[str, ...] = ()
     """``task.quantity``, one per column of the series ``quantities``."""
     thresholds: tuple[meta_values.ThresholdMeta, ...] = ()
+    """Conditions that phases wait for."""
     limits: meta_values.LimitsMeta | None = None
+    """Limits of the robot."""
     surroundings: meta_values.SurroundingsMeta = meta_values.SurroundingsMeta()
+    """Floor, obstacles, frames and markers that are drawn."""
     packages: tuple[meta_values.PackageMeta, ...] = ()
     """Versions of what computed the record."""
 
@@ -198,6 +202,7 @@ class RunMeta(RecordMeta):
 
 
 def _value_of(name: str, quantities: tuple[meta_values.QuantityMeta, ...]) -> float | None:
+    """Return the value of a quantity by its name, if it is there."""
     for quantity in quantities:
         if quantity.name == name:
             return quantity.value
@@ -300,9 +305,10 @@ def packages() -> tuple[meta_values.PackageMeta, ...]:
     version_texts = {"uvms_ocp": __version__, "python": platform.python_version()}
     for name in _DEPENDENCIES:
         version_texts[name] = version(name)
-    return tuple(
-        meta_values.PackageMeta(name=name, version=text) for name, text in version_texts.items()
-    )
+    installed = []
+    for name, text in version_texts.items():
+        installed.append(meta_values.PackageMeta(name=name, version=text))
+    return tuple(installed)
 
 
 def versions(installed: tuple[meta_values.PackageMeta, ...]) -> dict[str, str]:
@@ -331,6 +337,7 @@ def read_meta(text: str) -> RunMeta | PlanMeta:
 
 
 def _model(values: dict[str, Any]) -> type[RunMeta] | type[PlanMeta]:
+    """Return the class of metadata of this version and kind; raise `InvalidInput` for others."""
     if values["version"] != VERSION:
         raise InvalidInput(
             f"format {short(values['version'])}; this version reads {VERSION} and 0.1: install a"

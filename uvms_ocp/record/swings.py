@@ -13,13 +13,19 @@ import numpy as np
 from uvms_ocp.checks import checked_dataclass
 
 WINDOW = 20.0
-"""[s] in which a swing is looked for."""
-_MIN_TILT = 0.035  # [rad] half a regular swing of roll or pitch that counts
-_MIN_TUMBLE = 0.15  # [rad] half an irregular swing of roll or pitch that counts
-_MAX_IRREGULARITY = 0.3  # standard deviation of the half periods of a regular swing over their mean
-_MIN_HALVES = 4  # half periods of a swing
-_SAMPLE_PERIOD = 0.1  # [s] between values, while a run lasts
-_SEARCH_PERIOD = 1.0  # [s] between searches, while a run lasts
+"""[s] Time in which a swing is looked for."""
+_MIN_TILT = 0.035
+"""[rad] Half a regular swing of roll or pitch that counts."""
+_MIN_TUMBLE = 0.15
+"""[rad] Half an irregular swing of roll or pitch that counts."""
+_MAX_IRREGULARITY = 0.3
+"""Standard deviation of the half periods of a regular swing over their mean."""
+_MIN_HALVES = 4
+"""Half periods of a swing."""
+_SAMPLE_PERIOD = 0.1
+"""[s] Time between values, while a run lasts."""
+_SEARCH_PERIOD = 1.0
+"""[s] Time between searches, while a run lasts."""
 
 
 @checked_dataclass()
@@ -27,13 +33,13 @@ class Swing:
     """An oscillation at the end of a run, or of the time so far."""
 
     what: str
-    """Quantity, or roll or pitch of the vehicle."""
+    """Name of the quantity that swings, or roll or pitch of the vehicle."""
     period: float
-    """Period [s]."""
+    """[s] Period."""
     amplitude: float
-    """Half of what it covers at the end [unit of the quantity, or rad]."""
+    """[unit of the quantity, or rad] Half of what it covers at the end."""
     growth: float
-    """Ratio of the amplitude to that of one period before [-]."""
+    """[-] Ratio of the amplitude to that of one period before."""
     regular: bool = True
     """True where its periods are alike."""
 
@@ -66,12 +72,9 @@ def swing_of(name: str, values: np.ndarray, dt: float) -> Swing | None:
     half_periods = np.diff(turns)  # in values
     if len(half_periods) < _MIN_HALVES:
         return None
-    amplitudes = np.array(
-        [
-            np.ptp(deviations[start : end + 1]) / 2
-            for start, end in zip(turns[:-2], turns[2:], strict=True)
-        ]
-    )
+    amplitudes = []
+    for start, end in zip(turns[:-2], turns[2:], strict=True):
+        amplitudes.append(np.ptp(deviations[start : end + 1]) / 2)
     periods = np.arange(len(amplitudes)) / 2
     log_growth, _ = np.polyfit(periods, np.log(np.maximum(amplitudes, 1e-12)), 1)
     return Swing(
@@ -120,8 +123,8 @@ def swings_among(
         swing = swing_of(name, values, dt)
         if swing is None:
             continue
-        min_amplitude = _MIN_TILT if swing.regular else _MIN_TUMBLE
-        if swing.amplitude > min_amplitude:
+        smallest_amplitude = _MIN_TILT if swing.regular else _MIN_TUMBLE
+        if swing.amplitude > smallest_amplitude:
             yield swing
 
 
@@ -177,10 +180,13 @@ class SwingWatch:
             return []
         past_errors = np.array(self._errors)
         awaited_errors = {name: (past_errors[:, k], limit) for k, (name, limit) in limits.items()}
-        tilts = tilts_of(np.array(self._q)) if self._floating else {}
+        tilts = dict[str, np.ndarray]()
+        if self._floating:
+            tilts = tilts_of(np.array(self._q))
         new_swings = list[Swing]()
         for swing in swings_among(awaited_errors, tilts, self._dt):
             if swing.what not in self._reported:
                 new_swings.append(swing)
-        self._reported |= {swing.what for swing in new_swings}
+        for swing in new_swings:
+            self._reported.add(swing.what)
         return new_swings

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from types import MappingProxyType
@@ -83,6 +83,7 @@ def _series_rows() -> Iterator[list[str]]:
 
 
 def _series() -> dict[str, SeriesKind]:
+    """Read the table."""
     series = dict[str, SeriesKind]()
     for name, meaning, shape, units, frame, columns in _series_rows():
         series[name] = SeriesKind(
@@ -171,30 +172,40 @@ def column_units(name: str, width: int, meta: Any) -> list[str]:
         if column in circle_columns:
             units.append("-")
             continue
-        slides = _slides(meta, column) if column in meta.joints else []
-        units.append(of_joints(units_by_part[_part(column, units_by_part)], slides))
+        slides = list[bool]()
+        if column in meta.joints:
+            slides = _slides(meta, column)
+        part = _part(column, units_by_part)
+        units.append(of_joints(units_by_part[part], slides))
     return units
 
 
 def _columns(name: str, width: int, meta: Any) -> list[str]:
+    """Return what the columns of a series are called without its name: numbers where nobody
+    says.
+    """
     names = list[str]()
-    words = SERIES[name].columns if name in SERIES else ()
-    for word in words:
-        entries: Iterable[Any]
-        if word == "@entries":
-            entries = _joint_entries(meta)
-        elif word.startswith("@"):
-            entries = getattr(meta, word[1:], ())
-        else:
-            entries = [word]
-        names += [getattr(entry, "name", entry) for entry in entries]
+    if name in SERIES:
+        for word in SERIES[name].columns:
+            names += _entries(word, meta)
     if len(names) == width:
         return names
     # Such as a fixed base, whose configuration is its joints.
-    joints = _joint_entries(meta) if name in _CONFIGURATIONS else [*meta.joints]
+    joints = list(meta.joints)
+    if name in _CONFIGURATIONS:
+        joints = _joint_entries(meta)
     if len(joints) == width:
         return joints
     return [str(k + 1) for k in range(width)]
+
+
+def _entries(word: str, meta: Any) -> list[str]:
+    """Return the columns that a word of the table stands for."""
+    if not word.startswith("@"):
+        return [word]
+    if word == "@entries":
+        return _joint_entries(meta)
+    return [getattr(entry, "name", entry) for entry in getattr(meta, word[1:], ())]
 
 
 def _part(column: str, units: Mapping[str, str]) -> str:
@@ -226,6 +237,7 @@ def _joint_entries(meta: Any) -> list[str]:
 
 
 def _circle(name: str) -> tuple[str, str]:
+    """Return the columns of an endless joint."""
     return f"{name}.cos", f"{name}.sin"
 
 
@@ -245,9 +257,11 @@ def series_description(name: str, array: np.ndarray) -> dict[str, str]:
     """Return the metadata that a file holds of a series of that name; array (n, ...) [unit of
     it].
     """
-    kind = SERIES.get(name)
-    described = {} if kind is None else {"meaning": kind.meaning, "frame": kind.frame}
-    return {"series": name, "axes": str(array.ndim), **described}
+    description = {"series": name, "axes": str(array.ndim)}
+    if name in SERIES:
+        description["meaning"] = SERIES[name].meaning
+        description["frame"] = SERIES[name].frame
+    return description
 
 
 def series_markdown() -> str:
