@@ -20,7 +20,7 @@ from recording.report import Report, Row, Table, begin, parser_of
 
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
-from uvms_ocp.ocp.tracking_error import TrackingError, tracking_error
+from uvms_ocp.scenario.plan_replay import TrackingError, tracking_error
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from uvms_ocp.campaign.distributions import Design
-from uvms_ocp.campaign.failure_causes import cause_table, outcome_table
 from uvms_ocp.campaign.paired_comparison import _pairs
+from uvms_ocp.campaign.report import cause_table, outcome_table
 from uvms_ocp.campaign.run_metrics import (
     METRICS,
     OF_EACH_TOOL,

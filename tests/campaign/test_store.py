@@ -161,7 +161,7 @@ def test_parts_are_joined_and_cut_off_meanwhile_each_row_still_counts_once(
 
 
 def test_many_parts_do_not_pile_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts_module, "_MANY", 3)
+    monkeypatch.setattr(parts_module, "_MAX_PARTS", 3)
     for run in range(10):
         made(tmp_path, [run])
     assert len(list((tmp_path / "rows").iterdir())) <= 3

@@ -23,7 +23,13 @@ from uvms_ocp.control.faults.authority import (
     authority_sizes,
     judge_authority,
 )
-from uvms_ocp.control.faults.detection import FaultDetection, detect_faults
+from uvms_ocp.control.faults.detection import (
+    FaultDetection,
+    WrenchBalance,
+    begin_wrench_balance,
+    detect_faults,
+    update_wrench_balance,
+)
 from uvms_ocp.control.faults.fault_classification import FaultFit, classify_fault
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults
 from uvms_ocp.control.faults.monitor import (
@@ -43,11 +49,6 @@ from uvms_ocp.control.faults.verdicts import (
     ThrusterEffectiveness,
     ThrusterVerdict,
     thruster_alarm,
-)
-from uvms_ocp.control.faults.wrench_balance import (
-    WrenchBalance,
-    begin_wrench_balance,
-    update_wrench_balance,
 )
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.dynamics import robot_dynamics

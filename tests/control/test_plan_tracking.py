@@ -10,12 +10,12 @@ from horizon.tracking import tracked
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP, Actuators, TrackingGains
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import FrameNotFound, InvalidInput
-from uvms_ocp.ocp.tracking_error import tracking_error
 from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import StateEstimate
+from uvms_ocp.scenario.plan_replay import tracking_error
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 

@@ -20,10 +20,10 @@ from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel
 from uvms_ocp.ocp.terms import AtRest, TaskTerm
-from uvms_ocp.ocp.tracking_error import tracking_error
 from uvms_ocp.ocp.trajectory import guess_through
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.plan_replay import tracking_error
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions

@@ -17,7 +17,6 @@ from uvms_ocp.ocp.clearance_certificate import certificate
 from uvms_ocp.ocp.diagnosis import Diagnosis, SolveVerdict
 from uvms_ocp.ocp.first_guess import first_guess
 from uvms_ocp.ocp.first_order_gain import level_residuals
-from uvms_ocp.ocp.level_prices import level_prices
 from uvms_ocp.ocp.node_margins import NO_TIGHTENING, Tightening
 from uvms_ocp.ocp.plan import LevelReport, OcpStatus, Plan
 from uvms_ocp.ocp.problem import OcpProblem
@@ -326,19 +325,39 @@ class Planner:
     def _reports(
         self, problem: OcpProblem, result: LexicographicResult, t: np.ndarray
     ) -> list[LevelReport]:
-        statuses = result.level_status
+        """Report on each level of a solution, on a horizon with these times (n + 1,) [s]."""
         residuals = level_residuals(self.transcription, problem, result.values, t).tolist()
-        return [
-            LevelReport(
-                name=level.name,
-                status=statuses[i].value,
-                advice=statuses[i].advice,
-                residual=residuals[i],
-                iterations=result.iterations[i],
-                prices=level_prices(self.transcription, result, i),
+        reports = []
+        for i, level in enumerate(self.problem.levels):
+            status = result.level_status[i]
+            reports.append(
+                LevelReport(
+                    name=level.name,
+                    status=status.value,
+                    advice=status.advice,
+                    residual=residuals[i],
+                    iterations=result.iterations[i],
+                    prices=self._level_prices(result, i),
+                )
             )
-            for i, level in enumerate(self.problem.levels)
-        ]
+        return reports
+
+    def _level_prices(self, result: LexicographicResult, level: int) -> tuple[float, ...]:
+        """Return `LevelReport.prices` of a level; zeros where a level is met in full by
+        anticipation, none if not known.
+
+        Of all ways to let the residual of a level above grow by 1 as a norm, the best one lowers
+        the cost by the norm of the multipliers of the rows that hold it.
+        """
+        is_last = level == len(result.points) - 1
+        multipliers = result.points[level].row_multipliers
+        if multipliers is None or (result.anticipated and not is_last):
+            return (0.0,) * level
+        levels_above = self.transcription.ranges().levels[:level]
+        prices = [float(np.linalg.norm(multipliers[above.frozen])) for above in levels_above]
+        if np.isnan(prices).any():
+            return ()
+        return tuple(prices)
 
 
 def _made(

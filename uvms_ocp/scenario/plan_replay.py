@@ -4,22 +4,23 @@ feedback.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+import pinocchio as pin
 
 from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.control.force.computed_torque import OPEN_LOOP
 from uvms_ocp.control.plan_following import PlanTracker
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.estimator import PassThrough
-from uvms_ocp.ocp.motion_record import TOOL, tool_series
+from uvms_ocp.ocp.motion_record import TOOL, frame_poses, tool_series
 from uvms_ocp.ocp.plan import Plan
-from uvms_ocp.ocp.tracking_error import TrackingError, tracking_error
+from uvms_ocp.ocp.trajectory import Trajectory
 from uvms_ocp.record.meta_values import AlarmMeta
 from uvms_ocp.record.record import Record
-from uvms_ocp.robot import IDEAL_SENSORS, State, Water
+from uvms_ocp.robot import IDEAL_SENSORS, Robot, State, Water
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.scenario.run_metadata import meta_without_mission
 from uvms_ocp.sim import (
@@ -35,9 +36,20 @@ from uvms_ocp.types import Period
 
 PlantOrEnvironment: TypeAlias = Plant | Environment
 """A plant in any state, or an environment in which the robot starts as the plan does."""
-_DEEP = FlatSeafloor(
-    z=-1e4
-)  # of plants, whose floor no one tells: the echo of the altimeter is not used
+_DEEP = FlatSeafloor(z=-1e4)
+"""Floor below a plant whose own is not known; the echo of the altimeter is not used."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class TrackingError:
+    """Departure of a plant from a plan."""
+
+    position: float
+    """[m] largest distance of the frame from its planned position."""
+    end_position: float
+    """[m] distance at the end."""
+    end_orientation: float
+    """[rad] angle at the end."""
 
 
 @checked_dataclass(eq=False)
@@ -150,3 +162,22 @@ def _record(
     return Record(
         series=series | tool | {"phase": np.zeros(len(series["t"]), dtype=np.int64)}, meta=meta
     )
+
+
+def tracking_error(
+    trajectory: Trajectory, t: np.ndarray, q: np.ndarray, *, robot: Robot, frame: str
+) -> TrackingError:
+    """Compare the pose of a frame at the recorded q (n, n_q) [m, rad] with the planned one at the
+    times t (n,) [s].
+
+    Raises `FrameNotFound` for an unknown frame.
+    """
+    planned_q = trajectory.states_at(robot.model, t)[0]
+    planned_poses = frame_poses(robot, frame, planned_q)
+    poses = frame_poses(robot, frame, q)
+    distances = []
+    for planned, actual in zip(planned_poses, poses, strict=True):
+        error = planned.inverse() * actual
+        distances.append(float(np.linalg.norm(error.translation)))
+    angle = float(np.linalg.norm(pin.log3(error.rotation)))
+    return TrackingError(position=max(distances), end_position=distances[-1], end_orientation=angle)

@@ -29,7 +29,6 @@ from uvms_ocp.sim import (
     machine_faults,
     seafloor_contact,
     stepped_current,
-    thruster_condition,
     thrusters,
 )
 from uvms_ocp.sim.environment import Environment
@@ -206,7 +205,7 @@ class DynamicPlant(Plant):
 
     def _apply_faults(self, active: tuple[Fault, ...]) -> None:
         """Go on with other faults than before."""
-        condition = thruster_condition.condition_of(active, self._arrays.thrust)
+        condition = machine_faults.thruster_condition(active, self._arrays.thrust)
         self._arrays.thrust[condition.dead] = 0.0
         had = machine_faults.payloads(self._active)
         have = machine_faults.payloads(active)

@@ -1,10 +1,11 @@
-"""Faults of the machine itself: which joints cannot move, what the tool carries, and whether a
-robot can have them at all.
+"""Faults of the machine itself: what thrusters still give, which joints cannot move, what the tool
+carries, and whether a robot can have them at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,11 +20,47 @@ _NEED_WATER = {
     "payload": "has no mass",
 }
 """Part that the kinematic plant lacks, by the family of a fault's target."""
+_SHARES = {"dead": 0.0, "stuck": 0.0, "reversed": -1.0}
+"""Share of its sound thrust that a faulty thruster gives, by the kind of fault."""
 
 
 def active_of(faults: Sequence[Fault], t: float) -> tuple[Fault, ...]:
     """Return the faults that are there at time t [s]."""
     return tuple(fault for fault in faults if fault.active(t))
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class ThrusterCondition:
+    """Condition of all thrusters of a robot: their steady thrust is ``share sound + offset``, with
+    that of sound ones.
+    """
+
+    share: np.ndarray
+    """(n,) 1 sound, less weak, negative reversed, 0 dead or stuck."""
+    offset: np.ndarray
+    """(n,) [N] thrust at which they are stuck."""
+    dead: np.ndarray
+    """(n,) True for those that give nothing."""
+
+
+def thruster_condition(faults: Sequence[Fault], thrust: np.ndarray) -> ThrusterCondition:
+    """Return the condition of thrusters under these faults; thrust (n,) [N] that they give now."""
+    share = np.ones(len(thrust))
+    offset = np.zeros(len(thrust))
+    dead = np.zeros(len(thrust), dtype=bool)
+    for fault in faults:
+        if fault.location.family != "thruster":
+            continue
+        k = fault.location.number - 1
+        if fault.kind == "stuck":
+            offset[k] = fault.values[0] if fault.values else thrust[k]
+        if fault.kind == "dead":
+            dead[k] = True
+        if fault.kind == "weak":
+            share[k] *= fault.values[0]
+        else:
+            share[k] *= _SHARES[fault.kind]
+    return ThrusterCondition(share=share, offset=np.where(dead, 0.0, offset), dead=dead)
 
 
 def jammed_axes(robot: Robot, faults: Sequence[Fault]) -> tuple[int, ...]:

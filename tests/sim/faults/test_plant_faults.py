@@ -21,10 +21,14 @@ from uvms_ocp.robot.signals import Command
 from uvms_ocp.sim.dynamic_plant import DynamicPlant
 from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.faults import parse_faults
-from uvms_ocp.sim.machine_faults import joined_velocity, loaded, require_possible
+from uvms_ocp.sim.machine_faults import (
+    joined_velocity,
+    loaded,
+    require_possible,
+    thruster_condition,
+)
 from uvms_ocp.sim.plant import KinematicPlant
 from uvms_ocp.sim.seafloor import FlatSeafloor
-from uvms_ocp.sim.thruster_condition import condition_of
 
 DEEP = Environment(seafloor=FlatSeafloor(z=-1000.0))
 DT = 0.02
@@ -158,7 +162,7 @@ def test_a_weak_or_reversed_thruster_gives_its_share(text: str, share: float, ro
 
 @pytest.mark.parametrize("kind", ["dead", "weak=0.25", "reversed", "stuck"])
 def test_only_a_stuck_thruster_goes_on_with_what_it_gave(kind: str) -> None:
-    condition = condition_of(parse_faults([f"thruster3:{kind}"]), np.full(8, 5.0))
+    condition = thruster_condition(parse_faults([f"thruster3:{kind}"]), np.full(8, 5.0))
     assert condition.offset.nonzero()[0].tolist() == ([2] if kind == "stuck" else [])
 
 

@@ -12,13 +12,28 @@ from uvms_ocp.control.faults.authority import AuthorityMemory, judge_authority
 from uvms_ocp.control.faults.joint_faults import JointFaultMemory, detect_joint_faults, reset_joints
 from uvms_ocp.control.faults.thrusters import ThrusterFaultMemory, detect_thruster_faults
 from uvms_ocp.control.faults.verdicts import ThrusterEffectiveness
-from uvms_ocp.control.faults.wrench_balance import (
-    WrenchBalance,
-    begin_wrench_balance,
-    update_wrench_balance,
-)
 
-_TILT = 0.1  # [rad] in which the righting moment may balance what thrusters no longer can
+_TILT = 0.1
+"""[rad] Tilt in which the righting moment may balance what thrusters no longer can."""
+_SETTLING_TIME = 6.0
+"""[s] Time from a verdict to the judgement on what can still be reached, by the wrench that was
+needed in the second half.
+"""
+
+
+class WrenchBalance(Layout):
+    """The wrench that holds the robot still, averaged once it has settled after a fault."""
+
+    runs: bool
+    """There is anything to wait for."""
+    began: float
+    """[s] time at which the wait began."""
+    total: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] sum of the wrenches in the second half of the wait."""
+    count: int
+    """Number of these."""
+    mean: Annotated[Vector, Sized(6)]
+    """(6,) [N, N m] their mean, once it is time to judge."""
 
 
 class FaultDetection(Layout):
@@ -142,6 +157,31 @@ def _judge(m: FaultDetection, t: float) -> bool:
             judge_authority(m.authority, m.effectiveness)
             return True
     return False
+
+
+def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
+    """Begin to wait at time t [s]; at infinity where the last samples are not to be trusted: then
+    the wait begins with the next.
+    """
+    b.began = t
+    b.count = 0
+    for k in range(6):
+        b.total[k] = 0.0
+
+
+def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
+    """Add a wrench (6,) [N, N m] at time t [s]; return whether it is time to judge."""
+    b.began = min(b.began, t)
+    if t - b.began > 0.5 * _SETTLING_TIME:
+        b.count += 1
+        for k in range(6):
+            b.total[k] += wrench[k]
+    if t - b.began < _SETTLING_TIME or b.count == 0:
+        return False
+    for k in range(6):
+        b.mean[k] = b.total[k] / b.count
+    b.runs = False
+    return True
 
 
 def _find_trim(m: FaultDetection) -> None:
