@@ -137,7 +137,9 @@ def main() -> None:
         took=took,
     )
     names = ("figure", "runs", "least", "5 %", "median", "95 %", "largest")
-    spread = [{name: row[name] for name in names} for row in report["distributions"]]
+    spread = []
+    for row in report["distributions"]:
+        spread.append({name: row[name] for name in names})
     all_rows = (causes(strict), causes(report), spread, sensitivities(report))
     tables = [Table(rows=rows) for rows in all_rows if rows]
     data = {"campaign_case1": table.to_dict("records")}

@@ -56,7 +56,8 @@ def prose(rows: list[Row]) -> str:
     refused = Counter(reason_of(text) for text in column(refusals, "text"))
     reasons = [f"{reason} {refused[reason]}" for reason in REASONS if refused[reason]]
     wrong = [row for row in rows if row["wrong"]]
-    flees, touches, unseen, blames = (sum(name in row["wrong"] for row in wrong) for name in WRONGS)
+    seeds = [f"{row['seed']} {row['wrong']}" for row in wrong]
+    flees, touches, unseen, blames = [_count(wrong, name) for name in WRONGS]
     return PROSE.format(
         robots=len(rows),
         first=rows[0]["seed"],
@@ -81,10 +82,15 @@ def prose(rows: list[Row]) -> str:
         noisy=sum(column(rows, "noise")),
         loaded=sum(load > 0.0 for load in column(rows, "load_kg")),
         noisy_wrong=sum(column(wrong, "noise")),
-        seeds=", ".join(f"{row['seed']} {row['wrong']}" for row in wrong) or "none",
+        seeds=", ".join(seeds) or "none",
         reasons=", ".join(reasons) or "none",
         others=refused[""],
     )
+
+
+def _count(rows: list[Row], wrong: str) -> int:
+    """Count the robots about which one thing was wrong."""
+    return sum(wrong in text for text in column(rows, "wrong"))
 
 
 def main() -> None:

@@ -96,9 +96,14 @@ def onsets(rows: Sequence[Row]) -> str:
 
 def report(rows: Sequence[Row], study: Study) -> Report:
     """Make the report of all rows that there are."""
-    faulty = [row for row in rows if row["kind"] not in (STILL, GUSTY)]
+    faulty = []
+    free = []
+    for row in rows:
+        if row["kind"] in (STILL, GUSTY):
+            free.append(row)
+        else:
+            faulty.append(row)
     pairs = rows_where(faulty, "kind", PAIR)
-    free = [row for row in rows if row["kind"] in (STILL, GUSTY)]
     ended = rows_where(rows_where(free, "kind", STILL), "end", "completed")
     errors = np.array(column(ended, "tool_m"))
     bounds = np.array(column(ended, "tool_bound_m"))
@@ -140,14 +145,18 @@ def report(rows: Sequence[Row], study: Study) -> Report:
 
 
 def _passed(rows: Sequence[Row]) -> int:
-    return sum(bool(passed) for passed in column(rows, "passed"))
+    return sum(map(bool, column(rows, "passed")))
 
 
 def chosen_kinds(words: Sequence[str]) -> list[str]:
     """Kinds whose names have any of the words in them; all without words."""
     if not words:
         return list(KINDS)
-    return [name for name in KINDS if any(word in name for word in words)]
+    names = []
+    for name in KINDS:
+        if any(word in name for word in words):
+            names.append(name)
+    return names
 
 
 def main() -> None:

@@ -38,11 +38,16 @@ from uvms_ocp.identification.uncertainty import (
     values_of,
 )
 
-DURATION = 60.0  # [s] of a recording
-VEHICLES = 8  # drawn ones, whose recordings are fitted
-SINGLE = 3  # numbers for each of which alone a design is made
-DESIGNED = "designed"  # the kind of excitation that is compared with those by hand
-ALONE = "alone"  # column of what a design for a single number would tell of it
+DURATION = 60.0
+"""[s] Duration of a recording."""
+VEHICLES = 8
+"""Drawn vehicles whose recordings are fitted."""
+SINGLE = 3
+"""Numbers for each of which alone a design is made."""
+DESIGNED = "designed"
+"""Kind of excitation that is compared with those by hand."""
+ALONE = "alone"
+"""Column of what a design for a single number would tell of it."""
 SEARCH = Search(step=0.005)
 LITTLE = DesignSettings(iterations=1, starts=1)
 """Settings of a quick run."""
@@ -216,19 +221,25 @@ def _errors(
     recording = recorded(auv, rollout.stage, truth, rng, excitation.commands)
     prepared = PreparedRecording.of(recording, auv)
     estimate = search_fit(auv, [prepared], NOISE, rollout, search)
-    pairs = zip(numbers(auv, estimate), values_of(auv, truth), strict=True)
-    return np.array([(number.value - true) / number.size for number, true in pairs])
+    errors = []
+    for number, true_value in zip(numbers(auv, estimate), values_of(auv, truth), strict=True):
+        errors.append((number.value - true_value) / number.size)
+    return np.array(errors)
 
 
 def figures(
     experiment: ExperimentTask, excitations: Mapping[str, Excitation], rows: Sequence[Row]
 ) -> dict[str, object]:
     """Figures of the prose."""
-    ratios = np.array([ratio(row) for row in rows])
+    ratios = np.array(list(map(ratio, rows)))
     single = farthest([row for row in rows if row[ALONE] is not None])
+    possible = [f"{ratio(row, ALONE):.2f} ({row['number']})" for row in single]
     sides = experiment.limits.pool[1] - experiment.limits.pool[0]
-    roots = [f"{_root(excitation):.1f} N ({name})" for name, excitation in excitations.items()]
-    inside = [f"{name}: {_inside(excitation)}" for name, excitation in excitations.items()]
+    roots = []
+    inside = []
+    for name, excitation in excitations.items():
+        roots.append(f"{_root(excitation):.1f} N ({name})")
+        inside.append(f"{name}: {_inside(excitation)}")
     return {
         "duration": experiment.duration,
         "thrust": experiment.limits.thrust.max(),
@@ -241,7 +252,7 @@ def figures(
         "worst": rows[int(ratios.argmax())]["number"],
         "half": 100.0 * (ratios <= HALF).mean(),
         "single": len(single),
-        "possible": ", ".join(f"{ratio(row, ALONE):.2f} ({row['number']})" for row in single),
+        "possible": ", ".join(possible),
         "alone": _ratios(rows, list(BY_HAND)),
         "fitted": np.median(column(rows, "fitted")),
         "roots": ", ".join(roots),
@@ -262,7 +273,10 @@ def _root(excitation: Excitation) -> float:
 
 
 def _inside(excitation: Excitation) -> str:
-    return "yes" if excitation.status is DesignStatus.INSIDE else "no"
+    """Say whether an excitation keeps the vehicle in the pool."""
+    if excitation.status is DesignStatus.INSIDE:
+        return "yes"
+    return "no"
 
 
 if __name__ == "__main__":

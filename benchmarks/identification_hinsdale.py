@@ -173,8 +173,8 @@ def _left_out(
     """Predict a recording by what the others tell, searched from the prior: nothing of it is known
     to that search.
     """
-    others = [other for other in moving if other is not prepared]
-    estimate = learner.trained(others, iterations=2 if quick else 25)
+    training = [candidate for candidate in moving if candidate is not prepared]
+    estimate = learner.trained(training, iterations=2 if quick else 25)
     return learner.predicted(prepared, estimate.shared)
 
 
@@ -227,10 +227,9 @@ def shares(rows: Sequence[Row]) -> str:
 
 def _median_fit(rows: Sequence[Row], sensor: str, kind: str, name: str) -> float:
     """[%]"""
-    errors = column(_of(rows, sensor, kind), name)
-    mean_errors = column(_of(rows, sensor, MEAN), name)
-    pairs = zip(errors, mean_errors, strict=True)
-    return float(np.median([100.0 * (1.0 - error / mean) for error, mean in pairs]))
+    errors = np.array(column(_of(rows, sensor, kind), name))
+    mean_errors = np.array(column(_of(rows, sensor, MEAN), name))
+    return float(np.median(100.0 * (1.0 - errors / mean_errors)))
 
 
 def worse_than_still(sessions: Sequence[Session]) -> list[str]:

@@ -240,8 +240,8 @@ def left_out(
     """Every recording, predicted by what the others tell, in a search that begins at the prior."""
     rows = []
     for prepared in drifting.prepared:
-        others = [other for other in drifting.prepared if other is not prepared]
-        shared = drifting.trained(others, None, stages).shared
+        training = [candidate for candidate in drifting.prepared if candidate is not prepared]
+        shared = drifting.trained(training, None, stages).shared
         (whole,) = prepared.stretches(STEP)
         rows.append(row(prepared.recording.name, ALL, steady.predictor(shared).of(whole)))
         rows += _by_horizon(prepared, steady.predictor(shared), "")

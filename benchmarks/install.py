@@ -46,9 +46,12 @@ def megabytes(of: Distribution) -> float:
     """Sum up the files [MB] of a package but for byte code, each once: wheels have no links, and
     copies of libraries in their place.
     """
-    files = [file for file in of.files or () if file.suffix != ".pyc"]
-    paths = {Path(str(of.locate_file(file))) for file in files}
-    return sum(path.stat().st_size for path in paths if path.is_file()) / 1e6
+    sizes = dict[Path, int]()
+    for file in of.files or ():
+        path = Path(str(of.locate_file(file)))
+        if file.suffix != ".pyc" and path.is_file():
+            sizes[path] = path.stat().st_size
+    return sum(sizes.values()) / 1e6
 
 
 def all_of(roots: Iterable[str], graph: Mapping[str, list[str]]) -> set[str]:
@@ -84,7 +87,8 @@ def main() -> None:
     rows: list[Row] = []
     for name in sorted(direct, key=lambda name: -size(brought_by[name])):
         brought = brought_by[name]
-        by_others = all_of([other for other in direct if other != name], graph)
+        remaining = [package for package in direct if package != name]
+        by_others = all_of(remaining, graph)
         rows.append(
             {
                 "package": name,

@@ -49,7 +49,7 @@ def prose(
     """Fill in the figures of all runs."""
     one_level = rows_where(shown, "controller", "NMPC")
     levels = rows_where(shown, "controller", "NMPC, strict levels")
-    (beside,) = rows_where(ticks, "ticks", BESIDE)
+    (plans_beside,) = rows_where(ticks, "ticks", BESIDE)
     return PROSE.format(
         seeds=len(experiment.seeds),
         seconds=experiment.seconds,
@@ -70,7 +70,7 @@ def prose(
         rounds=blocks.rounds,
         block=blocks.seconds,
         seldom=SELDOM,
-        share=beside["p99 to that without plans [-]"],
+        share=plans_beside["p99 to that without plans [-]"],
         most=TICKS,
     )
 

@@ -45,11 +45,15 @@ def row_of(outcome: Outcome) -> Row:
 
 def prose(rows: Sequence[Row], scenes: Scenes) -> str:
     """Fill in the figures of all scenes."""
-    times = [row["curve, processor [s]"] + row["plan, processor [s]"] for row in rows]
-    failed = [row for row in rows if row["status"] != "solved" or not row["certified"]]
+    times = []
+    failures = []
+    for row in rows:
+        times.append(row["curve, processor [s]"] + row["plan, processor [s]"])
+        if row["status"] != "solved" or not row["certified"]:
+            failures.append(f"seed {row['seed']} ({row['status']})")
     return PROSE.format(
         scenes=len(rows),
-        solved=len(rows) - len(failed),
+        solved=len(rows) - len(failures),
         false=sum(column(rows, "falsely")),
         samples=scenes.samples,
         slower=scenes.slower,
@@ -57,7 +61,7 @@ def prose(rows: Sequence[Row], scenes: Scenes) -> str:
         median=float(np.median(times)),
         largest=max(times),
         building=scenes.build_time,
-        rest=", ".join(f"seed {row['seed']} ({row['status']})" for row in failed) or "none",
+        rest=", ".join(failures) or "none",
     )
 
 

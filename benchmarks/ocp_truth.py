@@ -69,10 +69,13 @@ def prose(rows: list[Row]) -> str:
     """Fill in the figures of all problems."""
     wrong = {kind: _seeds(rows, "wrong", kind) for kind in WRONGS}
     notes = {kind: _seeds(rows, "note", kind) for kind in NOTES}
-    statuses = Counter(row["status"] for row in rows if row["status"] != SOLVED)
-    solved = len(rows) - sum(statuses.values())
-    dearer, nodes, between, touching, unseen, faults = (len(wrong[kind]) for kind in WRONGS)
-    no_minimum, another, way_known, way_at_nodes, good = (len(notes[kind]) for kind in NOTES)
+    seeds_first = {kind: notes[kind] for kind in NOTES[:1]}
+    seeds_known = {kind: notes[kind] for kind in NOTES[2:]}
+    statuses = Counter(column(rows, "status"))
+    solved = statuses.pop(SOLVED, 0)
+    status_texts = [f"{n} {status}" for status, n in statuses.most_common()]
+    dearer, nodes, between, touching, unseen, faults = map(len, wrong.values())
+    no_minimum, another, way_known, way_at_nodes, good = map(len, notes.values())
     dofs = column(rows, "dof")
     return PROSE.format(
         problems=len(rows),
@@ -99,13 +102,13 @@ def prose(rows: list[Row]) -> str:
         seeds=_listed(wrong),
         no_minimum=no_minimum,
         another=another,
-        seeds_first=_listed({kind: notes[kind] for kind in NOTES[:1]}),
+        seeds_first=_listed(seeds_first),
         unsolved=len(rows) - solved,
-        statuses=", ".join(f"{n} {status}" for status, n in statuses.most_common()) or "none",
+        statuses=", ".join(status_texts) or "none",
         known=way_known,
         known_at_nodes=way_at_nodes,
         good=good,
-        seeds_known=_listed({kind: notes[kind] for kind in NOTES[2:]}),
+        seeds_known=_listed(seeds_known),
     )
 
 

@@ -20,21 +20,26 @@ from uvms_ocp.robot.loading import load_robot
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
 MASSES = (0.0, 0.5, 1.0, 2.0, 4.0)
+"""[kg]"""
 BUOYANT = (0.0, 0.5)
-"""share of the weight that buoyancy bears."""
+"""Shares of the weight that buoyancy bears."""
 CURRENT = 0.3
+"""[m/s] Speed of the current."""
 GUSTS = 0.03
-"""[m/s]"""
+"""[m/s] Standard deviation of the gusts."""
 NEAR = 0.1
-"""of a weight."""
+"""Share of a weight within which an estimate is near it."""
 WATERS: dict[str, dict[str, Any]] = {
     "still, ideal sensors": {"noise": False, "current": 0.0, "gusts": 0.0},
     "current, noise": {"current": CURRENT, "gusts": GUSTS},
     "the same, drag a fifth more": {"current": CURRENT, "gusts": GUSTS, "wrong": (1.0, 1.2)},
 }
 STAYS = 30.0
+"""[s] Time for which the robot keeps station."""
 SOON = (5.0, 10.0, 30.0)
-CERTAIN = 1.96  # standard errors
+"""[s] Times after which errors are reported."""
+CERTAIN = 1.96
+"""Standard errors on either side of an estimate, for 95 % of all truths."""
 PROSE = """
 A robot carries a payload from the start, of which its controller is told nothing. It keeps station
 for {stays:g} s and then goes to small way points and moves its arm, {duration:g} s in all; {seeds}
@@ -70,6 +75,7 @@ def main() -> None:
     for robot, water, mass, share in product(robots, WATERS, masses, BUOYANT):
         if mass or not share:
             rows.append(row_of(replace(hover, robot=robot), water, mass, share, seeds))
+    columns = {name: _format(name) for name in rows[0]}
     prose = PROSE.format(
         duration=duration,
         seeds=seeds,
@@ -84,15 +90,18 @@ def main() -> None:
             name="payloads",
             title="What the tool carries, learnt on line",
             prose=prose,
-            tables=[Table(rows=rows, columns={name: _format(name) for name in rows[0]})],
+            tables=[Table(rows=rows, columns=columns)],
         )
     )
 
 
 def _format(column: str) -> str:
+    """Return the format of a column, by its name."""
     if "error" in column or "inside" in column or "weight [N]" in column:
         return ".2f"
-    return "g" if "[" in column else ""
+    if "[" in column:
+        return "g"
+    return ""
 
 
 def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> Row:
@@ -101,28 +110,38 @@ def row_of(hover: Hover, water: str, mass: float, share: float, seeds: int) -> R
     carrying = replace(hover, payload=(mass, volume), **WATERS[water])
     runs = [run(replace(carrying, seed=seed)).learnt for seed in range(seeds)]
     weight = (1.0 - share) * mass * G
-    time_near = None
-    if mass:
-        time_near = _from_when_on([_is_near(estimates, weight) for estimates in runs])
-    last_masses = [estimates[-1].mass for estimates in runs]
-    mass_errors = [abs(last - mass) for last in last_masses if not np.isnan(last)]
-    return {
+    row: dict[str, object] = {
         "robot": hover.robot,
         "water": water,
         "mass [kg]": mass,
         "volume [l]": 1000.0 * volume,
         "weight [N]": weight,
-        **{f"error {t:g} s": _error_at(runs, weight, t) for t in SOON if t < hover.duration},
-        "near": time_near,
-        "mass known": _from_when_on([_knows_mass(estimates) for estimates in runs]),
-        "mass error": max(mass_errors, default=None),
-        **_inside(runs, weight, mass),
     }
+    for t in SOON:
+        if t < hover.duration:
+            row[f"error {t:g} s"] = _error_at(runs, weight, t)
+    row["near"] = None
+    if mass:
+        row["near"] = _from_when_on([_is_near(estimates, weight) for estimates in runs])
+    row["mass known"] = _from_when_on(list(map(_knows_mass, runs)))
+    row["mass error"] = _largest_mass_error(runs, mass)
+    return row | _inside(runs, weight, mass)
 
 
 def _error_at(runs: Sequence[Sequence[LoadEstimate]], weight: float, t: float) -> float:
+    """Return the largest error [N] of a weight at t [s]."""
     tick = round(t / DT)
     return max(abs(estimates[tick].weight - weight) for estimates in runs)
+
+
+def _largest_mass_error(runs: Sequence[Sequence[LoadEstimate]], mass: float) -> float | None:
+    """Return the largest error [kg] at the end; `None` where no run determines the mass."""
+    errors = []
+    for estimates in runs:
+        estimated_mass = estimates[-1].mass
+        if not np.isnan(estimated_mass):
+            errors.append(abs(estimated_mass - mass))
+    return max(errors, default=None)
 
 
 def _is_near(estimates: Sequence[LoadEstimate], weight: float) -> np.ndarray:
@@ -144,7 +163,9 @@ def _from_when_on(runs: Sequence[np.ndarray]) -> float | None:
     return round(max(begins) * DT, 1)
 
 
-def _inside(runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float) -> Row:
+def _inside(
+    runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float
+) -> dict[str, object]:
     """Shares of seconds; of the mass `None` where it is never determined."""
     first = round(SOON[0] / DT)
     stride = round(1.0 / DT)
@@ -155,7 +176,10 @@ def _inside(runs: Sequence[Sequence[LoadEstimate]], weight: float, mass: float) 
             weights.append(abs(load.weight - weight) <= CERTAIN * load.weight_error)
             if not np.isnan(load.mass):
                 masses.append(abs(load.mass - mass) <= CERTAIN * load.mass_error)
-    return {"weight inside": np.mean(weights), "mass inside": np.mean(masses) if masses else None}
+    mass_share = None
+    if masses:
+        mass_share = np.mean(masses)
+    return {"weight inside": np.mean(weights), "mass inside": mass_share}
 
 
 if __name__ == "__main__":

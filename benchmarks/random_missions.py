@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from recording.progress import show_runs
 from recording.report import Report, Row, Table, add_jobs_option, begin, parser_of
-from recording.rows import column, known_values
+from recording.rows import column, known_values, rows_where
 from studies.random_missions import random_missions
 from studies.study import StudyResult
 
@@ -33,20 +33,21 @@ false: {false_seeds}. Tasks whose goals were the cause of a refusal, and how oft
 
 def sums(cases: Sequence[Row]) -> list[Row]:
     """One row for the missions without a boulder, with one, and for all."""
-    kinds = {
-        "open water": [row for row in cases if not row["boulder"]],
-        "with a boulder": [row for row in cases if row["boulder"]],
-        "all": list(cases),
-    }
-    return [{"missions": name, **_sum(rows)} for name, rows in kinds.items()]
+    return [
+        _sum("open water", rows_where(cases, "boulder", False)),
+        _sum("with a boulder", rows_where(cases, "boulder", True)),
+        _sum("all", cases),
+    ]
 
 
-def _sum(rows: Sequence[Row]) -> dict[str, object]:
-    accepted = [row for row in rows if row["accepted"]]
-    refused = [row for row in rows if not row["accepted"]]
+def _sum(name: str, rows: Sequence[Row]) -> Row:
+    """Count how missions of one kind fared."""
+    accepted = rows_where(rows, "accepted", True)
+    refused = rows_where(rows, "accepted", False)
     clearances = known_values(accepted, "clearance_m")
     boulder_clearances = known_values(accepted, "boulder_clearance_m")
     return {
+        "missions": name,
         "number": len(rows),
         "accepted": len(accepted),
         "completed": sum(column(accepted, "completed")),
@@ -60,24 +61,29 @@ def prose(result: StudyResult) -> str:
     """Fill in the figures of the study."""
     cases = result.cases
     (total,) = result.table
-    done = [row["duration_s"] for row in cases if row["accepted"] and row["completed"]]
-    refused = [row for row in cases if not row["accepted"]]
-    false = [str(row["seed"]) for row in refused if row["completed"]]
-    causes = Counter(row["refusal"].split(":")[0] for row in refused)
+    accepted = rows_where(cases, "accepted", True)
+    refused = rows_where(cases, "accepted", False)
+    durations = column(rows_where(accepted, "completed", True), "duration_s")
+    false_seeds = list(map(str, column(rows_where(refused, "completed", True), "seed")))
+    causes = Counter[str]()
+    for refusal in column(refused, "refusal"):
+        cause, _, _ = refusal.partition(":")
+        causes[cause] += 1
+    cause_texts = [f"{cause} {number}" for cause, number in sorted(causes.items())]
     return PROSE.format(
         first=cases[0]["seed"],
         last=cases[-1]["seed"],
         plant=cases[0]["plant"],
         rate=1 / cases[0]["dt"],
         boulders=sum(column(cases, "boulder")),
-        shortest=min(done, default=float("nan")),
-        longest=max(done, default=float("nan")),
+        shortest=min(durations, default=float("nan")),
+        longest=max(durations, default=float("nan")),
         collided=total["collided"],
         failed=total["causes"] or "none",
         refused=len(refused),
-        false=len(false),
-        false_seeds=f"seeds {', '.join(false)}" if false else "none",
-        causes=", ".join(f"{name} {causes[name]}" for name in sorted(causes)) or "none",
+        false=len(false_seeds),
+        false_seeds=f"seeds {', '.join(false_seeds)}" if false_seeds else "none",
+        causes=", ".join(cause_texts) or "none",
     )
 
 

@@ -82,23 +82,33 @@ def by_doubt(rows: Sequence[Row], before: Sequence[_Doubts]) -> list[Row]:
 
 
 def _row_of_doubt(doubt: Doubt, rows: Sequence[Row], before: Sequence[_Doubts]) -> Row:
-    meant = [row for row in rows if doubt.says in row["meant"]]
-    others = [row for row in rows if doubt.says not in row["meant"]]
-    missed = [row for row in meant if doubt.says not in row["about"]]
-    found_by_none = sum(not row["found"] for row in missed)
-    about_sound = 0
+    """Count what a doubt misses of what it is meant to find, and where else it is raised."""
+    n_meant = 0
+    n_missed = 0
+    n_found_by_none = 0
+    n_same_channel = 0
+    n_elsewhere = 0
+    for row in rows:
+        is_raised = doubt.says in row["about"]
+        if doubt.says in row["meant"]:
+            n_meant += 1
+            n_missed += not is_raised
+            n_found_by_none += not is_raised and not row["found"]
+        else:
+            n_same_channel += is_raised
+            n_elsewhere += doubt.says in row["elsewhere"]
+    n_others = len(rows) - n_meant
+    n_sound = 0
     for doubts_about_recording in before:
-        about_sound += any(raised is doubt for _, raised in doubts_about_recording)
-    same_channel = sum(doubt.says in row["about"] for row in others)
-    elsewhere = sum(doubt.says in row["elsewhere"] for row in others)
+        n_sound += any(raised is doubt for _, raised in doubts_about_recording)
     return {
         "doubt about": doubt.looks_for,
-        "n": len(meant),
-        "missed [%]": _share(len(missed), len(meant)),
-        "found by none [%]": _share(found_by_none, len(meant)),
-        "sound [%]": _share(about_sound, len(before)),
-        "others, same channel [%]": _share(same_channel, len(others)),
-        "others, false [%]": _share(elsewhere, len(others)),
+        "n": n_meant,
+        "missed [%]": _share(n_missed, n_meant),
+        "found by none [%]": _share(n_found_by_none, n_meant),
+        "sound [%]": _share(n_sound, len(before)),
+        "others, same channel [%]": _share(n_same_channel, n_others),
+        "others, false [%]": _share(n_elsewhere, n_others),
     }
 
 
@@ -109,14 +119,14 @@ def by_kind(rows: Sequence[Row]) -> list[Row]:
         spoiled = rows_where(rows, "how", kind.how)
         if not spoiled:
             continue
-        elsewhere = [len(doubts) for doubts in column(spoiled, "elsewhere")]
+        n_elsewhere = sum(map(len, column(spoiled, "elsewhere")))
         table.append(
             {
                 "spoiled": kind.group,
                 "how": kind.how,
                 "n": len(spoiled),
                 "found [%]": _share(sum(column(spoiled, "found")), len(spoiled)),
-                "doubts beside it": float(np.mean(elsewhere)),
+                "doubts beside it": n_elsewhere / len(spoiled),
             }
         )
     return table
@@ -165,7 +175,7 @@ def main() -> None:
             title="Doubts about spoiled recordings",
             prose=_prose(rows, before),
             tables=tables,
-            data={name: [_with_joined_lists(row) for row in rows]},
+            data={name: list(map(_with_joined_lists, rows))},
         )
     )
 
@@ -175,8 +185,13 @@ def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
     are about the channel that is wrong.
     """
     channels = (kind.channel, *_PARTNERS.get(kind.channel, ()))
-    about = sorted(doubt.says for name, doubt in raised if name in channels)
-    elsewhere = sorted(doubt.says for name, doubt in raised if name not in channels)
+    about = []
+    elsewhere = []
+    for name, doubt in raised:
+        if name in channels:
+            about.append(doubt.says)
+        else:
+            elsewhere.append(doubt.says)
     return {
         "recording": recording.name,
         "spoiled": kind.group,
@@ -184,15 +199,16 @@ def _row_of(recording: Recording, kind: Kind, raised: _Doubts) -> Row:
         "channel": kind.channel,
         "meant": kind.meant,
         "found": bool(about),
-        "about": about,
-        "elsewhere": elsewhere,
+        "about": sorted(about),
+        "elsewhere": sorted(elsewhere),
     }
 
 
 def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
     found_share = _share(sum(column(rows, "found")), len(rows))
-    n_about = sum(len(doubts) for doubts in column(rows, "about"))
-    n_elsewhere = sum(len(doubts) for doubts in column(rows, "elsewhere"))
+    n_about = sum(map(len, column(rows, "about")))
+    n_elsewhere = sum(map(len, column(rows, "elsewhere")))
+    n_doubted_sound = sum(map(bool, before))
     stated = [doubt.looks_for for doubt in DOUBTS if doubt.stated]
     return PROSE.format(
         sound=len(before),
@@ -201,7 +217,7 @@ def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
         kinds=len(KINDS),
         found=found_share,
         missed=100.0 - found_share,
-        false=_share(sum(bool(raised) for raised in before), len(before)),
+        false=_share(n_doubted_sound, len(before)),
         others=_share(n_elsewhere, n_about + n_elsewhere),
         stated=len(stated),
         statements="; ".join(stated),
@@ -209,8 +225,11 @@ def _prose(rows: Sequence[Row], before: Sequence[_Doubts]) -> str:
 
 
 def _with_joined_lists(row: Row) -> Row:
-    lists = {name: "; ".join(row[name]) for name in ("meant", "about", "elsewhere")}
-    return {**row, **lists}
+    """Return a row whose lists are texts, as a file has them."""
+    joined = dict(row)
+    for name in ("meant", "about", "elsewhere"):
+        joined[name] = "; ".join(row[name])
+    return joined
 
 
 if __name__ == "__main__":

@@ -159,8 +159,11 @@ def exported(setting: Setting, name: str) -> Path:
 def exported_sources(setting: Setting, name: str) -> Values:
     """Export a controller as C: its sources without comments, of the same layout."""
     folder = exported(setting, name)
-    files = [path for path in sorted(folder.iterdir()) if path.suffix in (".c", ".h")]
-    return {path.name: np.array(_code(path.read_text())) for path in files}
+    sources = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix in (".c", ".h"):
+            sources[path.name] = np.array(_code(path.read_text()))
+    return sources
 
 
 def _code(text: str) -> str:
@@ -219,7 +222,9 @@ def campaign(setting: Setting) -> Values:
     )
     variation = find("Variation", "campaign")
     uniform = find("Uniform", "campaign")
-    variations = [variation(renamed(name), uniform(low, high)) for name, low, high in drawn]
+    variations = []
+    for name, low, high in drawn:
+        variations.append(variation(renamed(name), uniform(low, high)))
     options = {"noise": True, "dt": 0.02, **setting.duration(0.2)}
     study = find("Campaign")(
         scenario="case1",
@@ -459,7 +464,7 @@ def judged(golden: Values, computed: Values) -> Verdict:
     for name, array in expected.items():
         candidate = computed.get(name)
         if candidate is None:
-            new_name = next((key for key, each in spare.items() if same_bits(array, each)), None)
+            new_name = _name_of_same(array, spare)
             if new_name is None:
                 notes.append(f"{name} is missing")
                 differences[name] = np.inf
@@ -482,6 +487,14 @@ def judged(golden: Values, computed: Values) -> Verdict:
             f" {listed})"
         )
     return Verdict(difference=largest, text="; ".join([text, *notes]))
+
+
+def _name_of_same(array: np.ndarray, candidates: Values) -> str | None:
+    """Return the name of the first candidate of the same bits, if there is one."""
+    for name, candidate in candidates.items():
+        if same_bits(array, candidate):
+            return name
+    return None
 
 
 def _renamed_text(array: np.ndarray) -> np.ndarray:

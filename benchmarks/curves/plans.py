@@ -28,15 +28,22 @@ TARGETS = {COAL: ("0.3", "0.6"), CLOSED_FORMS: ("0.15", "")}
 def plan_rows(n_scenes: int, solver: str) -> list[Row]:
     """One run per scene, with distances by coal or in closed form."""
     robot = load_robot("girona_maris7")
-    machine = capsule_robot(robot) if solver == CLOSED_FORMS else robot
-    problems = [problem(seed, robot=machine) for seed in range(n_scenes)]
-    plans = [_planned(item, solver) for item in problems]
+    if solver == CLOSED_FORMS:
+        robot = capsule_robot(robot)
+    problems = []
+    timed_plans = []
+    n_pairs = []
+    for seed in range(n_scenes):
+        item = problem(seed, robot=robot)
+        problems.append(item)
+        timed_plans.append(_planned(item, solver))
+        n_pairs.append(item.scene.n_pairs)
     name = f"{n_scenes} scenes, 13 axes, 10 pieces"
-    pairs = np.median([item.scene.n_pairs for item in problems])
+    plans = [timed_plan.value for timed_plan in timed_plans]
     return [
-        figure(name, solver, "median pairs", pairs, "30"),
-        *_times(name, solver, plans),
-        *_outcomes(name, solver, problems, [plan.value for plan in plans]),
+        figure(name, solver, "median pairs", np.median(n_pairs), "30"),
+        *_times(name, solver, timed_plans),
+        *_outcomes(name, solver, problems, plans),
     ]
 
 

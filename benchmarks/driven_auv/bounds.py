@@ -36,9 +36,13 @@ def measured_twice(recording: Recording) -> dict[str, float | None]:
     measured = velocity.values[inside]
     fits: dict[str, float | None] = dict.fromkeys(CHANNELS)
     for k, name in enumerate(CHANNELS[:3]):
-        if measured[:, k].std() > MOVING[name]:
-            shifted = (np.interp(measured_t + lag, t, rate[:, k]) for lag in _LAGS)
-            fits[name] = max(fit_percent(measured[:, k], values) for values in shifted)
+        if measured[:, k].std() <= MOVING[name]:
+            continue
+        fits_by_lag = []
+        for lag in _LAGS:
+            shifted = np.interp(measured_t + lag, t, rate[:, k])
+            fits_by_lag.append(fit_percent(measured[:, k], shifted))
+        fits[name] = max(fits_by_lag)
     return fits
 
 
@@ -83,8 +87,10 @@ def _part(prepared: PreparedRecording, name: str, step: float) -> tuple[np.ndarr
 
 
 def _fits(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
-    X = np.concatenate([regressors for regressors, _ in parts])
-    y = np.concatenate([measured for _, measured in parts])
+    """Return the fits [%] of parts by one linear filter, fitted to all of them."""
+    all_regressors, all_measured = zip(*parts, strict=True)
+    X = np.concatenate(all_regressors)
+    y = np.concatenate(all_measured)
     scale = X.std(axis=0) + 1e-6
     scale[-1] = 1.0
     S = X / scale

@@ -60,11 +60,13 @@ MAPPING = RecordingMapping.model_validate(
 
 def read_recordings(folder: Path) -> list[Recording]:
     """Read all recordings of a folder. Raises `InvalidInput` where there are none."""
-    stems = [path.name.removeprefix("wrench_") for path in folder.glob("wrench_*.csv.gz")]
-    names = sorted((stem.partition(".")[0] for stem in stems), key=int)
-    if not names:
+    numbers = []
+    for path in folder.glob("wrench_*.csv.gz"):
+        number, _, _ = path.name.removeprefix("wrench_").partition(".")
+        numbers.append(number)
+    if not numbers:
         raise InvalidInput(f"{folder} holds no wrench_*.csv.gz; give the folder of the recordings")
-    return [mapped_recording(folder, MAPPING, name) for name in names]
+    return [mapped_recording(folder, MAPPING, number) for number in sorted(numbers, key=int)]
 
 
 def judged(predicted: Predicted) -> dict[str, tuple[np.ndarray, np.ndarray]]:
@@ -83,7 +85,7 @@ def yaw_rate(predicted: Predicted, rows: tuple[np.ndarray, ...]) -> np.ndarray:
     """Rate (m,) [rad/s] from the angular velocity (m, 3) and the vertical in B, which are rows."""
     t_rate = predicted.t[1]
     t_vertical = predicted.t[2]
-    up = np.column_stack([np.interp(t_rate, t_vertical, values) for values in rows[2].T])
-    return np.asarray(
-        (up[:, 1] * rows[1][:, 1] + up[:, 2] * rows[1][:, 2]) / (up[:, 1] ** 2 + up[:, 2] ** 2)
-    )
+    _, pitch_rate, yaw_rate_B = rows[1].T
+    up_y = np.interp(t_rate, t_vertical, rows[2][:, 1])
+    up_z = np.interp(t_rate, t_vertical, rows[2][:, 2])
+    return np.asarray((up_y * pitch_rate + up_z * yaw_rate_B) / (up_y**2 + up_z**2))

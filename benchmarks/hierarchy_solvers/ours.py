@@ -36,8 +36,10 @@ SOLVERS: dict[str, HierarchySolver] = {
 
 def stacked(levels: Sequence[Level]) -> list[np.ndarray]:
     """The six inputs of a tick."""
-    fields = ("jacobian", "lower", "upper", "rate", "activation", "gate")
-    return [np.concatenate([getattr(level, name) for level in levels]) for name in fields]
+    inputs = []
+    for name in ("jacobian", "lower", "upper", "rate", "activation", "gate"):
+        inputs.append(np.concatenate([getattr(level, name) for level in levels]))
+    return inputs
 
 
 def solved(solver: HierarchySolver, problem: Problem) -> Found:

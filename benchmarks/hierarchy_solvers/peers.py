@@ -35,7 +35,7 @@ def _dumped(sets: list[Problem]) -> dict[str, Any]:
     dump: dict[str, Any] = {}
     for problem in sets:
         inputs = [stacked(levels) for levels in problem.sets]
-        J, lower, upper, *_ = (np.array(part) for part in zip(*inputs, strict=True))
+        J, lower, upper, *_ = map(np.array, zip(*inputs, strict=True))
         dump[f"{problem.name}/J"] = J
         dump[f"{problem.name}/lower"] = lower
         dump[f"{problem.name}/upper"] = upper
@@ -64,10 +64,10 @@ def lexls_results(program: Path, sets: list[Problem], passes: int) -> dict[str, 
         N = len(problem.sets)
         n = problem.sets[0][0].jacobian.shape[1]
         head = np.array([N, n, len(problem.sizes), *problem.sizes], dtype=np.int32)
-        rows = [
-            np.column_stack(stacked(levels)[:3]).clip(-_FAR, _FAR).ravel()
-            for levels in problem.sets
-        ]
+        rows = []
+        for levels in problem.sets:
+            J, lower, upper, *_ = stacked(levels)
+            rows.append(np.column_stack([J, lower, upper]).clip(-_FAR, _FAR).ravel())
         with tempfile.TemporaryDirectory() as folder:
             hierarchies = Path(folder) / "in"
             result = Path(folder) / "out"

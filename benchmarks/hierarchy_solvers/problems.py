@@ -26,10 +26,14 @@ STRUCTURES = {
     60: (60, 9, 20, 12, 30, 60),
 }
 """Rows of the levels by the number of unknowns."""
-LARGE = (7, 13, 20, 40, 80, 160)  # unknowns of the sets that grow
-HUMANOID = 88  # unknowns of the set of a humanoid's size
-EACH_LARGE = 20  # hierarchies of each of these sets
-DEPENDENT = (6, 6, 6, 3, 13)  # rows of the levels whose rows depend on each other
+LARGE = (7, 13, 20, 40, 80, 160)
+"""Unknowns of the sets that grow."""
+HUMANOID = 88
+"""Unknowns of the set of a humanoid's size."""
+EACH_LARGE = 20
+"""Hierarchies of each of these sets."""
+DEPENDENT = (6, 6, 6, 3, 13)
+"""Rows of the levels whose rows depend on each other."""
 NEARLY = 1e-6
 """Distance of rows from dependence at which they are neither dependent nor independent."""
 SEPARATED = (1e-4, 1e-3)
@@ -62,7 +66,8 @@ class Recording:
         tick = self.solver.bind(levels_function, sizes)
 
         def recorded(*inputs: ArrayLike) -> TickResult:
-            self.inputs.append(tuple(np.array(value, dtype=float) for value in inputs))
+            copies = [np.array(value, dtype=float) for value in inputs]
+            self.inputs.append(tuple(copies))
             return tick(*inputs)
 
         return recorded
@@ -80,8 +85,9 @@ def recorded_ticks(duration: float) -> tuple[LevelsProblem, list[Inputs]]:
 
 def levels_of(problem: LevelsProblem, inputs: Inputs) -> list[Level]:
     """The levels of one tick, gates in the bounds."""
-    J, *columns = (np.array(x) for x in problem.function(*inputs)[:6])
-    lower, upper, rate, activation, gate = (column.ravel() for column in columns)
+    J, *columns = problem.function(*inputs)[:6]
+    J = np.array(J)
+    lower, upper, rate, activation, gate = [np.array(column).ravel() for column in columns]
     levels = []
     for rows in row_slices(problem.sizes):
         level = Level(
@@ -112,21 +118,25 @@ def _gated(level: Level) -> Level:
 def problems(problem: LevelsProblem, inputs: Sequence[Inputs], count: int) -> list[Problem]:
     """Recorded ticks, and `count` hierarchies of each random kind."""
     recorded = [levels_of(problem, tick) for tick in inputs]
-    return [
-        Problem(name="case1", warm=True, sets=recorded),
-        *(_random(f"random n={n}", n, range(count)) for n in STRUCTURES),
-        _dependent("dependent", 0.0, range(count)),
-        _dependent(f"dependent to {NEARLY:.0e}", NEARLY, range(count)),
-    ]
+    sets = [Problem(name="case1", warm=True, sets=recorded)]
+    for n in STRUCTURES:
+        sets.append(_random(f"random n={n}", n, range(count)))
+    sets.append(_dependent("dependent", 0.0, range(count)))
+    sets.append(_dependent(f"dependent to {NEARLY:.0e}", NEARLY, range(count)))
+    return sets
 
 
 def large_problems(largest: int) -> list[Problem]:
     """Sets that grow up to `largest` unknowns: random ones, ones without a conflict, one of a
     humanoid's size.
     """
-    sizes = [n for n in LARGE if n <= largest]
-    sets = [_large(f"random, grown, n={n}", n, grown_hierarchy) for n in sizes]
-    sets += [_large(f"box and equalities, n={n}", n, boxed_hierarchy) for n in sizes]
+    grown = []
+    boxed = []
+    for n in LARGE:
+        if n <= largest:
+            grown.append(_large(f"random, grown, n={n}", n, grown_hierarchy))
+            boxed.append(_large(f"box and equalities, n={n}", n, boxed_hierarchy))
+    sets = grown + boxed
     if largest >= HUMANOID:
         sets.append(_large(f"humanoid's size, n={HUMANOID}", HUMANOID, humanoid_hierarchy))
     return sets
@@ -135,11 +145,8 @@ def large_problems(largest: int) -> list[Problem]:
 def _large(
     name: str, n: int, hierarchy: Callable[[np.random.Generator, int], list[Level]]
 ) -> Problem:
-    return Problem(
-        name=name,
-        warm=False,
-        sets=[hierarchy(np.random.default_rng(seed), n) for seed in range(EACH_LARGE)],
-    )
+    sets = [hierarchy(np.random.default_rng(seed), n) for seed in range(EACH_LARGE)]
+    return Problem(name=name, warm=False, sets=sets)
 
 
 def grown_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
@@ -150,7 +157,8 @@ def grown_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
 def boxed_hierarchy(rng: np.random.Generator, n: int) -> list[Level]:
     """Velocity box, three levels of equalities, least velocity below."""
     first, *_, last = random_hierarchy(rng, n, (n, n))
-    return [first, *(_equalities(rng, n, m) for m in (n // 7, n // 3, n // 5)), last]
+    middle = [_equalities(rng, n, m) for m in (n // 7, n // 3, n // 5)]
+    return [first, *middle, last]
 
 
 def _equalities(rng: np.random.Generator, n: int, m: int) -> Level:
@@ -176,7 +184,9 @@ def exactness_problems(count: int) -> list[Problem]:
     """`count` hierarchies in all, whose rows are independent, dependent, or separated."""
     separations = (0.0, *SEPARATED)
     seeds = [(7, seed) for seed in range(count // (2 + len(separations)))]
-    sets = [_random(f"exactness, random n={n}", n, seeds) for n in (7, 13)]
+    sets = []
+    for n in (7, 13):
+        sets.append(_random(f"exactness, random n={n}", n, seeds))
     for nearly in separations:
         sets.append(_dependent(f"exactness, dependent to {nearly:g}", nearly, seeds))
     return sets
@@ -188,9 +198,9 @@ def _random(name: str, n: int, seeds: Sequence[int | tuple[int, ...]]) -> Proble
 
 
 def _dependent(name: str, nearly: float, seeds: Sequence[int | tuple[int, ...]]) -> Problem:
-    sets = [
-        dependent_hierarchy(np.random.default_rng(seed), 13, DEPENDENT, nearly) for seed in seeds
-    ]
+    sets = []
+    for seed in seeds:
+        sets.append(dependent_hierarchy(np.random.default_rng(seed), 13, DEPENDENT, nearly))
     return Problem(name=name, warm=False, sets=sets)
 
 
@@ -200,7 +210,7 @@ def random_states(inputs: Sequence[Inputs], count: int) -> list[Inputs]:
     states = []
     for _ in range(count):
         tick = inputs[int(rng.integers(len(inputs)))]
-        q, v, passive, _, change, altitude, *unchanged = (x.copy() for x in tick)
+        q, v, passive, _, change, altitude, *unchanged = map(np.copy, tick)
         q[:3] += rng.uniform(-2.0, 2.0, 3)
         q[3:7] = rng.standard_normal(4)
         q[3:7] /= np.linalg.norm(q[3:7])
@@ -216,7 +226,8 @@ def random_hierarchy(rng: np.random.Generator, n: int, sizes: tuple[int, ...]) -
     """
     box = Level(jacobian=np.eye(n), lower=-rng.uniform(0.5, 1.5, n), upper=rng.uniform(0.5, 1.5, n))
     at_rest = Level(jacobian=np.eye(n), lower=0.0, upper=0.0)
-    return [box, *(_random_level(rng, n, size) for size in sizes[1:-1]), at_rest]
+    middle = [_random_level(rng, n, size) for size in sizes[1:-1]]
+    return [box, *middle, at_rest]
 
 
 def _random_level(rng: np.random.Generator, n: int, size: int) -> Level:
@@ -234,9 +245,11 @@ def dependent_hierarchy(
     levels = []
     for size in sizes:
         for _ in range(size):
-            parts = rng.integers(0, len(earlier), 2)
-            combined = (earlier[parts[0]] + rng.choice([-1.0, 0.0, 2.0]) * earlier[parts[1]]) / 3.0
-            row = rng.standard_normal(n) if rng.random() < 0.5 else combined
+            first, second = rng.integers(0, len(earlier), 2)
+            factor = rng.choice([-1.0, 0.0, 2.0])
+            row = (earlier[first] + factor * earlier[second]) / 3.0
+            if rng.random() < 0.5:
+                row = rng.standard_normal(n)
             earlier.append(row + nearly * rng.standard_normal(n))
         low = np.round(rng.standard_normal(size), 1)
         width = rng.choice([0.0, 0.5, np.inf], size)

@@ -54,9 +54,15 @@ def least_power(robot: Robot, wrench: np.ndarray) -> float:
     limits.
     """
     B = thruster_matrix(robot)
-    powers = [thruster.power for thruster in robot.description.thrusters if thruster.power]
-    exponent = np.array([power.exponent for power in powers])
-    factor = np.array([power.watts / power.thrust**power.exponent for power in powers])
+    exponents = []
+    factors = []
+    for thruster in robot.description.thrusters:
+        power = thruster.power
+        if power:
+            exponents.append(power.exponent)
+            factors.append(power.watts / power.thrust**power.exponent)
+    exponent = np.array(exponents)
+    factor = np.array(factors)
     thrust = np.linalg.pinv(B) @ wrench
     for _ in range(_SWEEPS):
         # A parabola that touches the power of each thruster at the last thrust and lies above it.

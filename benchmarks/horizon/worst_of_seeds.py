@@ -18,20 +18,23 @@ def worst_of_seeds(table: Sequence[Row], *by: str) -> list[Row]:
     """
     groups: dict[tuple[Any, ...], list[Row]] = {}
     for row in table:
-        key = tuple(row[name] for name in by)
+        key = tuple([row[name] for name in by])
         groups.setdefault(key, []).append(row)
     return [_combined(group, by) for group in groups.values()]
 
 
 def _combined(group: Sequence[Row], by: Sequence[str]) -> dict[str, Any]:
-    combined = {name: group[0][name] for name in by}
+    combined = dict[str, Any]()
+    for name in by:
+        combined[name] = group[0][name]
     for name in group[0]:
         if name not in (*by, "seed"):
-            combined[name] = _of(name, column(group, name))
+            combined[name] = _worst(name, column(group, name))
     return combined
 
 
-def _of(name: str, values: Sequence[Any]) -> Any:
+def _worst(name: str, values: Sequence[Any]) -> Any:
+    """Return the extreme, sum or mean of the values of a column, by its name."""
     if name in _COUNTS:
         return sum(values)
     if name.startswith("smallest"):

@@ -37,22 +37,27 @@ class Suite:
     @property
     def left_out(self) -> dict[str, str]:
         """Tests that no mutant runs, and why."""
-        slow = {name: f"takes {took:.0f} s" for name, took in self.seconds.items() if took > SLOW}
-        return slow | dict.fromkeys(self.failing, "fails in another folder, or without a compiler")
+        reasons = {}
+        for name, seconds in self.seconds.items():
+            if seconds > SLOW:
+                reasons[name] = f"takes {seconds:.0f} s"
+        for name in self.failing:
+            reasons[name] = "fails in another folder, or without a compiler"
+        return reasons
 
     def tests_of(self, mutant: Mutant) -> list[str]:
         """Choose the tests that run the line, quick ones first, then the others of their files,
         which may share what the first made.
         """
-        lines = self.contexts.get(mutant.file, {})
-        names = set[str]().union(*(lines.get(line, ()) for line in statement(mutant)))
+        tests_by_line = self.contexts.get(mutant.file, {})
+        names = set[str]()
+        for line in statement(mutant):
+            names.update(tests_by_line.get(line, ()))
         if names == {""}:  # runs at the import, for all that use the file
-            names = names.union(*lines.values())
+            names.update(*tests_by_line.values())
         direct = self._usable(names)
-        files = {name.partition("::")[0] for name in direct}
-        same_files = [
-            name for name in self._usable(self.seconds) if name.partition("::")[0] in files
-        ]
+        files = set(map(_file_of, direct))
+        same_files = [name for name in self._usable(self.seconds) if _file_of(name) in files]
         return self._affordable(dict.fromkeys([*direct, *same_files]))
 
     def _usable(self, names: Iterable[str]) -> list[str]:
@@ -72,14 +77,22 @@ class Suite:
         return chosen
 
 
+def _file_of(test: str) -> str:
+    """Return the file of a test, by its name."""
+    return test.partition("::")[0]
+
+
 def statement(mutant: Mutant) -> range:
     """The lines of the innermost statement around the changed one; of one with a body, those above
     it.
     """
     tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
-    ranges = [_lines(node) for node in ast.walk(tree) if isinstance(node, ast.stmt)]
-    around = [lines for lines in ranges if mutant.line in lines]
-    return min(around, key=len, default=range(mutant.line, mutant.line + 1))
+    innermost = range(mutant.line, mutant.line + 1)
+    ranges = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.stmt) and mutant.line in _lines(node):
+            ranges.append(_lines(node))
+    return min(ranges, key=len, default=innermost)
 
 
 def _lines(node: ast.stmt) -> range:
@@ -106,7 +119,8 @@ def recorded(work: Path, tests: Sequence[str], jobs: int) -> Suite:
                 contexts=_contexts(work),
             )
     tree = Tree(work, "recorded")
-    share = ("-n", str(jobs), "--dist", "loadfile", *(f"--ignore={path}" for path in _ELSEWHERE))
+    share = ["-n", str(jobs), "--dist", "loadfile"]
+    share += [f"--ignore={path}" for path in _ELSEWHERE]
     coverage = ("--cov=uvms_ocp", "--cov-context=test", "--cov-report=")
     first = tree.test(tests, timeout=_HOURS, compiles=True, options=(*share, *coverage))
     second = tree.test(tests, timeout=_HOURS, options=share)
@@ -130,7 +144,6 @@ def _contexts(work: Path) -> dict[str, dict[int, list[str]]]:
     for path in data.measured_files():
         name = Path(path).relative_to(root.resolve()).as_posix()
         for line, contexts in data.contexts_by_lineno(path).items():
-            contexts_of_file[name][line] = sorted(
-                {context.partition("|")[0] for context in contexts}
-            )
+            tests = {context.partition("|")[0] for context in contexts}
+            contexts_of_file[name][line] = sorted(tests)
     return dict(contexts_of_file)

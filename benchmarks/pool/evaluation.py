@@ -41,14 +41,15 @@ class Evaluation:
 
     def rows(self) -> list[Row]:
         """One for each prediction."""
-        return [self._row(name) for name in PREDICTIONS]
+        return list(map(self._row, PREDICTIONS))
 
     def _row(self, name: str) -> Row:
         shift = self.shift if name in (FITTED_STATIC, FITTED) else np.zeros(3)
         row: dict[str, object] = {"recording": self.recording.name, "prediction": name}
         row["shift_mm"] = " ".join(f"{1000 * value:.1f}" for value in shift)
         for angle, score in zip(("roll", "pitch"), self.scores[name], strict=True):
-            row |= {f"{angle}_{figure}": value for figure, value in asdict(score).items()}
+            for figure, value in asdict(score).items():
+                row[f"{angle}_{figure}"] = value
         return row
 
 
@@ -57,15 +58,16 @@ def evaluate(vehicle: PoolVehicle, recordings: Sequence[Recording]) -> list[Eval
     moving = [recording for recording in recordings if recording.moves]
     evaluations = []
     for recording in recordings:
-        others = [other for other in moving if other is not recording]
-        evaluations.append(_evaluation(vehicle, recording, others))
+        training = [candidate for candidate in moving if candidate is not recording]
+        evaluations.append(_evaluation(vehicle, recording, training))
     return evaluations
 
 
 def _evaluation(
-    vehicle: PoolVehicle, recording: Recording, others: Sequence[Recording]
+    vehicle: PoolVehicle, recording: Recording, training: Sequence[Recording]
 ) -> Evaluation:
-    shift = fit_shift(vehicle, others, replay)
+    """Evaluate a recording with the fit of others."""
+    shift = fit_shift(vehicle, training, replay)
     unshifted = np.zeros(3)
     predictions = {
         STATIC: static_balance(vehicle, recording, unshifted),
@@ -100,16 +102,14 @@ def medians(evaluations: Sequence[Evaluation]) -> list[Row]:
 
 def changes(evaluations: Sequence[Evaluation]) -> list[Row]:
     """List what the fit changes in the replay of each recording."""
-    return [
-        {"recording": evaluation.recording.name, **_change(evaluation)}
-        for evaluation in evaluations
-    ]
+    return list(map(_change, evaluations))
 
 
-def _change(evaluation: Evaluation) -> dict[str, object]:
+def _change(evaluation: Evaluation) -> Row:
     roll, pitch = evaluation.scores[REPLAY]
     fitted_roll, fitted_pitch = evaluation.scores[FITTED]
     return {
+        "recording": evaluation.recording.name,
         "roll RMSE [deg]": f"{roll.rmse:.2f} to {fitted_roll.rmse:.2f}",
         "pitch RMSE [deg]": f"{pitch.rmse:.2f} to {fitted_pitch.rmse:.2f}",
         "pitch lag [s]": f"{pitch.lag:.2f} to {fitted_pitch.lag:.2f}",

@@ -60,7 +60,8 @@ def _read_recording(folder: Path, name: str) -> Recording:
     joints = _read_columns(folder / f"{name}_joint_states.csv.gz", ("time_secs", *_ARM_AXES))
     mocap = _read_columns(folder / f"{name}_mocap.csv.gz", ("time_secs", "roll", "pitch"))
     joint_t = np.arange(joints[0, 0], min(joints[-1, 0], mocap[-1, 0]), SAMPLE_TIME)
-    angles = np.column_stack([np.interp(joint_t, joints[:, 0], angle) for angle in joints[:, 1:].T])
+    measured_t, *measured_angles = joints.T
+    angles = np.column_stack([np.interp(joint_t, measured_t, angle) for angle in measured_angles])
     mocap = mocap[(mocap[:, 0] >= joint_t[0]) & (mocap[:, 0] <= joint_t[-1])]
     return Recording(
         name=name,
@@ -82,5 +83,7 @@ def _smooth(angles: np.ndarray, derivative: int) -> np.ndarray:
 
 def _read_columns(path: Path, columns: tuple[str, ...]) -> np.ndarray:
     with gzip.open(path, "rt", encoding="utf-8") as lines:
-        rows = csv.DictReader(lines)
-        return np.array([[float(row[name]) for name in columns] for row in rows])
+        rows = []
+        for row in csv.DictReader(lines):
+            rows.append([float(row[name]) for name in columns])
+        return np.array(rows)

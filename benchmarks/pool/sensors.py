@@ -17,21 +17,24 @@ MOCAP = "motion capture"
 _Columns: TypeAlias = dict[str, object]
 _JOINTS: _Columns = {
     "file": "{name}_joint_states.csv.gz",
-    "columns": [f"axis_{axis}_pos" for axis in "edcb"],
+    "columns": ["axis_e_pos", "axis_d_pos", "axis_c_pos", "axis_b_pos"],
 }
 _CAPTURED: _Columns = {"file": "{name}_mocap.csv.gz"}
 _ONBOARD: _Columns = {"file": "{name}_imu.csv.gz"}
-_ATTITUDE: _Columns = {"columns": [f"{axis}_ori" for axis in "xyzw"], "format": "quaternion xyzw"}
+_ATTITUDE: _Columns = {
+    "columns": ["x_ori", "y_ori", "z_ori", "w_ori"],
+    "format": "quaternion xyzw",
+}
 _CHANNELS: dict[str, dict[str, _Columns]] = {
     MOCAP: {"attitude": _CAPTURED | _ATTITUDE},
     IMU: {
         "attitude": _ONBOARD | _ATTITUDE,
-        "angular_velocity": _ONBOARD | {"columns": [f"{axis}_angvel" for axis in "xyz"]},
+        "angular_velocity": _ONBOARD | {"columns": ["x_angvel", "y_angvel", "z_angvel"]},
     },
 }
 _BOTH: dict[str, _Columns] = {
     "joint_positions": _JOINTS,
-    "position": _CAPTURED | {"columns": [f"{axis}_pose" for axis in "xyz"]},
+    "position": _CAPTURED | {"columns": ["x_pose", "y_pose", "z_pose"]},
 }
 _WINDOW = 1.0  # [s] of the local quadratics that give velocity
 
@@ -46,7 +49,10 @@ def recordings_of(folder: Path) -> dict[str, list[Recording]]:
         raise InvalidInput(
             f"{folder} holds no *_mocap.csv.gz; give the folder of the pool recordings"
         )
-    return {sensor: [_recording(folder, sensor, name) for name in names] for sensor in (IMU, MOCAP)}
+    recordings = {}
+    for sensor in (IMU, MOCAP):
+        recordings[sensor] = [_recording(folder, sensor, name) for name in names]
+    return recordings
 
 
 def _recording(folder: Path, sensor: str, name: str) -> Recording:

@@ -14,7 +14,7 @@ from typing import Any
 
 import coal
 import numpy as np
-from recording.rows import rows_where
+from recording.rows import column, rows_where
 
 from studies.study import Study, seeds_from
 from uvms_ocp.campaign.jobs import Row
@@ -141,9 +141,14 @@ def _water(machine: Machine, mass: float, rng: np.random.Generator) -> str:
     lines = [f"base: {'free_flyer' if machine.floating else 'fixed'}", "altimeter: base_link"]
     if machine.floating:
         lines.append(f"vehicle_limits: {{velocity: {bounds}, acceleration: {bounds}}}")
-    arm = "".join(f", arm{k}: {{coefficients: {{}}}}" for k in range(len(machine.joints)))
-    lines.append(f"links: {{base_link: {{{_WATER.format(volume=round(volume, 6))}}}{arm}}}")
-    lines.append(f"thrusters: {'' if machine.thrusters else '[]'}")
+    links = [f"base_link: {{{_WATER.format(volume=round(volume, 6))}}}"]
+    for k in range(len(machine.joints)):
+        links.append(f"arm{k}: {{coefficients: {{}}}}")
+    lines.append(f"links: {{{', '.join(links)}}}")
+    if machine.thrusters:
+        lines.append("thrusters: ")
+    else:
+        lines.append("thrusters: []")
     for k in range(machine.thrusters):
         at = np.round(rng.uniform([-0.3, -0.2, -0.1], [0.3, 0.2, 0.1]), 3).tolist()
         usual = _DIRECTIONS[k % len(_DIRECTIONS)] + 0.1 * rng.normal(size=3)
@@ -261,8 +266,12 @@ def _tasks(robot: Robot, start: np.ndarray, rng: np.random.Generator) -> Iterato
 
 def _joints_of_one_axis(robot: Robot) -> dict[str, int]:
     """Place among the joints' values, by name."""
-    joints = {name: robot.model.joints[robot.model.getJointId(name)] for name in robot.joint_names}
-    return {name: joint.idx_v - robot.n_vehicle for name, joint in joints.items() if joint.nv == 1}
+    places = {}
+    for name in robot.joint_names:
+        joint = robot.model.joints[robot.model.getJointId(name)]
+        if joint.nv == 1:
+            places[name] = joint.idx_v - robot.n_vehicle
+    return places
 
 
 def _phases(
@@ -286,9 +295,9 @@ def _phases(
     for name in ("PC", "T"):
         if name in names and type(later_tasks[name]) is type(tasks[names.index(name)]):
             goals[name] = later_tasks[name].goal  # type: ignore[attr-defined]
-    tracking = next((task for task in tasks if isinstance(task, JointTracking)), None)
-    if tracking is not None and rng.random() < 0.4:
-        goals["MP"] = _ramp(len(tracking.joints), longest, rng)
+    for task in tasks:
+        if isinstance(task, JointTracking) and rng.random() < 0.4:
+            goals["MP"] = _ramp(len(task.joints), longest, rng)
     yield Phase(
         name="B",
         activations=activate(*names),
@@ -402,18 +411,18 @@ def totals(rows: Sequence[Row]) -> list[Row]:
         "dynamic": rows_where(rows, "plant", "dynamic"),
         "kinematic": rows_where(rows, "plant", "kinematic"),
         "without joints": rows_where(rows, "joints", "none"),
-        "without thrusters": [row for row in rows if not row["thrusters"]],
+        "without thrusters": rows_where(rows, "thrusters", 0),
         "fixed base": rows_where(rows, "base", "fixed"),
     }
     for kind in JOINT_KINDS:
         kinds[kind] = [row for row in rows if kind in row["joints"].split()]
-    kinds["a finger that follows"] = [row for row in rows if row["follower"]]
+    kinds["a finger that follows"] = rows_where(rows, "follower", True)
     kinds[fusing] = rows_where(rows, "flags", fusing)
     return [_total(name, chosen) for name, chosen in kinds.items()]
 
 
 def _total(name: str, rows: Sequence[Row]) -> Row:
-    number = Counter(row["outcome"] for row in rows)
+    number = Counter(column(rows, "outcome"))
     return {
         "exports": name,
         "drawn": len(rows),
@@ -421,7 +430,7 @@ def _total(name: str, rows: Sequence[Row]) -> Row:
         "apart": number["apart"],
         "refused": number["refused"],
         "fault": number["fault"],
-        "ticks": sum(row["ticks"] for row in rows),
+        "ticks": sum(column(rows, "ticks")),
     }
 
 

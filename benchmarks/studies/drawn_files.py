@@ -205,9 +205,9 @@ def _drop(drawn: Drawn, leaves: Callable[[str], bool]) -> None:
             if link.get("name") == name:
                 drawn.urdf.remove(link)
         for joint in drawn.urdf.findall("joint"):
-            parents = [parent.get("link", "") for parent in joint.findall("parent")]
-            children = [child.get("link", "") for child in joint.findall("child")]
-            ends = [*parents, *children]
+            ends = [
+                end.get("link", "") for end in (*joint.findall("parent"), *joint.findall("child"))
+            ]
             if name not in ends:
                 continue
             drawn.urdf.remove(joint)
@@ -507,7 +507,8 @@ def run_file(case: dict[str, Any]) -> Row:
     """All steps of one drawn file."""
     rng = np.random.default_rng(case["seed"])
     names = [*URDF, *WATER]
-    chosen = [names[k] for k in rng.choice(len(names), size=2, replace=False)]
+    first, second = rng.choice(len(names), size=2, replace=False)
+    chosen = [names[first], names[second]]
     arms = int(rng.integers(3))
     drawn = sound(arms)
     way = _Way(refusals=[], faults=[])
@@ -622,10 +623,8 @@ def _fly(mission: Path, plant: str, place: Path) -> None:
 def _is_same_record(record: Record, loaded: Record) -> bool:
     if repr(loaded.meta) != repr(record.meta):
         return False
-    return all(
-        np.array_equal(loaded[name], values, equal_nan=True)
-        for name, values in record.series.items()
-    )
+    same = [np.array_equal(loaded[name], record[name], equal_nan=True) for name in record.series]
+    return all(same)
 
 
 def _plan(robot: Robot, place: Path) -> None:
@@ -648,10 +647,9 @@ def drawn_files(*, n: int = 500, seed: Count = 0, exports: bool = False) -> Stud
 
     Raises `InvalidInput` for no files or a negative seed.
     """
-    cases = [
-        {"seed": drawn, "exports": exports, "duration_s": _DURATION, "dt": _DT}
-        for drawn in seeds_from(seed, n)
-    ]
+    cases = []
+    for drawn_seed in seeds_from(seed, n):
+        cases.append({"seed": drawn_seed, "exports": exports, "duration_s": _DURATION, "dt": _DT})
     return Study(
         name="drawn_files",
         title=f"{n} drawn robot files",
@@ -699,4 +697,7 @@ REASONS = {
 
 def reason_of(text: str) -> str:
     """The one of `REASONS` that a refusal gives; "" for none."""
-    return next((reason for reason, words in REASONS.items() if words in text), "")
+    for reason, words in REASONS.items():
+        if words in text:
+            return reason
+    return ""

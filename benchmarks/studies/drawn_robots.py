@@ -164,7 +164,11 @@ def _write_box(file: Path, size: np.ndarray) -> None:
     lines = ["solid box"]
     for axis in range(3):
         for side in (-0.5, 0.5):
-            first, second = ((axis + 1) % 3, (axis + 2) % 3)[:: 1 if side > 0 else -1]
+            # Around the normal, which points outwards.
+            first = (axis + 1) % 3
+            second = (axis + 2) % 3
+            if side < 0:
+                first, second = second, first
             corners = []
             for a, b in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)):
                 corner = np.zeros(3)
@@ -349,18 +353,18 @@ def _phases(tasks: Sequence[Task]) -> Iterator[Phase]:
     arrived = [Below(quantity="PC.position_error", limit=0.2)]
     if "AT" in names:
         arrived.append(Below(quantity="AT.misalignment", limit=0.15))
-    others = [name for name in names if name not in tools]
+    active_at_first = [name for name in names if name not in tools]
     onward = Transition(to="B" if tools else DONE, when=tuple(arrived), hold=1.0)
-    yield Phase(name="A", activations=activate(*others), transitions=(onward,))
+    yield Phase(name="A", activations=activate(*active_at_first), transitions=(onward,))
     if tools:
-        reached = tuple(Below(quantity=f"{name}.position_error", limit=0.05) for name in tools)
-        end = Transition(to=DONE, when=reached, hold=1.0)
+        reached = [Below(quantity=f"{name}.position_error", limit=0.05) for name in tools]
+        end = Transition(to=DONE, when=tuple(reached), hold=1.0)
         yield Phase(name="B", activations=activate(*names), transitions=(end,))
 
 
 def _abort(tasks: Sequence[Task]) -> Any:
-    names = [task.name for task in tasks]
-    return abort_phase(*(name for name in names if name in ("JL", "MAC", "HA", "MP")))
+    names = [task.name for task in tasks if task.name in ("JL", "MAC", "HA", "MP")]
+    return abort_phase(*names)
 
 
 # What became of it.
@@ -441,7 +445,7 @@ def _short(text: str) -> str:
 
 def _circumstances(scenario: Scenario) -> dict[str, Any]:
     first = scenario.mission.hierarchy.tasks[0]
-    undriven = "".join(str(axis) for axis in getattr(first, "axes", ()))
+    undriven = "".join(map(str, getattr(first, "axes", ())))
     velocity = scenario.environment.current.velocity(np.zeros((1, 3)), 0.0)
     return {
         "undriven": undriven,
@@ -492,9 +496,11 @@ def farther_by(scenario: Scenario, record: Record) -> float:
     the mission had not given up.
     """
     abort_phases = (ABORT, record.run_meta.abort_phase)
-    times = [event.t for event in record.run_meta.events if event.target in abort_phases]
-    given_up = times[0] if times else np.inf
-    positions = record["q"][record["t"] <= given_up, :3]
+    given_up_at = np.inf
+    for event in reversed(record.run_meta.events):
+        if event.target in abort_phases:
+            given_up_at = event.t
+    positions = record["q"][record["t"] <= given_up_at, :3]
     distances = np.linalg.norm(positions - scenario.markers["way point"], axis=1)
     return float(distances.max() - distances[0])
 
@@ -531,17 +537,18 @@ def drawn_robots(*, n: int = 2000, seed: Count = 0, flies: bool = True) -> Study
 
 def reason_of(text: str) -> str:
     """The one of `REASONS` that a refusal gives; "" for none."""
-    return next((reason for reason, words in REASONS.items() if words in text), "")
+    for reason, words in REASONS.items():
+        if words in text:
+            return reason
+    return ""
 
 
 def totals(rows: Sequence[Row]) -> list[Row]:
     """How the robots fared, by their arms."""
-    return [
-        _total("none", [row for row in rows if _n_arms(row) == 0]),
-        _total("one", [row for row in rows if _n_arms(row) == 1]),
-        _total("two", [row for row in rows if _n_arms(row) == 2]),
-        _total("all", rows),
-    ]
+    table = []
+    for n_arms, name in enumerate(("none", "one", "two")):
+        table.append(_total(name, [row for row in rows if _n_arms(row) == n_arms]))
+    return [*table, _total("all", rows)]
 
 
 def _n_arms(row: Row) -> int:

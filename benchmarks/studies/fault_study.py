@@ -125,13 +125,15 @@ def run_faults(case: dict[str, Any]) -> Row:
     """One run, and what truly became of it; one that raises is a row too."""
     usual = nominal(case["plant"], case["dt"])
     names = case.get("pair", [case["kind"]])
-    parts = [KINDS[name] for name in names if name in KINDS]
+    fault_kinds = [KINDS[name] for name in names if name in KINDS]
     onsets = [usual.middles[phase] for phase in case["phase"].split()]
     injected: tuple[Fault, ...] = ()
-    for part, onset in zip(parts, onsets, strict=True):
-        injected += part.faults(onset)
-    joints = sum(part.joints for part in parts)
-    floor = sum(part.floor for part in parts)
+    joints = 0.0
+    floor = 0.0
+    for fault_kind, onset in zip(fault_kinds, onsets, strict=True):
+        injected += fault_kind.faults(onset)
+        joints += fault_kind.joints
+        floor += fault_kind.floor
     kind = FaultKind(name=case["kind"], texts=(), joints=joints, floor=floor)
     current = None
     if case["kind"] == GUSTY:
@@ -243,10 +245,16 @@ def _alarms(
         row["alarm"] = after[0].text
         row["to_detect_s"] = after[0].t - onset
     if faults:
-        texts = [cause, *(alarm.text for alarm in alarms)]
-        begun = [fault for fault in faults if fault.onset <= record["t"][-1]]
-        named = [truth.is_named([fault], scenario.robot, texts) for fault in begun]
-        row["named"] = any(named) if pair else all(named)
+        texts = [cause]
+        texts += [alarm.text for alarm in alarms]
+        named = []
+        for fault in faults:
+            if fault.onset <= record["t"][-1]:
+                named.append(truth.is_named([fault], scenario.robot, texts))
+        if pair:
+            row["named"] = any(named)
+        else:
+            row["named"] = all(named)
     return row
 
 
@@ -260,8 +268,11 @@ def by_kind(rows: Sequence[Row]) -> list[Row]:
 
 def _sum(kind: str, rows: Sequence[Row]) -> Row:
     ends = Counter(column(rows, "end"))
-    other_ends = [f"{end} {number}" for end, number in ends.items() if end != _COMPLETED]
+    failures = [f"{end} {number}" for end, number in ends.items() if end != _COMPLETED]
     noticed = known_values(rows, "to_detect_s")
+    median_to_detect = None
+    if noticed:
+        median_to_detect = float(np.median(noticed))
     not_named = 0
     for row in rows:
         if row["faults"] and row["end"] != _COMPLETED and not row["named"]:
@@ -273,13 +284,13 @@ def _sum(kind: str, rows: Sequence[Row]) -> Row:
         "kind": kind,
         "runs": len(rows),
         "completed": ends[_COMPLETED],
-        "other_ends": ", ".join(other_ends),
+        "other_ends": ", ".join(failures),
         "not_named": not_named,
         "false_alarms": sum(known_values(rows, "alarms_before")),
         "noticed": len(noticed),
-        "median_to_detect_s": float(np.median(noticed)) if noticed else None,
-        "end_in_contact": sum(bool(row["ends_in_contact"]) for row in rows),
+        "median_to_detect_s": median_to_detect,
+        "end_in_contact": sum(map(bool, column(rows, "ends_in_contact"))),
         **largest,
         "least_arm_m": min(known_values(rows, "arm_m"), default=None),
-        "passed": sum(bool(row["passed"]) for row in rows),
+        "passed": sum(map(bool, column(rows, "passed"))),
     }

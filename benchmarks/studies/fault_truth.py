@@ -60,7 +60,8 @@ def _depths(scenario: Scenario, q: np.ndarray) -> np.ndarray:
     depths = np.full(len(q), np.inf)
     for row in np.flatnonzero(np.isfinite(q).all(axis=1)):
         corners = points @ quaternion_to_matrix(q[row, 3:7]).T + q[row, :3]
-        depths[row] = max(height(x, y) - z for x, y, z in corners.tolist())
+        corner_depths = [height(x, y) - z for x, y, z in corners.tolist()]
+        depths[row] = max(corner_depths)
     return depths
 
 
@@ -96,7 +97,8 @@ def passes_rates(robot: Robot, record: Record, onsets: Sequence[float]) -> bool:
     """Whether any joint's true velocity passes its limit by more than it may; onsets [s] of
     faults.
     """
-    t, v = record["t"], record["v"]
+    t = record["t"]
+    v = record["v"]
     is_new = np.zeros(len(t), bool)
     for onset in onsets:
         is_new |= (t >= onset) & (t <= onset + NEW)
@@ -142,8 +144,12 @@ def astray(way: np.ndarray, q: np.ndarray) -> float:
 
 def is_named(faults: Sequence[Fault], robot: Robot, texts: Sequence[str]) -> bool:
     """Whether all that is wrong is named in any of the texts."""
-    told = " ".join(texts).lower().replace("_", " ")
-    return all(any(word in told for word in _words(fault, robot)) for fault in faults)
+    all_texts = " ".join(texts).lower().replace("_", " ")
+    for fault in faults:
+        words = _words(fault, robot)
+        if not any(word in all_texts for word in words):
+            return False
+    return True
 
 
 def _words(fault: Fault, robot: Robot) -> list[str]:

@@ -13,7 +13,7 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from recording.rows import count_where, rows_where
+from recording.rows import column, count_where, rows_where
 from studies.study import Study, seeds_from
 
 from truth.collocation import Collocation, Way
@@ -373,21 +373,20 @@ def ocp_truth(*, n: int = 400, seed: Count = 0) -> Study:
 
 def totals(rows: Sequence[Row]) -> list[Row]:
     """How the problems fared, by what is around the robot."""
-    table = [
-        _total(name, rows_where(rows, "surroundings", name)) for name in dict.fromkeys(SURROUNDINGS)
-    ]
+    table = []
+    for name in dict.fromkeys(SURROUNDINGS):
+        table.append(_total(name, rows_where(rows, "surroundings", name)))
     return [*table, _total("all", rows)]
 
 
 def _total(surroundings: str, rows: Sequence[Row]) -> Row:
-    wrong = {kind: sum(kind in row["wrong"] for row in rows) for kind in WRONGS}
     notes = Counter[str]()
-    for row in rows:
-        notes.update(str(row["note"]).split(", "))
-    return {
-        "surroundings": surroundings,
-        "problems": len(rows),
-        SOLVED: count_where(rows, "status", SOLVED),
-        **wrong,
-        **{kind: notes[kind] for kind in NOTES},
-    }
+    for note in column(rows, "note"):
+        notes.update(str(note).split(", "))
+    total: dict[str, Any] = {"surroundings": surroundings, "problems": len(rows)}
+    total[SOLVED] = count_where(rows, "status", SOLVED)
+    for kind in WRONGS:
+        total[kind] = sum(kind in wrong for wrong in column(rows, "wrong"))
+    for kind in NOTES:
+        total[kind] = notes[kind]
+    return total
