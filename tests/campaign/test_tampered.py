@@ -143,6 +143,15 @@ def not_finite(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     return rows.assign(**{name: float(rng.choice([np.inf, -np.inf]))})
 
 
+def parameter_not_finite(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
+    name = rng.choice(list(manifest["parameters"]))
+    return rows.assign(**{name: float(rng.choice([np.inf, -np.inf]))})
+
+
+def time_below_zero(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
+    return rows.assign(wall_s=-float(rng.uniform(0.1, 10.0)))
+
+
 def seed_of_a_run(rng: np.random.Generator, manifest: Manifest, rows: Any) -> Any:
     return rows.assign(seed=rows["seed"] + (np.arange(len(rows)) == rng.integers(len(rows))))
 
@@ -192,6 +201,8 @@ TAMPERINGS: tuple[Tampering, ...] = (
     version_of_a_run,
     words,
     distribution,
+    parameter_not_finite,
+    time_below_zero,
 )
 
 
