@@ -21,7 +21,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, NotInstalled, UvmsError
 from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
 from uvms_ocp.identification.mapped_recordings import mapped_recording
 from uvms_ocp.identification.message_fields import numbers_at, seconds_at, steps_of
-from uvms_ocp.identification.messages import TopicColumns, _Rows, topics_of
+from uvms_ocp.identification.messages import Message, TopicColumns, _Rows, topics_of
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.record import mcap_messages as mcap_records
 
@@ -544,7 +544,7 @@ class Range:
 
 
 def test_a_field_called_units_is_one_like_others() -> None:
-    rows = _Rows(TopicColumns(topic="/range", columns=("value",), time="", unit=1.0))
+    rows = _Rows("range", TopicColumns(topic="/range", columns=("value",), time="", unit=1.0))
     for k in range(3):
-        rows.add(k * 10**9, Range(2.0 * k, "m"))
+        rows.add(Message("/range", k * 10**9, Range(2.0 * k, "m")))
     assert rows.units() == ("", "")

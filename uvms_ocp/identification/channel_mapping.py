@@ -66,7 +66,8 @@ class ChannelMapping(FileModel, allow_inf_nan=False, use_attribute_docstrings=Tr
     """
     rows: dict[str, float | str] = Field(default={})
     """only rows or messages that have these values, such as {instance: 0, valid: 1, sensor:
-    left}
+    left}; of messages also by their sender: {system: 1, component: 1} of MAVLink, {publisher:
+    /node} or {connection: 0} of ROS
     """
     missing: tuple[float, ...] = ()
     """values that stand where nothing was measured"""

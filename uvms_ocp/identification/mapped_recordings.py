@@ -107,20 +107,23 @@ def _mapped_rows(
                 )
             time = channel.time if isinstance(channel.time, str) else ""
             unit = recordings.SECONDS[channel.time_unit or "s"]
-            columns = (*channel.fields, *channel.rows)
             by_path[path][key] = TopicColumns(
-                topic=channel.topic, columns=columns, time=time, unit=unit, words=channel.words
+                topic=channel.topic,
+                columns=channel.fields,
+                time=time,
+                unit=unit,
+                rows=tuple(channel.rows.items()),
             )
         else:
             table = _table_rows(key, channel, path, mapping.table)
-            tables_by_key[key] = _chosen(key, channel, table)
+            tables_by_key[key] = _in_unit(key, channel, _chosen(key, channel, table))
     definitions = Path(mapping.messages) if mapping.messages else None
     for path, topics in by_path.items():
         for key, rows in message_rows(path, topics, definitions).items():
             channel = mapping.channels[key]
             has_seconds = channel.time_unit and isinstance(channel.time, str)
             table = rows if has_seconds else _in_seconds(channel, rows)
-            tables_by_key[key] = _chosen(key, channel, table)
+            tables_by_key[key] = _in_unit(key, channel, table)
     return tables_by_key
 
 
@@ -184,15 +187,21 @@ def _table_rows(
 
 
 def _chosen(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
-    """Choose the rows of a channel, with sentinels as NaN, signs and constants, in its unit.
-
-    Where most rows have no cell at all, a file has those of other channels between them.
-    """
+    """Choose the rows of a channel in a table."""
     values = _rows_with(mapping, table.values)
     if not len(values) and len(table.values):
         raise InvalidInput(
             f"{key}: no row has {mapping.rows}; leave rows out, or give values that there are"
         )
+    return replace(table, values=values, units=table.units[: values.shape[1]])
+
+
+def _in_unit(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> tables.TableColumns:
+    """Return the rows of a channel with sentinels as NaN, signs and constants, in its unit.
+
+    Where most rows have no cell at all, a file has those of other channels between them.
+    """
+    values = table.values
     is_empty = ~np.isfinite(values[:, 1:]).any(axis=1)
     if _FOREIGN * len(is_empty) < is_empty.sum() < len(is_empty):  # rows of other channels
         values = values[~is_empty]

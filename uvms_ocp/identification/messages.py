@@ -13,9 +13,9 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import zip_longest
 from pathlib import Path, PurePath
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,12 +27,22 @@ from uvms_ocp.identification.message_fields import (
     steps_of,
     value_at,
 )
+from uvms_ocp.identification.message_senders import Identity, SenderCount
 from uvms_ocp.identification.tables import TableColumns
 from uvms_ocp.identification.text_tables import LONGEST_LINE, MOST_ROWS
 from uvms_ocp.record import mcap_messages, untrusted, yaml_file
 
-Message = tuple[str, int, Any]
-"""Topic, when it was logged [ns], and what it says."""
+
+class Message(NamedTuple):
+    """One message as logged."""
+
+    topic: str
+    logged: int
+    """[ns]"""
+    content: Any
+    sender: Identity = MappingProxyType({})
+    """By what the file tells its senders apart; empty where it does not."""
+
 
 _PARTED = "=" * 80 + "\n"
 """Between the definitions of a schema in IDL."""
@@ -97,11 +107,26 @@ def _mcap_messages(
     path: Path, topics: Collection[str], definitions: Path | None, _: list[str]
 ) -> Iterator[Message]:
     decoders: dict[tuple[str, int], Callable[[bytes], Any]] = {}
+    channels_of_topic = defaultdict[str, list[int]](list)
     for schema, channel, message in mcap_messages.mcap_messages(path, topics):
         key = (channel.message_encoding, channel.schema_id)
         if key not in decoders:
             decoders[key] = _decoder(channel, schema, definitions)
-        yield channel.topic, message.log_time, decoders[key](message.data)
+        publisher = channel.metadata.get("callerid", "")
+        sender = _connection(publisher, channel.id, channels_of_topic[channel.topic])
+        content = decoders[key](message.data)
+        yield Message(channel.topic, message.log_time, content, sender)
+
+
+def _connection(publisher: str, number: int, numbers: list[int]) -> Identity:
+    """Return the publisher, or where a file names none the place of its connection among those of a
+    topic, whose numbers so far are kept.
+    """
+    if publisher:
+        return {"publisher": publisher}
+    if number not in numbers:
+        numbers.append(number)
+    return {"connection": numbers.index(number)}
 
 
 def _decoder(channel: Any, schema: Any, definitions: Path | None) -> Callable[[bytes], Any]:
@@ -200,8 +225,13 @@ def _ros1_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[
         chosen = [connection for connection in reader.connections if connection.topic in topics]
         if not chosen:
             return
+        connections_of_topic = defaultdict[str, list[int]](list)
         for connection, logged, data in reader.messages(connections=chosen):
-            yield connection.topic, logged, reader.deserialize(data, connection.msgtype)
+            publisher = getattr(connection.ext, "callerid", None) or ""
+            numbers = connections_of_topic[connection.topic]
+            sender = _connection(publisher, connection.id, numbers)
+            content = reader.deserialize(data, connection.msgtype)
+            yield Message(connection.topic, logged, content, sender)
 
 
 def _ros1_topics(path: Path) -> Collection[str]:
@@ -243,6 +273,7 @@ def _sqlite_messages(
                 encoding, text = texts.get(kind, ("", ""))
                 topic_of[k] = topic
                 decoders[k] = ros_decoder(kind, encoding, text, definitions)
+        connections_of_topic = defaultdict[str, list[int]](list)
         placeholders = ",".join("?" * len(topic_of))
         rows = base.execute(
             "SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN"
@@ -250,7 +281,8 @@ def _sqlite_messages(
             tuple(topic_of),
         )
         for k, logged, data in rows:
-            yield topic_of[k], logged, decoders[k](data)
+            sender = _connection("", k, connections_of_topic[topic_of[k]])
+            yield Message(topic_of[k], logged, decoders[k](data), sender)
 
 
 def _definitions(base: sqlite3.Connection) -> dict[str, tuple[str, str]]:
@@ -299,11 +331,11 @@ def _json_messages(
                 ) from None
             topic = str(message.get("type", "")) if isinstance(message, dict) else ""
             if topics is None or topic in topics:
-                yield topic, number, message
+                yield Message(topic, number, message)
 
 
 def _json_topics(path: Path) -> Collection[str]:
-    return {topic for topic, _, _ in _json_messages(path, None, None, [])}
+    return {message.topic for message in _json_messages(path, None, None, [])}
 
 
 # Logs of MAVLink by pymavlink: dataflash (.BIN) and telemetry (.tlog); topics are the types of
@@ -333,7 +365,23 @@ def _mavlink_messages(path: Path, topics: Collection[str], *_: object) -> Iterat
                 content.units = dict(zip(layout.columns, layout.units or (), strict=False))
             else:
                 content.units = message.fieldunits_by_name
-            yield message.get_type(), round(1e9 * message._timestamp), content
+            logged = round(1e9 * message._timestamp)
+            yield Message(message.get_type(), logged, content, _mavlink_sender(message, content))
+
+
+def _mavlink_sender(message: Any, content: Mapping[str, Any]) -> Identity:
+    """Return system and component of a message of telemetry, and the instance of its sensor."""
+    sender: dict[str, float | str] = {}
+    layout = getattr(message, "fmt", None)
+    if layout:
+        instance_field = layout.instance_field
+    else:
+        instance_field = message.instance_field
+        sender["system"] = message.get_srcSystem()
+        sender["component"] = message.get_srcComponent()
+    if instance_field in content:
+        sender[instance_field] = content[instance_field]
+    return sender
 
 
 def _mavlink_topics(path: Path) -> Collection[str]:
@@ -373,7 +421,7 @@ def _ulog_messages(path: Path, topics: Collection[str], *_: object) -> Iterator[
         for row in zip(*rows_of_fields, strict=True):
             content = _WithUnits(zip(fields, row, strict=True))
             content.units = {"timestamp": "us"}
-            yield topic, 1000 * content["timestamp"], content
+            yield Message(topic, 1000 * content["timestamp"], content)
 
 
 def _ulog_topics(path: Path) -> Collection[str]:
@@ -405,10 +453,8 @@ class TopicColumns:
     """Path of the time; empty for the time of logging."""
     unit: float = 1.0
     """[s] of a time that is a plain number."""
-    words: tuple[str | None, ...] = ()
-    """For each column of text, the word that reads as 1 (every other word as 0); None for columns
-    of numbers.
-    """
+    rows: tuple[tuple[str, float | str], ...] = ()
+    """Fields, or names of senders, and the values that messages must have in them."""
 
 
 def message_rows(
@@ -429,13 +475,13 @@ def _rows_of(
     path: Path, topics: Sequence[tuple[str, TopicColumns]], definitions: Path | None, state: object
 ) -> Mapping[str, TableColumns]:
     remarks: list[str] = []
-    rows_by_name = {name: _Rows(columns) for name, columns in topics}
+    rows_by_name = {name: _Rows(name, columns) for name, columns in topics}
     by_topic: dict[str, list[_Rows]] = defaultdict(list)
     for rows in rows_by_name.values():
         by_topic[rows.selection.topic].append(rows)
-    for topic, logged, content in messages(path, by_topic.keys(), definitions, remarks):
-        for rows in by_topic[topic]:
-            rows.add(logged, content)
+    for message in messages(path, by_topic.keys(), definitions, remarks):
+        for rows in by_topic[message.topic]:
+            rows.add(message)
     tables = {}
     for name, rows in rows_by_name.items():
         values = rows.whole(path)
@@ -446,27 +492,33 @@ def _rows_of(
 class _Rows:
     """Rows of one channel, read so far."""
 
-    def __init__(self, topic_columns: TopicColumns) -> None:
+    def __init__(self, name: str, topic_columns: TopicColumns) -> None:
+        self.name = name
         self.selection = topic_columns
         self.time = steps_of(topic_columns.time) if topic_columns.time else ()
         self.columns = [steps_of(column) for column in topic_columns.columns]
+        self.conditions = [(name, steps_of(name), value) for name, value in topic_columns.rows]
         self.numbers = array("d")
         self.width = 0
         self.missing: NameNotFound | None = None
         self.file_units: Mapping[str, str] = {}
+        self.n_others = 0
+        self.senders = SenderCount()
 
-    def add(self, logged: int, content: Any) -> None:
-        """Add the row of one message, logged at a time [ns]; none where a field is missing."""
+    def add(self, message: Message) -> None:
+        """Add the row of one message; none where a field is missing, or has another value than the
+        mapping chooses.
+        """
         try:
+            if not self._is_chosen(message):
+                self.n_others += 1
+                return
             if self.time:
-                row = [seconds_at(content, self.time, self.selection.unit)]
+                row = [seconds_at(message.content, self.time, self.selection.unit)]
             else:
-                row = [1e-9 * logged]
-            for steps, word in zip_longest(self.columns, self.selection.words):
-                if word is None:
-                    row += numbers_at(content, steps)
-                else:
-                    row.append(float(str(value_at(content, steps)) == word))
+                row = [1e-9 * message.logged]
+            for steps in self.columns:
+                row += numbers_at(message.content, steps)
         except NameNotFound as error:
             self.missing = self.missing or error
             return
@@ -481,8 +533,26 @@ class _Rows:
                 f"{self.selection.topic}: more than {MOST_ROWS} messages; give recordings one by one"
             )
         self.numbers.extend(row)
-        if isinstance(content, _WithUnits):
-            self.file_units = content.units
+        self.senders.add(message.sender, message.content)
+        if isinstance(message.content, _WithUnits):
+            self.file_units = message.content.units
+
+    def _is_chosen(self, message: Message) -> bool:
+        """Check whether fields and sender of a message have the values that the mapping chooses."""
+        for name, steps, expected in self.conditions:
+            try:
+                value = value_at(message.content, steps)
+            except NameNotFound:
+                if name not in message.sender:
+                    raise
+                value = message.sender[name]
+            if isinstance(expected, str):
+                differs = str(value) != expected
+            else:
+                differs = numbers_at({name: value}, (name,)) != [expected]
+            if differs:
+                return False
+        return True
 
     def units(self) -> tuple[str, ...]:
         """Return the unit of each column as the file says it, empty where it does not; arrays have
@@ -497,9 +567,16 @@ class _Rows:
     def whole(self, path: Path) -> np.ndarray:
         """Return all rows (n, 1 + k). Raises InvalidInput and NameNotFound where there are none."""
         if self.numbers:
+            where = f"{self.name}: {self.selection.topic} of {path.name}"
+            self.senders.require_one(where, dict(self.selection.rows))
             return np.array(self.numbers).reshape(-1, self.width)
         if self.missing is not None:
             raise InvalidInput(f"{path.name}: {self.selection.topic}: {self.missing}")
+        if self.n_others > 0:
+            raise InvalidInput(
+                f"{self.name}: no row has {dict(self.selection.rows)}; leave rows out, or give"
+                " values that there are"
+            )
         topics = topics_of(path)
         if self.selection.topic in topics:
             raise InvalidInput(

@@ -189,8 +189,8 @@ def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[st
             continue
         names: list[str] = []
         try:
-            for _, _, content in islice(messages(path, [topic], None, []), 1, 2):
-                names.extend(_leaves("", content))
+            for message in islice(messages(path, [topic], None, []), 1, 2):
+                names.extend(_leaves("", message.content))
         except UvmsError as error:  # such as for want of its definition
             names = [f"({error})"]
         yield topic, names
