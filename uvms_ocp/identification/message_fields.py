@@ -3,7 +3,8 @@ decoded it.
 
 ``actuators[3]`` and ``position.2`` are elements; ``position[elbow]`` and
 ``transforms[base_link].translation.x`` are those of a name, which a ``name`` or ``child_frame_id``
-says. A path to a whole array has all its elements.
+says. A path to a whole array has all its elements. Where elements have names, they are read by
+these, see `paths_by_name`: another message may have them in another order.
 """
 
 from __future__ import annotations
@@ -74,6 +75,51 @@ def value_at(message: Any, steps: Sequence[str]) -> Any:
     return value
 
 
+def paths_by_name(message: Any, steps: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the paths that a path means in a message, by the names of elements where they have
+    such: of one element in place of its number, of a whole array one for each name.
+
+    The path itself where elements have no names. Raises NameNotFound.
+    """
+    parent = None
+    value = message
+    path = list[str]()
+    for step in steps:
+        if _is_array(value):
+            names = _unique_names(parent, value)
+            is_place = step.isdecimal() and step not in names and int(step) < len(names)
+            name = names[int(step)] if is_place else step
+            child = _element(parent, value, step)
+        else:
+            name = step
+            child = _field(value, step)
+        path.append(name)
+        parent = value
+        value = child
+    if _is_array(value):
+        names = _unique_names(parent, value)
+        if names:
+            return tuple((*path, name) for name in names)
+    return (tuple(path),)
+
+
+def _unique_names(parent: Any, value: Any) -> tuple[str, ...]:
+    """Return the names of all elements; none where some have none, or two have the same."""
+    names = tuple(_names_of_elements(parent, value))
+    if len(names) == len(value) == len(set(names)):
+        return names
+    return ()
+
+
+def has_value(message: Any, steps: Sequence[str]) -> bool:
+    """Check whether there is anything at a path of fields."""
+    try:
+        value_at(message, steps)
+    except NameNotFound:
+        return False
+    return True
+
+
 def _field(value: Any, name: str) -> Any:
     require_known("field", name, _names_in(value))
     if isinstance(value, Mapping):
@@ -92,7 +138,8 @@ def _names_in(value: Any) -> tuple[str, ...]:
 
 
 def _element(parent: Any, value: Any, step: str) -> Any:
-    if step.isdecimal():
+    names = list(_names_beside(parent, value))
+    if step.isdecimal() and step not in names:
         if int(step) >= len(value):
             raise NameNotFound("element", step, [f"0 to {len(value) - 1}"])
         return value[int(step)]
@@ -103,15 +150,23 @@ def _element(parent: Any, value: Any, step: str) -> Any:
 
 def _names_of_elements(parent: Any, value: Any) -> Iterator[str]:
     """Yield names of elements, by a field of each or by the names beside them."""
-    if "name" in _names_in(parent):
-        names = _field(parent, "name")
-        if len(names) == len(value):
-            yield from map(str, names)
-            return
+    names = _names_beside(parent, value)
+    if names:
+        yield from names
+        return
     for element in value:
         for name in _NAMED:
             if name in _names_in(element):
                 yield str(_field(element, name))
+
+
+def _names_beside(parent: Any, value: Any) -> tuple[str, ...]:
+    """Return the names that stand beside an array in its message, one for each element."""
+    if "name" in _names_in(parent):
+        names = _field(parent, "name")
+        if _is_array(names) and len(names) == len(value):
+            return tuple(map(str, names))
+    return ()
 
 
 def _is_array(value: Any) -> bool:

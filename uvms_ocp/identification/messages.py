@@ -22,7 +22,9 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module
 from uvms_ocp.identification.file_kinds import BAG_METADATA, kind_of
 from uvms_ocp.identification.message_fields import (
+    has_value,
     numbers_at,
+    paths_by_name,
     seconds_at,
     steps_of,
     value_at,
@@ -497,6 +499,7 @@ class _Rows:
         self.selection = topic_columns
         self.time = steps_of(topic_columns.time) if topic_columns.time else ()
         self.columns = [steps_of(column) for column in topic_columns.columns]
+        self.paths: list[tuple[tuple[str, ...], ...]] = []
         self.conditions = [(name, steps_of(name), value) for name, value in topic_columns.rows]
         self.numbers = array("d")
         self.width = 0
@@ -517,7 +520,7 @@ class _Rows:
                 row = [seconds_at(message.content, self.time, self.selection.unit)]
             else:
                 row = [1e-9 * message.logged]
-            for steps in self.columns:
+            for steps in self._paths_in(message.content):
                 row += numbers_at(message.content, steps)
         except NameNotFound as error:
             self.missing = self.missing or error
@@ -536,6 +539,37 @@ class _Rows:
         self.senders.add(message.sender, message.content)
         if isinstance(message.content, _WithUnits):
             self.file_units = message.content.units
+
+    def _paths_in(self, content: Any) -> list[tuple[str, ...]]:
+        """Return the paths of all columns, by the names that elements have in the first message.
+
+        Raises NameNotFound where there are no such elements, and InvalidInput where elements were
+        given by their places, or as a whole array, and have other names now.
+        """
+        if not self.numbers:
+            self.paths = [paths_by_name(content, steps) for steps in self.columns]
+        for column, steps, first in zip(
+            self.selection.columns, self.columns, self.paths, strict=True
+        ):
+            if first != (steps,):
+                self._require_same_names(content, column, first, paths_by_name(content, steps))
+        return [steps for paths in self.paths for steps in paths]
+
+    def _require_same_names(
+        self,
+        content: Any,
+        column: str,
+        first: tuple[tuple[str, ...], ...],
+        paths: tuple[tuple[str, ...], ...],
+    ) -> None:
+        """Check that a column has in a message the names that it had first. Raises InvalidInput."""
+        has_all = all(has_value(content, path) for path in first)
+        if has_all and len(paths) == len(first):
+            return
+        raise InvalidInput(
+            f"{self.name}: {self.selection.topic}: {column} is {_joined(first)} at first, then"
+            f" {_joined(paths)}; give elements by their names"
+        )
 
     def _is_chosen(self, message: Message) -> bool:
         """Check whether fields and sender of a message have the values that the mapping chooses."""
@@ -583,3 +617,8 @@ class _Rows:
                 f"{path.name}: {self.selection.topic} has no messages; leave the channel out"
             )
         raise NameNotFound(f"topic of {path.name}", self.selection.topic, topics)
+
+
+def _joined(paths: Iterable[Sequence[str]]) -> str:
+    """Join paths as a mapping has them, names of elements as steps."""
+    return ", ".join(".".join(path) for path in paths)

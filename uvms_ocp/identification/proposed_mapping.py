@@ -25,6 +25,7 @@ from uvms_ocp.errors import InvalidInput, UvmsError
 from uvms_ocp.identification import channel_mapping, file_kinds, tables
 from uvms_ocp.identification.column_guesses import GuessedName, guessed_names
 from uvms_ocp.identification.mapping_cures import MappedChannels, apply_cures, first_reading
+from uvms_ocp.identification.message_fields import paths_by_name
 from uvms_ocp.identification.messages import messages, topics_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, unit_named
 
@@ -33,6 +34,8 @@ _TABLE = tomllib.loads(
 )
 _SUFFIX = re.compile(_TABLE["unit"])
 _NOTHING = re.compile("$.")
+_JOINT_STATE = {"name", "position", "velocity", "effort"}
+"""Fields of a message about joints, as in ROS: names beside arrays."""
 _COPIED_KEYS = ("format", "frame", "world", "body", "offset", "scale")
 """Keys of a mapping that a form may say."""
 
@@ -46,13 +49,14 @@ def propose_mapping(path: Path) -> str:
     of_topics = not path.is_dir() and file_kinds.kind_of(path) in _TABLE["kinds"]
     forms = [form for form in _TABLE["forms"] if ("topic" in form) == of_topics]
     if file_kinds.holds_messages(path):
-        names_by_topic = dict(_fields(path, forms))
+        labels_by_topic = dict(_fields(path, forms))
     else:
-        names_by_topic = {"": list(tables.column_names(path))}
-    guesses = _guesses(path, names_by_topic)
-    named_channels = _named_channels(forms, names_by_topic, guesses)
+        names = tables.column_names(path)
+        labels_by_topic = {"": dict(zip(names, names, strict=True))}
+    guesses = _guesses(path, labels_by_topic)
+    named_channels = _named_channels(forms, labels_by_topic, guesses)
     if not named_channels:
-        raise InvalidInput(_no_known_name(path, names_by_topic))
+        raise InvalidInput(_no_known_name(path, labels_by_topic))
     channels, cured = apply_cures(path, named_channels, _TABLE["cures"])
     result = first_reading(path, channels)
 
@@ -80,11 +84,11 @@ def propose_mapping(path: Path) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _no_known_name(path: Path, names_by_topic: Mapping[str, Sequence[str]]) -> str:
+def _no_known_name(path: Path, labels_by_topic: Mapping[str, Collection[str]]) -> str:
     """Say that a file has no name that is known, and which names it has."""
     lists = []
-    for topic, names in names_by_topic.items():
-        lists.append(f"{topic} {', '.join(names[:40])}".strip())
+    for topic, names in labels_by_topic.items():
+        lists.append(f"{topic} {', '.join(islice(names, 40))}".strip())
     return (
         f"{path}: nothing in it has a name that is known: {'; '.join(lists)}; write a mapping of"
         " these"
@@ -100,37 +104,39 @@ def _tells_axes(name: str, channel: Mapping[str, Any], channels: Collection[str]
     return any(witness in channels for witness in _TABLE["tells"][name])
 
 
-def _guesses(path: Path, names_by_topic: Mapping[str, list[str]]) -> dict[str, GuessedName]:
+def _guesses(path: Path, labels_by_topic: Mapping[str, Collection[str]]) -> dict[str, GuessedName]:
     """Guess names by values where columns have numbers alone, #1, #2, ..."""
-    names = names_by_topic.get("")
-    if names is None or any(name != f"#{k}" for k, name in enumerate(names, start=1)):
+    names = list(labels_by_topic.get("", ()))
+    if not names or any(name != f"#{k}" for k, name in enumerate(names, start=1)):
         return {}
     return guessed_names(names, tables.read_columns(path, names), _TABLE["guesses"])
 
 
 def _named_channels(
     forms: Sequence[Mapping[str, Any]],
-    names_by_topic: Mapping[str, Sequence[str]],
+    labels_by_topic: Mapping[str, Mapping[str, str]],
     guesses: Mapping[str, GuessedName],
 ) -> MappedChannels:
     """Map each channel to the first columns whose names have one of its forms."""
     channels = MappedChannels()
-    for form, (topic, names) in product(forms, names_by_topic.items()):
+    for form, (topic, labels_in_file) in product(forms, labels_by_topic.items()):
         if form["channel"] in channels or not re.fullmatch(form.get("topic", ".*"), topic):
             continue
-        has_companion = any(re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in names)
+        has_companion = any(
+            re.fullmatch(form.get("beside", ".*"), _plain(name)) for name in labels_in_file
+        )
         if not has_companion:
             continue
         labels = {}
-        for name in names:
-            labels[name] = guesses[name].name if name in guesses else _label(topic, name)
+        for name, label in labels_in_file.items():
+            labels[name] = guesses[name].name if name in guesses else _label(topic, label)
         free_labels = _free_labels(form, labels, _used_names(channels, topic))
         columns = _matched(form, free_labels, _NOTHING) or _matched(form, free_labels, _SUFFIX)
         if columns:
             channel: dict[str, Any] = {"topic": topic} if topic else {}
             channel |= _time(labels, of_messages=bool(topic))
             channel["columns"] = columns
-            channel |= _keys_of(form, names, columns)
+            channel |= _keys_of(form, labels, columns)
             channels[form["channel"]] = channel
     return channels
 
@@ -161,7 +167,7 @@ def _free_labels(
 
 
 def _keys_of(
-    form: Mapping[str, Any], names: Sequence[str], columns: Sequence[str | float]
+    form: Mapping[str, Any], names: Collection[str], columns: Sequence[str | float]
 ) -> dict[str, Any]:
     """Return what a form, and units in the names of columns, say of a channel."""
     keys = {key: form[key] for key in _COPIED_KEYS if key in form}
@@ -180,34 +186,51 @@ def _names_of(channel: Mapping[str, Any]) -> list[str]:
     return [str(column).removeprefix("-") for column in channel["columns"]]
 
 
-def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, list[str]]]:
-    """Yield topics that a form may be of, with the fields of their second message: a topic that is
-    sent once is no measurement.
+def _fields(path: Path, forms: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield topics that a form may be of, with the fields of their second message, and what these
+    are called: a topic that is sent once is no measurement.
     """
     for topic in topics_of(path):
         if not any(re.fullmatch(form.get("topic", ".*"), topic) for form in forms):
             continue
-        names: list[str] = []
+        labels: dict[str, str] = {}
         try:
             for message in islice(messages(path, [topic], None, []), 1, 2):
-                names.extend(_leaves("", message.content))
+                labels.update(_leaves("", "", message.content))
         except UvmsError as error:  # such as for want of its definition
-            names = [f"({error})"]
-        yield topic, names
+            labels = {f"({error})": ""}
+        yield topic, labels
 
 
-def _leaves(prefix: str, value: Any) -> Iterator[str]:
+def _leaves(path: str, label: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Yield paths of all numbers in a message, and what they are called: an element by its place,
+    and its path by the name that it has, if any.
+    """
     if isinstance(value, dict):
         parts = value
     else:
         parts = getattr(value, "__dict__", {})
+    is_of_joints = parts.keys() >= _JOINT_STATE
     for name, part in parts.items():
-        yield from _leaves(f"{prefix}.{name}".strip("."), part)
+        quantity = f"joint_{name}" if is_of_joints and name in _JOINT_STATE else name
+        part_path = f"{path}.{name}".strip(".")
+        part_label = f"{label}.{quantity}".strip(".")
+        element_names = [steps[-1] for steps in paths_by_name(parts, (name,))]
+        if _is_short_array(part) and len(element_names) == len(part) > 0:
+            for k, element in enumerate(element_names):
+                yield f"{part_path}[{element}]", f"{part_label}[{k}]"
+        else:
+            yield from _leaves(part_path, part_label, part)
     if isinstance(value, int | float):
-        yield prefix
-    elif isinstance(value, list | tuple | np.ndarray) and len(value) < len(_TABLE["numbers"]):
+        yield path, label
+    elif _is_short_array(value):
         for k in range(len(value)):
-            yield f"{prefix}[{k}]"
+            yield f"{path}[{k}]", f"{label}[{k}]"
+
+
+def _is_short_array(value: Any) -> bool:
+    """Recognise an array of no more elements than a channel has columns."""
+    return isinstance(value, list | tuple | np.ndarray) and len(value) < len(_TABLE["numbers"])
 
 
 def _plain(name: str) -> str:
