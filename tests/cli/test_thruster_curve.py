@@ -76,3 +76,26 @@ def test_sheets_of_voltages_are_one_table(tmp_path: Path) -> None:
         14.0 / 12.0 * 9.80665 * FORCE,
         rtol=1e-3,
     )
+
+
+@pytest.mark.parametrize("volts", [(15.0, 17.0), (12.0, 16.0)])
+def test_a_table_of_several_voltages_asks_for_one(
+    volts: tuple[float, float], tmp_path: Path
+) -> None:
+    lines = ["PWM,Voltage (V),Force"]
+    for pwm, force in zip(PWM, FORCE, strict=True):
+        lines += [f"{pwm},{voltage},{voltage * force}" for voltage in volts]
+    path = tmp_path / "bench.csv"
+    path.write_text("\n".join(lines))
+    command = ["thruster-curve", str(path), "--pwm", "PWM", "--thrust", "Force"]
+    refused = str(CliRunner().invoke(app, command).exception)
+    assert f"is {volts[0]:g} to {volts[1]:g}; choose one: --voltage 'Voltage" in refused
+    chosen, _ = curve_of(str(path), "--voltage", "Voltage", "--at", f"{volts[1]:g}")
+    np.testing.assert_allclose(chosen[:, 1], volts[1] * FORCE, rtol=1e-3)
+
+
+def test_a_voltage_that_sags_under_load_is_one(tmp_path: Path) -> None:
+    rows = [f"{pwm},{16.0 - 0.04 * abs(f)},{f}" for pwm, f in zip(PWM, FORCE, strict=True)]
+    (tmp_path / "bench.csv").write_text("PWM,Voltage,Force\n" + "\n".join(rows))
+    curve, _ = curve_of(str(tmp_path / "bench.csv"))
+    np.testing.assert_allclose(curve[:, 1], FORCE, rtol=1e-3)

@@ -235,6 +235,13 @@ def test_a_voltage_between_those_of_the_table_is_between_their_curves() -> None:
         curve_of_table(np.tile(PWM, 3), thrust, volts, at=24.0)
 
 
+@pytest.mark.parametrize("voltages", [(12.0, 16.0), (14.0, 16.0), (12.0, 16.0, 20.0)])
+def test_a_table_of_several_voltages_has_no_one_curve(voltages: tuple[float, ...]) -> None:
+    thrust = np.concatenate([bench(voltage) for voltage in voltages])
+    with pytest.raises(InvalidInput, match=r"at several voltages.*give --voltage COLUMN"):
+        curve_of_table(np.tile(PWM, len(voltages)), thrust)
+
+
 def test_noise_that_falls_is_levelled_and_how_far_is_said() -> None:
     thrust = bench(16.0) + np.random.default_rng(0).normal(scale=2.0, size=len(PWM))
     curve, off = curve_of_table(PWM, thrust)

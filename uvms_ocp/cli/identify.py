@@ -47,7 +47,7 @@ from uvms_ocp.identification.settings import (
     calibrated_robot,
     read_settings,
 )
-from uvms_ocp.identification.tables import read_table
+from uvms_ocp.identification.tables import column_names, read_table
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.record.output import claim_folder
 from uvms_ocp.robot.thrusters import curve_of_table, thrust_limits
@@ -98,6 +98,8 @@ _SLEW = 100.0
 _SEED = DesignSettings().seed
 
 _NEWTONS = UNITS["N"]
+_VOLTAGE = "volt"  # in names of columns of voltages
+_SAG = 0.1  # of a voltage, by which a supply gives way under load
 
 
 def check_recording(paths: Recordings, mapping: MappingFile = None, as_json: Json = False) -> None:
@@ -402,7 +404,7 @@ def thruster_curve(
     is levelled, and it is said by how much.
 
     \f Raises `NameNotFound` for a unit or a column that there is not, `InvalidInput` for a voltage
-    without its column.
+    without its column, and for a table of several voltages where none is chosen.
     """
     if (voltage is None) != (at is None):
         raise InvalidInput("--voltage and --at belong together: give both, or neither")
@@ -413,6 +415,8 @@ def thruster_curve(
     tables = [read_table(table, columns, TextFormat(sheet=name)) for name in sheet or [""]]
     unit_name = unit or unit_named(tables[0].units[1]) or tables[0].units[1] or "N"
     require_known("unit", unit_name, _NEWTONS)
+    if not voltage:
+        _require_one_voltage(table, sheet or [""])
     rows = np.concatenate([part.values for part in tables])
     rows = rows[np.isfinite(rows).all(axis=1)]
     forces = _NEWTONS[unit_name] * rows[:, 1]  # [N]
@@ -429,3 +433,21 @@ def thruster_curve(
         print_line(
             stderr, f"levelled by up to {correction:.2g} N, where thrust fell as the signal rose"
         )
+
+
+def _require_one_voltage(table: Path, sheets: list[str]) -> None:
+    """Check that a bench's table, if it names a voltage, was measured at one. Raises
+    `InvalidInput`.
+    """
+    for name in column_names(table, TextFormat(sheet=sheets[0])):
+        if _VOLTAGE not in name.lower():
+            continue
+        parts = [read_table(table, [name], TextFormat(sheet=sheet)).values for sheet in sheets]
+        voltages = np.concatenate(parts)
+        lowest = float(np.nanmin(voltages))
+        highest = float(np.nanmax(voltages))
+        if highest - lowest > _SAG * highest:
+            raise InvalidInput(
+                f"{table}: {name} is {lowest:g} to {highest:g}; choose one: --voltage '{name}' and --at"
+                f" {lowest:g}"
+            )

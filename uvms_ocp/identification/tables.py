@@ -98,9 +98,10 @@ def read_columns(path: Path, columns: Sequence[str]) -> np.ndarray:
     return read_table(path, columns).values
 
 
-def column_names(path: Path) -> tuple[str, ...]:
-    """Return the names of a table's columns. Raises InvalidInput for what is no table, and
-    NotInstalled.
+def column_names(path: Path, text_format: TextFormat | None = None) -> tuple[str, ...]:
+    """Return the names of a table's columns; text_format: what is known of text, or of a workbook.
+
+    Raises InvalidInput for what is no table, and NotInstalled.
     """
     require_there(path)
     kind = kind_of(path)
@@ -108,7 +109,7 @@ def column_names(path: Path) -> tuple[str, ...]:
         with _parquet(path) as file:
             return tuple(file.schema_arrow.names)
     if kind in ("text", "workbook"):
-        return text_layout(path).names
+        return text_layout(path, text_format).names
     return tuple(_arrays(path))
 
 

@@ -20,6 +20,7 @@ from uvms_ocp.robot.robot import Robot
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The vehicle's, in the order of v."""
 _ROUNDING = 1e-6  # relative
+_REPEATABLE = 0.1  # of the thrust, within which a bench repeats its measurement of one signal
 _WEAK = 0.1
 """Of the best driven direction: what rights itself and is driven by less is left to itself."""
 
@@ -165,11 +166,13 @@ def curve_of_table(
 
     signals: (n,) as they are sent, in any order, each as often as it was measured. thrust: (n,)
     [N]. voltage: (n,) [V] of each measurement; the curve is that at `at` [V], between those that
-    were measured. Raises InvalidInput for less than two signals, or a voltage outside the table.
+    were measured. Raises InvalidInput for less than two signals, a voltage outside the table, or,
+    without voltages, thrust that no one curve has.
     """
     from scipy.optimize import isotonic_regression
 
     if voltage is None:
+        _require_one_curve(signals, thrust)
         curve_signals, mean = _mean_thrust(signals, thrust)
     else:
         curve_signals, mean = _mean_thrust_at(signals, thrust, voltage, at)
@@ -186,6 +189,30 @@ def curve_of_table(
         )
     curve = tuple(zip(curve_signals.tolist(), fitted.tolist(), strict=True))
     return curve, float(np.abs(fitted - mean).max())
+
+
+def _require_one_curve(signals: np.ndarray, thrust: np.ndarray) -> None:
+    """Check that strong thrust at one signal is measured alike: a table of several voltages has no
+    one curve. Raises InvalidInput.
+    """
+    half = 0.5 * np.abs(thrust).max(initial=0.0)
+    strong_signals = []
+    spreads = []
+    for signal in np.unique(signals):
+        repeated = thrust[signals == signal]
+        size = float(np.abs(repeated).mean())
+        if len(repeated) > 1 and size > half:
+            strong_signals.append(signal)
+            spreads.append(float(np.ptp(repeated)) / size)
+    if not spreads or np.median(spreads) < _REPEATABLE:
+        return
+    widest = strong_signals[int(np.argmax(spreads))]
+    lowest = thrust[signals == widest].min()
+    highest = thrust[signals == widest].max()
+    raise InvalidInput(
+        f"{lowest:.4g} to {highest:.4g} N measured at the same signal {widest:g}, and so for half of"
+        " the strong ones: at several voltages? give --voltage COLUMN and --at V, or the rows of one"
+    )
 
 
 def _mean_thrust(signals: np.ndarray, thrust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
