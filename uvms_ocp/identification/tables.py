@@ -2,8 +2,8 @@
 
 Text (see `uvms_ocp.identification.text_tables`) and workbooks, Parquet, and named arrays: NumPy's
 ``.npz``, MATLAB's ``.mat``, HDF5, one object or list of JSON. An array of two dimensions has a
-column ``name[k]``, k from 0, for each of its shorter side; in ``.npy``, where it has no name,
-``#k``, from 1.
+column ``name[k]``, k from 0, or, where times rise along its columns, for each of its rows; in
+``.npy``, where it has no name, ``#k``, from 1.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import IO, Any
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput, optional_module
+from uvms_ocp.identification.array_orientation import OrientedArray, are_times, oriented
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.identification.text_tables import (
@@ -87,10 +88,8 @@ def read_table(
         units = tuple(layout.units[place] for place in places)
         return TableColumns(values=values, units=units, remarks=remarks, layout=str(layout))
     if kind == "parquet":
-        values = _from_parquet(path, columns)
-    else:
-        values = _from_arrays(path, columns)
-    return TableColumns(values=values, units=("",) * len(columns))
+        return TableColumns(values=_from_parquet(path, columns), units=("",) * len(columns))
+    return _from_arrays(path, columns)
 
 
 def read_columns(path: Path, columns: Sequence[str]) -> np.ndarray:
@@ -110,7 +109,7 @@ def column_names(path: Path, text_format: TextFormat | None = None) -> tuple[str
             return tuple(file.schema_arrow.names)
     if kind in ("text", "workbook"):
         return text_layout(path, text_format).names
-    return tuple(_arrays(path))
+    return tuple(_arrays(path).columns)
 
 
 def require_there(path: Path) -> None:
@@ -122,10 +121,21 @@ def require_there(path: Path) -> None:
 # Named arrays.
 
 
-def _from_arrays(path: Path, selection: Sequence[str]) -> np.ndarray:
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class _Arrays:
+    """Columns of the arrays of a file, by name."""
+
+    columns: dict[str, np.ndarray]
+    """(n,) each"""
+    sources: dict[str, OrientedArray]
+    """Arrays that they are of."""
+
+
+def _from_arrays(path: Path, selection: Sequence[str]) -> TableColumns:
     arrays = _arrays(path)
-    names = list(arrays)
-    columns = [arrays[names[place_of(path, names, name)]] for name in selection]
+    known = list(arrays.columns)
+    names = [known[place_of(path, known, name)] for name in selection]
+    columns = [arrays.columns[name] for name in names]
     lengths = {len(column) for column in columns}
     if len(lengths) > 1 or max(lengths) > MOST_ROWS:
         pairs = zip(selection, columns, strict=True)
@@ -133,11 +143,19 @@ def _from_arrays(path: Path, selection: Sequence[str]) -> np.ndarray:
         raise InvalidInput(
             f"{path}: columns of {lengths_text} numbers; allowed: as many of each, at most {MOST_ROWS}"
         )
-    return np.column_stack(columns)
+    sources = [arrays.sources[name] for name in names]
+    notes = dict.fromkeys(source.note for source in sources if source.note)
+    remarks = dict.fromkeys(source.remark for source in sources if source.remark)
+    return TableColumns(
+        values=np.column_stack(columns),
+        units=("",) * len(columns),
+        remarks=tuple(remarks),
+        layout="; ".join(notes),
+    )
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Read columns (n,) by name."""
+def _arrays(path: Path) -> _Arrays:
+    """Read columns by name."""
     with as_input_errors(path):
         readers = {
             "npz": read_arrays,
@@ -147,7 +165,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
             "arrays": _json_arrays,
         }
         arrays = {name: np.asarray(array) for name, array in readers[kind_of(path)](path).items()}
-    columns: dict[str, np.ndarray] = {}
+    tables: dict[str, np.ndarray] = {}
     for name, array in arrays.items():
         if array.dtype.kind == "M":
             numbers = array.astype("datetime64[ns]").astype(np.int64) * 1e-9
@@ -155,14 +173,25 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
             numbers = array
         if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2) or not numbers.size:
             continue
-        table = numbers.astype(float).reshape(len(numbers), -1)
-        table = table.T if table.shape[1] > len(table) else table
-        places = (f"{name}[{k}]" if name else f"#{k + 1}" for k in range(table.shape[1]))
-        if name and table.shape[1] == 1:
-            columns[name] = table[:, 0]
+        tables[name] = numbers.astype(float)
+    n_times = {table.size for table in tables.values() if _is_vector_of_times(table)}
+    columns: dict[str, np.ndarray] = {}
+    sources: dict[str, OrientedArray] = {}
+    for name, table in tables.items():
+        source = oriented(table, n_times)
+        n_columns = source.values.shape[1]
+        if name and n_columns == 1:
+            names = [name]
         else:
-            columns |= zip(places, table.T, strict=True)
-    return columns
+            names = [f"{name}[{k}]" if name else f"#{k + 1}" for k in range(n_columns)]
+        columns |= zip(names, source.values.T, strict=True)
+        sources |= dict.fromkeys(names, source)
+    return _Arrays(columns=columns, sources=sources)
+
+
+def _is_vector_of_times(table: np.ndarray) -> bool:
+    """Recognise times that stand alone, in a row or a column."""
+    return table.size == max(table.shape) and are_times(table.ravel())
 
 
 def _npy_arrays(path: Path) -> Mapping[str, np.ndarray]:
@@ -238,7 +267,8 @@ def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
         _require_few((name, dataset.shape) for name, dataset in datasets.items())
 
         return {
-            name: dataset[()].T if dataset.ndim == 2 else dataset[()]
+            # MATLAB writes its columns as rows.
+            name: dataset[()].T if "MATLAB_class" in dataset.attrs else dataset[()]
             for name, dataset in datasets.items()
         }
 
