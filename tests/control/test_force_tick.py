@@ -99,6 +99,22 @@ def test_without_errors_the_force_is_that_of_the_model(name: str) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("measured", "lost", "share"), [(True, False, 1.0), (True, True, 0.25), (False, False, 0.25)]
+)
+def test_joints_keep_their_bandwidth_where_sensors_tell_their_rates(
+    measured: bool, lost: bool, share: float
+) -> None:
+    """At a quarter of it an arm whose encoders were doubted alone fell from its posture."""
+    tick = ForceTick(replace(laws(), measures_joint_rates=measured))
+    robot = laws().robot
+    q, v = scene(FULL)
+    for k in range(800):
+        tick.give(q, v, Command(v=v), (1.0, 0.25))
+        tick.step(k * DT, joint_rates_lost=lost)
+    np.testing.assert_allclose(tick.state.share[robot.joint_v], share, rtol=1e-3)
+
+
 @pytest.mark.parametrize("name", [FULL, "planar5"])
 def test_a_push_that_the_model_does_not_know_is_found_and_worked_against(name: str) -> None:
     tick = ForceTick(laws(name))

@@ -17,6 +17,7 @@ from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
 
 ALTIMETER = "altimeter_range"
 ENCODERS = "joint_positions"
+JOINT_RATES = "joint_velocities"
 
 _TABLE = tomllib.loads(
     (files("uvms_ocp.estimation") / "degraded_modes.toml").read_text(encoding="utf-8")
@@ -50,7 +51,9 @@ class ModeLimits:
     less.
     """
     joint_feedback: float = 1.0
-    """More than 0; share of the usual bandwidth of the joints' velocity loops."""
+    """More than 0; share of the usual bandwidth of the velocity loops of joints whose rates no
+    sensor of their own tells.
+    """
     can_ascend: bool = True
     """The state allows the abort phase; otherwise the thrust is cut."""
 

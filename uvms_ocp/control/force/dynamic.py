@@ -26,6 +26,7 @@ from uvms_ocp.control.payload import LoadLearner, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.estimation.degraded_modes import ENCODERS, JOINT_RATES
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
 from uvms_ocp.robot import Command, Robot, SensorSpecs, StateEstimate, thrusters
 from uvms_ocp.robot.dynamics import Dynamics
@@ -35,7 +36,7 @@ _feedback = unchecked_constructor(ActuationFeedback)
 
 DEFAULT_FAULT_TUNING = ActuatorHealthTuning()
 """For faulty thrusters and joints, by default."""
-_ENCODERS = ("joint_positions", "joint_velocities")
+_JOINT_CHANNELS = (ENCODERS, JOINT_RATES)
 _NEARLY = 0.999  # of a limit of thrust counts as at it
 
 
@@ -109,7 +110,8 @@ class DynamicController(TableDisplay):
         derating = velocity_law.bandwidth_derating(
             dead_times, vehicle=gains.vehicle, joints=gains.joints, dt=kinematic.dt
         )
-        laws = _laws(robot, dynamics, gains, health, derating, kinematic.dt)
+        measures_joint_rates = sensors is not None and sensors.joint_velocities is not None
+        laws = _laws(robot, dynamics, gains, health, derating, measures_joint_rates, kinematic.dt)
         self._tick = ForceTick(laws)
         self.memory = self._tick.memory
         """Memory of the force layer, a `ForceMemory`."""
@@ -138,8 +140,9 @@ class DynamicController(TableDisplay):
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         feedback = (share * bounds.feedback, bounds.joint_feedback)
         self._tick.give(sound.q, sound.v, command, feedback)
-        encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_ENCODERS)
-        outputs = self._ticked(sound, tick.t, encoders_trusted)
+        encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_JOINT_CHANNELS)
+        joint_rates_lost = any(item.channel == JOINT_RATES for item in bounds.lost)
+        outputs = self._ticked(sound, tick.t, encoders_trusted, joint_rates_lost)
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, tick.t)
         return self._to_command(command, outputs)
@@ -192,14 +195,16 @@ class DynamicController(TableDisplay):
         below = self.kinematic._table()
         return SmallTable(title=type(self).__name__, rows=(*below.rows, *rows_of(values)))
 
-    def _ticked(self, sound: StateEstimate, t: float, encoders_trusted: bool) -> list[np.ndarray]:
+    def _ticked(
+        self, sound: StateEstimate, t: float, encoders_trusted: bool, joint_rates_lost: bool
+    ) -> list[np.ndarray]:
         """Run the force tick, with what is learnt of the load; return the parts of
         `ForceOutputs`.
         """
         if self.learner is None:
-            return self._tick.step(t, sound.joint_age, encoders_trusted)
+            return self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
         self.learner.carry(sound.q, sound.v, self._tick.state.estimate)
-        outputs = self._tick.step(t, sound.joint_age, encoders_trusted)
+        outputs = self._tick.step(t, sound.joint_age, encoders_trusted, joint_rates_lost)
         observed = self._tick.observed
         self.learner.learn(sound.q, sound.v, observed.estimate, observed.share, self._tick.observes)
         return outputs
@@ -259,6 +264,7 @@ def _laws(
     gains: VelocityGains,
     health: ActuatorHealthTuning | None,
     derating: velocity_law.BandwidthDerating,
+    measures_joint_rates: bool,
     dt: float,
 ) -> tick_functions.ForceLaws:
     """Return the laws of a robot, one object for many runs, so that what is derived from them is
@@ -281,6 +287,7 @@ def _laws(
         lag=thruster_lag.thruster_lag(robot, lead=gains.lead, dt=dt),
         lift=float(thrusters.largest_wrench(robot)[2]),
         derating=derating,
+        measures_joint_rates=measures_joint_rates,
         observer=_observer_law(robot, gains, dt),
         residual_filter=residual_filter,
         search=search,

@@ -29,7 +29,7 @@ from uvms_ocp.control.force import allocation as thrust_allocation, tick_functio
 from uvms_ocp.control.velocity.tick import is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
-from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS
+from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
 from uvms_ocp.robot.signals import Command, Trust
 
 _ENCODER_SILENCE = (
@@ -37,7 +37,7 @@ _ENCODER_SILENCE = (
 )
 
 _POSITIONS = CHANNELS.index(ENCODERS)
-_RATES = CHANNELS.index("joint_velocities")
+_RATES = CHANNELS.index(JOINT_RATES)
 
 
 class ForceMemory(Layout):
@@ -60,6 +60,8 @@ class ForceMemory(Layout):
     """Largest share of their bandwidth that the loops of the joints may use."""
     joints_late: float
     """[s] by which encoders are known to be late."""
+    measures_joint_rates: bool
+    """Sensors of their own tell the joints' rates."""
     # inputs of a tick; of `inputs` all but `joints`, which the tick finds
     t: float
     """[s] time of the tick."""
@@ -70,6 +72,8 @@ class ForceMemory(Layout):
     """[s] age of the encoder readings."""
     encoders_trusted: bool
     """The encoders are not distrusted."""
+    joint_rates_lost: bool
+    """The sensors of joint rates are lost."""
     # remembered
     effectiveness: ThrusterEffectiveness
     """Effectiveness of the thrusters that commands reckon with."""
@@ -111,6 +115,9 @@ def force_step(m: ForceMemory) -> bool:
     would accelerate the robot without end.
     """
     m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
+    if m.measures_joint_rates and not m.joint_rates_lost:
+        # Whatever is wrong with positions, the rates that are fed back are in time.
+        m.inputs.joint_feedback[0] = 1.0
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
     if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late:
         m.inputs.joints[0] = 0.0
@@ -227,6 +234,7 @@ def ask_forces(c: TickMemory, m: ForceMemory) -> None:
     m.t = c.t
     m.joint_age = c.joint_age
     m.encoders_trusted = less.level[_POSITIONS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
+    m.joint_rates_lost = less.level[_RATES] == Trust.LOST
 
 
 def hear_forces(c: TickMemory, m: ForceMemory) -> None:
@@ -293,17 +301,22 @@ class ForceTick:
         self.memory.brakes = command.brakes
 
     def step(
-        self, t: float, joint_age: float = 0.0, encoders_trusted: bool = True
+        self,
+        t: float,
+        joint_age: float = 0.0,
+        encoders_trusted: bool = True,
+        joint_rates_lost: bool = False,
     ) -> list[np.ndarray]:
         """Run the tick at time t [s] and return the parts of `ForceOutputs`, which the caller owns.
 
-        joint_age [s] and encoders_trusted: as `ForceMemory` has them. Raises `InvalidInput` for a
-        force that is not finite, or that is beyond `LARGEST_WRENCH`.
+        joint_age [s], encoders_trusted, joint_rates_lost: as `ForceMemory` has them. Raises
+        `InvalidInput` for a force that is not finite, or that is beyond `LARGEST_WRENCH`.
         """
         memory = self.memory
         memory.t = t
         memory.joint_age = joint_age
         memory.encoders_trusted = encoders_trusted
+        memory.joint_rates_lost = joint_rates_lost
         self.kernel(memory)
         self.require_possible()
         outputs = self._outputs.copy()
@@ -345,6 +358,7 @@ class ForceTick:
         memory.bandwidth_share = derating.vehicle
         memory.joint_bandwidth_share = derating.joints
         memory.joints_late = derating.joints_late
+        memory.measures_joint_rates = laws.measures_joint_rates
         thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle = robot.n_vehicle
         memory.detection.joints.count = robot.n_joints

@@ -204,6 +204,8 @@ class ForceLaws:
     """[N] of all thrusters at most; 0 where none lifts, and no push is measured by it."""
     derating: BandwidthDerating = field(default_factory=BandwidthDerating)
     """For the dead time of the sensors."""
+    measures_joint_rates: bool = False
+    """Sensors of their own tell the joints' rates."""
     observer: ObserverLaw | None = None
     residual_filter: ResidualFilter | None = None
     """Filter of the actuator monitor, where there is one."""

@@ -33,6 +33,7 @@ _VELOCITY_DRIFT = 0.02  # [m/s2] of a velocity that position fixes carry
 _RATE = 0.2  # [rad/s] of the vehicle: a blow
 _RATE_DRIFT = 0.1  # [rad/s2] of a rate that attitudes carry
 _JOINTS = 0.05  # [rad or m] of joint positions
+_JOINT_DRIFT = 0.01  # [rad/s or m/s] of joint positions that sensors of their rates carry
 _JOINT_RATE = 0.5  # [rad/s or m/s] of joint velocities: a joint that meets its stop
 _ENCODER_TRAVEL = 0.02  # [rad or m] asked of a joint while its encoder does not change by a bit
 _BRISK = 1.5  # by how much water and blows move a vehicle faster than it can by itself
@@ -161,7 +162,7 @@ def _set_gates(
     memory: HealthMemory, robot: Robot, specs: Mapping[str, SensorSpec], tuning: HealthTuning
 ) -> None:
     """Set the gate of each channel that has one, by what the robot's limits allow."""
-    allowed = _joint_gates(robot)
+    allowed = _joint_gates(robot, specs)
     if robot.n_vehicle:
         allowed |= _vehicle_gates(robot, tuning)
     for name, spec in specs.items():
@@ -238,13 +239,27 @@ def _brisk(limits: Array) -> tuple[float, float]:
     return linear, angular
 
 
-def _joint_gates(robot: Robot) -> dict[str, _Allowed]:
+def _joint_gates(robot: Robot, specs: Mapping[str, SensorSpec]) -> dict[str, _Allowed]:
+    """Return the errors allowed to joints.
+
+    A position that jumps while the rates do not is the encoder's: the rates, integrated, tell the
+    posture better, and the gate grows by their bias alone while they are good.
+    """
     v = _finite(robot.limits.velocity[robot.joint_v])
     a = _finite(robot.limits.acceleration[robot.joint_v])
     fastest = _BRISK * float(v.max(initial=0.0))
     quickest = _BRISK * float(a.max(initial=0.0))
+    supported = fastest
+    base = _JOINTS
+    rates = specs.get("joint_velocities")
+    if rates is not None:
+        supported = min(fastest, _JOINT_DRIFT + _largest_bias(rates))
+        base += min(fastest / rates.rate, quickest / rates.rate**2)
+    first_q = robot.joint_q.start
     return {
-        "joint_positions": _Allowed(robot.joint_q.start, _JOINTS, fastest, fastest, (), quickest),
+        "joint_positions": _Allowed(
+            first_q, base, supported, fastest, ("joint_velocities",), quickest
+        ),
         "joint_velocities": _Allowed(robot.joint_v.start, _JOINT_RATE, quickest, quickest, ()),
     }
 

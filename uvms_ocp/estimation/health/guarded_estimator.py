@@ -79,6 +79,10 @@ class GuardedEstimator(TableDisplay):
         self._has_all_channels = not exact
         self._gating = estimator if isinstance(estimator, GatedEstimator) else None
         gating = self._gating is not None
+        if not gating:
+            # Nothing is known to integrate the rates of the joints.
+            joint_positions = self.monitor.memory.channels[NUMBER["joint_positions"]]
+            joint_positions.gate.by = -1
         self._needed = health_monitor.supporting_channels(robot, specs, rates=exact)
         fallbacks = health_monitor.fallback_sensors(gyro_from_attitude=gating)
         self.support = health_monitor.support_of(

@@ -1,0 +1,90 @@
+"""Whatever becomes of an encoder of a robot that has sensors of its joint rates too, the arm does not
+fall, and stays within its velocity limits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from compiler import long_without_compiler
+
+from uvms_ocp import DONE, Above, Phase, Transition, load_robot, pose_at
+from uvms_ocp.robot import SensorSpec
+from uvms_ocp.scenario.options import abort_phase, activate, mission_of, run_options
+from uvms_ocp.scenario.scenario import Scenario
+from uvms_ocp.tasks import (
+    HorizontalAttitude,
+    JointLimits,
+    JointTracking,
+    MinimumAltitude,
+    VehiclePose,
+)
+
+# [s]
+ONSET = 3.0
+END = 16.0
+RATES = SensorSpec(rate=200.0, sigma=2e-3)
+ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")
+FAULTS = (
+    "joint2_position:bias=-0.5",
+    "joint3_position:bias=0.3",
+    "joint2_position:drift=0.016",
+    "joint2_position:stuck=0.3",
+    "joint_positions:frozen",
+    "joint_positions:spikes=0.05,0.5",
+    "joint_positions:late=0.1",
+    "payload:mass=2,0.0005 joint3_position:bias=0.3",
+)
+QUICK = {(ROBOTS[0], "joint3_position:bias=0.3", 0.02)}
+
+
+def hover(name: str, dt: float, faults: str) -> Scenario:
+    """A robot that keeps its place and its arm at home until the end."""
+    robot = load_robot(name)
+    tasks = [
+        JointLimits(),
+        MinimumAltitude(),
+        HorizontalAttitude(),
+        VehiclePose(goal=pose_at((0.0, 0.0, -15.0))),
+        JointTracking(joints=robot.joint_names, goal=robot.home),
+    ]
+    over = Transition(to=DONE, when=(Above(quantity="mission.time", limit=END - 1.0),))
+    hold = Phase(
+        name="hold", activations=activate(*(task.name for task in tasks)), transitions=(over,)
+    )
+    struck = tuple(f"{fault}@{ONSET:g}" for fault in faults.split())
+    options = {"robot": robot, "noise": True, "seed": 0, "dt": dt, "duration": END}
+    run = run_options(options | {"faults": struck}, seabed=-18.0)
+    scenario = run.scenario(
+        name="hover",
+        mission=mission_of(robot, tasks, (hold,), abort=abort_phase("JL", "MAC", "HA", "MP")),
+        start=run.start(pose_at((0.0, 0.0, -15.0))),
+        markers={},
+    )
+    return replace(scenario, sensors=replace(scenario.specs, joint_velocities=RATES))
+
+
+def runs() -> list[object]:
+    """Robots by faults by control periods [s]; most are slow."""
+    runs = list[object]()
+    for case in product(ROBOTS, FAULTS, (0.005, 0.02, 0.05)):
+        marks = () if case in QUICK else pytest.mark.slow
+        runs.append(pytest.param(*case, marks=marks))
+    return runs
+
+
+@long_without_compiler
+@pytest.mark.parametrize(("name", "faults", "dt"), runs())
+def test_no_fault_of_an_encoder_makes_the_arm_whip(name: str, faults: str, dt: float) -> None:
+    """A jump of 0.3 rad was followed by rates of 5 times their limit, 2.5 rad from home; with a
+    payload 21 times.
+    """
+    scenario = hover(name, dt, faults)
+    record = scenario.run()
+    rates = np.abs(record["v"][:, 6:]) / scenario.robot.limits.velocity[6:]
+    soon = (record["t"] >= ONSET) & (record["t"] <= ONSET + 0.5)
+    assert rates[soon].max() <= 1.2
+    assert rates[~soon].max() <= 1.02
