@@ -82,7 +82,7 @@ def advance_filter(m: filtering.FilterMemory) -> None:
 
 def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
     R = kernel_layout.zeros(9)
-    s = m.predicted
+    predicted = m.predicted
     vehicle_model.rotation(m.turn, R)
     vehicle_model.rotate_back(R, m.x, Part.SPEED, m.twist)
     for i in range(3):
@@ -90,10 +90,10 @@ def _write_vehicle_outputs(m: filtering.FilterMemory) -> None:
         m.std[i] = math.sqrt(max(m.P[Part.PLACE + i][Part.PLACE + i], 0.0))
         m.std[3 + i] = math.sqrt(max(m.P[Part.TURN + i][Part.TURN + i], 0.0))
     vehicle_model.predict_measurement(m, ChannelIndex.ALTIMETER_RANGE, filtering.MAIN)
-    has_floor = s.h[1] > STEEP and m.now - m.echo <= m.echo_memory
-    m.range[0] = s.h[0] / s.h[1] if has_floor else math.nan
+    has_floor = predicted.h[1] > STEEP and m.now - m.echo <= m.echo_memory
+    m.range[0] = predicted.h[0] / predicted.h[1] if has_floor else math.nan
     if has_floor:
-        m.range[1] = math.sqrt(max(s.S[0][0], 0.0)) / s.h[1]
+        m.range[1] = math.sqrt(max(predicted.S[0][0], 0.0)) / predicted.h[1]
     else:
         m.range[1] = math.nan
 

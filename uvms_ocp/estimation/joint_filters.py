@@ -15,138 +15,143 @@ from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterM
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
 
 
-def predict_joints(m: FilterMemory) -> None:
+def predict_joints(filter: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    dt = m.dt
-    drive = m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
+    dt = filter.dt
+    drive = filter.drive[filtering.ProcessNoise.JOINT] * filter.drive[filtering.ProcessNoise.JOINT]
     h = min(filtering.LONGEST_STEP, dt)
-    n = _active(m)
-    for j in range(m.n_joints):
-        x = m.joint_x[j]
-        if m.has_command:
-            change = m.commanded[6 + j] - m.commanded_rates[j]
+    n = _active(filter)
+    for j in range(filter.n_joints):
+        x = filter.joint_x[j]
+        if filter.has_command:
+            change = filter.commanded[6 + j] - filter.commanded_rates[j]
             x[1] += change
-            m.joint_P[j][1][1] += vehicle_model.response_variance(m, change)
-            m.commanded_rates[j] = m.commanded[6 + j]
+            filter.joint_P[j][1][1] += vehicle_model.response_variance(filter, change)
+            filter.commanded_rates[j] = filter.commanded[6 + j]
         if not dt > 0.0:
             continue
         x[0] += h * x[1]
         for k in range(n):
-            m.joint_P[j][0][k] += h * m.joint_P[j][1][k]
+            filter.joint_P[j][0][k] += h * filter.joint_P[j][1][k]
         for k in range(n):
-            m.joint_P[j][k][0] += h * m.joint_P[j][k][1]
-        m.joint_P[j][0][0] += drive * (dt * dt * dt / 3.0)
-        m.joint_P[j][1][1] += drive * dt
-        m.joint_P[j][0][1] += drive * (dt * dt / 2.0)
-        m.joint_P[j][1][0] += drive * (dt * dt / 2.0)
+            filter.joint_P[j][k][0] += h * filter.joint_P[j][k][1]
+        filter.joint_P[j][0][0] += drive * (dt * dt * dt / 3.0)
+        filter.joint_P[j][1][1] += drive * dt
+        filter.joint_P[j][0][1] += drive * (dt * dt / 2.0)
+        filter.joint_P[j][1][0] += drive * (dt * dt / 2.0)
         for i in range(2):
-            _bound(m, j, i)
+            _bound(filter, j, i)
 
 
-def _active(m: FilterMemory) -> int:
+def _active(filter: FilterMemory) -> int:
     """Return the rows of the covariances that are in use, and one more."""
     slot = JOINT_SLOTS - 1
-    while slot >= 0 and m.joint_owner[slot] < 0.0:
+    while slot >= 0 and filter.joint_owner[slot] < 0.0:
         slot -= 1
     return 3 + slot
 
 
-def _bound(m: FilterMemory, j: int, i: int) -> None:
+def _bound(filter: FilterMemory, j: int, i: int) -> None:
     """Bound variances by `joint_limit`: what is lost or unknown falls back to it."""
-    largest_variance = m.joint_limit[i] * m.joint_limit[i]
-    lost = not math.isfinite(m.joint_x[j][i])
-    P = m.joint_P[j][i][i]
+    largest_variance = filter.joint_limit[i] * filter.joint_limit[i]
+    lost = not math.isfinite(filter.joint_x[j][i])
+    P = filter.joint_P[j][i][i]
     if not lost and vehicle_model.is_determined(P, largest_variance):
         return
     if i == 1 and not lost and P > 0.0 and math.isfinite(P):
         share = math.sqrt(largest_variance / P)
         for k in range(JOINT_STATES):
-            m.joint_P[j][1][k] *= share
+            filter.joint_P[j][1][k] *= share
         for k in range(JOINT_STATES):
-            m.joint_P[j][k][1] *= share
-        m.joint_P[j][1][1] = largest_variance
+            filter.joint_P[j][k][1] *= share
+        filter.joint_P[j][1][1] = largest_variance
     else:
-        _clear(m, j, i, largest_variance)
+        _clear(filter, j, i, largest_variance)
     if lost or i == 1:
-        m.joint_x[j][i] = 0.0
+        filter.joint_x[j][i] = 0.0
 
 
-def _clear(m: FilterMemory, j: int, i: int, variance: float) -> None:
+def _clear(filter: FilterMemory, j: int, i: int, variance: float) -> None:
     for k in range(JOINT_STATES):
-        m.joint_P[j][i][k] = 0.0
-        m.joint_P[j][k][i] = 0.0
-    m.joint_P[j][i][i] = variance
+        filter.joint_P[j][i][k] = 0.0
+        filter.joint_P[j][k][i] = 0.0
+    filter.joint_P[j][i][i] = variance
 
 
-def fuse_joints(m: FilterMemory) -> None:
+def fuse_joints(filter: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    update.space_clones(m, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
+    update.space_clones(filter, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
     for c in range(_FIRST, filtering.N_CHANNELS):
-        if m.fresh[c] != 0.0:
-            _ingest(m, c)
+        if filter.fresh[c] != 0.0:
+            _ingest(filter, c)
     for c in range(_FIRST, filtering.N_CHANNELS):
-        if m.lag[c] > 0.0:
-            update.free_expired(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
-            if update.is_due(m, c):
-                _clone(m, c)
+        if filter.lag[c] > 0.0:
+            update.free_expired(filter, c, filter.joint_owner, filter.joint_taken, JOINT_SLOTS)
+            if update.is_due(filter, c):
+                _clone(filter, c)
 
 
-def _ingest(m: FilterMemory, c: int) -> None:
-    value = m.joint_value[c - _FIRST]
+def _ingest(filter: FilterMemory, c: int) -> None:
+    value = filter.joint_value[c - _FIRST]
     count = 0
-    limit = filtering.UNKNOWN * m.joint_limit[0] * m.joint_limit[0]
-    if not update.is_of_now(m, c):
+    limit = filtering.UNKNOWN * filter.joint_limit[0] * filter.joint_limit[0]
+    if not update.is_of_now(filter, c):
         return
-    for j in range(m.n_joints):
+    for j in range(filter.n_joints):
         if not abs(value[j]) <= filtering.LARGEST:
             return
-    m.last[c] = m.stamp[c]
-    update.update_lag(m, c)
-    for j in range(m.n_joints):
-        m.joint_unknown[j] = c == _FIRST and m.joint_P[j][0][0] > limit
-        if m.joint_unknown[j] != 0.0:
+    filter.last[c] = filter.stamp[c]
+    update.update_lag(filter, c)
+    for j in range(filter.n_joints):
+        filter.joint_unknown[j] = c == _FIRST and filter.joint_P[j][0][0] > limit
+        if filter.joint_unknown[j] != 0.0:
             # Take the first reading for the truth.
-            age = m.now - m.stamp[_FIRST]
-            sigma = m.sigma[_FIRST]
-            m.joint_x[j][0] = m.joint_value[0][j] + age * m.joint_x[j][1]
-            _clear(m, j, 0, sigma * sigma + age * age * m.joint_P[j][1][1])
+            age = filter.now - filter.stamp[_FIRST]
+            sigma = filter.sigma[_FIRST]
+            filter.joint_x[j][0] = filter.joint_value[0][j] + age * filter.joint_x[j][1]
+            _clear(filter, j, 0, sigma * sigma + age * age * filter.joint_P[j][1][1])
             count += 1
     for slot in range(JOINT_SLOTS if count > 0 else 0):
-        if m.joint_owner[slot] == c:
-            m.joint_owner[slot] = -1.0
-    slot = update.nearest_clone(m, c, m.joint_owner, m.joint_taken, JOINT_SLOTS)
-    if count == m.n_joints:
-        m.used[c] = m.stamp[c]
+        if filter.joint_owner[slot] == c:
+            filter.joint_owner[slot] = -1.0
+    slot = update.nearest_clone(filter, c, filter.joint_owner, filter.joint_taken, JOINT_SLOTS)
+    if count == filter.n_joints:
+        filter.used[c] = filter.stamp[c]
     elif slot != update.NONE:
-        _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.joint_taken[slot]))
+        _gate(
+            filter,
+            c,
+            slot,
+            filter.stamp[c] - (filter.now if slot < 0 else filter.joint_taken[slot]),
+        )
 
 
-def _predicted(m: FilterMemory, j: int, k: int, slot: int) -> float:
+def _predicted(filter: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return the predicted measurement of channel k at the clone, -1 for now."""
     if slot < 0:
-        return m.joint_x[j][k]
-    return m.joint_h[j][slot]
+        return filter.joint_x[j][k]
+    return filter.joint_h[j][slot]
 
 
-def _rate(m: FilterMemory, j: int, k: int, slot: int) -> float:
+def _rate(filter: FilterMemory, j: int, k: int, slot: int) -> float:
     """Return how fast that changes [per s]."""
-    present_rate = 0.0 if k != 0 else m.joint_x[j][1]
+    present_rate = 0.0 if k != 0 else filter.joint_x[j][1]
     if slot < 0:
         return present_rate
-    return m.joint_rate[j][slot]
+    return filter.joint_rate[j][slot]
 
 
-def _rate_variance(m: FilterMemory, j: int, k: int, slot: int) -> float:
-    present_variance = 0.0 if k != 0 else m.joint_P[j][1][1]
+def _rate_variance(filter: FilterMemory, j: int, k: int, slot: int) -> float:
+    present_variance = 0.0 if k != 0 else filter.joint_P[j][1][1]
     if slot < 0:
         return present_variance
-    return m.joint_rate_variance[j][slot]
+    return filter.joint_rate_variance[j][slot]
 
 
-def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
+def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe the readings of the joints or not, and use them."""
     k = c - _FIRST
-    n = _active(m)
+    n = _active(filter)
     accepted = True
     degrees = 0
     total = 0.0
@@ -154,129 +159,136 @@ def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
     surprise = 0.0
     state = k if slot < 0 else 2 + slot
     if k != 0:
-        walk = m.drive[filtering.ProcessNoise.JOINT] * m.drive[filtering.ProcessNoise.JOINT]
-    for j in range(m.n_joints):
-        if m.joint_unknown[j] != 0.0:
-            m.joint_since[k][j] = math.nan
+        walk = (
+            filter.drive[filtering.ProcessNoise.JOINT] * filter.drive[filtering.ProcessNoise.JOINT]
+        )
+    for j in range(filter.n_joints):
+        if filter.joint_unknown[j] != 0.0:
+            filter.joint_since[k][j] = math.nan
             continue
-        variance = _rate_variance(m, j, k, slot)
-        h = _predicted(m, j, k, slot)
-        rate = _rate(m, j, k, slot)
-        R = m.sigma[c] * m.sigma[c] + delta * delta * max(variance, 0.0) + abs(delta) * walk
-        nu = m.joint_value[k][j] - h - delta * rate
-        S = m.joint_P[j][state][state] + R
+        variance = _rate_variance(filter, j, k, slot)
+        h = _predicted(filter, j, k, slot)
+        rate = _rate(filter, j, k, slot)
+        R = (
+            filter.sigma[c] * filter.sigma[c]
+            + delta * delta * max(variance, 0.0)
+            + abs(delta) * walk
+        )
+        nu = filter.joint_value[k][j] - h - delta * rate
+        S = filter.joint_P[j][state][state] + R
         # Beside what accelerations can do, a joint with a rate may stop.
         stop = abs(h if k != 0 else rate) * (
-            update.time_since_accepted(m, c) if c == _FIRST else 1.0
+            update.time_since_accepted(filter, c) if c == _FIRST else 1.0
         )
-        root = math.sqrt(update.planned_allowance(m, c)) + stop / 5.0
-        granted = max(root * root, update.jolt_allowance(m, c))
-        believed = nu * nu <= m.gate[c] * (S + granted)
+        root = math.sqrt(update.planned_allowance(filter, c)) + stop / 5.0
+        granted = max(root * root, update.jolt_allowance(filter, c))
+        believed = nu * nu <= filter.gate[c] * (S + granted)
         total += nu * nu / S
         degrees += 1
         if believed:
-            m.joint_since[k][j] = math.nan
-            if nu * nu / S > m.gate[c]:
+            filter.joint_since[k][j] = math.nan
+            if nu * nu / S > filter.gate[c]:
                 surprise = max(surprise, abs(nu))
-                _inflate_surprised(m, j, c, nu * nu)
-        elif _is_consistent(m, c, j, nu, S + R + granted):
+                _inflate_surprised(filter, j, c, nu * nu)
+        elif _is_consistent(filter, c, j, nu, S + R + granted):
             believed = True
-            _relax(m, j, c, nu * nu)
+            _relax(filter, j, c, nu * nu)
         if believed:
-            _correct(m, j, state, nu, R, n)
+            _correct(filter, j, state, nu, R, n)
         accepted = accepted and believed
-    m.surprise[c] = surprise if accepted else m.surprise[c]
-    update.record_outcome(m, c, total, degrees, accepted)
+    filter.surprise[c] = surprise if accepted else filter.surprise[c]
+    update.record_outcome(filter, c, total, degrees, accepted)
 
 
-def _is_consistent(m: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
+def _is_consistent(filter: FilterMemory, c: int, j: int, nu: float, S: float) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough."""
-    since = m.joint_since[c - _FIRST]
-    refused = m.joint_refused[c - _FIRST]
+    since = filter.joint_since[c - _FIRST]
+    refused = filter.joint_refused[c - _FIRST]
     change = nu - refused[j]
-    agrees = math.isfinite(since[j]) and change * change <= m.gate[c] * S
+    agrees = math.isfinite(since[j]) and change * change <= filter.gate[c] * S
     if not agrees:
-        since[j] = m.stamp[c]
+        since[j] = filter.stamp[c]
     refused[j] = nu
-    return agrees and m.stamp[c] - since[j] >= m.recovery[c] - filtering.EARLY
+    return agrees and filter.stamp[c] - since[j] >= filter.recovery[c] - filtering.EARLY
 
 
-def _inflate_surprised(m: FilterMemory, j: int, c: int, squared: float) -> None:
+def _inflate_surprised(filter: FilterMemory, j: int, c: int, squared: float) -> None:
     """A joint has done what it can and the process model did not expect.
 
     What is more than twice an acceleration that is planned came at once, where positions are in
     time and alone tell of it: it was faster ever since the last reading that was believed. Less may
     be a delay that nobody knows of.
     """
-    time = update.time_since_accepted(m, c)
-    since = max(m.stamp[c] - m.used[c], m.dt)
+    time = update.time_since_accepted(filter, c)
+    since = max(filter.stamp[c] - filter.used[c], filter.dt)
     alone = (
-        m.lag[c] <= 0.0
-        and m.stamp[c] - m.used[filtering.ChannelIndex.JOINT_VELOCITIES] > m.recovery[c] / 2.0
+        filter.lag[c] <= 0.0
+        and filter.stamp[c] - filter.used[filtering.ChannelIndex.JOINT_VELOCITIES]
+        > filter.recovery[c] / 2.0
     )
-    jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * m.agility[c] * time * since
-    _inflate_own(m, j, c, squared)
+    jolted = c == _FIRST and alone and math.sqrt(squared) > 2.0 * filter.agility[c] * time * since
+    _inflate_own(filter, j, c, squared)
     if c == _FIRST:
-        m.joint_P[j][1][1] += squared / (since * since if jolted else time * time)
+        filter.joint_P[j][1][1] += squared / (since * since if jolted else time * time)
     if jolted:
-        m.joint_P[j][0][1] += squared / since
-        m.joint_P[j][1][0] += squared / since
+        filter.joint_P[j][0][1] += squared / since
+        filter.joint_P[j][1][0] += squared / since
 
 
-def _relax(m: FilterMemory, j: int, c: int, squared: float) -> None:
+def _relax(filter: FilterMemory, j: int, c: int, squared: float) -> None:
     """The state, and its clones with it, is wrong by an unknown amount."""
     for slot in range(JOINT_SLOTS):
-        if m.joint_owner[slot] != c:
-            m.joint_owner[slot] = -1.0
-    _inflate_own(m, j, c, filtering.GATE_RELAXATION * squared)
-    m.joint_since[c - _FIRST][j] = math.nan
+        if filter.joint_owner[slot] != c:
+            filter.joint_owner[slot] = -1.0
+    _inflate_own(filter, j, c, filtering.GATE_RELAXATION * squared)
+    filter.joint_since[c - _FIRST][j] = math.nan
 
 
-def _inflate_own(m: FilterMemory, j: int, c: int, variance: float) -> None:
+def _inflate_own(filter: FilterMemory, j: int, c: int, variance: float) -> None:
     """An error of that variance of what the channel sees of a joint, now and in its clones."""
     for a in range(JOINT_STATES):
         for b in range(JOINT_STATES):
-            if _is_of(m, c, a) and _is_of(m, c, b):
-                m.joint_P[j][a][b] += variance
+            if _is_of(filter, c, a) and _is_of(filter, c, b):
+                filter.joint_P[j][a][b] += variance
 
 
-def _is_of(m: FilterMemory, c: int, state: int) -> bool:
+def _is_of(filter: FilterMemory, c: int, state: int) -> bool:
     """Return whether a channel sees a state, or saw the clone that it is."""
     if state >= 2:
-        return m.joint_owner[state - 2] == c
+        return filter.joint_owner[state - 2] == c
     return state == c - _FIRST
 
 
-def _correct(m: FilterMemory, j: int, state: int, nu: float, R: float, n: int) -> None:
+def _correct(filter: FilterMemory, j: int, state: int, nu: float, R: float, n: int) -> None:
     """The Kalman update."""
-    S = m.joint_P[j][state][state] + R
+    S = filter.joint_P[j][state][state] + R
     gain = zeros(JOINT_STATES)
     row = zeros(JOINT_STATES)
     for a in range(n):
-        row[a] = m.joint_P[j][state][a]
-        gain[a] = m.joint_P[j][a][state] / S
+        row[a] = filter.joint_P[j][state][a]
+        gain[a] = filter.joint_P[j][a][state] / S
     for a in range(n):
         for b in range(n):
-            m.joint_P[j][a][b] -= gain[a] * row[b]
+            filter.joint_P[j][a][b] -= gain[a] * row[b]
     for a in range(2):
-        m.joint_x[j][a] += gain[a] * nu
+        filter.joint_x[j][a] += gain[a] * nu
     for slot in range(n - 2):
-        m.joint_h[j][slot] += gain[2 + slot] * nu
+        filter.joint_h[j][slot] += gain[2 + slot] * nu
 
 
-def _clone(m: FilterMemory, c: int) -> None:
-    slot = update.free_slot(m.joint_owner, JOINT_SLOTS)
+def _clone(filter: FilterMemory, c: int) -> None:
+    slot = update.free_slot(filter.joint_owner, JOINT_SLOTS)
     k = c - _FIRST
     if slot < 0:
         return
     at = 2 + slot
-    m.joint_owner[slot] = c
-    m.joint_taken[slot] = m.now
-    for j in range(m.n_joints):
-        m.joint_h[j][slot] = _predicted(m, j, k, -1)
-        m.joint_rate[j][slot] = _rate(m, j, k, -1)
-        m.joint_rate_variance[j][slot] = _rate_variance(m, j, k, -1)
-        m.joint_P[j][at][:] = m.joint_P[j][k]
+    filter.joint_owner[slot] = c
+    filter.joint_taken[slot] = filter.now
+    for j in range(filter.n_joints):
+        filter.joint_h[j][slot] = _predicted(filter, j, k, -1)
+        filter.joint_rate[j][slot] = _rate(filter, j, k, -1)
+        filter.joint_rate_variance[j][slot] = _rate_variance(filter, j, k, -1)
+        filter.joint_P[j][at][:] = filter.joint_P[j][k]
         for a in range(JOINT_STATES):
-            m.joint_P[j][a][at] = m.joint_P[j][a][k]
-        m.joint_P[j][at][at] = m.joint_P[j][k][k]
+            filter.joint_P[j][a][at] = filter.joint_P[j][a][k]
+        filter.joint_P[j][at][at] = filter.joint_P[j][k][k]

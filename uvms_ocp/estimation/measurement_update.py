@@ -38,7 +38,7 @@ _SURPRISE = (
 )
 
 
-def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
+def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> None:
     """Share the slots among the late ones of channels first to last: where all their readings do
     not fit, none has many.
     """
@@ -47,17 +47,18 @@ def space_clones(m: FilterMemory, first: int, last: int, slots: int) -> None:
     while n_clones > 2.0:
         total = 0.0
         for c in range(first, last):
-            if m.lag[c] > 0.0:
+            if filter.lag[c] > 0.0:
                 # Clones at a time if every reading of channel c has one that is near enough.
-                apart = max(max(EARLY, _least(c)), max(m.dt, m.period[c]))
-                total += min((m.lag[c] + 2.0 * m.dt) / apart + 1.0, n_clones)
+                apart = max(max(EARLY, _least(c)), max(filter.dt, filter.period[c]))
+                total += min((filter.lag[c] + 2.0 * filter.dt) / apart + 1.0, n_clones)
         if total <= slots:
             break
         n_clones -= 1.0
     for c in range(first, last):
-        if m.lag[c] > 0.0:
-            m.apart[c] = max(
-                (m.lag[c] + 2.0 * m.dt) / (n_clones - 1.0), max(_least(c), m.period[c])
+        if filter.lag[c] > 0.0:
+            filter.apart[c] = max(
+                (filter.lag[c] + 2.0 * filter.dt) / (n_clones - 1.0),
+                max(_least(c), filter.period[c]),
             )
 
 
@@ -70,67 +71,71 @@ def _least(c: int) -> float:
     return 0.0
 
 
-def is_of_now(m: FilterMemory, c: int) -> bool:
+def is_of_now(filter: FilterMemory, c: int) -> bool:
     """Return whether the fresh reading of channel c is newer than the last, and not of the
     future.
     """
-    return m.last[c] < m.stamp[c] <= m.now + EARLY
+    return filter.last[c] < filter.stamp[c] <= filter.now + EARLY
 
 
-def update_lag(m: FilterMemory, c: int) -> None:
+def update_lag(filter: FilterMemory, c: int) -> None:
     """Remember how late the fresh reading of channel c is."""
-    age = m.now - m.stamp[c]
-    if age > 1.5 * m.dt + EARLY and age > m.lag[c]:
-        m.lag[c] = min(filtering.LONGEST_LAG, age)
+    age = filter.now - filter.stamp[c]
+    if age > 1.5 * filter.dt + EARLY and age > filter.lag[c]:
+        filter.lag[c] = min(filtering.LONGEST_LAG, age)
 
 
-def nearest_clone(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> int:
+def nearest_clone(
+    filter: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int
+) -> int:
     """The clone for the fresh reading of channel c, `NOW` for none, `NONE` where what there is is
     not near enough.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     best = NOW
-    nearest = abs(m.stamp[c] - m.now)
-    reach = 1.5 * m.dt + EARLY
+    nearest = abs(filter.stamp[c] - filter.now)
+    reach = 1.5 * filter.dt + EARLY
     for slot in range(slots):
-        if owner[slot] == c and abs(m.stamp[c] - clone_times[slot]) < nearest:
+        if owner[slot] == c and abs(filter.stamp[c] - clone_times[slot]) < nearest:
             best = slot
-            nearest = abs(m.stamp[c] - clone_times[slot])
+            nearest = abs(filter.stamp[c] - clone_times[slot])
     if best >= 0:
-        reach += m.apart[c]
+        reach += filter.apart[c]
     if nearest <= reach:
         return best
     return NONE
 
 
-def is_due(m: FilterMemory, c: int) -> bool:
+def is_due(filter: FilterMemory, c: int) -> bool:
     """Return whether channel c is late and takes a reading at this tick; if so the next time is
     noted.
     """
-    if m.lag[c] <= 0.0 or m.now < m.due[c] - EARLY:
+    if filter.lag[c] <= 0.0 or filter.now < filter.due[c] - EARLY:
         return False
-    apart = m.apart[c]
-    period = m.period[c]
-    phase = m.last[c] if math.isfinite(m.last[c]) else 0.0
-    if apart <= m.dt + EARLY:
-        m.due[c] = m.now
-    elif period <= m.dt:
-        m.due[c] = m.now + apart
+    apart = filter.apart[c]
+    period = filter.period[c]
+    phase = filter.last[c] if math.isfinite(filter.last[c]) else 0.0
+    if apart <= filter.dt + EARLY:
+        filter.due[c] = filter.now
+    elif period <= filter.dt:
+        filter.due[c] = filter.now + apart
     else:
-        steps = math.floor((m.now - phase) / period + 1e-6) + math.ceil(apart / period - 1e-6)
-        m.due[c] = phase + steps * period
+        steps = math.floor((filter.now - phase) / period + 1e-6) + math.ceil(apart / period - 1e-6)
+        filter.due[c] = phase + steps * period
     return True
 
 
-def free_expired(m: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int) -> None:
+def free_expired(
+    filter: FilterMemory, c: int, owner: Vector, clone_times: Vector, slots: int
+) -> None:
     """Free clones of channel c whose readings are lost, or that are older than the last one.
 
     owner (slots,) and taken (slots,) [s]: channel and time of each clone.
     """
     for slot in range(slots):
-        lost = m.now - clone_times[slot] > m.lag[c] + 2.0 * m.dt + EARLY
-        if owner[slot] == c and (lost or clone_times[slot] <= m.last[c] + EARLY):
+        lost = filter.now - clone_times[slot] > filter.lag[c] + 2.0 * filter.dt + EARLY
+        if owner[slot] == c and (lost or clone_times[slot] <= filter.last[c] + EARLY):
             owner[slot] = -1.0
 
 
@@ -142,20 +147,20 @@ def free_slot(owner: Vector, slots: int) -> int:
     return NOW
 
 
-def time_since_accepted(m: FilterMemory, c: int) -> float:
+def time_since_accepted(filter: FilterMemory, c: int) -> float:
     """Time [s] in which the robot can have done something else since the last reading of channel c
     that was believed.
 
     Of depths, since the last of a fix, too: both tell the height.
     """
     if c == ChannelIndex.DEPTH:
-        used = max(m.used[c], m.used[ChannelIndex.POSITION])
+        used = max(filter.used[c], filter.used[ChannelIndex.POSITION])
     else:
-        used = m.used[c]
-    return min(filtering.LONGEST_LAG, max(m.stamp[c] - used, 0.0)) + _SURPRISE
+        used = filter.used[c]
+    return min(filtering.LONGEST_LAG, max(filter.stamp[c] - used, 0.0)) + _SURPRISE
 
 
-def planned_allowance(m: FilterMemory, c: int) -> float:
+def planned_allowance(filter: FilterMemory, c: int) -> float:
     """Variance that the gate grants channel c for accelerations that the process model does not
     expect.
 
@@ -163,21 +168,23 @@ def planned_allowance(m: FilterMemory, c: int) -> float:
     standard deviations wide. A velocity that nothing but the channel tells of is that of two
     readings ago.
     """
-    moved = _moved(c, m.agility[c], time_since_accepted(m, c))
-    if _is_place(c) and _is_velocity_unseen(m, c):
-        moved += m.agility[c] * time_since_accepted(m, c) * 2.0 * m.period[c]
+    moved = _moved(c, filter.agility[c], time_since_accepted(filter, c))
+    if _is_place(c) and _is_velocity_unseen(filter, c):
+        moved += filter.agility[c] * time_since_accepted(filter, c) * 2.0 * filter.period[c]
     return moved * moved / 25.0
 
 
-def jolt_allowance(m: FilterMemory, c: int) -> float:
+def jolt_allowance(filter: FilterMemory, c: int) -> float:
     """Variance that the gate grants channel c for a jolt that nobody planned: what it can move within
     one period, or what is left of a motion that surprised.
 
     A jump that is larger is refused for as long as it lasts.
     """
-    grown = _OUTGROWN * m.surprise[c] * math.exp(-(m.stamp[c] - m.used[c]) / _FADING)
-    moved = max(grown, _moved(c, m.jolt[c], min(max(m.dt, m.period[c]), filtering.JOLT_TIME)))
-    if m.jolt[c] > 0.0:
+    grown = _OUTGROWN * filter.surprise[c] * math.exp(-(filter.stamp[c] - filter.used[c]) / _FADING)
+    moved = max(
+        grown, _moved(c, filter.jolt[c], min(max(filter.dt, filter.period[c]), filtering.JOLT_TIME))
+    )
+    if filter.jolt[c] > 0.0:
         return moved * moved / 25.0
     return 0.0
 
@@ -189,51 +196,53 @@ def _moved(c: int, acceleration: float, time: float) -> float:
     return acceleration / max(filtering.orders_of(c), 1)
 
 
-def _is_velocity_unseen(m: FilterMemory, c: int) -> bool:
+def _is_velocity_unseen(filter: FilterMemory, c: int) -> bool:
     """Return whether no DVL has been used for so long that channel c alone tells of the
     velocity.
     """
-    return m.stamp[c] - m.used[ChannelIndex.LINEAR_VELOCITY] > m.recovery[c] / 2.0
+    return filter.stamp[c] - filter.used[ChannelIndex.LINEAR_VELOCITY] > filter.recovery[c] / 2.0
 
 
 def _is_place(c: int) -> bool:
     return c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
 
 
-def record_outcome(m: FilterMemory, c: int, squared: float, degrees: int, believed: bool) -> None:
+def record_outcome(
+    filter: FilterMemory, c: int, squared: float, degrees: int, believed: bool
+) -> None:
     """Record the outcome for the fresh reading of channel c: `squared` and its degrees of
     freedom.
     """
-    outcome = m.outcome[c]
-    outcome[0] = m.stamp[c]
+    outcome = filter.outcome[c]
+    outcome[0] = filter.stamp[c]
     outcome[1] = squared
     outcome[2] = degrees
     outcome[3] = believed
     if believed:
-        m.used[c] = m.stamp[c]
+        filter.used[c] = filter.stamp[c]
 
 
 # Readings of the vehicle's channels.
 
 
-def fuse(m: FilterMemory) -> None:
+def fuse(filter: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
-    space_clones(m, 0, filtering.N_VEHICLE, SLOTS)
+    space_clones(filter, 0, filtering.N_VEHICLE, SLOTS)
     velocity = int(ChannelIndex.LINEAR_VELOCITY)
-    if m.now - m.used[velocity] > m.lag[velocity] + m.recovery[velocity]:
-        m.jerk_share = 1.0  # nothing shows it any more
-    if m.fresh[velocity] != 0.0 and m.outcome[velocity][1] > m.gate[velocity]:
+    if filter.now - filter.used[velocity] > filter.lag[velocity] + filter.recovery[velocity]:
+        filter.jerk_share = 1.0  # nothing shows it any more
+    if filter.fresh[velocity] != 0.0 and filter.outcome[velocity][1] > filter.gate[velocity]:
         # The reading before has made an acceleration, which this one may end: no fix is to blame a
         # bias for it.
-        _ingest(m, velocity)
+        _ingest(filter, velocity)
     for c in range(filtering.N_VEHICLE):
-        if m.fresh[c] != 0.0:
-            _ingest(m, c)
+        if filter.fresh[c] != 0.0:
+            _ingest(filter, c)
     for c in range(filtering.N_VEHICLE):
-        if m.lag[c] > 0.0:
-            free_expired(m, c, m.owner, m.taken, SLOTS)
-            if is_due(m, c):
-                _clone(m, c)
+        if filter.lag[c] > 0.0:
+            free_expired(filter, c, filter.owner, filter.taken, SLOTS)
+            if is_due(filter, c):
+                _clone(filter, c)
 
 
 def _corrected_by(c: int) -> int:
@@ -253,44 +262,44 @@ def _corrected_by(c: int) -> int:
     return Part.PLACE + 2
 
 
-def _is_blind(m: FilterMemory, c: int) -> bool:
+def _is_blind(filter: FilterMemory, c: int) -> bool:
     """Return whether a channel means nothing as the attitude is unknown."""
-    return c >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(m, Part.TURN, 3)
+    return c >= ChannelIndex.LINEAR_VELOCITY and vehicle.is_unknown(filter, Part.TURN, 3)
 
 
-def _is_uninitialised(m: FilterMemory, c: int) -> bool:
+def _is_uninitialised(filter: FilterMemory, c: int) -> bool:
     """Return whether a channel's next reading is the first."""
     # Channels whose first reading is taken for the truth.
     absolute = c == ChannelIndex.ATTITUDE or c == ChannelIndex.POSITION or c == ChannelIndex.DEPTH
     return (absolute or c == ChannelIndex.ALTIMETER_RANGE) and vehicle.is_unknown(
-        m, _corrected_by(c), rows_of(c)
+        filter, _corrected_by(c), rows_of(c)
     )
 
 
-def _ingest(m: FilterMemory, c: int) -> None:
-    if not _is_usable(m, c):
+def _ingest(filter: FilterMemory, c: int) -> None:
+    if not _is_usable(filter, c):
         return
-    m.last[c] = m.stamp[c]
-    if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(m.value[c][0]):
-        m.used[c] = m.stamp[c]  # no echo is an answer too
+    filter.last[c] = filter.stamp[c]
+    if c == ChannelIndex.ALTIMETER_RANGE and math.isnan(filter.value[c][0]):
+        filter.used[c] = filter.stamp[c]  # no echo is an answer too
         return
-    update_lag(m, c)
-    if _is_blind(m, c):
+    update_lag(filter, c)
+    if _is_blind(filter, c):
         return
-    if _is_uninitialised(m, c):
-        _initialise(m, c)
+    if _is_uninitialised(filter, c):
+        _initialise(filter, c)
         return
-    slot = nearest_clone(m, c, m.owner, m.taken, SLOTS)
+    slot = nearest_clone(filter, c, filter.owner, filter.taken, SLOTS)
     if slot != NONE:
-        _gate(m, c, slot, m.stamp[c] - (m.now if slot < 0 else m.taken[slot]))
+        _gate(filter, c, slot, filter.stamp[c] - (filter.now if slot < 0 else filter.taken[slot]))
 
 
-def _is_usable(m: FilterMemory, c: int) -> bool:
+def _is_usable(filter: FilterMemory, c: int) -> bool:
     """Return whether the fresh reading is one: of a size that can be, newer than the last, not of
     the future.
     """
-    value = m.value[c]
-    if not is_of_now(m, c):
+    value = filter.value[c]
+    if not is_of_now(filter, c):
         return False
     if c == ChannelIndex.ALTIMETER_RANGE:
         return math.isnan(value[0]) or 0.0 <= value[0] <= filtering.LARGEST
@@ -300,137 +309,142 @@ def _is_usable(m: FilterMemory, c: int) -> bool:
     return c != ChannelIndex.ATTITUDE or abs(vehicle.norm(value) - 1.0) <= 1e-3
 
 
-def _initialise(m: FilterMemory, c: int) -> None:
+def _initialise(filter: FilterMemory, c: int) -> None:
     """Take the first reading for the truth, unless it is too old to be. Nothing that was cloned
     before can be right.
     """
-    s = m.predicted
+    predicted = filter.predicted
     first = _corrected_by(c)
-    age = m.now - m.stamp[c]
-    value = m.value[c]
+    age = filter.now - filter.stamp[c]
+    value = filter.value[c]
     moved = zeros(3)
-    noise = m.sigma[c] * m.sigma[c]
-    vehicle.predict_measurement(m, c, vehicle.active(m))
+    noise = filter.sigma[c] * filter.sigma[c]
+    vehicle.predict_measurement(filter, c, vehicle.active(filter))
     if (
-        noise + vehicle.process_variance(m, c, age)
-        > filtering.UNKNOWN * m.limit[first] * m.limit[first]
+        noise + vehicle.process_variance(filter, c, age)
+        > filtering.UNKNOWN * filter.limit[first] * filter.limit[first]
     ):
         return
     for slot in range(SLOTS):
-        m.owner[slot] = -1.0
-    n = vehicle.active(m)
-    vehicle.predict_measurement(m, c, n)
-    m.used[c] = m.stamp[c]
+        filter.owner[slot] = -1.0
+    n = vehicle.active(filter)
+    vehicle.predict_measurement(filter, c, n)
+    filter.used[c] = filter.stamp[c]
     if c == ChannelIndex.ALTIMETER_RANGE:
-        _set_floor(m, age, n)
+        _set_floor(filter, age, n)
         return
-    late = vehicle.process_variance(m, c, age)
+    late = vehicle.process_variance(filter, c, age)
     for i in range(3):
-        moved[i] = age * s.rate[i] - age * age / 2.0 * vehicle.second_derivative(m, c, i)
+        moved[i] = age * predicted.rate[i] - age * age / 2.0 * vehicle.second_derivative(
+            filter, c, i
+        )
     for i in range(rows_of(c)):
-        vehicle.clear(m, first + i, n, noise + late)
+        vehicle.clear(filter, first + i, n, noise + late)
     if c == ChannelIndex.ATTITUDE:
         size = vehicle.norm(value)
         for i in range(4):
-            m.turn[i] = value[i] / size
-        vehicle.turn_by(m.turn, moved)
+            filter.turn[i] = value[i] / size
+        vehicle.turn_by(filter.turn, moved)
         return
     for i in range(rows_of(c)):
-        m.x[first + i] = value[i] + moved[i]
+        filter.x[first + i] = value[i] + moved[i]
 
 
-def _set_floor(m: FilterMemory, age: float, n: int) -> None:
+def _set_floor(filter: FilterMemory, age: float, n: int) -> None:
     c = int(ChannelIndex.ALTIMETER_RANGE)
     at = int(Part.FLOOR)
-    s = m.predicted
+    predicted = filter.predicted
     R = zeros(9)
-    row = m.predicted.HP[0]
-    cosine = s.h[1]
+    row = filter.predicted.HP[0]
+    cosine = predicted.h[1]
     arm = 0.0
     if cosine <= STEEP:
         return
-    noise = cosine * m.sigma[c]
-    vehicle.rotation(m.turn, R)
+    noise = cosine * filter.sigma[c]
+    vehicle.rotation(filter.turn, R)
     for i in range(3):
-        arm += R[6 + i] * m.beam_at[i]
-    late = vehicle.process_variance(m, c, age)
-    moved = age * s.rate[0] - age * age / 2.0 * vehicle.second_derivative(m, c, 0)
-    m.x[at] = m.x[Part.PLACE + 2] + arm - (cosine * m.value[c][0] + moved)
-    floor_variance = s.S[0][0] + 2.0 * row[at] + m.P[at][at]
+        arm += R[6 + i] * filter.beam_at[i]
+    late = vehicle.process_variance(filter, c, age)
+    moved = age * predicted.rate[0] - age * age / 2.0 * vehicle.second_derivative(filter, c, 0)
+    filter.x[at] = filter.x[Part.PLACE + 2] + arm - (cosine * filter.value[c][0] + moved)
+    floor_variance = predicted.S[0][0] + 2.0 * row[at] + filter.P[at][at]
     for j in range(n):  # of the height of the altimeter
-        row[j] += m.P[j][at] if j < at else m.P[at][j]
+        row[j] += filter.P[j][at] if j < at else filter.P[at][j]
     for j in range(at):
-        m.P[j][at] = row[j]
+        filter.P[j][at] = row[j]
     for j in range(at, n):
-        m.P[at][j] = row[j]
-    m.P[at][at] = floor_variance + noise * noise + late
-    m.echo = m.stamp[c]
+        filter.P[at][j] = row[j]
+    filter.P[at][at] = floor_variance + noise * noise + late
+    filter.echo = filter.stamp[c]
 
 
-def _gate(m: FilterMemory, c: int, slot: int, delta: float) -> None:
+def _gate(filter: FilterMemory, c: int, slot: int, delta: float) -> None:
     """Believe a reading or not, and use it."""
     nu = zeros(3)
     rows = rows_of(c)
-    s = m.predicted
-    vehicle.recall_measurement(m, c, slot, vehicle.active(m))
-    if c == ChannelIndex.ALTIMETER_RANGE and s.h[1] <= STEEP:
+    predicted = filter.predicted
+    vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
+    if c == ChannelIndex.ALTIMETER_RANGE and predicted.h[1] <= STEEP:
         return
-    _innovation(m, c, delta, nu)
-    noise = _noise(m, c, delta)
-    granted = max(planned_allowance(m, c), jolt_allowance(m, c))
-    squared = _squared_innovation(m, noise, rows, nu)
+    _innovation(filter, c, delta, nu)
+    noise = _noise(filter, c, delta)
+    granted = max(planned_allowance(filter, c), jolt_allowance(filter, c))
+    squared = _squared_innovation(filter, noise, rows, nu)
     size = nu[0] * nu[0] + nu[1] * nu[1] + nu[2] * nu[2]
-    believed = _squared_innovation(m, noise + granted, rows, nu) <= m.gate[c]
+    believed = _squared_innovation(filter, noise + granted, rows, nu) <= filter.gate[c]
     # The estimate may be wrong where the channel contradicts it, but not the height, which fixes
     # tell too.
     not_by_fixes = (
-        c != ChannelIndex.DEPTH or m.stamp[c] - m.used[ChannelIndex.POSITION] > m.recovery[c]
+        c != ChannelIndex.DEPTH
+        or filter.stamp[c] - filter.used[ChannelIndex.POSITION] > filter.recovery[c]
     )
     if believed:
-        m.since[c] = math.nan
-        if squared > m.gate[c]:
-            m.surprise[c] = math.sqrt(size)
-            _inflate_surprised(m, c, size)
-            vehicle.recall_measurement(m, c, slot, vehicle.active(m))
+        filter.since[c] = math.nan
+        if squared > filter.gate[c]:
+            filter.surprise[c] = math.sqrt(size)
+            _inflate_surprised(filter, c, size)
+            vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
         else:
-            m.surprise[c] = 0.0
+            filter.surprise[c] = 0.0
     elif (
         not_by_fixes
         and math.isfinite(squared)
         and math.isfinite(size)
-        and _is_consistent(m, c, 2.0 * noise + granted, nu)
+        and _is_consistent(filter, c, 2.0 * noise + granted, nu)
     ):
         believed = True
-        _relax(m, c, size)
-        vehicle.recall_measurement(m, c, slot, vehicle.active(m))
-    record_outcome(m, c, squared, rows, believed)
+        _relax(filter, c, size)
+        vehicle.recall_measurement(filter, c, slot, vehicle.active(filter))
+    record_outcome(filter, c, squared, rows, believed)
     if c == ChannelIndex.LINEAR_VELOCITY:
         # Innovation-based adaptive estimation ([Mehra1972]): squared innovations per degree of
         # freedom have a mean of one where the process noise is right, and a vehicle that follows
         # its commands jerks less than vehicles can.
         change = _ADAPTATION * (min(squared / rows, _MOST_ADAPTED) - 1.0)
-        m.jerk_share = min(max(m.jerk_share * math.exp(change), m.least_jerk_share), 1.0)
+        filter.jerk_share = min(
+            max(filter.jerk_share * math.exp(change), filter.least_jerk_share), 1.0
+        )
     if believed:
         if c == ChannelIndex.ALTIMETER_RANGE:
-            m.echo = m.stamp[c]
-        _correct(m, c, nu, noise)
+            filter.echo = filter.stamp[c]
+        _correct(filter, c, nu, noise)
 
 
-def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
+def _innovation(filter: FilterMemory, c: int, delta: float, nu: Vector) -> None:
     """Measured minus predicted, which is carried on by delta [s], (rows,)."""
-    s = m.predicted
-    value = m.value[c]
+    predicted = filter.predicted
+    value = filter.value[c]
     if c != ChannelIndex.ATTITUDE:
-        scale = s.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0
+        scale = predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0
         for i in range(rows_of(c)):
-            nu[i] = value[i] * scale - s.h[i] - delta * s.rate[i]
+            nu[i] = value[i] * scale - predicted.h[i] - delta * predicted.rate[i]
         return
     by = zeros(3)
     back = zeros(4)
     error = zeros(4)
-    back[:4] = s.h[:4]
+    back[:4] = predicted.h[:4]
     for i in range(3):
-        by[i] = delta * s.rate[i]
+        by[i] = delta * predicted.rate[i]
     vehicle.turn_by(back, by)
     for i in range(3):
         back[i] = -back[i]
@@ -447,67 +461,72 @@ def _innovation(m: FilterMemory, c: int, delta: float, nu: Vector) -> None:
         nu[i] = share * error[i]
 
 
-def _noise(m: FilterMemory, c: int, delta: float) -> float:
+def _noise(filter: FilterMemory, c: int, delta: float) -> float:
     """Variance of every entry of the reading."""
-    sigma = m.sigma[c] * (m.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
+    sigma = filter.sigma[c] * (filter.predicted.h[1] if c == ChannelIndex.ALTIMETER_RANGE else 1.0)
     walk = 0.0
     if c == ChannelIndex.SPECIFIC_FORCE:
-        walk = m.drive[filtering.ProcessNoise.JERK] * m.drive[filtering.ProcessNoise.JERK]
-    return sigma * sigma + delta * delta * max(m.predicted.rate_variance, 0.0) + abs(delta) * walk
+        walk = filter.drive[filtering.ProcessNoise.JERK] * filter.drive[filtering.ProcessNoise.JERK]
+    return (
+        sigma * sigma + delta * delta * max(filter.predicted.rate_variance, 0.0) + abs(delta) * walk
+    )
 
 
-def _squared_innovation(m: FilterMemory, more: float, n: int, nu: Vector) -> float:
+def _squared_innovation(filter: FilterMemory, more: float, n: int, nu: Vector) -> float:
     x = zeros(3)
     total = 0.0
     x[:n] = nu[:n]
-    vehicle.factorise(m.predicted, more, n)
-    vehicle.divide(m.predicted, n, x)
+    vehicle.factorise(filter.predicted, more, n)
+    vehicle.divide(filter.predicted, n, x)
     for i in range(n):
         total += x[i] * x[i]
     return total
 
 
-def _is_consistent(m: FilterMemory, c: int, more: float, nu: Vector) -> bool:
+def _is_consistent(filter: FilterMemory, c: int, more: float, nu: Vector) -> bool:
     """Return whether a reading outside the gate agrees with those before it, for long enough; a
     nearer floor needs no witness.
     """
     change = zeros(3)
-    refused = m.refused[c]
+    refused = filter.refused[c]
     rows = rows_of(c)
     for i in range(rows):
         change[i] = nu[i] - refused[i]
-    agrees = math.isfinite(m.since[c]) and _squared_innovation(m, more, rows, change) <= m.gate[c]
+    agrees = (
+        math.isfinite(filter.since[c])
+        and _squared_innovation(filter, more, rows, change) <= filter.gate[c]
+    )
     if not agrees:
-        m.since[c] = m.stamp[c]
+        filter.since[c] = filter.stamp[c]
     refused[:rows] = nu[:rows]
     if c == ChannelIndex.ALTIMETER_RANGE and nu[0] < 0.0:
         return True
-    return agrees and m.stamp[c] - m.since[c] >= m.recovery[c] - EARLY
+    return agrees and filter.stamp[c] - filter.since[c] >= filter.recovery[c] - EARLY
 
 
-def _relax(m: FilterMemory, c: int, squared: float) -> None:
+def _relax(filter: FilterMemory, c: int, squared: float) -> None:
     """Inflate the variance of the part that this channel alone observes, now and in its clones, by
     a common error.
     """
     for slot in range(SLOTS):
-        if m.owner[slot] != c:
-            m.owner[slot] = -1.0
-    m.since[c] = math.nan
-    _inflate_own(m, c, filtering.GATE_RELAXATION * squared, 0.0)
+        if filter.owner[slot] != c:
+            filter.owner[slot] = -1.0
+    filter.since[c] = math.nan
+    _inflate_own(filter, c, filtering.GATE_RELAXATION * squared, 0.0)
     if not _is_place(c):
         return
     # It took the time of recovery to go so far: with a speed that nobody knew of, or an
     # acceleration.
-    time = m.recovery[c]
+    time = filter.recovery[c]
     speed = min(
         filtering.EXPOSED * filtering.EXPOSED, filtering.GATE_RELAXATION * squared / (time * time)
     )
     for i in range(_corrected_by(c), _corrected_by(c) + rows_of(c)):
-        m.P[i + 3][i + 3] += speed
-        m.P[i + 6][i + 6] += speed / (time * time)
+        filter.P[i + 3][i + 3] += speed
+        filter.P[i + 6][i + 6] += speed / (time * time)
 
 
-def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
+def _inflate_surprised(filter: FilterMemory, c: int, squared: float) -> None:
     """The robot has done what it can and the process model did not expect, or what carries the
     estimate is biased.
 
@@ -515,7 +534,7 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
     soon.
     """
     if filtering.orders_of(c) > 1:
-        time = time_since_accepted(m, c)
+        time = time_since_accepted(filter, c)
     else:
         time = 1.0
     if c <= ChannelIndex.ANGULAR_VELOCITY:
@@ -524,86 +543,88 @@ def _inflate_surprised(m: FilterMemory, c: int, squared: float) -> None:
         bias = int(Part.DVL_BIAS)
     if c == ChannelIndex.LINEAR_VELOCITY:
         return  # which tells of accelerations, to go on with
-    _inflate_own(m, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(m, c) else 0.0)
+    _inflate_own(
+        filter, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(filter, c) else 0.0
+    )
     if c <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
-            m.P[i][i] += squared / (time * time)
+            filter.P[i][i] += squared / (time * time)
 
 
-def _inflate_own(m: FilterMemory, c: int, variance: float, rate: float) -> None:
+def _inflate_own(filter: FilterMemory, c: int, variance: float, rate: float) -> None:
     """An error of that variance of what the channel alone can put right, now and in its clones.
 
     rate [1/s]: by which it has grown, where nothing but the channel tells of the velocity.
     """
     rows = rows_of(c)
-    n = vehicle.active(m)
+    n = vehicle.active(filter)
     first = _corrected_by(c)
     R = zeros(9)
-    s = m.predicted
+    predicted = filter.predicted
     if (
         c == ChannelIndex.ANGULAR_VELOCITY
-        and m.used[ChannelIndex.ATTITUDE] - m.used[c] > m.recovery[c] / 2.0
+        and filter.used[ChannelIndex.ATTITUDE] - filter.used[c] > filter.recovery[c] / 2.0
     ):
         first = int(Part.GYRO_BIAS)  # the angular velocity follows from attitudes by now
     in_body = c == ChannelIndex.LINEAR_VELOCITY or c == ChannelIndex.SPECIFIC_FORCE
-    vehicle.rotation(m.turn, R)
+    vehicle.rotation(filter.turn, R)
     for i in range(3):
         for j in range(n):
-            s.HP[i][j] = 0.0
+            predicted.HP[i][j] = 0.0
     for i in range(rows):
-        s.HP[i][first + i] = 1.0
+        predicted.HP[i][first + i] = 1.0
         if rate > 0.0:
-            s.HP[i][first + 3 + i] = rate
+            predicted.HP[i][first + 3 + i] = rate
     for slot in range(SLOTS):
-        if m.owner[slot] == c:
+        if filter.owner[slot] == c:
             for i in range(rows):
                 for j in range(rows):
                     if i != j:
                         correlation = 0.0
                     else:
                         correlation = -1.0 if c == ChannelIndex.ALTIMETER_RANGE else 1.0
-                    s.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else correlation
-    u = s.HP[0]
-    v = s.HP[1]
-    w = s.HP[2]
+                    predicted.HP[j][MAIN + 3 * slot + i] = R[3 * j + i] if in_body else correlation
+    u = predicted.HP[0]
+    v = predicted.HP[1]
+    w = predicted.HP[2]
     for i in range(n):
         for j in range(i, n):
-            m.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
+            filter.P[i][j] += variance * (u[i] * u[j] + v[i] * v[j] + w[i] * w[j])
 
 
-def _correct(m: FilterMemory, c: int, nu: Vector, noise: float) -> None:
+def _correct(filter: FilterMemory, c: int, nu: Vector, noise: float) -> None:
     """The Kalman update. Echoes move the floor alone, and its clones: they are no means to tell
     where the vehicle is.
     """
-    s = m.predicted
+    predicted = filter.predicted
     rows = rows_of(c)
-    n = vehicle.active(m)
-    dx = m.change
-    u = s.HP[0]
-    v = s.HP[1]
-    w = s.HP[2]
-    vehicle.factorise(s, noise, rows)
-    vehicle.divide(s, rows, nu)
+    n = vehicle.active(filter)
+    dx = filter.change
+    u = predicted.HP[0]
+    v = predicted.HP[1]
+    w = predicted.HP[2]
+    vehicle.factorise(predicted, noise, rows)
+    vehicle.divide(predicted, rows, nu)
     for j in range(n):
-        u[j] /= s.L[0][0]
+        u[j] /= predicted.L[0][0]
     if rows == 1:
         for j in range(n):
             dx[j] = u[j] * nu[0]
-        _lose_one(m, u, n, c == ChannelIndex.ALTIMETER_RANGE)
+        _lose_one(filter, u, n, c == ChannelIndex.ALTIMETER_RANGE)
     else:
         for j in range(n):
-            v[j] = (v[j] - s.L[1][0] * u[j]) / s.L[1][1]
-            w[j] = (w[j] - s.L[2][0] * u[j] - s.L[2][1] * v[j]) / s.L[2][2]
+            v[j] = (v[j] - predicted.L[1][0] * u[j]) / predicted.L[1][1]
+            w[j] = (w[j] - predicted.L[2][0] * u[j] - predicted.L[2][1] * v[j]) / predicted.L[2][2]
             dx[j] = u[j] * nu[0] + v[j] * nu[1] + w[j] * nu[2]
-        _lose(m, u, v, w, n)
-    _apply(m, dx)
+        _lose(filter, u, v, w, n)
+    _apply(filter, dx)
 
 
 @wide
-def _lose(m: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
+def _lose(filter: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
     """The loss of variance of a reading of three numbers."""
     for i in range(n):
-        row = m.P[i]
+        row = filter.P[i]
         a = u[i]
         b = v[i]
         d = w[i]
@@ -611,31 +632,31 @@ def _lose(m: FilterMemory, u: Vector, v: Vector, w: Vector, n: int) -> None:
             row[j] -= a * u[j] + b * v[j] + d * w[j]
 
 
-def _lose_one(m: FilterMemory, u: Vector, n: int, floor: bool) -> None:
+def _lose_one(filter: FilterMemory, u: Vector, n: int, floor: bool) -> None:
     """The loss of variance of a reading of one number; floor: on the floor and its clones alone."""
     for i in range(n):
-        moved = not floor or _is_of_floor(m, i)
+        moved = not floor or _is_of_floor(filter, i)
         if not moved:
-            m.change[i] = 0.0
+            filter.change[i] = 0.0
         for j in range(i, n):
-            if moved or _is_of_floor(m, j):
-                m.P[i][j] -= u[i] * u[j]
+            if moved or _is_of_floor(filter, j):
+                filter.P[i][j] -= u[i] * u[j]
 
 
-def _is_of_floor(m: FilterMemory, i: int) -> bool:
+def _is_of_floor(filter: FilterMemory, i: int) -> bool:
     """Return whether an entry of the error state is the floor, or a clone of what sees it."""
     if i < MAIN:
         return i == Part.FLOOR
-    return (i - MAIN) % 3 == 0 and m.owner[(i - MAIN) // 3] == ChannelIndex.ALTIMETER_RANGE
+    return (i - MAIN) % 3 == 0 and filter.owner[(i - MAIN) // 3] == ChannelIndex.ALTIMETER_RANGE
 
 
-def _apply(m: FilterMemory, dx: Vector) -> None:
-    vehicle.turn_by(m.turn, dx)
+def _apply(filter: FilterMemory, dx: Vector) -> None:
+    vehicle.turn_by(filter.turn, dx)
     for i in range(int(Part.PLACE), MAIN):
-        m.x[i] += dx[i]
+        filter.x[i] += dx[i]
     for slot in range(SLOTS):
-        c = int(m.owner[slot])
-        h = m.h[slot]
+        c = int(filter.owner[slot])
+        h = filter.h[slot]
         change = zeros(3)
         if c >= 0:
             for i in range(3):
@@ -647,29 +668,29 @@ def _apply(m: FilterMemory, dx: Vector) -> None:
                     h[i] += change[i]
 
 
-def _clone(m: FilterMemory, c: int) -> None:
+def _clone(filter: FilterMemory, c: int) -> None:
     """Keep what channel c sees now, with its covariances, until its reading arrives."""
-    s = m.predicted
-    slot = free_slot(m.owner, SLOTS)
-    before = vehicle.active(m)
+    predicted = filter.predicted
+    slot = free_slot(filter.owner, SLOTS)
+    before = vehicle.active(filter)
     rows = rows_of(c)
-    if slot < 0 or _is_blind(m, c) or _is_uninitialised(m, c):
+    if slot < 0 or _is_blind(filter, c) or _is_uninitialised(filter, c):
         return
     at = MAIN + 3 * slot
-    vehicle.predict_measurement(m, c, before)
-    m.owner[slot] = c
-    m.taken[slot] = m.now
-    m.rate_variance[slot] = s.rate_variance
-    m.h[slot][:] = s.h
-    m.rate[slot][:] = s.rate
-    n = vehicle.active(m)
+    vehicle.predict_measurement(filter, c, before)
+    filter.owner[slot] = c
+    filter.taken[slot] = filter.now
+    filter.rate_variance[slot] = predicted.rate_variance
+    filter.h[slot][:] = predicted.h
+    filter.rate[slot][:] = predicted.rate
+    n = vehicle.active(filter)
     for i in range(3):
-        vehicle.clear(m, at + i, n, 0.0)
+        vehicle.clear(filter, at + i, n, 0.0)
         for j in range(before if i < rows else 0):
             if j < at:
-                m.P[j][at + i] = s.HP[i][j]
+                filter.P[j][at + i] = predicted.HP[i][j]
             else:
-                m.P[at + i][j] = s.HP[i][j]
+                filter.P[at + i][j] = predicted.HP[i][j]
     for i in range(rows):
         for j in range(i, rows):
-            m.P[at + i][at + j] = s.S[i][j]
+            filter.P[at + i][at + j] = predicted.S[i][j]

@@ -127,48 +127,50 @@ def turn_maps(angle: Vector, E: Vector, J: Vector) -> None:
 # The covariance: its entries, and what is done to one of them.
 
 
-def active(m: FilterMemory) -> int:
+def active(filter: FilterMemory) -> int:
     """Return the rows of the covariance that are in use."""
     slot = filtering.SLOTS - 1
-    while slot >= 0 and m.owner[slot] < 0.0:
+    while slot >= 0 and filter.owner[slot] < 0.0:
         slot -= 1
     return MAIN + 3 * (slot + 1)
 
 
-def clear(m: FilterMemory, i: int, n: int, variance: float) -> None:
+def clear(filter: FilterMemory, i: int, n: int, variance: float) -> None:
     """Take entry i out of all correlations among the first n and give it a variance [square of its
     unit].
     """
     for j in range(i):
-        m.P[j][i] = 0.0
+        filter.P[j][i] = 0.0
     for j in range(i, n):
-        m.P[i][j] = 0.0
-    m.P[i][i] = variance
+        filter.P[i][j] = 0.0
+    filter.P[i][i] = variance
 
 
-def _limit_to(m: FilterMemory, i: int, n: int, variance: float) -> None:
+def _limit_to(filter: FilterMemory, i: int, n: int, variance: float) -> None:
     """Less variance and no less correlation: clones whose readings are on their way still depend on
     entry i.
     """
-    share = math.sqrt(variance / m.P[i][i])
+    share = math.sqrt(variance / filter.P[i][i])
     for j in range(i):
-        m.P[j][i] *= share
+        filter.P[j][i] *= share
     for j in range(i, n):
-        m.P[i][j] *= share
-    m.P[i][i] = variance
+        filter.P[i][j] *= share
+    filter.P[i][i] = variance
 
 
-def is_unknown(m: FilterMemory, first: int, n: int) -> bool:
+def is_unknown(filter: FilterMemory, first: int, n: int) -> bool:
     """Return whether any of n entries of the error state is."""
     unknown = False
     for i in range(first, first + n):
-        unknown = unknown or m.P[i][i] > filtering.UNKNOWN * m.limit[i] * m.limit[i]
+        unknown = unknown or filter.P[i][i] > filtering.UNKNOWN * filter.limit[i] * filter.limit[i]
     return unknown
 
 
-def mean_variance(m: FilterMemory, first: int) -> float:
+def mean_variance(filter: FilterMemory, first: int) -> float:
     """Return the mean variance of three entries of the error state."""
-    return (m.P[first][first] + m.P[first + 1][first + 1] + m.P[first + 2][first + 2]) / 3.0
+    return (
+        filter.P[first][first] + filter.P[first + 1][first + 1] + filter.P[first + 2][first + 2]
+    ) / 3.0
 
 
 def is_determined(variance: float, largest: float) -> bool:
@@ -178,27 +180,27 @@ def is_determined(variance: float, largest: float) -> bool:
     return 0.0 <= variance <= largest
 
 
-def response_variance(m: FilterMemory, change: float) -> float:
+def response_variance(filter: FilterMemory, change: float) -> float:
     """Variance of a velocity after a tick in which the asked one made a change [m/s, rad/s]: the
     faster, the less it follows.
 
     That of an error with the time constant of the response and a standard deviation in proportion
     to the asked acceleration: a share of a step, however it is divided into ticks.
     """
-    drive = m.drive[ProcessNoise.REPLY] * change
-    if m.dt > 0.0:
-        return drive * drive / m.dt
+    drive = filter.drive[ProcessNoise.REPLY] * change
+    if filter.dt > 0.0:
+        return drive * drive / filter.dt
     return 0.0
 
 
 # The process model: constant jerk, in the W of positions and the B of rotations.
 
 
-def predict(m: FilterMemory) -> None:
+def predict(filter: FilterMemory) -> None:
     """Advance by the time of the tick."""
-    if m.has_command:
-        _follow(m)
-    dt = m.dt
+    if filter.has_command:
+        _follow(filter)
+    dt = filter.dt
     angle = zeros(3)
     E = zeros(9)
     J = zeros(9)
@@ -207,47 +209,49 @@ def predict(m: FilterMemory) -> None:
     if not dt > 0.0:
         return
     h = min(filtering.LONGEST_STEP, dt)
-    n = active(m)
+    n = active(filter)
     for i in range(3):
-        angle[i] = h * m.x[Part.SPIN + i] + h * h / 2.0 * m.x[Part.SPIN_UP + i]
+        angle[i] = h * filter.x[Part.SPIN + i] + h * h / 2.0 * filter.x[Part.SPIN_UP + i]
     turn_maps(angle, E, J)
     for i in range(1, MAIN):
         for j in range(i):
-            m.P[i][j] = m.P[j][i]
+            filter.P[i][j] = filter.P[j][i]
     for i in range(9):
         hJ[i] = h * J[i]
         hhJ[i] = h * h / 2.0 * J[i]
-    _move_rows(m, n, h, E, hJ, hhJ)
-    _move_columns(m, h, E, hJ, hhJ)
-    _diffuse(m, dt, J)
-    _forget_unknown(m, n)
-    turn_by(m.turn, angle)
+    _move_rows(filter, n, h, E, hJ, hhJ)
+    _move_columns(filter, h, E, hJ, hhJ)
+    _diffuse(filter, dt, J)
+    _forget_unknown(filter, n)
+    turn_by(filter.turn, angle)
     for i in range(3):
-        m.x[Part.PLACE + i] += h * m.x[Part.SPEED + i] + h * h / 2.0 * m.x[Part.ACCELERATION + i]
-        m.x[Part.SPEED + i] += h * m.x[Part.ACCELERATION + i]
-        m.x[Part.SPIN + i] += h * m.x[Part.SPIN_UP + i]
+        filter.x[Part.PLACE + i] += (
+            h * filter.x[Part.SPEED + i] + h * h / 2.0 * filter.x[Part.ACCELERATION + i]
+        )
+        filter.x[Part.SPEED + i] += h * filter.x[Part.ACCELERATION + i]
+        filter.x[Part.SPIN + i] += h * filter.x[Part.SPIN_UP + i]
 
 
-def _follow(m: FilterMemory) -> None:
+def _follow(filter: FilterMemory) -> None:
     R = zeros(9)
     commanded = zeros(3)
-    rotation(m.turn, R)
-    rotated(R, m.commanded, commanded)
+    rotation(filter.turn, R)
+    rotated(R, filter.commanded, commanded)
     for i in range(3):
-        if m.guided:
-            _change(m, Part.SPEED + i, commanded[i] - m.commanded_W[i])
-        _change(m, Part.SPIN + i, m.commanded[3 + i] - m.commanded_spin[i])
-        m.commanded_W[i] = commanded[i]
-        m.commanded_spin[i] = m.commanded[3 + i]
+        if filter.guided:
+            _change(filter, Part.SPEED + i, commanded[i] - filter.commanded_W[i])
+        _change(filter, Part.SPIN + i, filter.commanded[3 + i] - filter.commanded_spin[i])
+        filter.commanded_W[i] = commanded[i]
+        filter.commanded_spin[i] = filter.commanded[3 + i]
 
 
-def _change(m: FilterMemory, i: int, change: float) -> None:
-    m.x[i] += change
-    m.P[i][i] += response_variance(m, change)
+def _change(filter: FilterMemory, i: int, change: float) -> None:
+    filter.x[i] += change
+    filter.P[i][i] += response_variance(filter, change)
 
 
 @wide
-def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
+def _move_rows(filter: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
     """Rows of F P, columns 0 to n, in which turns have E and h J and h^2 J / 2."""
     half = h * h / 2.0
     t = zeros(3)
@@ -256,27 +260,27 @@ def _move_rows(m: FilterMemory, n: int, h: float, E: Vector, hJ: Vector, hhJ: Ve
             t[i] = 0.0
             for k in range(3):
                 t[i] += (
-                    E[3 * i + k] * m.P[Part.TURN + k][j]
-                    + hJ[3 * i + k] * m.P[Part.SPIN + k][j]
-                    + hhJ[3 * i + k] * m.P[Part.SPIN_UP + k][j]
+                    E[3 * i + k] * filter.P[Part.TURN + k][j]
+                    + hJ[3 * i + k] * filter.P[Part.SPIN + k][j]
+                    + hhJ[3 * i + k] * filter.P[Part.SPIN_UP + k][j]
                 )
         for i in range(3):
-            m.P[Part.TURN + i][j] = t[i]
+            filter.P[Part.TURN + i][j] = t[i]
     for i in range(3):
         for j in range(n):
-            m.P[Part.PLACE + i][j] += (
-                h * m.P[Part.SPEED + i][j] + half * m.P[Part.ACCELERATION + i][j]
+            filter.P[Part.PLACE + i][j] += (
+                h * filter.P[Part.SPEED + i][j] + half * filter.P[Part.ACCELERATION + i][j]
             )
-            m.P[Part.SPEED + i][j] += h * m.P[Part.ACCELERATION + i][j]
-            m.P[Part.SPIN + i][j] += h * m.P[Part.SPIN_UP + i][j]
+            filter.P[Part.SPEED + i][j] += h * filter.P[Part.ACCELERATION + i][j]
+            filter.P[Part.SPIN + i][j] += h * filter.P[Part.SPIN_UP + i][j]
 
 
-def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
+def _move_columns(filter: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector) -> None:
     """Move the columns of the vehicle's own block of the covariance by the model."""
     half = h * h / 2.0
     t = zeros(3)
     for j in range(MAIN):
-        row = m.P[j]
+        row = filter.P[j]
         for i in range(3):
             t[i] = 0.0
             for k in range(3):
@@ -292,11 +296,11 @@ def _move_columns(m: FilterMemory, h: float, E: Vector, hJ: Vector, hhJ: Vector)
             row[Part.SPIN + i] += h * row[Part.SPIN_UP + i]
 
 
-def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
+def _diffuse(filter: FilterMemory, dt: float, J: Vector) -> None:
     """Add what the driving noise does in a tick, which J turns with the vehicle."""
     dt2 = dt * dt
-    jerk = m.jerk_share * m.drive[ProcessNoise.JERK]
-    spin = m.drive[ProcessNoise.ANGULAR_JERK]
+    jerk = filter.jerk_share * filter.drive[ProcessNoise.JERK]
+    spin = filter.drive[ProcessNoise.ANGULAR_JERK]
     third = zeros(
         9
     )  # covariance (3, 3), row by row, of a value and its derivatives after white noise of the third
@@ -311,65 +315,65 @@ def _diffuse(m: FilterMemory, dt: float, J: Vector) -> None:
     for i in range(3):
         for a in range(3):
             for b in range(a, 3):
-                m.P[Part.PLACE + 3 * a + i][Part.PLACE + 3 * b + i] += jerk * third[3 * a + b]
+                filter.P[Part.PLACE + 3 * a + i][Part.PLACE + 3 * b + i] += jerk * third[3 * a + b]
         for j in range(3):
             JJ = J[3 * i] * J[3 * j] + J[3 * i + 1] * J[3 * j + 1] + J[3 * i + 2] * J[3 * j + 2]
             if j >= i:
-                m.P[Part.TURN + i][Part.TURN + j] += spin * third[0] * JJ
-            m.P[Part.TURN + i][Part.SPIN + j] += spin * third[1] * J[3 * i + j]
-            m.P[Part.TURN + i][Part.SPIN_UP + j] += spin * third[2] * J[3 * i + j]
-        m.P[Part.SPIN + i][Part.SPIN + i] += spin * third[4]
-        m.P[Part.SPIN + i][Part.SPIN_UP + i] += spin * third[5]
-        m.P[Part.SPIN_UP + i][Part.SPIN_UP + i] += spin * third[8]
+                filter.P[Part.TURN + i][Part.TURN + j] += spin * third[0] * JJ
+            filter.P[Part.TURN + i][Part.SPIN + j] += spin * third[1] * J[3 * i + j]
+            filter.P[Part.TURN + i][Part.SPIN_UP + j] += spin * third[2] * J[3 * i + j]
+        filter.P[Part.SPIN + i][Part.SPIN + i] += spin * third[4]
+        filter.P[Part.SPIN + i][Part.SPIN_UP + i] += spin * third[5]
+        filter.P[Part.SPIN_UP + i][Part.SPIN_UP + i] += spin * third[8]
         for k in range(3):
-            drift = m.drive[ProcessNoise.GYRO + k]
+            drift = filter.drive[ProcessNoise.GYRO + k]
             at = Part.GYRO_BIAS + 3 * k + i
-            m.P[at][at] += dt * drift * drift
-    m.P[Part.FLOOR][Part.FLOOR] += dt * _relief(m)
+            filter.P[at][at] += dt * drift * drift
+    filter.P[Part.FLOOR][Part.FLOOR] += dt * _relief(filter)
 
 
-def _relief(m: FilterMemory) -> float:
+def _relief(filter: FilterMemory) -> float:
     """Variance [m2/s] of the floor that passes below the altimeter."""
     R = zeros(9)
     arm = zeros(3)
     velocity = zeros(3)
-    rough, settling = m.drive[ProcessNoise.ROUGHNESS], m.drive[ProcessNoise.SETTLING]
-    rotation(m.turn, R)
-    cross(m.x, Part.SPIN, m.beam_at, arm)
+    rough, settling = filter.drive[ProcessNoise.ROUGHNESS], filter.drive[ProcessNoise.SETTLING]
+    rotation(filter.turn, R)
+    cross(filter.x, Part.SPIN, filter.beam_at, arm)
     rotated(R, arm, velocity)
     for i in range(2):
-        velocity[i] += m.x[Part.SPEED + i]
+        velocity[i] += filter.x[Part.SPEED + i]
     return settling * settling + rough * rough * (
         velocity[0] * velocity[0] + velocity[1] * velocity[1]
     )
 
 
-def _forget_unknown(m: FilterMemory, n: int) -> None:
+def _forget_unknown(filter: FilterMemory, n: int) -> None:
     """Bound variances by `limit`: no growth beyond it, and no correlation if a reading can set the
     part.
     """
     for i in range(MAIN):
-        largest_variance = m.limit[i] * m.limit[i]
-        lost = not math.isfinite(norm(m.turn) if i < Part.PLACE else m.x[i])
-        if not lost and is_determined(m.P[i][i], largest_variance):
+        largest_variance = filter.limit[i] * filter.limit[i]
+        lost = not math.isfinite(norm(filter.turn) if i < Part.PLACE else filter.x[i])
+        if not lost and is_determined(filter.P[i][i], largest_variance):
             continue
         if (
             not lost
             and Part.SPEED <= i < Part.FLOOR
-            and m.P[i][i] > 0.0
-            and math.isfinite(m.P[i][i])
+            and filter.P[i][i] > 0.0
+            and math.isfinite(filter.P[i][i])
         ):
-            _limit_to(m, i, n, largest_variance)
+            _limit_to(filter, i, n, largest_variance)
         else:
-            clear(m, i, n, largest_variance)
+            clear(filter, i, n, largest_variance)
         if i >= Part.PLACE and (lost or Part.SPEED <= i < Part.GYRO_BIAS):
-            m.x[i] = 0.0
-    if not math.isfinite(norm(m.turn)):
+            filter.x[i] = 0.0
+    if not math.isfinite(norm(filter.turn)):
         for i in range(4):
-            m.turn[i] = 1.0 if i == 3 else 0.0
+            filter.turn[i] = 1.0 if i == 3 else 0.0
 
 
-def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
+def inflate_velocity_variance(filter: FilterMemory, rests: bool) -> None:
     """Linear velocity may be anything that vehicles do. A kernel.
 
     It has been so for `EXPOSED_FOR`, and the position that it was carried on with is wrong along
@@ -379,84 +383,84 @@ def inflate_velocity_variance(m: FilterMemory, rests: bool) -> None:
     """
     variance = filtering.EXPOSED * filtering.EXPOSED
     way = filtering.EXPOSED_FOR
-    for k in range(len(m.owner)):
-        m.owner[k] = -1.0
+    for k in range(len(filter.owner)):
+        filter.owner[k] = -1.0
     for i in range(3):
         place = Part.PLACE + i
         speed = Part.SPEED + i
         acceleration = Part.ACCELERATION + i
-        m.P[speed][speed] += variance
+        filter.P[speed][speed] += variance
         if rests:
-            m.P[acceleration][acceleration] += variance
-            m.x[speed] = m.x[acceleration] = 0.0
+            filter.P[acceleration][acceleration] += variance
+            filter.x[speed] = filter.x[acceleration] = 0.0
         else:
-            m.P[place][speed] += way * variance
-            m.P[place][place] += way * way * variance
+            filter.P[place][speed] += way * variance
+            filter.P[place][place] += way * way * variance
 
 
 # What each channel of the vehicle sees of the estimate.
 
 
-def predict_measurement(m: FilterMemory, c: int, n: int) -> None:
+def predict_measurement(filter: FilterMemory, c: int, n: int) -> None:
     """Predict the measurement of channel c now, with its covariances with the first n errors."""
-    s = m.predicted
+    predicted = filter.predicted
     rows = filtering.rows_of(c)
-    _model(m, s, c)
+    _model(filter, predicted, c)
     for i in range(rows):
         for j in range(n):
-            s.HP[i][j] = 0.0
+            predicted.HP[i][j] = 0.0
         for k in range(MAIN):
-            h = s.H[i][k]
+            h = predicted.H[i][k]
             if h != 0.0:
                 for j in range(k):
-                    s.HP[i][j] += h * m.P[j][k]
+                    predicted.HP[i][j] += h * filter.P[j][k]
                 for j in range(k, n):
-                    s.HP[i][j] += h * m.P[k][j]
+                    predicted.HP[i][j] += h * filter.P[k][j]
     for i in range(rows):
         for j in range(rows):
-            s.S[i][j] = 0.0
+            predicted.S[i][j] = 0.0
             for k in range(MAIN):
-                s.S[i][j] += s.HP[i][k] * s.H[j][k]
+                predicted.S[i][j] += predicted.HP[i][k] * predicted.H[j][k]
 
 
-def _model(m: FilterMemory, s: PredictedMeasurement, c: int) -> None:
+def _model(filter: FilterMemory, predicted: PredictedMeasurement, c: int) -> None:
     for i in range(3):
-        s.rate[i] = 0.0
+        predicted.rate[i] = 0.0
         for k in range(MAIN):
-            s.H[i][k] = 0.0
+            predicted.H[i][k] = 0.0
     for i in range(4):
-        s.h[i] = m.turn[i] if c == ChannelIndex.ATTITUDE else 0.0
+        predicted.h[i] = filter.turn[i] if c == ChannelIndex.ATTITUDE else 0.0
     if c == ChannelIndex.ATTITUDE:
-        _see(m, s, Part.TURN, Part.SPIN)
+        _see(filter, predicted, Part.TURN, Part.SPIN)
     elif c == ChannelIndex.ANGULAR_VELOCITY:
         for i in range(3):
-            s.h[i] = m.x[Part.SPIN + i] + m.x[Part.GYRO_BIAS + i]
-            s.H[i][Part.GYRO_BIAS + i] = 1.0
-        _see(m, s, Part.SPIN, Part.SPIN_UP)
+            predicted.h[i] = filter.x[Part.SPIN + i] + filter.x[Part.GYRO_BIAS + i]
+            predicted.H[i][Part.GYRO_BIAS + i] = 1.0
+        _see(filter, predicted, Part.SPIN, Part.SPIN_UP)
     elif c == ChannelIndex.POSITION:
         for i in range(3):
-            s.h[i] = m.x[Part.PLACE + i]
-        _see(m, s, Part.PLACE, Part.SPEED)
+            predicted.h[i] = filter.x[Part.PLACE + i]
+        _see(filter, predicted, Part.PLACE, Part.SPEED)
     elif c == ChannelIndex.DEPTH:
-        s.h[0] = m.x[Part.PLACE + 2]
-        s.rate[0] = m.x[Part.SPEED + 2]
-        s.H[0][Part.PLACE + 2] = 1.0
-        s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
+        predicted.h[0] = filter.x[Part.PLACE + 2]
+        predicted.rate[0] = filter.x[Part.SPEED + 2]
+        predicted.H[0][Part.PLACE + 2] = 1.0
+        predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
     elif c == ChannelIndex.ALTIMETER_RANGE:
-        _see_floor(m, s)
+        _see_floor(filter, predicted)
     else:
-        _see_in_body(m, s, c == ChannelIndex.SPECIFIC_FORCE)
+        _see_in_body(filter, predicted, c == ChannelIndex.SPECIFIC_FORCE)
 
 
-def _see(m: FilterMemory, s: PredictedMeasurement, part: int, rate: int) -> None:
+def _see(filter: FilterMemory, predicted: PredictedMeasurement, part: int, rate: int) -> None:
     """A part of the state, whose rate is another one."""
-    s.rate_variance = mean_variance(m, rate)
+    predicted.rate_variance = mean_variance(filter, rate)
     for i in range(3):
-        s.rate[i] = m.x[rate + i]
-        s.H[i][part + i] = 1.0
+        predicted.rate[i] = filter.x[rate + i]
+        predicted.H[i][part + i] = 1.0
 
 
-def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
+def _see_in_body(filter: FilterMemory, predicted: PredictedMeasurement, force: bool) -> None:
     """The velocity in B, or the specific force."""
     if force:
         velocity_part = int(Part.ACCELERATION)
@@ -469,112 +473,112 @@ def _see_in_body(m: FilterMemory, s: PredictedMeasurement, force: bool) -> None:
     in_B = zeros(3)
     rate = zeros(3)
     turning = zeros(3)
-    rotation(m.turn, R)
+    rotation(filter.turn, R)
     for i in range(3):
-        v[i] = m.x[velocity_part + i] - (m.gravity[i] if force else 0.0)
+        v[i] = filter.x[velocity_part + i] - (filter.gravity[i] if force else 0.0)
     rotate_back(R, v, 0, in_B)
-    rotate_back(R, m.x, Part.ACCELERATION, rate)
-    cross(m.x, Part.SPIN, in_B, turning)
-    s.H[0][Part.TURN + 1] = -in_B[2]
-    s.H[0][Part.TURN + 2] = in_B[1]
-    s.H[1][Part.TURN] = in_B[2]
-    s.H[1][Part.TURN + 2] = -in_B[0]
-    s.H[2][Part.TURN] = -in_B[1]
-    s.H[2][Part.TURN + 1] = in_B[0]
+    rotate_back(R, filter.x, Part.ACCELERATION, rate)
+    cross(filter.x, Part.SPIN, in_B, turning)
+    predicted.H[0][Part.TURN + 1] = -in_B[2]
+    predicted.H[0][Part.TURN + 2] = in_B[1]
+    predicted.H[1][Part.TURN] = in_B[2]
+    predicted.H[1][Part.TURN + 2] = -in_B[0]
+    predicted.H[2][Part.TURN] = -in_B[1]
+    predicted.H[2][Part.TURN + 1] = in_B[0]
     for i in range(3):
         for j in range(3):
-            s.H[i][velocity_part + j] = R[3 * j + i]
-        s.H[i][bias + i] = 1.0
-        s.h[i] = in_B[i] + m.x[bias + i]
-        s.rate[i] = (0.0 if force else rate[i]) - turning[i]
+            predicted.H[i][velocity_part + j] = R[3 * j + i]
+        predicted.H[i][bias + i] = 1.0
+        predicted.h[i] = in_B[i] + filter.x[bias + i]
+        predicted.rate[i] = (0.0 if force else rate[i]) - turning[i]
     size = in_B[0] * in_B[0] + in_B[1] * in_B[1] + in_B[2] * in_B[2]
     if force:
-        s.rate_variance = mean_variance(m, Part.SPIN) * size
+        predicted.rate_variance = mean_variance(filter, Part.SPIN) * size
     else:
-        s.rate_variance = mean_variance(m, Part.ACCELERATION)
+        predicted.rate_variance = mean_variance(filter, Part.ACCELERATION)
 
 
-def _see_floor(m: FilterMemory, s: PredictedMeasurement) -> None:
+def _see_floor(filter: FilterMemory, predicted: PredictedMeasurement) -> None:
     """Altitude of the altimeter above the floor, and cosine of the tilt of its beam."""
     R = zeros(9)
     down = zeros(3)
     arm = zeros(3)
     tilt = zeros(3)
     cosine = 0.0
-    altitude = m.x[Part.PLACE + 2] - m.x[Part.FLOOR]
-    rotation(m.turn, R)
+    altitude = filter.x[Part.PLACE + 2] - filter.x[Part.FLOOR]
+    rotation(filter.turn, R)
     for i in range(3):
         down[i] = R[6 + i]
-        cosine += down[i] * m.beam_up[i]
-        altitude += down[i] * m.beam_at[i]
-    cross(m.beam_at, 0, down, arm)
-    cross(m.beam_up, 0, down, tilt)
+        cosine += down[i] * filter.beam_up[i]
+        altitude += down[i] * filter.beam_at[i]
+    cross(filter.beam_at, 0, down, arm)
+    cross(filter.beam_up, 0, down, tilt)
     for i in range(3):
-        s.H[0][Part.TURN + i] = arm[i] - (
+        predicted.H[0][Part.TURN + i] = arm[i] - (
             altitude / cosine * tilt[i] if abs(cosine) > STEEP else 0.0
         )
-    s.H[0][Part.PLACE + 2] = 1.0
-    s.H[0][Part.FLOOR] = -1.0
-    s.h[0] = altitude
-    s.h[1] = cosine
-    s.rate[0] = m.x[Part.SPEED + 2]
-    s.rate_variance = m.P[Part.SPEED + 2][Part.SPEED + 2]
+    predicted.H[0][Part.PLACE + 2] = 1.0
+    predicted.H[0][Part.FLOOR] = -1.0
+    predicted.h[0] = altitude
+    predicted.h[1] = cosine
+    predicted.rate[0] = filter.x[Part.SPEED + 2]
+    predicted.rate_variance = filter.P[Part.SPEED + 2][Part.SPEED + 2]
 
 
-def recall_measurement(m: FilterMemory, c: int, slot: int, n: int) -> None:
+def recall_measurement(filter: FilterMemory, c: int, slot: int, n: int) -> None:
     """Predict the measurement of channel c at the time of a clone, -1 for now."""
     if slot < 0:
-        predict_measurement(m, c, n)
+        predict_measurement(filter, c, n)
         return
-    s = m.predicted
+    predicted = filter.predicted
     at = MAIN + 3 * slot
-    s.h[:] = m.h[slot]
-    s.rate[:] = m.rate[slot]
-    s.rate_variance = m.rate_variance[slot]
+    predicted.h[:] = filter.h[slot]
+    predicted.rate[:] = filter.rate[slot]
+    predicted.rate_variance = filter.rate_variance[slot]
     for i in range(filtering.rows_of(c)):
         for j in range(at + i):
-            s.HP[i][j] = m.P[j][at + i]
+            predicted.HP[i][j] = filter.P[j][at + i]
         for j in range(at + i, n):
-            s.HP[i][j] = m.P[at + i][j]
+            predicted.HP[i][j] = filter.P[at + i][j]
         for j in range(filtering.rows_of(c)):
-            s.S[i][j] = m.P[min(at + i, at + j)][max(at + i, at + j)]
+            predicted.S[i][j] = filter.P[min(at + i, at + j)][max(at + i, at + j)]
 
 
-def factorise(s: PredictedMeasurement, more: float, n: int) -> None:
+def factorise(predicted: PredictedMeasurement, more: float, n: int) -> None:
     """Find the lower factor of S + more [square of its unit] on its diagonal, which bounds the
     pivots but for rounding.
     """
     for j in range(n):
         for i in range(j, n):
-            total = s.S[i][j] + (more if i == j else 0.0)
+            total = predicted.S[i][j] + (more if i == j else 0.0)
             for k in range(j):
-                total -= s.L[i][k] * s.L[j][k]
+                total -= predicted.L[i][k] * predicted.L[j][k]
             if i == j:
-                s.L[i][j] = math.sqrt(more if total < more else total)
+                predicted.L[i][j] = math.sqrt(more if total < more else total)
             else:
-                s.L[i][j] = total / s.L[j][j]
+                predicted.L[i][j] = total / predicted.L[j][j]
 
 
-def divide(s: PredictedMeasurement, n: int, x: Vector) -> None:
+def divide(predicted: PredictedMeasurement, n: int, x: Vector) -> None:
     """Divide x (n,) by the lower factor, in place."""
     for i in range(n):
         for k in range(i):
-            x[i] -= s.L[i][k] * x[k]
-        x[i] /= s.L[i][i]
+            x[i] -= predicted.L[i][k] * x[k]
+        x[i] /= predicted.L[i][i]
 
 
-def second_derivative(m: FilterMemory, c: int, i: int) -> float:
+def second_derivative(filter: FilterMemory, c: int, i: int) -> float:
     """Entry i of the second derivative of what a channel that sets a part sees."""
     if c == ChannelIndex.ATTITUDE:
-        return m.x[Part.SPIN_UP + i]
-    return m.x[Part.ACCELERATION + (i if filtering.rows_of(c) == 3 else 2)]
+        return filter.x[Part.SPIN_UP + i]
+    return filter.x[Part.ACCELERATION + (i if filtering.rows_of(c) == 3 else 2)]
 
 
-def process_variance(m: FilterMemory, c: int, age: float) -> float:
+def process_variance(filter: FilterMemory, c: int, age: float) -> float:
     """Variance of the way since a reading of that age [s], by the predicted measurement."""
     turns = c == ChannelIndex.ATTITUDE
     squared = age * age
-    drive = m.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
-    second = mean_variance(m, Part.SPIN_UP if turns else Part.ACCELERATION)
-    rate = squared * m.predicted.rate_variance
+    drive = filter.drive[ProcessNoise.ANGULAR_JERK if turns else ProcessNoise.JERK]
+    second = mean_variance(filter, Part.SPIN_UP if turns else Part.ACCELERATION)
+    rate = squared * filter.predicted.rate_variance
     return rate + squared * squared / 4.0 * second + drive * drive * squared * squared * age / 20.0

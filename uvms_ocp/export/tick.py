@@ -119,59 +119,61 @@ class ForceController(Layout):
 
 
 def control_velocity(
-    c: VelocityController, inputs: ControllerInputs, outputs: ControllerOutputs
+    controller: VelocityController, inputs: ControllerInputs, outputs: ControllerOutputs
 ) -> None:
     """Run one tick of velocities alone."""
-    m = c.tick
-    _read_inputs(m, inputs)
-    prepare_tick(m)
-    outputs.phase = m.mission.phase
-    outputs.status = solve_and_finish(c)
-    _write_outputs(m, outputs)
+    tick = controller.tick
+    _read_inputs(tick, inputs)
+    prepare_tick(tick)
+    outputs.phase = tick.mission.phase
+    outputs.status = solve_and_finish(controller)
+    _write_outputs(tick, outputs)
 
 
-def control_force(c: ForceController, inputs: ControllerInputs, outputs: ControllerOutputs) -> None:
+def control_force(
+    controller: ForceController, inputs: ControllerInputs, outputs: ControllerOutputs
+) -> None:
     """Run one tick down to thrust and torque; a force that is not finite cuts the thrust.
 
     The order is that of `DynamicController` and `CompiledLoop`: what the force layer met in the
     tick before is told between `prepare_tick` and the hierarchy, or what `prepare_tick` smooths of
     it would be a tick ahead.
     """
-    m = c.velocity.tick
-    f = c.force
-    _read_inputs(m, inputs)
-    prepare_tick(m)
-    hear_forces(m, f)
-    outputs.phase = m.mission.phase
-    outputs.status = solve_and_finish(c.velocity)
-    _write_outputs(m, outputs)
-    ask_forces(m, f)
-    possible = force_step(f)
-    for i in range(f.allocation.count):
-        outputs.thrust[i] = f.outputs.command[i] if possible else 0.0
-    for i in range(len(f.outputs.torque)):
-        outputs.torque[i] = f.outputs.torque[i] if possible else 0.0
+    tick = controller.velocity.tick
+    force = controller.force
+    _read_inputs(tick, inputs)
+    prepare_tick(tick)
+    hear_forces(tick, force)
+    outputs.phase = tick.mission.phase
+    outputs.status = solve_and_finish(controller.velocity)
+    _write_outputs(tick, outputs)
+    ask_forces(tick, force)
+    possible = force_step(force)
+    for i in range(force.allocation.count):
+        outputs.thrust[i] = force.outputs.command[i] if possible else 0.0
+    for i in range(len(force.outputs.torque)):
+        outputs.torque[i] = force.outputs.torque[i] if possible else 0.0
     outputs.stop = outputs.stop or not possible
-    outputs.brakes = f.locks
+    outputs.brakes = force.locks
 
 
-def _read_inputs(m: TickMemory, inputs: ControllerInputs) -> None:
-    m.t = inputs.t
-    m.q[:] = inputs.q
-    m.v[:] = inputs.v
-    m.altimeter_range = inputs.altimeter_range
-    m.age = inputs.age
-    m.joint_age = inputs.joint_age
-    m.restriction.level[:] = inputs.trust
-    m.restriction.since[:] = inputs.since
+def _read_inputs(tick: TickMemory, inputs: ControllerInputs) -> None:
+    tick.t = inputs.t
+    tick.q[:] = inputs.q
+    tick.v[:] = inputs.v
+    tick.altimeter_range = inputs.altimeter_range
+    tick.age = inputs.age
+    tick.joint_age = inputs.joint_age
+    tick.restriction.level[:] = inputs.trust
+    tick.restriction.since[:] = inputs.since
 
 
-def _write_outputs(m: TickMemory, outputs: ControllerOutputs) -> None:
-    outputs.hold = is_blind(m)
-    outputs.stop = is_stopped(m)
-    outputs.brakes = m.restriction.joints_held
-    outputs.finished = is_over(m.mission)
-    outputs.freshness = m.freshness
-    outputs.viable_share = m.share
-    outputs.v[:] = m.command
-    outputs.quantities[:] = m.reported
+def _write_outputs(tick: TickMemory, outputs: ControllerOutputs) -> None:
+    outputs.hold = is_blind(tick)
+    outputs.stop = is_stopped(tick)
+    outputs.brakes = tick.restriction.joints_held
+    outputs.finished = is_over(tick.mission)
+    outputs.freshness = tick.freshness
+    outputs.viable_share = tick.share
+    outputs.v[:] = tick.command
+    outputs.quantities[:] = tick.reported

@@ -148,10 +148,10 @@ def _support_points(item: pin.GeometryObject, inward: Array, witness: Array) -> 
     """Return the points (n, k, 3) [m] of one shape in the frame of its joint, for planes with
     normals inward (n, 3), and the radius [m] of balls around them.
     """
-    R = item.placement.rotation
+    rotation = item.placement.rotation
     p = item.placement.translation
-    support = support_of(item.geometry, inward @ R, (witness - p) @ R)
-    centres = support.centres.reshape(-1, 3) @ R.T + p
+    support = support_of(item.geometry, inward @ rotation, (witness - p) @ rotation)
+    centres = support.centres.reshape(-1, 3) @ rotation.T + p
     return centres.reshape(support.centres.shape), support.radius
 
 

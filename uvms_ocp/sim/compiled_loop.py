@@ -230,7 +230,7 @@ class CompiledLoop:
         """
         memory = self.memory
         kinematic = self._controller.kinematic
-        h = self._estimator.monitor.memory
+        memory_memory = self._estimator.monitor.memory
         assert self.steps is not None
         controller: Any = kinematic.whole
         tick = arrays_of(kinematic.memory)
@@ -238,11 +238,11 @@ class CompiledLoop:
         step_kernels = [step[0] for step in self.steps]
         first, solver = (step_kernels.index(step[0]) for step in kinematic.steps() or ())
         m = arrays_of(memory)
-        estimate = arrays_of(h.now)
+        estimate = arrays_of(memory_memory.now)
         measured = view(memory.measured)
         sources: Sources = {}
         for name, n in recorded_channels.items():
-            require_kept(name, h.channels[NUMBER[name]].size, n)
+            require_kept(name, memory_memory.channels[NUMBER[name]].size, n)
             sources[f"measured_{name}"] = measured[NUMBER[name], : n + 1]
         if recorded_channels:
             sources["brakes"] = _field(memory, "braked")
@@ -263,8 +263,8 @@ class CompiledLoop:
             force_places = self._controller.force.places()
         if force_places:
             sources["asked_thrust"] = force_places["command"]
-        if h.n:
-            sources["health"] = view(memory.trusts)[: h.n]
+        if memory_memory.n:
+            sources["health"] = view(memory.trusts)[: memory_memory.n]
         sources |= {
             "phase": _field(memory, "phase"),
             "activations": tick.gates,

@@ -289,45 +289,45 @@ class PlantMemory(Layout):
     joint_energy_next: Annotated[Vector, Sized(1)]
 
 
-def advance_plant(p: PlantMemory) -> None:
+def advance_plant(plant: PlantMemory) -> None:
     """Move the plant by one control period. A kernel."""
-    if p.sampled:
-        p.sample()
-    p.v_before[:] = p.v
-    for _ in range(p.n_steps):
-        p.step(
-            p.q,
-            p.v,
-            p.thrust,
-            p.thruster_energy,
-            p.joint_energy,
-            p.asked_thrust,
-            p.asked_torque,
-            p.share,
-            p.offset,
-            p.decay,
-            p.u,
-            p.Du_Dt,
-            p.floor_z,
-            p.floor_normal,
-            p.brake,
-            p.step_dt,
-            p.q_next,
-            p.v_next,
-            p.thrust_next,
-            p.thruster_energy_next,
-            p.joint_energy_next,
-            p.torque,
-            p.contact,
+    if plant.sampled:
+        plant.sample()
+    plant.v_before[:] = plant.v
+    for _ in range(plant.n_steps):
+        plant.step(
+            plant.q,
+            plant.v,
+            plant.thrust,
+            plant.thruster_energy,
+            plant.joint_energy,
+            plant.asked_thrust,
+            plant.asked_torque,
+            plant.share,
+            plant.offset,
+            plant.decay,
+            plant.u,
+            plant.Du_Dt,
+            plant.floor_z,
+            plant.floor_normal,
+            plant.brake,
+            plant.step_dt,
+            plant.q_next,
+            plant.v_next,
+            plant.thrust_next,
+            plant.thruster_energy_next,
+            plant.joint_energy_next,
+            plant.torque,
+            plant.contact,
         )
-        p.q[:] = p.q_next
-        p.v[:] = p.v_next
-        p.thrust[:] = p.thrust_next
-        p.thruster_energy[:] = p.thruster_energy_next
-        p.joint_energy[:] = p.joint_energy_next
-    for i in range(len(p.v)):
-        p.a[i] = (p.v[i] - p.v_before[i]) / p.dt
-    p.t += p.dt
+        plant.q[:] = plant.q_next
+        plant.v[:] = plant.v_next
+        plant.thrust[:] = plant.thrust_next
+        plant.thruster_energy[:] = plant.thruster_energy_next
+        plant.joint_energy[:] = plant.joint_energy_next
+    for i in range(len(plant.v)):
+        plant.a[i] = (plant.v[i] - plant.v_before[i]) / plant.dt
+    plant.t += plant.dt
 
 
 def plant_structure(model: StepModel, step: ca.Function) -> type[PlantMemory]:

@@ -95,170 +95,180 @@ class LoopMemory(Layout):
     """(n_thrusters,) up to this one."""
 
 
-def move_plant(m: LoopMemory, p: PlantMemory) -> None:
+def move_plant(loop: LoopMemory, plant: PlantMemory) -> None:
     """Begin a tick: the plant has moved by the last command."""
-    if m.started:
-        advance_plant(p)
-    _begin_tick(m, p.q, p.v, p.a)
+    if loop.started:
+        advance_plant(plant)
+    _begin_tick(loop, plant.q, plant.v, plant.a)
 
 
-def move_kinematic(m: LoopMemory, p: KinematicMemory) -> None:
+def move_kinematic(loop: LoopMemory, plant: KinematicMemory) -> None:
     """Begin a tick, as `move_plant`."""
-    if m.started:
-        advance_kinematic(p)
-    _begin_tick(m, p.q, p.v, p.a)
+    if loop.started:
+        advance_kinematic(plant)
+    _begin_tick(loop, plant.q, plant.v, plant.a)
 
 
-def _begin_tick(m: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
-    m.q[:] = q
-    m.v[:] = v
-    m.a[:] = a
+def _begin_tick(loop: LoopMemory, q: Vector, v: Vector, a: Vector) -> None:
+    loop.q[:] = q
+    loop.v[:] = v
+    loop.a[:] = a
     square = 0.0
-    for i in range(len(m.v)):
-        square += m.v[i] * m.v[i]
+    for i in range(len(loop.v)):
+        square += loop.v[i] * loop.v[i]
     if math.sqrt(square) <= FARTHEST:
-        m.stop = int(GO)
+        loop.stop = int(GO)
     else:
-        m.stop = int(DIVERGED)
-    m.k += 1 if m.started else 0
-    m.t = m.k * m.dt
+        loop.stop = int(DIVERGED)
+    loop.k += 1 if loop.started else 0
+    loop.t = loop.k * loop.dt
 
 
-def sense(m: LoopMemory, s: SensorsMemory, h: HealthMemory) -> None:
+def sense(loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory) -> None:
     """Give new readings to the monitor."""
-    s.q[:] = m.q
-    s.v[:] = m.v
-    s.a[:] = m.a
-    read_sensors(s, m.t)
-    for k in range(h.n):
-        x = s.channels[h.order[k]]
-        c = h.channels[h.order[k]]
-        row = m.measured[h.order[k]]
-        for i in range(c.size + 1):
+    sensors.q[:] = loop.q
+    sensors.v[:] = loop.v
+    sensors.a[:] = loop.a
+    read_sensors(sensors, loop.t)
+    for k in range(health.n):
+        channel = sensors.channels[health.order[k]]
+        channel_memory = health.channels[health.order[k]]
+        row = loop.measured[health.order[k]]
+        for i in range(channel_memory.size + 1):
             row[i] = math.nan
-        if x.fresh:
-            c.fresh = True
-            c.stamp = x.stamp
-            row[c.size] = x.stamp
-            for i in range(c.size):
-                c.value[i] = x.value[i]
-                row[i] = x.value[i]
-    h.tick_t = m.t
-    h.moving = m.started and not m.braked
-    if h.moving:
-        for i in range(len(h.encoders.rates)):
-            h.encoders.rates[i] = m.commanded[min(m.n_vehicle + i, len(m.commanded) - 1)]
+        if channel.fresh:
+            channel_memory.fresh = True
+            channel_memory.stamp = channel.stamp
+            row[channel_memory.size] = channel.stamp
+            for i in range(channel_memory.size):
+                channel_memory.value[i] = channel.value[i]
+                row[i] = channel.value[i]
+    health.tick_t = loop.t
+    health.moving = loop.started and not loop.braked
+    if health.moving:
+        for i in range(len(health.encoders.rates)):
+            health.encoders.rates[i] = loop.commanded[
+                min(loop.n_vehicle + i, len(loop.commanded) - 1)
+            ]
 
 
-def feed_filter(m: LoopMemory, s: SensorsMemory, h: HealthMemory, f: FilterMemory) -> None:
+def feed_filter(
+    loop: LoopMemory, sensors: SensorsMemory, health: HealthMemory, filter: FilterMemory
+) -> None:
     """Give the filter the command, and the new readings that were not refused."""
-    f.now = m.t
-    f.has_command = m.started
-    if m.started:
-        remaining = math.exp(-(m.t - f.before) / RESPONSE_TIME)
-        for i in range(len(m.response)):
-            m.response[i] = m.commanded[i] + remaining * (m.response[i] - m.commanded[i])
-            f.commanded[6 - m.n_vehicle + i] = m.response[i]
-    if m.started and m.braked:
-        for j in range(f.n_joints):
-            f.joint_x[j][1] = 0.0
-    for k in range(h.n):
-        number = h.order[k]
-        x = s.channels[number]
-        c = h.channels[number]
-        if x.fresh and not c.behind:
-            f.fresh[number] = 1.0
-            f.stamp[number] = x.stamp
-            for i in range(c.size):
+    filter.now = loop.t
+    filter.has_command = loop.started
+    if loop.started:
+        remaining = math.exp(-(loop.t - filter.before) / RESPONSE_TIME)
+        for i in range(len(loop.response)):
+            loop.response[i] = loop.commanded[i] + remaining * (
+                loop.response[i] - loop.commanded[i]
+            )
+            filter.commanded[6 - loop.n_vehicle + i] = loop.response[i]
+    if loop.started and loop.braked:
+        for j in range(filter.n_joints):
+            filter.joint_x[j][1] = 0.0
+    for k in range(health.n):
+        number = health.order[k]
+        channel = sensors.channels[number]
+        channel_memory = health.channels[number]
+        if channel.fresh and not channel_memory.behind:
+            filter.fresh[number] = 1.0
+            filter.stamp[number] = channel.stamp
+            for i in range(channel_memory.size):
                 if number < N_VEHICLE:
-                    f.value[number][i] = x.value[i]
+                    filter.value[number][i] = channel.value[i]
                 else:
-                    f.joint_value[number - N_VEHICLE][i] = x.value[i]
-    if h.exposed or h.velocity_unobserved:
-        inflate_velocity_variance(f, h.velocity_unobserved)
+                    filter.joint_value[number - N_VEHICLE][i] = channel.value[i]
+    if health.exposed or health.velocity_unobserved:
+        inflate_velocity_variance(filter, health.velocity_unobserved)
 
 
-def note_estimate(m: LoopMemory, h: HealthMemory, f: FilterMemory) -> None:
+def note_estimate(loop: LoopMemory, health: HealthMemory, filter: FilterMemory) -> None:
     """Give the monitor the filter's estimate."""
-    if f.floating:
+    if filter.floating:
         for i in range(3):
-            h.now.q[i] = f.x[Part.PLACE + i]
+            health.now.q[i] = filter.x[Part.PLACE + i]
         for i in range(4):
-            h.now.q[3 + i] = f.turn[i]
+            health.now.q[3 + i] = filter.turn[i]
         for i in range(6):
-            h.now.v[i] = f.twist[i]
-    for j in range(f.n_joints):
-        h.now.q[len(h.now.q) - f.n_joints + j] = f.joint_x[j][0]
-        h.now.v[len(h.now.v) - f.n_joints + j] = f.joint_x[j][1]
+            health.now.v[i] = filter.twist[i]
+    for j in range(filter.n_joints):
+        health.now.q[len(health.now.q) - filter.n_joints + j] = filter.joint_x[j][0]
+        health.now.v[len(health.now.v) - filter.n_joints + j] = filter.joint_x[j][1]
     for i in range(2):
-        m.range[i] = f.range[i] if m.has_range else math.nan
+        loop.range[i] = filter.range[i] if loop.has_range else math.nan
 
 
-def repeat_range(m: LoopMemory, h: HealthMemory) -> None:
+def repeat_range(loop: LoopMemory, health: HealthMemory) -> None:
     """Take the altimeter's reading for the truth."""
-    m.range[0] = h.channels[ChannelIndex.ALTIMETER_RANGE].used_value[0]
+    loop.range[0] = health.channels[ChannelIndex.ALTIMETER_RANGE].used_value[0]
 
 
-def inform_controller(m: LoopMemory, h: HealthMemory, s: EstimateSupport, c: TickMemory) -> None:
+def inform_controller(
+    loop: LoopMemory, health: HealthMemory, support: EstimateSupport, tick: TickMemory
+) -> None:
     """Give the controller the estimate and what is thought of the sensors."""
-    c.t = m.t
-    c.q[:] = h.now.q
-    c.v[:] = h.now.v
-    m.range[0] = m.range[0] if s.echo else math.nan
-    c.altimeter_range = m.range[0]
-    c.age = s.age
-    c.joint_age = s.joint_age
-    m.news = h.n_changed > 0
-    m.phase = c.mission.phase
-    for k in range(h.n):
-        m.trusts[k] = h.channels[h.order[k]].trust
-    for k in range(len(m.number)):
-        channel = h.channels[m.number[k]]
+    tick.t = loop.t
+    tick.q[:] = health.now.q
+    tick.v[:] = health.now.v
+    loop.range[0] = loop.range[0] if support.echo else math.nan
+    tick.altimeter_range = loop.range[0]
+    tick.age = support.age
+    tick.joint_age = support.joint_age
+    loop.news = health.n_changed > 0
+    loop.phase = tick.mission.phase
+    for k in range(health.n):
+        loop.trusts[k] = health.channels[health.order[k]].trust
+    for k in range(len(loop.number)):
+        channel = health.channels[loop.number[k]]
         if channel.present and channel.changed:
-            m.since[m.number[k]] = m.t
+            loop.since[loop.number[k]] = loop.t
         if channel.present:
             trust = channel.trust
         else:
             trust = int(Trust.GOOD)
-        c.restriction.level[k] = trust
-        c.restriction.since[k] = m.since[m.number[k]] if trust != Trust.GOOD else 0.0
+        tick.restriction.level[k] = trust
+        tick.restriction.since[k] = loop.since[loop.number[k]] if trust != Trust.GOOD else 0.0
 
 
-def feed_back(m: LoopMemory, c: TickMemory, f: ForceMemory) -> None:
+def feed_back(loop: LoopMemory, tick: TickMemory, force: ForceMemory) -> None:
     """Tell the velocity layer what the force layer met in the tick before."""
-    if m.started:
-        hear_forces(c, f)
-        m.at_limits[:] = m.now_at_limits
+    if loop.started:
+        hear_forces(tick, force)
+        loop.at_limits[:] = loop.now_at_limits
 
 
-def command_plant(m: LoopMemory, c: TickMemory, f: ForceMemory, p: PlantMemory) -> None:
+def command_plant(
+    loop: LoopMemory, tick: TickMemory, force: ForceMemory, plant: PlantMemory
+) -> None:
     """Give thrust and torque to the plant."""
-    n = f.allocation.count
-    p.asked_thrust[:n] = f.outputs.command[:n]
-    for j in range(len(p.asked_torque)):
-        p.asked_torque[j] = f.outputs.torque[j]
-    p.brake = BRAKE_FRICTION if f.locks else 0.0
-    if f.allocation.saturated:
+    n = force.allocation.count
+    plant.asked_thrust[:n] = force.outputs.command[:n]
+    for j in range(len(plant.asked_torque)):
+        plant.asked_torque[j] = force.outputs.torque[j]
+    plant.brake = BRAKE_FRICTION if force.locks else 0.0
+    if force.allocation.saturated:
         for i in range(n):
-            m.now_at_limits[i] = is_at_limit(
-                f.outputs.command[i], f.allocation.lower[i], f.allocation.upper[i]
+            loop.now_at_limits[i] = is_at_limit(
+                force.outputs.command[i], force.allocation.lower[i], force.allocation.upper[i]
             )
-    m.braked = f.locks
-    _end_tick(m, c)
-    if f.detection.changed or not f.possible:
-        m.stop = LOOK
+    loop.braked = force.locks
+    _end_tick(loop, tick)
+    if force.detection.changed or not force.possible:
+        loop.stop = LOOK
 
 
-def command_kinematic(m: LoopMemory, c: TickMemory, p: KinematicMemory) -> None:
+def command_kinematic(loop: LoopMemory, tick: TickMemory, plant: KinematicMemory) -> None:
     """Give the velocity to the plant."""
-    for i in range(len(p.asked)):
-        p.asked[i] = c.command[i]
-    m.braked = c.restriction.joints_held
-    _end_tick(m, c)
+    for i in range(len(plant.asked)):
+        plant.asked[i] = tick.command[i]
+    loop.braked = tick.restriction.joints_held
+    _end_tick(loop, tick)
 
 
-def _end_tick(m: LoopMemory, c: TickMemory) -> None:
-    m.started = True
-    m.commanded[:] = c.command
-    if m.news or c.eventful or c.freshness != m.verdict or is_over(c.mission):
-        m.stop = LOOK
+def _end_tick(loop: LoopMemory, tick: TickMemory) -> None:
+    loop.started = True
+    loop.commanded[:] = tick.command
+    if loop.news or tick.eventful or tick.freshness != loop.verdict or is_over(tick.mission):
+        loop.stop = LOOK

@@ -80,15 +80,15 @@ class KinematicMemory(Layout):
     """(n_q,) [m, rad] after it."""
 
 
-def advance_kinematic(p: KinematicMemory) -> None:
+def advance_kinematic(plant: KinematicMemory) -> None:
     """Move the plant by one control period. A kernel."""
-    for i in range(len(p.v)):
-        p.a[i] = (p.asked[i] - p.v[i]) / p.dt
-        p.v[i] = p.asked[i]
-        p.change[i] = p.v[i] * p.dt
-    p.integrate(p.q, p.change, p.q_next)
-    p.q[:] = p.q_next
-    p.t += p.dt
+    for i in range(len(plant.v)):
+        plant.a[i] = (plant.asked[i] - plant.v[i]) / plant.dt
+        plant.v[i] = plant.asked[i]
+        plant.change[i] = plant.v[i] * plant.dt
+    plant.integrate(plant.q, plant.change, plant.q_next)
+    plant.q[:] = plant.q_next
+    plant.t += plant.dt
 
 
 @checked_constructor

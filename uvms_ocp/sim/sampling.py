@@ -148,133 +148,135 @@ class SensorsMemory(Layout):
     """More readings of one were under way than there is room for."""
 
 
-def read_sensors(s: SensorsMemory, t: float) -> None:
+def read_sensors(sensors: SensorsMemory, t: float) -> None:
     """Take the samples that are due at time t [s], and deliver what arrives. A kernel."""
-    for k in range(s.n):
-        x = s.channels[s.order[k]]
-        x.fresh = False
-        if t >= x.due:
-            _take_sample(s, x, t)
-        while x.n_waiting > 0 and t >= x.arrival[0] - _EARLY:
-            if x.taken[0] > x.newest:  # a newer one may have overtaken it
-                x.newest = x.taken[0]
-                x.stamp = x.stamps[0]
-                x.fresh = True
-                for i in range(x.size):
-                    x.value[i] = x.values[0][i]
-            x.n_waiting -= 1
-            for place in range(x.n_waiting):
-                _move(x, place + 1, place)
+    for k in range(sensors.n):
+        channel = sensors.channels[sensors.order[k]]
+        channel.fresh = False
+        if t >= channel.due:
+            _take_sample(sensors, channel, t)
+        while channel.n_waiting > 0 and t >= channel.arrival[0] - _EARLY:
+            if channel.taken[0] > channel.newest:  # a newer one may have overtaken it
+                channel.newest = channel.taken[0]
+                channel.stamp = channel.stamps[0]
+                channel.fresh = True
+                for i in range(channel.size):
+                    channel.value[i] = channel.values[0][i]
+            channel.n_waiting -= 1
+            for place in range(channel.n_waiting):
+                _move(channel, place + 1, place)
 
 
-def _take_sample(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
-    if math.isinf(x.rate):
-        x.due = t
+def _take_sample(sensors: SensorsMemory, sampler: ChannelSampler, t: float) -> None:
+    if math.isinf(sampler.rate):
+        sampler.due = t
     else:
-        x.due = (math.floor(t * x.rate + _EARLY) + 1.0 - _EARLY) / x.rate
-    _measure(s, x)
-    if not x.exact:
-        _disturb(s, x)
-    x.lost = x.losses[x.n_used] < x.dropout
-    x.n_used += 1
-    x.stamped = t
-    x.extra_delay = 0.0
-    if x.faulty and not x.lost:
-        x.strike()
-    if not x.lost:
-        _send(s, x, t)
+        sampler.due = (math.floor(t * sampler.rate + _EARLY) + 1.0 - _EARLY) / sampler.rate
+    _measure(sensors, sampler)
+    if not sampler.exact:
+        _disturb(sensors, sampler)
+    sampler.lost = sampler.losses[sampler.n_used] < sampler.dropout
+    sampler.n_used += 1
+    sampler.stamped = t
+    sampler.extra_delay = 0.0
+    if sampler.faulty and not sampler.lost:
+        sampler.strike()
+    if not sampler.lost:
+        _send(sensors, sampler, t)
 
 
-def _measure(s: SensorsMemory, x: ChannelSampler) -> None:
+def _measure(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
     """Write the true value."""
-    for i in range(x.size):
-        x.sample[i] = s.v[x.first + i] if x.of_velocity else s.q[x.first + i]
-    if x.number == ChannelIndex.ALTIMETER_RANGE:
-        x.sample[0] = _range(s)
-    if x.number == ChannelIndex.LINEAR_VELOCITY and s.carried:
-        _carry_velocity(s, x)
-    if x.number == ChannelIndex.SPECIFIC_FORCE:
-        _measure_specific_force(s, x)
+    for i in range(sampler.size):
+        sampler.sample[i] = (
+            sensors.v[sampler.first + i] if sampler.of_velocity else sensors.q[sampler.first + i]
+        )
+    if sampler.number == ChannelIndex.ALTIMETER_RANGE:
+        sampler.sample[0] = _range(sensors)
+    if sampler.number == ChannelIndex.LINEAR_VELOCITY and sensors.carried:
+        _carry_velocity(sensors, sampler)
+    if sampler.number == ChannelIndex.SPECIFIC_FORCE:
+        _measure_specific_force(sensors, sampler)
 
 
-def _range(s: SensorsMemory) -> float:
-    if not s.flat:
-        s.find_range()
-        return s.range
-    s.look(s.q, s.beam, None)
-    if s.beam[3] > LEVEL_RAY:
-        return (s.beam[2] - s.floor) / s.beam[3]
+def _range(sensors: SensorsMemory) -> float:
+    if not sensors.flat:
+        sensors.find_range()
+        return sensors.range
+    sensors.look(sensors.q, sensors.beam, None)
+    if sensors.beam[3] > LEVEL_RAY:
+        return (sensors.beam[2] - sensors.floor) / sensors.beam[3]
     return math.nan
 
 
-def _carry_velocity(s: SensorsMemory, x: ChannelSampler) -> None:
+def _carry_velocity(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
     """By the error of the gyroscope, if it has read anything."""
-    gyroscope = s.channels[ChannelIndex.ANGULAR_VELOCITY]
+    gyroscope = sensors.channels[ChannelIndex.ANGULAR_VELOCITY]
     off = zeros(3)
     by = zeros(3)
     if gyroscope.newest > -math.inf:
         for i in range(3):
-            off[i] = s.v[3 + i] - gyroscope.value[i]
-        cross(s.log_at, 0, off, by)
+            off[i] = sensors.v[3 + i] - gyroscope.value[i]
+        cross(sensors.log_at, 0, off, by)
         for i in range(3):
-            x.sample[i] -= by[i]
+            sampler.sample[i] -= by[i]
 
 
-def _measure_specific_force(s: SensorsMemory, x: ChannelSampler) -> None:
+def _measure_specific_force(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
     R = zeros(9)
     spin = zeros(3)
     turning = zeros(3)
     turn = zeros(4)
     weight = zeros(3)
     for i in range(4):
-        turn[i] = s.q[3 + i]
+        turn[i] = sensors.q[3 + i]
     for i in range(3):
-        spin[i] = s.v[3 + i]
+        spin[i] = sensors.v[3 + i]
     rotation(turn, R)
-    rotate_back(R, s.gravity, 0, weight)
-    cross(spin, 0, s.v, turning)  # v is that of B in B, whose axes turn
+    rotate_back(R, sensors.gravity, 0, weight)
+    cross(spin, 0, sensors.v, turning)  # v is that of B in B, whose axes turn
     for i in range(3):
-        x.sample[i] = s.a[i] + turning[i] - weight[i]
+        sampler.sample[i] = sensors.a[i] + turning[i] - weight[i]
 
 
-def _disturb(s: SensorsMemory, x: ChannelSampler) -> None:
-    errors = x.errors[x.n_used]
-    for i in range(len(x.error)):
-        x.error[i] = errors[i]
-    if x.disturbance == Disturbance.TURNED:
-        s.turn(x.sample, x.error, s.turned)
-        for i in range(x.size):
-            x.sample[i] = s.turned[i]
-    elif x.disturbance == Disturbance.ASKED:
-        x.disturb()
+def _disturb(sensors: SensorsMemory, sampler: ChannelSampler) -> None:
+    errors = sampler.errors[sampler.n_used]
+    for i in range(len(sampler.error)):
+        sampler.error[i] = errors[i]
+    if sampler.disturbance == Disturbance.TURNED:
+        sensors.turn(sampler.sample, sampler.error, sensors.turned)
+        for i in range(sampler.size):
+            sampler.sample[i] = sensors.turned[i]
+    elif sampler.disturbance == Disturbance.ASKED:
+        sampler.disturb()
     else:
-        for i in range(x.size):
-            x.sample[i] += x.error[i]
+        for i in range(sampler.size):
+            sampler.sample[i] += sampler.error[i]
 
 
-def _send(s: SensorsMemory, x: ChannelSampler, t: float) -> None:
+def _send(sensors: SensorsMemory, sampler: ChannelSampler, t: float) -> None:
     """Put the sample among those under way; one that a fault makes so late that there is no room
     any more never arrives.
     """
-    if x.n_waiting == len(x.arrival):
-        s.crowded = s.crowded or x.extra_delay == 0.0
+    if sampler.n_waiting == len(sampler.arrival):
+        sensors.crowded = sensors.crowded or sampler.extra_delay == 0.0
         return
-    arrival = t + x.delay + x.extra_delay
-    place = x.n_waiting
-    while place > 0 and x.arrival[place - 1] > arrival:
-        _move(x, place - 1, place)
+    arrival = t + sampler.delay + sampler.extra_delay
+    place = sampler.n_waiting
+    while place > 0 and sampler.arrival[place - 1] > arrival:
+        _move(sampler, place - 1, place)
         place -= 1
-    x.arrival[place] = arrival
-    x.taken[place] = t
-    x.stamps[place] = x.stamped
-    for i in range(x.size):
-        x.values[place][i] = x.sample[i]
-    x.n_waiting += 1
+    sampler.arrival[place] = arrival
+    sampler.taken[place] = t
+    sampler.stamps[place] = sampler.stamped
+    for i in range(sampler.size):
+        sampler.values[place][i] = sampler.sample[i]
+    sampler.n_waiting += 1
 
 
-def _move(x: ChannelSampler, source: int, to: int) -> None:
-    x.arrival[to] = x.arrival[source]
-    x.taken[to] = x.taken[source]
-    x.stamps[to] = x.stamps[source]
-    for i in range(x.size):
-        x.values[to][i] = x.values[source][i]
+def _move(sampler: ChannelSampler, source: int, to: int) -> None:
+    sampler.arrival[to] = sampler.arrival[source]
+    sampler.taken[to] = sampler.taken[source]
+    sampler.stamps[to] = sampler.stamps[source]
+    for i in range(sampler.size):
+        sampler.values[to][i] = sampler.values[source][i]

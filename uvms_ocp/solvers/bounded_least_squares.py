@@ -46,113 +46,113 @@ class LeastSquaresRows(Layout):
     """The solution in the basis."""
 
 
-def solve_positive(s: LeastSquaresRows, n: int) -> None:
+def solve_positive(rows: LeastSquaresRows, n: int) -> None:
     """Solve ``K x = y`` for n variables by Cholesky's factors; x takes the place of y."""
     for j in range(n):
         for i in range(j, n):
-            total = s.K[i][j]
+            total = rows.K[i][j]
             for k in range(j):
-                total -= s.K[i][k] * s.K[j][k]
+                total -= rows.K[i][k] * rows.K[j][k]
             if i == j:
-                s.K[i][j] = math.sqrt(max(total, 0.0))
+                rows.K[i][j] = math.sqrt(max(total, 0.0))
             else:
-                s.K[i][j] = total / s.K[j][j]
+                rows.K[i][j] = total / rows.K[j][j]
     for i in range(n):
         for k in range(i):
-            s.y[i] -= s.K[i][k] * s.y[k]
-        s.y[i] /= s.K[i][i]
+            rows.y[i] -= rows.K[i][k] * rows.y[k]
+        rows.y[i] /= rows.K[i][i]
     for back in range(n):
         i = n - 1 - back
         for k in range(i + 1, n):
-            s.y[i] -= s.K[k][i] * s.y[k]
-        s.y[i] /= s.K[i][i]
+            rows.y[i] -= rows.K[k][i] * rows.y[k]
+        rows.y[i] /= rows.K[i][i]
 
 
-def least_norm(s: LeastSquaresRows, m: int, n: int) -> None:
+def least_norm(rows: LeastSquaresRows, m: int, n: int) -> None:
     """Find the y (n,) of least norm among those that minimise ``|W y - b|``.
 
     W = L Q with an orthonormal basis Q of its rows, taken in the order of what is left of them;
     then L z = b by least squares with L = U R. Both by Gram and Schmidt, twice, which is as good as
     reflections.
     """
-    rank = row_space(s, m, n)
+    rank = row_space(rows, m, n)
     for k in range(rank):
-        _orthonormal_column(s, m, k)
-        s.z[k] = 0.0
+        _orthonormal_column(rows, m, k)
+        rows.z[k] = 0.0
         for i in range(m):
-            s.z[k] += s.L[i][k] * s.b[i]
+            rows.z[k] += rows.L[i][k] * rows.b[i]
         for i in range(m):
-            s.b[i] -= s.L[i][k] * s.z[k]
+            rows.b[i] -= rows.L[i][k] * rows.z[k]
     for back in range(rank):
         k = rank - 1 - back
         for j in range(k + 1, rank):
-            s.z[k] -= s.R[k][j] * s.z[j]
-        s.z[k] /= s.R[k][k]
+            rows.z[k] -= rows.R[k][j] * rows.z[j]
+        rows.z[k] /= rows.R[k][k]
     for j in range(n):
-        s.y[j] = 0.0
+        rows.y[j] = 0.0
         for k in range(rank):
-            s.y[j] += s.z[k] * s.basis[k][j]
+            rows.y[j] += rows.z[k] * rows.basis[k][j]
 
 
-def row_space(s: LeastSquaresRows, m: int, n: int) -> int:
+def row_space(rows: LeastSquaresRows, m: int, n: int) -> int:
     """Factor the m rows (m, n) of W [any] into L and an orthonormal basis; return the rank."""
     largest = 0.0
     for k in range(min(m, n)):
-        row = _longest(s, m, n)
-        size = _row_length(s.W[row], n)
+        row = _longest(rows, m, n)
+        size = _row_length(rows.W[row], n)
         largest = max(largest, size)
         if size <= _RANK_TOLERANCE * largest:
             return k
         for j in range(n):
-            s.basis[k][j] = s.W[row][j] / size
-        _orthogonal_to_the_others(s, k, n)
+            rows.basis[k][j] = rows.W[row][j] / size
+        _orthogonal_to_the_others(rows, k, n)
         for i in range(m):
             # Of rows that are in the basis nothing is left, and what they were before is added
             # where it was taken.
-            along = dot(s.W[i], s.basis[k], n)
-            s.L[i][k] = along
+            along = dot(rows.W[i], rows.basis[k], n)
+            rows.L[i][k] = along
             for j in range(n):
-                s.W[i][j] -= along * s.basis[k][j]
+                rows.W[i][j] -= along * rows.basis[k][j]
     return min(m, n)
 
 
-def _longest(s: LeastSquaresRows, m: int, n: int) -> int:
+def _longest(rows: LeastSquaresRows, m: int, n: int) -> int:
     longest = 0
     for i in range(1, m):
-        if dot(s.W[i], s.W[i], n) > dot(s.W[longest], s.W[longest], n):
+        if dot(rows.W[i], rows.W[i], n) > dot(rows.W[longest], rows.W[longest], n):
             longest = i
     return longest
 
 
-def _orthogonal_to_the_others(s: LeastSquaresRows, k: int, n: int) -> None:
+def _orthogonal_to_the_others(rows: LeastSquaresRows, k: int, n: int) -> None:
     """Make basis vector k orthogonal to the others a second time, to the last bit."""
     for earlier in range(k):
-        along = dot(s.basis[k], s.basis[earlier], n)
+        along = dot(rows.basis[k], rows.basis[earlier], n)
         for j in range(n):
-            s.basis[k][j] -= along * s.basis[earlier][j]
-    size = _row_length(s.basis[k], n)
+            rows.basis[k][j] -= along * rows.basis[earlier][j]
+    size = _row_length(rows.basis[k], n)
     for j in range(n):
-        s.basis[k][j] /= size
+        rows.basis[k][j] /= size
 
 
-def _orthonormal_column(s: LeastSquaresRows, m: int, k: int) -> None:
+def _orthonormal_column(rows: LeastSquaresRows, m: int, k: int) -> None:
     """Make column k of L orthonormal to those before it, and write column k of R."""
     for earlier in range(k):
-        s.R[earlier][k] = 0.0
+        rows.R[earlier][k] = 0.0
     for _ in range(2):
         for earlier in range(k):
             along = 0.0
             for i in range(m):
-                along += s.L[i][earlier] * s.L[i][k]
-            s.R[earlier][k] += along
+                along += rows.L[i][earlier] * rows.L[i][k]
+            rows.R[earlier][k] += along
             for i in range(m):
-                s.L[i][k] -= along * s.L[i][earlier]
+                rows.L[i][k] -= along * rows.L[i][earlier]
     total = 0.0
     for i in range(m):
-        total += s.L[i][k] * s.L[i][k]
-    s.R[k][k] = math.sqrt(total)
+        total += rows.L[i][k] * rows.L[i][k]
+    rows.R[k][k] = math.sqrt(total)
     for i in range(m):
-        s.L[i][k] /= s.R[k][k]
+        rows.L[i][k] /= rows.R[k][k]
 
 
 def dot(x: Vector, y: Vector, n: int) -> float:
@@ -202,166 +202,166 @@ class BoundedProblem(Layout):
     """System solved for the free variables."""
 
 
-def solve_bounded(p: BoundedProblem) -> int:
+def solve_bounded(problem: BoundedProblem) -> int:
     """Find x; return the number of active-set rounds, at most ten for each variable."""
-    _unit_weights(p)
-    _normal_equations(p)
-    _start(p)
+    _unit_weights(problem)
+    _normal_equations(problem)
+    _start(problem)
     rounds = 0
-    while rounds < 10 * p.columns:
-        _advance(p, False)
-        released = _most_wrong(p)
+    while rounds < 10 * problem.columns:
+        _advance(problem, False)
+        released = _most_wrong(problem)
         if released < 0:
             break
-        p.free[released] = True
+        problem.free[released] = True
         rounds += 1
-    _advance(p, True)
-    for j in range(p.columns):
-        p.x[j] = min(max(p.x[j] / p.scale[j], p.lower[j]), p.upper[j])
+    _advance(problem, True)
+    for j in range(problem.columns):
+        problem.x[j] = min(max(problem.x[j] / problem.scale[j], problem.lower[j]), problem.upper[j])
     return rounds
 
 
-def _unit_weights(p: BoundedProblem) -> None:
-    for j in range(p.columns):
-        p.scale[j] = math.sqrt(p.weight[j])
-        p.low[j] = p.lower[j] * p.scale[j]
-        p.high[j] = p.upper[j] * p.scale[j]
-        for i in range(p.rows):
-            p.M[i][j] = p.A[i][j] / p.scale[j]
+def _unit_weights(problem: BoundedProblem) -> None:
+    for j in range(problem.columns):
+        problem.scale[j] = math.sqrt(problem.weight[j])
+        problem.low[j] = problem.lower[j] * problem.scale[j]
+        problem.high[j] = problem.upper[j] * problem.scale[j]
+        for i in range(problem.rows):
+            problem.M[i][j] = problem.A[i][j] / problem.scale[j]
 
 
-def _normal_equations(p: BoundedProblem) -> None:
+def _normal_equations(problem: BoundedProblem) -> None:
     """Write the Hessian ``M' M``, with a ridge on its diagonal, and ``M' b``."""
     trace = 0.0
-    for j in range(p.columns):
-        for k in range(p.columns):
+    for j in range(problem.columns):
+        for k in range(problem.columns):
             total = 0.0
-            for i in range(p.rows):
-                total += p.M[i][j] * p.M[i][k]
-            p.hessian[j][k] = total
+            for i in range(problem.rows):
+                total += problem.M[i][j] * problem.M[i][k]
+            problem.hessian[j][k] = total
         total = 0.0
-        for i in range(p.rows):
-            total += p.M[i][j] * p.b[i]
-        p.linear[j] = total
-        trace += p.hessian[j][j]
-    ridge = _RIDGE * _RIDGE * max(trace / max(p.columns, 1), _SMALLEST_NORMAL)
-    for j in range(p.columns):
-        p.hessian[j][j] += ridge
+        for i in range(problem.rows):
+            total += problem.M[i][j] * problem.b[i]
+        problem.linear[j] = total
+        trace += problem.hessian[j][j]
+    ridge = _RIDGE * _RIDGE * max(trace / max(problem.columns, 1), _SMALLEST_NORMAL)
+    for j in range(problem.columns):
+        problem.hessian[j][j] += ridge
 
 
-def _start(p: BoundedProblem) -> None:
-    for j in range(p.columns):
-        p.free[j] = True
-        p.x[j] *= p.scale[j]
-    if not p.started:
-        _ridge_optimum(p)
-        p.x[: p.columns] = p.optimum[: p.columns]
-    for j in range(p.columns):
-        p.x[j] = min(max(p.x[j], p.low[j]), p.high[j])
-        p.free[j] = p.low[j] < p.x[j] < p.high[j]
+def _start(problem: BoundedProblem) -> None:
+    for j in range(problem.columns):
+        problem.free[j] = True
+        problem.x[j] *= problem.scale[j]
+    if not problem.started:
+        _ridge_optimum(problem)
+        problem.x[: problem.columns] = problem.optimum[: problem.columns]
+    for j in range(problem.columns):
+        problem.x[j] = min(max(problem.x[j], problem.low[j]), problem.high[j])
+        problem.free[j] = problem.low[j] < problem.x[j] < problem.high[j]
 
 
-def _advance(p: BoundedProblem, exact: bool) -> None:
+def _advance(problem: BoundedProblem, exact: bool) -> None:
     """Move to the optimum of the free variables, fixing those that meet a bound on the way."""
-    while _free_ones(p) > 0:
+    while _free_ones(problem) > 0:
         if exact:
-            _exact_optimum(p)
+            _exact_optimum(problem)
         else:
-            _ridge_optimum(p)
-        share = _share_of_step(p)
-        k = p.blocking
-        rises = k >= 0 and p.optimum[k] > p.x[k]
-        for j in range(p.columns):
-            p.x[j] += share * (p.optimum[j] - p.x[j])
+            _ridge_optimum(problem)
+        share = _share_of_step(problem)
+        k = problem.blocking
+        rises = k >= 0 and problem.optimum[k] > problem.x[k]
+        for j in range(problem.columns):
+            problem.x[j] += share * (problem.optimum[j] - problem.x[j])
         if k < 0:
             break
-        p.x[k] = p.high[k] if rises else p.low[k]
-        p.free[k] = False
+        problem.x[k] = problem.high[k] if rises else problem.low[k]
+        problem.free[k] = False
 
 
-def _free_ones(p: BoundedProblem) -> int:
+def _free_ones(problem: BoundedProblem) -> int:
     count = 0
-    for j in range(p.columns):
-        count += p.free[j]
+    for j in range(problem.columns):
+        count += problem.free[j]
     return count
 
 
-def _share_of_step(p: BoundedProblem) -> float:
+def _share_of_step(problem: BoundedProblem) -> float:
     """Return the largest share <= 1 of the step to the optimum that keeps all bounds; `blocking` is
     the variable that ends it.
     """
     share = math.inf
-    p.blocking = -1
-    for j in range(p.columns):
-        step = p.optimum[j] - p.x[j]
+    problem.blocking = -1
+    for j in range(problem.columns):
+        step = problem.optimum[j] - problem.x[j]
         if step != 0.0:
-            room = (p.high[j] if step > 0.0 else p.low[j]) - p.x[j]
+            room = (problem.high[j] if step > 0.0 else problem.low[j]) - problem.x[j]
             if room / step < share:
                 share = room / step
-                p.blocking = j
+                problem.blocking = j
     if share >= 1.0:
-        p.blocking = -1
+        problem.blocking = -1
         return 1.0
     return max(share, 0.0)
 
 
-def _ridge_optimum(p: BoundedProblem) -> None:
+def _ridge_optimum(problem: BoundedProblem) -> None:
     count = 0
-    for j in range(p.columns):
-        if p.free[j]:
-            rest = p.linear[j]
+    for j in range(problem.columns):
+        if problem.free[j]:
+            rest = problem.linear[j]
             column = 0
-            for k in range(p.columns):
-                if p.free[k]:
-                    p.inner.K[count][column] = p.hessian[j][k]
+            for k in range(problem.columns):
+                if problem.free[k]:
+                    problem.inner.K[count][column] = problem.hessian[j][k]
                     column += 1
                 else:
-                    rest -= p.hessian[j][k] * p.x[k]
-            p.inner.y[count] = rest
+                    rest -= problem.hessian[j][k] * problem.x[k]
+            problem.inner.y[count] = rest
             count += 1
-    solve_positive(p.inner, count)
-    _spread(p)
+    solve_positive(problem.inner, count)
+    _spread(problem)
 
 
-def _exact_optimum(p: BoundedProblem) -> None:
+def _exact_optimum(problem: BoundedProblem) -> None:
     """Solve for the free variables without the ridge: least residual, then least norm."""
     count = 0
-    for i in range(p.rows):
-        rest = p.b[i]
+    for i in range(problem.rows):
+        rest = problem.b[i]
         count = 0
-        for j in range(p.columns):
-            if p.free[j]:
-                p.inner.W[i][count] = p.M[i][j]
+        for j in range(problem.columns):
+            if problem.free[j]:
+                problem.inner.W[i][count] = problem.M[i][j]
                 count += 1
             else:
-                rest -= p.M[i][j] * p.x[j]
-        p.inner.b[i] = rest
-    least_norm(p.inner, p.rows, count)
-    _spread(p)
+                rest -= problem.M[i][j] * problem.x[j]
+        problem.inner.b[i] = rest
+    least_norm(problem.inner, problem.rows, count)
+    _spread(problem)
 
 
-def _spread(p: BoundedProblem) -> None:
+def _spread(problem: BoundedProblem) -> None:
     """Copy the solution of the free variables to their places among all variables."""
     count = 0
-    for j in range(p.columns):
-        p.optimum[j] = p.x[j]
-        if p.free[j]:
-            p.optimum[j] = p.inner.y[count]
+    for j in range(problem.columns):
+        problem.optimum[j] = problem.x[j]
+        if problem.free[j]:
+            problem.optimum[j] = problem.inner.y[count]
             count += 1
 
 
-def _most_wrong(p: BoundedProblem) -> int:
+def _most_wrong(problem: BoundedProblem) -> int:
     """The fixed variable whose release lowers the cost most; -1 where none does."""
     worst = -1
     largest_gain = 0.0
     largest = 0.0
-    for j in range(p.columns):
-        gradient = -p.linear[j]
-        for k in range(p.columns):
-            gradient += p.hessian[j][k] * p.x[k]
+    for j in range(problem.columns):
+        gradient = -problem.linear[j]
+        for k in range(problem.columns):
+            gradient += problem.hessian[j][k] * problem.x[k]
         largest = max(largest, abs(gradient))
-        gain = -gradient if p.x[j] <= p.low[j] else gradient
-        if not p.free[j] and p.low[j] != p.high[j] and gain > largest_gain:
+        gain = -gradient if problem.x[j] <= problem.low[j] else gradient
+        if not problem.free[j] and problem.low[j] != problem.high[j] and gain > largest_gain:
             worst = j
             largest_gain = gain
     if largest_gain > _SIGN_TOLERANCE * _RIDGE * (1.0 + largest):

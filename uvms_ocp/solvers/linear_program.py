@@ -43,137 +43,144 @@ def program_sizes(m: int, n: int) -> dict[str, int]:
     return {"m": m, "n_x": n, "n_all": n + m}
 
 
-def solve_program(p: LinearProgram) -> bool:
+def solve_program(program: LinearProgram) -> bool:
     """Find x by the simplex method; return whether a finite optimum exists."""
     size = 1.0
     missing = 0.0
-    n = len(p.c)
-    for i in range(len(p.b)):
-        _begin_row(p, i)
-        size += abs(p.b[i]) + p.x[n + i]
-    if not _improve(p):
+    n = len(program.c)
+    for i in range(len(program.b)):
+        _begin_row(program, i)
+        size += abs(program.b[i]) + program.x[n + i]
+    if not _improve(program):
         return False
-    for i in range(len(p.b)):
-        missing += p.x[n + i]
+    for i in range(len(program.b)):
+        missing += program.x[n + i]
     if missing > _SMALLEST_PIVOT * size:
         return False
-    _count_what_counts(p)
-    return _improve(p)
+    _count_what_counts(program)
+    return _improve(program)
 
 
-def _begin_row(p: LinearProgram, i: int) -> None:
+def _begin_row(program: LinearProgram, i: int) -> None:
     """Start with all variables at their lower bound, and an artificial variable of the row, at a
     cost, as its basis.
     """
-    n = len(p.c)
-    rest = p.b[i]
+    n = len(program.c)
+    rest = program.b[i]
     for j in range(n):
-        p.x[j] = p.lower[j]
-        p.cost[j] = 0.0
-        p.basic[j] = False
-        rest -= p.A[i][j] * p.x[j]
-    for j in range(len(p.x)):
+        program.x[j] = program.lower[j]
+        program.cost[j] = 0.0
+        program.basic[j] = False
+        rest -= program.A[i][j] * program.x[j]
+    for j in range(len(program.x)):
         missing = 1.0 if j == n + i else 0.0
         if j < n:
-            p.tableau[i][j] = math.copysign(1.0, rest) * p.A[i][j]
+            program.tableau[i][j] = math.copysign(1.0, rest) * program.A[i][j]
         else:
-            p.tableau[i][j] = missing
-    p.x[n + i] = abs(rest)
-    p.upper[n + i] = math.inf
-    p.lower[n + i] = 0.0
-    p.cost[n + i] = -1.0
-    p.basic[n + i] = True
-    p.basis[i] = n + i
+            program.tableau[i][j] = missing
+    program.x[n + i] = abs(rest)
+    program.upper[n + i] = math.inf
+    program.lower[n + i] = 0.0
+    program.cost[n + i] = -1.0
+    program.basic[n + i] = True
+    program.basis[i] = n + i
 
 
-def _count_what_counts(p: LinearProgram) -> None:
+def _count_what_counts(program: LinearProgram) -> None:
     """Fix the artificial variables at 0, and take the costs of the program itself."""
-    n = len(p.c)
-    for i in range(len(p.b)):
-        p.x[n + i] = p.upper[n + i] = p.cost[n + i] = 0.0
-    p.cost[:n] = p.c[:n]
+    n = len(program.c)
+    for i in range(len(program.b)):
+        program.x[n + i] = program.upper[n + i] = program.cost[n + i] = 0.0
+    program.cost[:n] = program.c[:n]
 
 
-def value_of(p: LinearProgram) -> float:
+def value_of(program: LinearProgram) -> float:
     """Return ``c' x`` [c]."""
-    return dot(p.c, p.x, len(p.c))
+    return dot(program.c, program.x, len(program.c))
 
 
-def _improve(p: LinearProgram) -> bool:
+def _improve(program: LinearProgram) -> bool:
     """Move to the vertex of the largest value; return whether there is one."""
-    for _ in range(_ROUNDS_PER_VARIABLE * len(p.x)):
-        entering = _entering(p)
+    for _ in range(_ROUNDS_PER_VARIABLE * len(program.x)):
+        entering = _entering(program)
         if entering < 0:
             return True
-        if not _move(p, entering, 1.0 if p.x[entering] <= p.lower[entering] else -1.0):
+        if not _move(
+            program, entering, 1.0 if program.x[entering] <= program.lower[entering] else -1.0
+        ):
             return False
     return False
 
 
-def _entering(p: LinearProgram) -> int:
+def _entering(program: LinearProgram) -> int:
     """The first variable at a bound that pays to leave it; -1 for none."""
-    for j in range(len(p.x)):
-        if not p.basic[j] and p.lower[j] < p.upper[j]:
-            if p.x[j] <= p.lower[j]:
-                price = _price(p, j)
+    for j in range(len(program.x)):
+        if not program.basic[j] and program.lower[j] < program.upper[j]:
+            if program.x[j] <= program.lower[j]:
+                price = _price(program, j)
             else:
-                price = -_price(p, j)
+                price = -_price(program, j)
             if price > _SMALLEST_PIVOT:
                 return j
     return -1
 
 
-def _price(p: LinearProgram, j: int) -> float:
-    price = p.cost[j]
-    for i in range(len(p.b)):
-        price -= p.cost[p.basis[i]] * p.tableau[i][j]
+def _price(program: LinearProgram, j: int) -> float:
+    price = program.cost[j]
+    for i in range(len(program.b)):
+        price -= program.cost[program.basis[i]] * program.tableau[i][j]
     return price
 
 
-def _move(p: LinearProgram, entering: int, up: float) -> bool:
+def _move(program: LinearProgram, entering: int, up: float) -> bool:
     """Move a variable until another one meets a bound; return whether any does. The first of those
     leaves the basis.
     """
-    step = p.upper[entering] - p.lower[entering]
+    step = program.upper[entering] - program.lower[entering]
     leaving = -1
-    for i in range(len(p.b)):
-        rate = -up * p.tableau[i][entering]
-        k = p.basis[i]
+    for i in range(len(program.b)):
+        rate = -up * program.tableau[i][entering]
+        k = program.basis[i]
         if abs(rate) > _SMALLEST_PIVOT:
             room = max(
-                (p.upper[k] - p.x[k]) / rate if rate > 0.0 else (p.lower[k] - p.x[k]) / rate, 0.0
+                (program.upper[k] - program.x[k]) / rate
+                if rate > 0.0
+                else (program.lower[k] - program.x[k]) / rate,
+                0.0,
             )
-            first = room == step and leaving >= 0 and k < p.basis[max(leaving, 0)]
+            first = room == step and leaving >= 0 and k < program.basis[max(leaving, 0)]
             if room < step or first:
                 step = room
                 leaving = i
     if math.isinf(step):
         return False
-    for i in range(len(p.b)):
-        p.x[p.basis[i]] -= step * up * p.tableau[i][entering]
-    _to_bound(p, entering, up, step, leaving)
+    for i in range(len(program.b)):
+        program.x[program.basis[i]] -= step * up * program.tableau[i][entering]
+    _to_bound(program, entering, up, step, leaving)
     return True
 
 
-def _to_bound(p: LinearProgram, entering: int, up: float, step: float, leaving: int) -> None:
+def _to_bound(program: LinearProgram, entering: int, up: float, step: float, leaving: int) -> None:
     if leaving < 0:
-        p.x[entering] = p.upper[entering] if up > 0.0 else p.lower[entering]
+        program.x[entering] = program.upper[entering] if up > 0.0 else program.lower[entering]
         return
-    k = p.basis[leaving]
-    p.x[k] = p.upper[k] if up * p.tableau[leaving][entering] < 0.0 else p.lower[k]
-    p.x[entering] += up * step
-    p.basic[k] = False
-    p.basic[entering] = True
-    p.basis[leaving] = entering
-    _pivot(p, leaving, entering)
+    k = program.basis[leaving]
+    program.x[k] = (
+        program.upper[k] if up * program.tableau[leaving][entering] < 0.0 else program.lower[k]
+    )
+    program.x[entering] += up * step
+    program.basic[k] = False
+    program.basic[entering] = True
+    program.basis[leaving] = entering
+    _pivot(program, leaving, entering)
 
 
-def _pivot(p: LinearProgram, row: int, column: int) -> None:
-    pivot = p.tableau[row][column]
-    for j in range(len(p.x)):
-        p.tableau[row][j] /= pivot
-    for i in range(len(p.b)):
-        factor = p.tableau[i][column]
+def _pivot(program: LinearProgram, row: int, column: int) -> None:
+    pivot = program.tableau[row][column]
+    for j in range(len(program.x)):
+        program.tableau[row][j] /= pivot
+    for i in range(len(program.b)):
+        factor = program.tableau[i][column]
         if i != row and factor != 0.0:
-            for j in range(len(p.x)):
-                p.tableau[i][j] -= factor * p.tableau[row][j]
+            for j in range(len(program.x)):
+                program.tableau[i][j] -= factor * program.tableau[row][j]

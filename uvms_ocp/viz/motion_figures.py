@@ -373,16 +373,16 @@ def _surface_points(data: meta_values.ObstacleMeta, i: int, j: int) -> np.ndarra
     of axes i and j among them.
     """
     item = build_obstacle(data)
-    R = item.X_WO.rotation
+    rotation = item.X_WO.rotation
     p = item.X_WO.translation
     if data.vertices:
-        return np.asarray(np.array(data.vertices) @ R.T + p)
+        return np.asarray(np.array(data.vertices) @ rotation.T + p)
     angle = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.zeros((_DIRECTIONS, 3))
     directions[:, i] = np.cos(angle)
     directions[:, j] = np.sin(angle)
-    towards = directions @ R  # in the frame of the shape
+    towards = directions @ rotation  # in the frame of the shape
     support = support_of(item.shape, -towards, np.zeros((_DIRECTIONS, 3)))
     return np.asarray(
-        (support.centres + support.radius * towards[:, None]).reshape(-1, 3) @ R.T + p
+        (support.centres + support.radius * towards[:, None]).reshape(-1, 3) @ rotation.T + p
     )

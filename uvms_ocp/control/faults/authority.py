@@ -44,82 +44,86 @@ class AuthorityMemory(Layout):
     can_go_on: bool
 
 
-def judge_authority(a: AuthorityMemory, e: ThrusterEffectiveness) -> None:
+def judge_authority(authority: AuthorityMemory, effectiveness: ThrusterEffectiveness) -> None:
     """Compute the control authority left with this effectiveness: twenty-four linear programs."""
-    n = len(a.lower)
-    a.program.lower[:n] = a.lower[:n]
-    a.program.upper[:n] = a.upper[:n]
-    _reach_out(a, False)
+    n = len(authority.lower)
+    authority.program.lower[:n] = authority.lower[:n]
+    authority.program.upper[:n] = authority.upper[:n]
+    _reach_out(authority, False)
     for i in range(n):
-        a.program.lower[i] = min(
-            effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i])
+        authority.program.lower[i] = min(
+            effective_thrust(effectiveness, i, authority.lower[i]),
+            effective_thrust(effectiveness, i, authority.upper[i]),
         )
-        a.program.upper[i] = max(
-            effective_thrust(e, i, a.lower[i]), effective_thrust(e, i, a.upper[i])
+        authority.program.upper[i] = max(
+            effective_thrust(effectiveness, i, authority.lower[i]),
+            effective_thrust(effectiveness, i, authority.upper[i]),
         )
-    _reach_out(a, True)
-    _conclude_authority(a)
+    _reach_out(authority, True)
+    _conclude_authority(authority)
 
 
-def _reach_out(a: AuthorityMemory, trimmed: bool) -> None:
+def _reach_out(authority: AuthorityMemory, trimmed: bool) -> None:
     """Along all axes within the limits of the program; trimmed: of what is left, from the wrench
     that holds the robot still.
     """
     for axis in range(6):
         for way in range(2):
-            largest = _largest_along(a, axis, way, trimmed)
+            largest = _largest_along(authority, axis, way, trimmed)
             if trimmed:
-                a.reach[axis][way] = largest
+                authority.reach[axis][way] = largest
             else:
-                a.sound[axis][way] = largest
+                authority.sound[axis][way] = largest
 
 
-def _largest_along(a: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
+def _largest_along(authority: AuthorityMemory, axis: int, way: int, trimmed: bool) -> float:
     """Largest x with ``matrix T + s = trim + way x e``, T within its limits, s within what the
     water balances.
 
     way: 0 down the axis, 1 up. NaN where there is none.
     """
-    p = a.program
-    n = len(a.lower)
+    program = authority.program
+    n = len(authority.lower)
     for k in range(6):
-        _write_balance(a, k, k == axis and _ROLL <= axis <= _PITCH, trimmed)
-    p.A[axis][n + 6] = 1.0 - 2.0 * way
-    p.lower[n + 6] = 0.0
-    p.upper[n + 6] = math.inf
-    p.c[n + 6] = 1.0
-    if solve_program(p):
-        return value_of(p)
+        _write_balance(authority, k, k == axis and _ROLL <= axis <= _PITCH, trimmed)
+    program.A[axis][n + 6] = 1.0 - 2.0 * way
+    program.lower[n + 6] = 0.0
+    program.upper[n + 6] = math.inf
+    program.c[n + 6] = 1.0
+    if solve_program(program):
+        return value_of(program)
     return math.nan
 
 
-def _write_balance(a: AuthorityMemory, k: int, is_own_axis: bool, trimmed: bool) -> None:
+def _write_balance(authority: AuthorityMemory, k: int, is_own_axis: bool, trimmed: bool) -> None:
     """Compute the reach on axis k; own: by the thrusters alone, whatever the water balances."""
-    p = a.program
-    n = len(a.lower)
-    for i in range(len(p.c)):
-        p.A[k][i] = a.matrix[k][i] if i < n else 0.0
-    p.A[k][n + k] = 1.0
-    p.upper[n + k] = 0.0 if is_own_axis else a.righting[k]
-    p.lower[n + k] = -p.upper[n + k]
+    program = authority.program
+    n = len(authority.lower)
+    for i in range(len(program.c)):
+        program.A[k][i] = authority.matrix[k][i] if i < n else 0.0
+    program.A[k][n + k] = 1.0
+    program.upper[n + k] = 0.0 if is_own_axis else authority.righting[k]
+    program.lower[n + k] = -program.upper[n + k]
     if trimmed and not is_own_axis:
-        p.b[k] = a.trim[k]
+        program.b[k] = authority.trim[k]
     else:
-        p.b[k] = 0.0
+        program.b[k] = 0.0
 
 
-def _conclude_authority(a: AuthorityMemory) -> None:
+def _conclude_authority(authority: AuthorityMemory) -> None:
     """Return whether the robot can be held still, and pushed either way on every axis that the
     water does not hold.
     """
-    a.holds = True
+    authority.holds = True
     enough = True
     for axis in range(6):
         for way in range(2):
-            a.holds = a.holds and math.isfinite(a.reach[axis][way])
+            authority.holds = authority.holds and math.isfinite(authority.reach[axis][way])
             held = _ROLL <= axis <= _PITCH
-            enough = enough and (held or a.reach[axis][way] >= _LEAST * a.sound[axis][way])
-    a.can_go_on = a.holds and enough
+            enough = enough and (
+                held or authority.reach[axis][way] >= _LEAST * authority.sound[axis][way]
+            )
+    authority.can_go_on = authority.holds and enough
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

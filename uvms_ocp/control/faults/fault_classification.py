@@ -70,40 +70,40 @@ class FaultFit(Layout):
     """[s]"""
 
 
-def classify_fault(m: FaultFit) -> None:
+def classify_fault(fit: FaultFit) -> None:
     """Fit share and constant to commands and residuals."""
-    m.shares.least = math.inf
-    m.stops.least = math.inf
-    m.dead = math.inf
-    for k in range(max(m.count - _AFTER, 1)):
-        _try_onset(m, k)
-    loss = m.shares.best_slope
-    follows = m.stops.least > m.shares.least and not 1.0 - _NOTHING < loss < 1.0 + _REVERSED
-    stuck = m.stops.least < _STUCK * m.dead
-    m.share = 1.0 - loss if follows else 0.0
+    fit.shares.least = math.inf
+    fit.stops.least = math.inf
+    fit.dead = math.inf
+    for k in range(max(fit.count - _AFTER, 1)):
+        _try_onset(fit, k)
+    loss = fit.shares.best_slope
+    follows = fit.stops.least > fit.shares.least and not 1.0 - _NOTHING < loss < 1.0 + _REVERSED
+    stuck = fit.stops.least < _STUCK * fit.dead
+    fit.share = 1.0 - loss if follows else 0.0
     if stuck and not follows:
-        m.constant = m.stops.best_slope
+        fit.constant = fit.stops.best_slope
     else:
-        m.constant = 0.0
-    m.sigma = math.inf if follows else m.stops.best_sigma
-    m.onset = m.shares.onset if follows else m.stops.onset
+        fit.constant = 0.0
+    fit.sigma = math.inf if follows else fit.stops.best_sigma
+    fit.onset = fit.shares.onset if follows else fit.stops.onset
 
 
-def _try_onset(m: FaultFit, k: int) -> None:
+def _try_onset(fit: FaultFit, k: int) -> None:
     """Explain the looks by a fault that began at look k, and keep it where it explains them best."""
-    for j in range(m.count):
+    for j in range(fit.count):
         if j >= k:
-            m.faded[j] = math.exp(-m.bandwidth * max(m.time[j] - m.time[k], 0.0))
+            fit.faded[j] = math.exp(-fit.bandwidth * max(fit.time[j] - fit.time[k], 0.0))
         else:
-            m.faded[j] = 1.0
-        m.lost[j] = m.asked[j] - m.asked[k] * m.faded[j] if m.faded[j] < 1.0 else 0.0
-        m.shares.x[j] = -m.lost[j]
-        m.shares.y[j] = m.along[j]
-        m.stops.x[j] = 1.0 - m.faded[j]
-        m.stops.y[j] = m.along[j] + m.lost[j]
-    m.dead = min(m.dead, _scatter(m.stops.y, m.count))
-    _try_line(m.shares, m.count, m.time[k])
-    _try_line(m.stops, m.count, m.time[k])
+            fit.faded[j] = 1.0
+        fit.lost[j] = fit.asked[j] - fit.asked[k] * fit.faded[j] if fit.faded[j] < 1.0 else 0.0
+        fit.shares.x[j] = -fit.lost[j]
+        fit.shares.y[j] = fit.along[j]
+        fit.stops.x[j] = 1.0 - fit.faded[j]
+        fit.stops.y[j] = fit.along[j] + fit.lost[j]
+    fit.dead = min(fit.dead, _scatter(fit.stops.y, fit.count))
+    _try_line(fit.shares, fit.count, fit.time[k])
+    _try_line(fit.stops, fit.count, fit.time[k])
 
 
 def _scatter(y: Vector, n: int) -> float:
@@ -117,25 +117,25 @@ def _scatter(y: Vector, n: int) -> float:
     return total
 
 
-def _try_line(f: LineFit, n: int, onset: float) -> None:
+def _try_line(fit: LineFit, n: int, onset: float) -> None:
     mean_x = 0.0
     mean_y = 0.0
     size = 0.0
     along = 0.0
     for j in range(n):
-        mean_x += f.x[j] / n
-        mean_y += f.y[j] / n
+        mean_x += fit.x[j] / n
+        mean_y += fit.y[j] / n
     for j in range(n):
-        size += (f.x[j] - mean_x) * (f.x[j] - mean_x)
-        along += (f.x[j] - mean_x) * (f.y[j] - mean_y)
+        size += (fit.x[j] - mean_x) * (fit.x[j] - mean_x)
+        along += (fit.x[j] - mean_x) * (fit.y[j] - mean_y)
     size = max(size, _TINY_SCATTER)
-    f.slope = along / size
-    f.left = 0.0
+    fit.slope = along / size
+    fit.left = 0.0
     for j in range(n):
-        rest = f.y[j] - mean_y - f.slope * (f.x[j] - mean_x)
-        f.left += rest * rest
-    if f.left < f.least:
-        f.least = f.left
-        f.best_slope = f.slope
-        f.best_sigma = math.sqrt(f.left / max(n - 2, 1) / size)
-        f.onset = onset
+        rest = fit.y[j] - mean_y - fit.slope * (fit.x[j] - mean_x)
+        fit.left += rest * rest
+    if fit.left < fit.least:
+        fit.least = fit.left
+        fit.best_slope = fit.slope
+        fit.best_sigma = math.sqrt(fit.left / max(n - 2, 1) / size)
+        fit.onset = onset

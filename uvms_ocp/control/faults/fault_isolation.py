@@ -62,65 +62,67 @@ class IsolationWindow(Layout):
     """Residual of the next best explanation, over that of this one."""
 
 
-def append_sample(w: IsolationWindow, residual: Vector, t: float) -> int:
+def append_sample(window: IsolationWindow, residual: Vector, t: float) -> int:
     """The residual (6,) [N, N m] at time t [s]; where to write the thrust asked."""
-    slot = w.count % len(w.time)
+    slot = window.count % len(window.time)
     for k in range(6):
-        w.seen[slot][k] = residual[k] / w.scale[k]
-    w.time[slot] = t
-    w.count += 1
+        window.seen[slot][k] = residual[k] / window.scale[k]
+    window.time[slot] = t
+    window.count += 1
     return slot
 
 
-def isolate_fault(w: IsolationWindow) -> None:
+def isolate_fault(window: IsolationWindow) -> None:
     """In the last `window` seconds, or half of it at the beginning."""
-    n = min(w.length, w.count - LATE - EARLY)
-    w.thruster = -1
-    w.explained = 0.0
-    w.lead = 1.0
-    if n >= w.length // 2:
-        first = w.count - EARLY - n
-        total = _changes(w, first, n)
+    n = min(window.length, window.count - LATE - EARLY)
+    window.thruster = -1
+    window.explained = 0.0
+    window.lead = 1.0
+    if n >= window.length // 2:
+        first = window.count - EARLY - n
+        total = _changes(window, first, n)
         if total >= n * (_LEAST_CHANGE * _LEAST_CHANGE):
-            best = _lead(w, total, first, n)
+            best = _lead(window, total, first, n)
             if (
-                w.explained >= w.least_explained
-                and w.lead >= w.least_lead
-                and _precedes(w, best, total, first, n)
+                window.explained >= window.least_explained
+                and window.lead >= window.least_lead
+                and _precedes(window, best, total, first, n)
             ):
-                w.thruster = best
+                window.thruster = best
 
 
-def _precedes(w: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
+def _precedes(window: IsolationWindow, best: int, total: float, first: int, n: int) -> bool:
     """Return whether what a thruster is asked comes before the changes, and does not answer
     them.
     """
-    answers = max(_explained(w, best, first + EARLY // 2, n), _explained(w, best, first + EARLY, n))
-    return total - answers >= _PRECEDES * (1.0 - w.explained) * total
+    answers = max(
+        _explained(window, best, first + EARLY // 2, n), _explained(window, best, first + EARLY, n)
+    )
+    return total - answers >= _PRECEDES * (1.0 - window.explained) * total
 
 
-def _lead(w: IsolationWindow, total: float, first: int, n: int) -> int:
+def _lead(window: IsolationWindow, total: float, first: int, n: int) -> int:
     """The thruster that explains most, at the delay at which any does."""
     best_explained = -1.0
     best = 0
     delay = 0
     for late in range(LATE + 1):
-        for i in range(len(w.square)):
-            explained = _explained(w, i, first - late, n)
+        for i in range(len(window.square)):
+            explained = _explained(window, i, first - late, n)
             if explained > best_explained:
                 best_explained = explained
                 best = i
                 delay = late
     unexplained = max(total - best_explained, _TINY_CHANGE * total)
     second = 0.0
-    for i in range(len(w.square)):
-        second = max(second, _explained(w, i, first - delay, n) if i != best else 0.0)
-    w.explained = 1.0 - unexplained / total
-    w.lead = (total - second) / unexplained
+    for i in range(len(window.square)):
+        second = max(second, _explained(window, i, first - delay, n) if i != best else 0.0)
+    window.explained = 1.0 - unexplained / total
+    window.lead = (total - second) / unexplained
     return best
 
 
-def _changes(w: IsolationWindow, first: int, n: int) -> float:
+def _changes(window: IsolationWindow, first: int, n: int) -> float:
     """Sum of squares of the changes of the residual in n looks, which are laid out along all
     directions.
     """
@@ -128,21 +130,21 @@ def _changes(w: IsolationWindow, first: int, n: int) -> float:
     total = 0.0
     for k in range(6):
         for j in range(n):
-            mean[k] += w.seen[(first + j) % len(w.time)][k]
+            mean[k] += window.seen[(first + j) % len(window.time)][k]
         mean[k] /= n
     for j in range(n):
-        slot = (first + j) % len(w.time)
-        for i in range(len(w.square)):
-            w.along[j][i] = 0.0
+        slot = (first + j) % len(window.time)
+        for i in range(len(window.square)):
+            window.along[j][i] = 0.0
         for k in range(6):
-            change = w.seen[slot][k] - mean[k]
+            change = window.seen[slot][k] - mean[k]
             total += change * change
-            for i in range(len(w.square)):
-                w.along[j][i] += change * w.directions[k][i]
+            for i in range(len(window.square)):
+                window.along[j][i] += change * window.directions[k][i]
     return total
 
 
-def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
+def _explained(window: IsolationWindow, i: int, first: int, n: int) -> float:
     """Compute the share of the sum of squares that the commands of thruster i explain in n
     samples.
     """
@@ -150,13 +152,13 @@ def _explained(w: IsolationWindow, i: int, first: int, n: int) -> float:
     size = 0.0
     along = 0.0
     for j in range(n):
-        mean += w.asked[(first + j) % len(w.time)][i]
+        mean += window.asked[(first + j) % len(window.time)][i]
     mean /= n
     for j in range(n):
-        change = w.asked[(first + j) % len(w.time)][i] - mean
+        change = window.asked[(first + j) % len(window.time)][i] - mean
         size += change * change
-        along += change * w.along[j][i]
-    size = max(w.square[i] * size, _TINY_CHANGE)
+        along += change * window.along[j][i]
+    size = max(window.square[i] * size, _TINY_CHANGE)
     theta = -along / size
     if _LEAST < theta < _MOST:
         return theta * theta * size

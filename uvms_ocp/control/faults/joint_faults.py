@@ -42,19 +42,19 @@ class JointFaultMemory(Layout):
     """(n_joints,) jammed, by the last look."""
 
 
-def reset_joints(w: JointFaultMemory) -> None:
+def reset_joints(joint_faults: JointFaultMemory) -> None:
     """Encoders are silent or doubted."""
-    w.started = False
-    for j in range(w.count):
-        w.asked[j] = 0.0
-        w.moved[j] = 0.0
-        w.found[j] = False
-        if not w.jammed[j]:
-            w.since[j] = math.inf
+    joint_faults.started = False
+    for j in range(joint_faults.count):
+        joint_faults.asked[j] = 0.0
+        joint_faults.moved[j] = 0.0
+        joint_faults.found[j] = False
+        if not joint_faults.jammed[j]:
+            joint_faults.since[j] = math.inf
 
 
 def detect_joint_faults(
-    w: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float
+    joint_faults: JointFaultMemory, way: Vector, q: Vector, resistance: Vector, t: float
 ) -> bool:
     """Take in the way (n_joints,) [rad or m] asked since the last look, and q (n_joints,) [rad or
     m] where they are, by the way they went, at time t [s].
@@ -62,33 +62,35 @@ def detect_joint_faults(
     resistance (n_joints,) [N m or N]: what the observer finds to act on the joints beside motors
     and model. Whether any was found jammed.
     """
-    keep = math.exp(-(t - w.t) / _MEMORY)
+    keep = math.exp(-(t - joint_faults.t) / _MEMORY)
     any_found = False
-    for j in range(w.count):
-        w.found[j] = False
-        if w.started:
-            w.asked[j] = keep * w.asked[j] + way[j]
-            w.moved[j] = keep * w.moved[j] + q[j] - w.before[j]
-            _look_at_joint(w, j, resistance[j], t)
-        w.before[j] = q[j]
-        any_found = any_found or w.found[j]
-    w.started = True
-    w.t = t
+    for j in range(joint_faults.count):
+        joint_faults.found[j] = False
+        if joint_faults.started:
+            joint_faults.asked[j] = keep * joint_faults.asked[j] + way[j]
+            joint_faults.moved[j] = keep * joint_faults.moved[j] + q[j] - joint_faults.before[j]
+            _look_at_joint(joint_faults, j, resistance[j], t)
+        joint_faults.before[j] = q[j]
+        any_found = any_found or joint_faults.found[j]
+    joint_faults.started = True
+    joint_faults.t = t
     return any_found
 
 
-def _look_at_joint(w: JointFaultMemory, j: int, resistance: float, t: float) -> None:
-    if w.jammed[j]:
+def _look_at_joint(joint_faults: JointFaultMemory, j: int, resistance: float, t: float) -> None:
+    if joint_faults.jammed[j]:
         return
-    commanded_travel = abs(w.asked[j])
-    if w.asked[j] > 0.0:
+    commanded_travel = abs(joint_faults.asked[j])
+    if joint_faults.asked[j] > 0.0:
         against = -resistance
     else:
-        against = resistance if w.asked[j] < 0.0 else 0.0
-    stands = commanded_travel > _JAM_TRAVEL and abs(w.moved[j]) < _MOVED * commanded_travel
-    if stands and against > _JAM_EFFORT * w.effort[j]:
-        w.since[j] = min(w.since[j], t)
+        against = resistance if joint_faults.asked[j] < 0.0 else 0.0
+    stands = (
+        commanded_travel > _JAM_TRAVEL and abs(joint_faults.moved[j]) < _MOVED * commanded_travel
+    )
+    if stands and against > _JAM_EFFORT * joint_faults.effort[j]:
+        joint_faults.since[j] = min(joint_faults.since[j], t)
     else:
-        w.since[j] = math.inf
-    w.found[j] = t - w.since[j] >= _JAM_TIME - 1e-9
-    w.jammed[j] = w.found[j]
+        joint_faults.since[j] = math.inf
+    joint_faults.found[j] = t - joint_faults.since[j] >= _JAM_TIME - 1e-9
+    joint_faults.jammed[j] = joint_faults.found[j]

@@ -60,8 +60,8 @@ class ThrusterFaultMemory(Layout):
 
 
 def detect_thruster_faults(
-    w: ThrusterFaultMemory,
-    e: ThrusterEffectiveness,
+    thruster_faults: ThrusterFaultMemory,
+    effectiveness: ThrusterEffectiveness,
     residual: Vector,
     commanded_thrust: Vector,
     t: float,
@@ -70,87 +70,96 @@ def detect_thruster_faults(
     that it tells of, of thrusters that all follow; the thruster that was found faulty now, and
     whose effect is changed, or -1.
     """
-    if not w.started:
-        _restart(w, t)
-    if t < w.quiet_until:
+    if not thruster_faults.started:
+        _restart(thruster_faults, t)
+    if t < thruster_faults.quiet_until:
         return -1
-    slot = append_sample(w.window, residual, t)
-    for i in range(len(w.health)):
-        w.window.asked[slot][i] = e.share[i] * commanded_thrust[i]
-    isolate_fault(w.window)
-    again = w.window.thruster >= 0 and w.window.thruster == w.last
-    counts = min(w.window.lead / _CLEAR_LEAD, 1.0)
-    w.evidence = w.evidence + counts * counts if again else 0.0
-    w.last = w.window.thruster
-    if w.last != w.suspect:
-        _mark(w)
-    if w.evidence > _LOOKS:
-        return _conclude_fault(w, e, t)
+    slot = append_sample(thruster_faults.window, residual, t)
+    for i in range(len(thruster_faults.health)):
+        thruster_faults.window.asked[slot][i] = effectiveness.share[i] * commanded_thrust[i]
+    isolate_fault(thruster_faults.window)
+    again = (
+        thruster_faults.window.thruster >= 0
+        and thruster_faults.window.thruster == thruster_faults.last
+    )
+    counts = min(thruster_faults.window.lead / _CLEAR_LEAD, 1.0)
+    thruster_faults.evidence = thruster_faults.evidence + counts * counts if again else 0.0
+    thruster_faults.last = thruster_faults.window.thruster
+    if thruster_faults.last != thruster_faults.suspect:
+        _mark(thruster_faults)
+    if thruster_faults.evidence > _LOOKS:
+        return _conclude_fault(thruster_faults, effectiveness, t)
     return -1
 
 
-def _restart(w: ThrusterFaultMemory, t: float) -> None:
-    w.started = True
-    w.quiet_until = t + w.settling
-    w.last = -1
-    w.evidence = 0.0
-    w.window.count = 0
+def _restart(thruster_faults: ThrusterFaultMemory, t: float) -> None:
+    thruster_faults.started = True
+    thruster_faults.quiet_until = t + thruster_faults.settling
+    thruster_faults.last = -1
+    thruster_faults.evidence = 0.0
+    thruster_faults.window.count = 0
 
 
-def _mark(w: ThrusterFaultMemory) -> None:
-    w.suspect = w.last
-    for i in range(len(w.health)):
-        if w.health[i] != ActuatorHealth.FAULTY:
-            w.health[i] = ActuatorHealth.SUSPECT if i == w.suspect else ActuatorHealth.GOOD
+def _mark(thruster_faults: ThrusterFaultMemory) -> None:
+    thruster_faults.suspect = thruster_faults.last
+    for i in range(len(thruster_faults.health)):
+        if thruster_faults.health[i] != ActuatorHealth.FAULTY:
+            thruster_faults.health[i] = (
+                ActuatorHealth.SUSPECT if i == thruster_faults.suspect else ActuatorHealth.GOOD
+            )
 
 
-def _conclude_fault(w: ThrusterFaultMemory, e: ThrusterEffectiveness, t: float) -> int:
+def _conclude_fault(
+    thruster_faults: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, t: float
+) -> int:
     """The verdict, unless so little is missing that it does no harm, and what comes of commands
     from now on.
     """
-    i = w.last
-    _select_thruster(w, i)
-    classify_fault(w.fault_fit)
-    if w.fault_fit.share > _SOUND_SHARE:
-        w.evidence = 0.0
+    i = thruster_faults.last
+    _select_thruster(thruster_faults, i)
+    classify_fault(thruster_faults.fault_fit)
+    if thruster_faults.fault_fit.share > _SOUND_SHARE:
+        thruster_faults.evidence = 0.0
         return -1
-    e.share[i] = e.share[i] * w.fault_fit.share
-    if e.share[i] != 0.0:
-        e.constant[i] = 0.0
+    effectiveness.share[i] = effectiveness.share[i] * thruster_faults.fault_fit.share
+    if effectiveness.share[i] != 0.0:
+        effectiveness.constant[i] = 0.0
     else:
-        e.constant[i] = _constant(w, i)
-    w.health[i] = ActuatorHealth.FAULTY
-    kind = FaultKind.STUCK if e.constant[i] != 0.0 else FaultKind.DEAD
-    if e.share[i] != 0.0:
-        kind = FaultKind.REVERSED if e.share[i] < 0.0 else FaultKind.WEAK
-    w.kind[i] = kind
-    w.confidence[i] = w.window.lead
-    w.since[i] = w.fault_fit.onset
-    _restart(w, t)
+        effectiveness.constant[i] = _constant(thruster_faults, i)
+    thruster_faults.health[i] = ActuatorHealth.FAULTY
+    kind = FaultKind.STUCK if effectiveness.constant[i] != 0.0 else FaultKind.DEAD
+    if effectiveness.share[i] != 0.0:
+        kind = FaultKind.REVERSED if effectiveness.share[i] < 0.0 else FaultKind.WEAK
+    thruster_faults.kind[i] = kind
+    thruster_faults.confidence[i] = thruster_faults.window.lead
+    thruster_faults.since[i] = thruster_faults.fault_fit.onset
+    _restart(thruster_faults, t)
     return i
 
 
-def _select_thruster(w: ThrusterFaultMemory, i: int) -> None:
+def _select_thruster(thruster_faults: ThrusterFaultMemory, i: int) -> None:
     """All that is kept of thruster i."""
-    b = w.window
-    w.fault_fit.count = min(b.count, len(b.time))
-    for j in range(w.fault_fit.count):
-        slot = (b.count - w.fault_fit.count + j) % len(b.time)
+    window = thruster_faults.window
+    thruster_faults.fault_fit.count = min(window.count, len(window.time))
+    for j in range(thruster_faults.fault_fit.count):
+        slot = (window.count - thruster_faults.fault_fit.count + j) % len(window.time)
         along = 0.0
         for k in range(6):
-            along += b.seen[slot][k] * b.directions[k][i]
-        w.fault_fit.time[j] = b.time[slot]
-        w.fault_fit.asked[j] = b.asked[slot][i]
-        w.fault_fit.along[j] = along / max(b.square[i], _TINY)
+            along += window.seen[slot][k] * window.directions[k][i]
+        thruster_faults.fault_fit.time[j] = window.time[slot]
+        thruster_faults.fault_fit.asked[j] = window.asked[slot][i]
+        thruster_faults.fault_fit.along[j] = along / max(window.square[i], _TINY)
 
 
-def _constant(w: ThrusterFaultMemory, i: int) -> float:
+def _constant(thruster_faults: ThrusterFaultMemory, i: int) -> float:
     """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
-    lower = w.lower[i]
-    upper = w.upper[i]
-    constant = w.fault_fit.constant
+    lower = thruster_faults.lower[i]
+    upper = thruster_faults.upper[i]
+    constant = thruster_faults.fault_fit.constant
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
-    clear = abs(constant) > max(_STUCK_SIGMAS * w.fault_fit.sigma, _STUCK_SHARE * upper)
+    clear = abs(constant) > max(
+        _STUCK_SIGMAS * thruster_faults.fault_fit.sigma, _STUCK_SHARE * upper
+    )
     if possible and clear:
         return min(max(constant, lower), upper)
     return 0.0

@@ -51,11 +51,11 @@ class ThrusterEffectiveness(Layout):
         )
 
 
-def effective_thrust(e: ThrusterEffectiveness, i: int, commanded: float) -> float:
+def effective_thrust(effectiveness: ThrusterEffectiveness, i: int, commanded: float) -> float:
     """Compute the thrust [N] of thruster i for that asked [N], as `ThrusterEffectiveness.given`
     does. A kernel.
     """
-    return e.share[i] * commanded + e.constant[i]
+    return effectiveness.share[i] * commanded + effectiveness.constant[i]
 
 
 # What is known of thrusters and joints: sound, suspect or faulty, and how.

@@ -52,27 +52,29 @@ class PowerMemory(Layout):
     inner: bounded_least_squares.LeastSquaresRows
 
 
-def prepare_minimum_power(p: PowerMemory) -> None:
+def prepare_minimum_power(power: PowerMemory) -> None:
     """Find what is the same for every wrench."""
     exponent = 1.0
-    for i in range(p.count):
-        p.largest[i] = max(p.largest[i], _SMALLEST)
-        p.quadratic[i] = p.factor[i] * math.exp((p.exponent[i] - 2.0) * math.log(p.largest[i]))
-        exponent = max(exponent, p.exponent[i])
-    p.stretch = min(1.8, 0.9 / max(exponent - 1.0, 1e-9))
-    for k in range(len(p.matrix)):
-        _invert(p, k)
-    _find_spare(p)
+    for i in range(power.count):
+        power.largest[i] = max(power.largest[i], _SMALLEST)
+        power.quadratic[i] = power.factor[i] * math.exp(
+            (power.exponent[i] - 2.0) * math.log(power.largest[i])
+        )
+        exponent = max(exponent, power.exponent[i])
+    power.stretch = min(1.8, 0.9 / max(exponent - 1.0, 1e-9))
+    for k in range(len(power.matrix)):
+        _invert(power, k)
+    _find_spare(power)
 
 
-def minimum_power(p: PowerMemory, wrench: Vector, thrust: Vector) -> None:
+def minimum_power(power: PowerMemory, wrench: Vector, thrust: Vector) -> None:
     """Find the thrust (n,) [N] for a wrench (6,) [N, N m]: that of the inverse, moved in the null
     space of the matrix.
     """
-    for i in range(p.count):
-        thrust[i] = bounded_least_squares.dot(p.inverse[i], wrench, len(p.matrix))
-    for _ in range(_STEPS if p.n_spare > 0 else 0):
-        _reduce_power(p, thrust)
+    for i in range(power.count):
+        thrust[i] = bounded_least_squares.dot(power.inverse[i], wrench, len(power.matrix))
+    for _ in range(_STEPS if power.n_spare > 0 else 0):
+        _reduce_power(power, thrust)
 
 
 def majorizing_weight(factor: float, exponent: float, largest: float, thrust: float) -> float:
@@ -86,59 +88,61 @@ def majorizing_weight(factor: float, exponent: float, largest: float, thrust: fl
     return 0.5 * factor * exponent * math.exp((0.5 * exponent - 1.0) * math.log(size))
 
 
-def _invert(p: PowerMemory, k: int) -> None:
+def _invert(power: PowerMemory, k: int) -> None:
     """Column k of the inverse."""
-    for row in range(len(p.matrix)):
-        p.inner.b[row] = 1.0 if row == k else 0.0
-        for i in range(p.count):
-            p.inner.W[row][i] = p.wrench_weight[row] * p.matrix[row][i] / math.sqrt(p.quadratic[i])
-    bounded_least_squares.least_norm(p.inner, len(p.matrix), p.count)
-    for i in range(p.count):
-        value = p.inner.y[i] * p.wrench_weight[k] / math.sqrt(p.quadratic[i])
-        p.inverse[i][k] = value if abs(value) > _ROUNDING else 0.0
+    for row in range(len(power.matrix)):
+        power.inner.b[row] = 1.0 if row == k else 0.0
+        for i in range(power.count):
+            power.inner.W[row][i] = (
+                power.wrench_weight[row] * power.matrix[row][i] / math.sqrt(power.quadratic[i])
+            )
+    bounded_least_squares.least_norm(power.inner, len(power.matrix), power.count)
+    for i in range(power.count):
+        value = power.inner.y[i] * power.wrench_weight[k] / math.sqrt(power.quadratic[i])
+        power.inverse[i][k] = value if abs(value) > _ROUNDING else 0.0
 
 
-def _find_spare(p: PowerMemory) -> None:
+def _find_spare(power: PowerMemory) -> None:
     """Choose thrusters one by one, always that of which most is neither in the rows of the matrix
     nor spare yet.
     """
-    for row in range(len(p.matrix)):
-        p.inner.W[row][: p.count] = p.matrix[row][: p.count]
-    rank = bounded_least_squares.row_space(p.inner, len(p.matrix), p.count)
-    p.n_spare = 0
-    while p.n_spare < p.count - rank:
+    for row in range(len(power.matrix)):
+        power.inner.W[row][: power.count] = power.matrix[row][: power.count]
+    rank = bounded_least_squares.row_space(power.inner, len(power.matrix), power.count)
+    power.n_spare = 0
+    while power.n_spare < power.count - rank:
         best = 0
         largest_rest = -1.0
-        for i in range(p.count):
-            rest = _rest(p, rank, i)
+        for i in range(power.count):
+            rest = _rest(power, rank, i)
             if rest > largest_rest:
                 best = i
                 largest_rest = rest
-        _add_spare(p, rank, best)
+        _add_spare(power, rank, best)
 
 
-def _rest(p: PowerMemory, rank: int, i: int) -> float:
+def _rest(power: PowerMemory, rank: int, i: int) -> float:
     rest = 1.0
     for k in range(rank):
-        rest -= p.inner.basis[k][i] * p.inner.basis[k][i]
-    for k in range(p.n_spare):
-        rest -= p.spare[k][i] * p.spare[k][i]
+        rest -= power.inner.basis[k][i] * power.inner.basis[k][i]
+    for k in range(power.n_spare):
+        rest -= power.spare[k][i] * power.spare[k][i]
     return rest
 
 
-def _add_spare(p: PowerMemory, rank: int, start: int) -> None:
-    new = p.spare[p.n_spare]
-    for i in range(p.count):
+def _add_spare(power: PowerMemory, rank: int, start: int) -> None:
+    new = power.spare[power.n_spare]
+    for i in range(power.count):
         new[i] = 1.0 if i == start else 0.0
     for _ in range(2):  # to the last bit
         for k in range(rank):
-            _take_from(new, p.inner.basis[k], p.count)
-        for k in range(p.n_spare):
-            _take_from(new, p.spare[k], p.count)
-    size = math.sqrt(bounded_least_squares.dot(new, new, p.count))
-    for i in range(p.count):
+            _take_from(new, power.inner.basis[k], power.count)
+        for k in range(power.n_spare):
+            _take_from(new, power.spare[k], power.count)
+    size = math.sqrt(bounded_least_squares.dot(new, new, power.count))
+    for i in range(power.count):
         new[i] = new[i] / size if abs(new[i]) > _ROUNDING else 0.0
-    p.n_spare += 1
+    power.n_spare += 1
 
 
 def _take_from(x: Vector, direction: Vector, n: int) -> None:
@@ -147,19 +151,21 @@ def _take_from(x: Vector, direction: Vector, n: int) -> None:
         x[i] -= along * direction[i]
 
 
-def _reduce_power(p: PowerMemory, thrust: Vector) -> None:
+def _reduce_power(power: PowerMemory, thrust: Vector) -> None:
     """One step to less power."""
-    weight = zeros(len(p.factor))
-    for i in range(p.count):
-        weight[i] = majorizing_weight(p.factor[i], p.exponent[i], p.largest[i], thrust[i])
-    for k in range(p.n_spare):
-        p.inner.y[k] = _weighted(p.spare[k], weight, thrust, p.count)
+    weight = zeros(len(power.factor))
+    for i in range(power.count):
+        weight[i] = majorizing_weight(
+            power.factor[i], power.exponent[i], power.largest[i], thrust[i]
+        )
+    for k in range(power.n_spare):
+        power.inner.y[k] = _weighted(power.spare[k], weight, thrust, power.count)
         for j in range(k + 1):
-            p.inner.K[k][j] = _weighted(p.spare[k], weight, p.spare[j], p.count)
-    bounded_least_squares.solve_positive(p.inner, p.n_spare)
-    for k in range(p.n_spare):
-        for i in range(p.count):
-            thrust[i] -= p.stretch * p.spare[k][i] * p.inner.y[k]
+            power.inner.K[k][j] = _weighted(power.spare[k], weight, power.spare[j], power.count)
+    bounded_least_squares.solve_positive(power.inner, power.n_spare)
+    for k in range(power.n_spare):
+        for i in range(power.count):
+            thrust[i] -= power.stretch * power.spare[k][i] * power.inner.y[k]
 
 
 def _weighted(x: Vector, weight: Vector, y: Vector, n: int) -> float:
@@ -195,104 +201,119 @@ class LimitedThrustMemory(Layout):
     """(n,) [N] the answer."""
 
 
-def limited_thrust(p: LimitedThrustMemory) -> bool:
+def limited_thrust(limited_thrust: LimitedThrustMemory) -> bool:
     """Find the thrust; whether the limits keep the wrench from being reached."""
-    n = p.problem.columns
+    n = limited_thrust.problem.columns
     inside = True
     for i in range(n):
-        p.thrust[i] = p.unbounded[i]
-        inside = inside and p.lower[i] <= p.unbounded[i] <= p.upper[i]
+        limited_thrust.thrust[i] = limited_thrust.unbounded[i]
+        inside = (
+            inside
+            and limited_thrust.lower[i] <= limited_thrust.unbounded[i] <= limited_thrust.upper[i]
+        )
     if not inside:
-        _bounded(p)
-    saturated = not inside and _loses(p)
-    p.within[:n] = p.thrust[:n]
-    _leave_dead_zones(p)
+        _bounded(limited_thrust)
+    saturated = not inside and _loses(limited_thrust)
+    limited_thrust.within[:n] = limited_thrust.thrust[:n]
+    _leave_dead_zones(limited_thrust)
     return saturated
 
 
-def _bounded(p: LimitedThrustMemory) -> None:
+def _bounded(limited_thrust: LimitedThrustMemory) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
-    n = p.problem.columns
-    before = zeros(len(p.thrust))
-    p.problem.weight[:n] = p.powers.quadratic[:n]
-    p.problem.lower[:n] = p.lower[:n]
-    p.problem.upper[:n] = p.upper[:n]
-    _solve(p, False)
-    for _ in range(_REWEIGHTINGS if p.powers.n_spare > 0 else 0):
-        before[:n] = p.thrust[:n]
-        _touch(p)
-        _solve(p, True)
+    n = limited_thrust.problem.columns
+    before = zeros(len(limited_thrust.thrust))
+    limited_thrust.problem.weight[:n] = limited_thrust.powers.quadratic[:n]
+    limited_thrust.problem.lower[:n] = limited_thrust.lower[:n]
+    limited_thrust.problem.upper[:n] = limited_thrust.upper[:n]
+    _solve(limited_thrust, False)
+    for _ in range(_REWEIGHTINGS if limited_thrust.powers.n_spare > 0 else 0):
+        before[:n] = limited_thrust.thrust[:n]
+        _touch(limited_thrust)
+        _solve(limited_thrust, True)
         moved = 0.0
         largest_thrust = 0.0
         for i in range(n):
-            moved = max(moved, abs(p.thrust[i] - before[i]))
-            largest_thrust = max(largest_thrust, p.powers.largest[i])
+            moved = max(moved, abs(limited_thrust.thrust[i] - before[i]))
+            largest_thrust = max(largest_thrust, limited_thrust.powers.largest[i])
         if moved < _SETTLED * largest_thrust:
             break
 
 
-def _touch(p: LimitedThrustMemory) -> None:
-    for i in range(p.problem.columns):
-        p.problem.weight[i] = majorizing_weight(
-            p.powers.factor[i], p.powers.exponent[i], p.powers.largest[i], p.thrust[i]
+def _touch(limited_thrust: LimitedThrustMemory) -> None:
+    for i in range(limited_thrust.problem.columns):
+        limited_thrust.problem.weight[i] = majorizing_weight(
+            limited_thrust.powers.factor[i],
+            limited_thrust.powers.exponent[i],
+            limited_thrust.powers.largest[i],
+            limited_thrust.thrust[i],
         )
 
 
-def _solve(p: LimitedThrustMemory, started: bool) -> None:
+def _solve(limited_thrust: LimitedThrustMemory, started: bool) -> None:
     """The thrust for the weights and limits in the problem; started: from the thrust that there
     is.
     """
-    n = p.problem.columns
-    for k in range(p.problem.rows):
-        p.problem.b[k] = p.powers.wrench_weight[k] * p.wrench[k]
+    n = limited_thrust.problem.columns
+    for k in range(limited_thrust.problem.rows):
+        limited_thrust.problem.b[k] = (
+            limited_thrust.powers.wrench_weight[k] * limited_thrust.wrench[k]
+        )
         for i in range(n):
-            p.problem.A[k][i] = p.powers.wrench_weight[k] * p.powers.matrix[k][i]
-    p.problem.x[:n] = p.thrust[:n]
-    p.problem.started = started
-    bounded_least_squares.solve_bounded(p.problem)
-    p.thrust[:n] = p.problem.x[:n]
+            limited_thrust.problem.A[k][i] = (
+                limited_thrust.powers.wrench_weight[k] * limited_thrust.powers.matrix[k][i]
+            )
+    limited_thrust.problem.x[:n] = limited_thrust.thrust[:n]
+    limited_thrust.problem.started = started
+    bounded_least_squares.solve_bounded(limited_thrust.problem)
+    limited_thrust.thrust[:n] = limited_thrust.problem.x[:n]
 
 
-def _loses(p: LimitedThrustMemory) -> bool:
+def _loses(limited_thrust: LimitedThrustMemory) -> bool:
     """Return whether the wrench is another one than that of the unbounded thrust."""
     lost = 0.0
     required = 0.0
-    for k in range(p.problem.rows):
+    for k in range(limited_thrust.problem.rows):
         difference = 0.0
         total = 0.0
-        for i in range(p.problem.columns):
-            difference += p.powers.matrix[k][i] * (p.thrust[i] - p.unbounded[i])
-            total += p.powers.matrix[k][i] * p.unbounded[i]
-        difference *= p.powers.wrench_weight[k]
-        total *= p.powers.wrench_weight[k]
+        for i in range(limited_thrust.problem.columns):
+            difference += limited_thrust.powers.matrix[k][i] * (
+                limited_thrust.thrust[i] - limited_thrust.unbounded[i]
+            )
+            total += limited_thrust.powers.matrix[k][i] * limited_thrust.unbounded[i]
+        difference *= limited_thrust.powers.wrench_weight[k]
+        total *= limited_thrust.powers.wrench_weight[k]
         lost += difference * difference
         required += total * total
     return math.sqrt(lost) > _EXACT * math.sqrt(required)
 
 
-def _leave_dead_zones(p: LimitedThrustMemory) -> None:
+def _leave_dead_zones(limited_thrust: LimitedThrustMemory) -> None:
     """Round what lies inside a dead zone, and let the other thrusters make up for it."""
-    n = p.problem.columns
-    p.problem.lower[:n] = p.lower[:n]
-    p.problem.upper[:n] = p.upper[:n]
-    while _fix_inside_dead_zones(p):
-        _touch(p)
-        _solve(p, False)
+    n = limited_thrust.problem.columns
+    limited_thrust.problem.lower[:n] = limited_thrust.lower[:n]
+    limited_thrust.problem.upper[:n] = limited_thrust.upper[:n]
+    while _fix_inside_dead_zones(limited_thrust):
+        _touch(limited_thrust)
+        _solve(limited_thrust, False)
 
 
-def _fix_inside_dead_zones(p: LimitedThrustMemory) -> bool:
+def _fix_inside_dead_zones(limited_thrust: LimitedThrustMemory) -> bool:
     """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
     is_inside = False
-    for i in range(p.problem.columns):
-        size = abs(p.thrust[i])
-        edge = p.dead_zone[i]
-        if 0.0 < size < edge and p.problem.lower[i] < p.problem.upper[i]:
-            nearest = min(max(math.copysign(edge, p.thrust[i]), p.lower[i]), p.upper[i])
+    for i in range(limited_thrust.problem.columns):
+        size = abs(limited_thrust.thrust[i])
+        edge = limited_thrust.dead_zone[i]
+        if 0.0 < size < edge and limited_thrust.problem.lower[i] < limited_thrust.problem.upper[i]:
+            nearest = min(
+                max(math.copysign(edge, limited_thrust.thrust[i]), limited_thrust.lower[i]),
+                limited_thrust.upper[i],
+            )
             if size > 0.5 * edge and abs(nearest) >= edge:
                 rounded = nearest
             else:
                 rounded = 0.0
-            p.problem.lower[i] = rounded
-            p.problem.upper[i] = rounded
+            limited_thrust.problem.lower[i] = rounded
+            limited_thrust.problem.upper[i] = rounded
             is_inside = True
     return is_inside

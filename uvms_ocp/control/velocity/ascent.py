@@ -34,26 +34,26 @@ class AscentMemory(Layout):
     """(12,) [m, -] position and rotation in W that it climbs to."""
 
 
-def aim_ascent(m: AscentMemory, q: Vector, floor: float) -> None:
+def aim_ascent(ascent: AscentMemory, q: Vector, floor: float) -> None:
     """The goal from q [m, rad], which may show joints beyond their limits. A kernel.
 
     floor [m]: z in W of the highest that is known, NaN where none is to be believed.
     """
-    m.pose(q, m.place, m.rotation)
-    yaw = math.atan2(m.rotation[1], m.rotation[0])
-    for i in range(len(m.goal)):
-        m.goal[i] = 0.0
-    m.goal[0] = m.place[0]
-    m.goal[1] = m.place[1]
+    ascent.pose(q, ascent.place, ascent.rotation)
+    yaw = math.atan2(ascent.rotation[1], ascent.rotation[0])
+    for i in range(len(ascent.goal)):
+        ascent.goal[i] = 0.0
+    ascent.goal[0] = ascent.place[0]
+    ascent.goal[1] = ascent.place[1]
     if math.isfinite(floor):
-        m.goal[2] = max(m.place[2], floor + m.altitude)
+        ascent.goal[2] = max(ascent.place[2], floor + ascent.altitude)
     else:
-        m.goal[2] = m.place[2] + m.altitude
-    m.goal[3] = math.cos(yaw)
-    m.goal[4] = math.sin(yaw)
-    m.goal[6] = -m.goal[4]
-    m.goal[7] = m.goal[3]
-    m.goal[11] = 1.0
+        ascent.goal[2] = ascent.place[2] + ascent.altitude
+    ascent.goal[3] = math.cos(yaw)
+    ascent.goal[4] = math.sin(yaw)
+    ascent.goal[6] = -ascent.goal[4]
+    ascent.goal[7] = ascent.goal[3]
+    ascent.goal[11] = 1.0
 
 
 def ascent_sizes(robot: Robot, mission: Mission, altimeter: str | None) -> dict[str, ca.Function]:

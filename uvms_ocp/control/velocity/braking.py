@@ -67,46 +67,46 @@ def time_to_rest(acceleration: Vector, v: Vector, n: int) -> float:
     return time
 
 
-def slow_down(m: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
+def slow_down(stop: StopMemory, q: Vector, v: Vector, slower: Vector) -> None:
     """V [m/s, rad/s] one tick nearer to rest, at q [m, rad]. A kernel."""
-    m.slower(q, v, time_to_rest(m.acceleration, v, len(m.v)), slower)
+    stop.slower(q, v, time_to_rest(stop.acceleration, v, len(stop.v)), slower)
 
 
-def begin_stop(m: StopMemory, q: Vector, v: Vector) -> None:
+def begin_stop(stop: StopMemory, q: Vector, v: Vector) -> None:
     """Begin at q [m, rad] with v [m/s, rad/s]. A kernel."""
-    m.q[:] = q
-    m.v[:] = v
-    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
-    m.done = False
+    stop.q[:] = q
+    stop.v[:] = v
+    stop.time = time_to_rest(stop.acceleration, stop.v, len(stop.v))
+    stop.done = False
 
 
-def step_stop(m: StopMemory) -> None:
+def step_stop(stop: StopMemory) -> None:
     """Advance the stop by a tick. A kernel."""
-    m.step(m.q, m.v, m.time, m.next_q, m.next_v)
-    m.q[:] = m.next_q
-    m.velocity[:] = m.v
-    m.v[:] = m.next_v
-    m.time = time_to_rest(m.acceleration, m.v, len(m.v))
-    m.done = not m.time >= _AT_REST  # also where v is not a number
+    stop.step(stop.q, stop.v, stop.time, stop.next_q, stop.next_v)
+    stop.q[:] = stop.next_q
+    stop.velocity[:] = stop.v
+    stop.v[:] = stop.next_v
+    stop.time = time_to_rest(stop.acceleration, stop.v, len(stop.v))
+    stop.done = not stop.time >= _AT_REST  # also where v is not a number
 
 
-def advance_stop(m: StopMemory) -> int:
+def advance_stop(stop: StopMemory) -> int:
     """Ticks until a limit may be reached, which one that is, or `NONE` where the robot rests
     before. A kernel.
     """
     while True:
-        for k in range(m.n_limits):
-            if m.room[k] < 0.0:
+        for k in range(stop.n_limits):
+            if stop.room[k] < 0.0:
                 return k
-        if m.done:
+        if stop.done:
             return NONE
-        step_stop(m)
-        for k in range(m.n_limits):
-            reach = m.reach[k]
+        step_stop(stop)
+        for k in range(stop.n_limits):
+            reach = stop.reach[k]
             way = 0.0
-            for i in range(len(m.v)):
-                way += reach[i] * abs(m.velocity[i])
-            m.room[k] -= way * m.dt
+            for i in range(len(stop.v)):
+                way += reach[i] * abs(stop.velocity[i])
+            stop.room[k] -= way * stop.dt
 
 
 def stop_sizes(robot: Robot, dt: float) -> dict[str, Any]:

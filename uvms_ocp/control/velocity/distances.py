@@ -99,162 +99,162 @@ class NearestMemory(Layout):
 
 
 def place_along_stop(
-    m: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float
+    nearest: NearestMemory, q: Vector, v: Vector, acceleration: Vector, dt: float
 ) -> None:
     """Places on the way to rest from q [m, rad] with v [m/s, rad/s], by `acceleration` [m/s2,
     rad/s2]. A kernel.
 
     dt [s]: of a tick, within which a robot rests; infinite: nothing but q is looked at.
     """
-    length = 0.5 * time_to_rest(acceleration, v, len(m.velocity))
-    place = m.place[0]
-    m.moves = length >= dt
+    length = 0.5 * time_to_rest(acceleration, v, len(nearest.velocity))
+    place = nearest.place[0]
+    nearest.moves = length >= dt
     place[:] = q
-    m.velocity[:] = v
-    for k in range(len(m.duration)):
-        m.duration[k] = length * k / N_PLACES
-        if m.moves and k > 0:
-            for i in range(len(m.way)):
-                m.way[i] = v[i] * m.duration[k]
-            m.integrate(q, m.way, m.place[k])
+    nearest.velocity[:] = v
+    for k in range(len(nearest.duration)):
+        nearest.duration[k] = length * k / N_PLACES
+        if nearest.moves and k > 0:
+            for i in range(len(nearest.way)):
+                nearest.way[i] = v[i] * nearest.duration[k]
+            nearest.integrate(q, nearest.way, nearest.place[k])
 
 
-def measure_pairs(m: NearestMemory, k: int, values: Vector) -> None:
+def measure_pairs(nearest: NearestMemory, k: int, values: Vector) -> None:
     """Write the distances of a task into the parameters [their units] of all, as
     `NearestPairs.parameters`. A kernel.
     """
-    p = m.pairs[k]
-    m.asked = k
-    _look_around(m, p)
-    _choose_nearest(p)
-    values[p.first] = p.lowest[p.chosen[0]]
-    if m.moves:
-        _follow_the_way(m, p)
-    _take_gradients(m, p)
-    for row in range(p.n):
-        _write_row(m, p, row, values)
+    pair = nearest.pairs[k]
+    nearest.asked = k
+    _look_around(nearest, pair)
+    _choose_nearest(pair)
+    values[pair.first] = pair.lowest[pair.chosen[0]]
+    if nearest.moves:
+        _follow_the_way(nearest, pair)
+    _take_gradients(nearest, pair)
+    for row in range(pair.n):
+        _write_row(nearest, pair, row, values)
 
 
-def _look_around(m: NearestMemory, p: PairsMemory) -> None:
+def _look_around(nearest: NearestMemory, pairs: PairsMemory) -> None:
     """All pairs now: their distances, or bounds of them."""
-    for i in range(p.n_pairs):
-        p.counts[i] = 1
-        p.worst[i] = 0
-        p.bounded[i] = p.in_c
-    _look_at(m, p, 0, -math.inf)
-    p.lowest[: p.n_pairs] = p.value[: p.n_pairs]
+    for i in range(pairs.n_pairs):
+        pairs.counts[i] = 1
+        pairs.worst[i] = 0
+        pairs.bounded[i] = pairs.in_c
+    _look_at(nearest, pairs, 0, -math.inf)
+    pairs.lowest[: pairs.n_pairs] = pairs.value[: pairs.n_pairs]
 
 
-def _look_at(m: NearestMemory, p: PairsMemory, place: int, limit: float) -> None:
+def _look_at(nearest: NearestMemory, pairs: PairsMemory, place: int, limit: float) -> None:
     """Distances at a place; of a pair that is beyond the limit [m] there, or was nearer before, a
     bound says as much.
     """
-    if not p.in_c:
-        _ask_at(m, place, False)
+    if not pairs.in_c:
+        _ask_at(nearest, place, False)
         return
-    place_solids(p.distances, m.place[place])
-    for i in range(p.n_pairs):
-        if p.counts[i] != 0:
-            p.value[i] = distance_lower_bound(p.distances, i)
-            if p.value[i] <= min(limit, p.lowest[i]):
-                p.value[i] = _measured(p, i, place)
+    place_solids(pairs.distances, nearest.place[place])
+    for i in range(pairs.n_pairs):
+        if pairs.counts[i] != 0:
+            pairs.value[i] = distance_lower_bound(pairs.distances, i)
+            if pairs.value[i] <= min(limit, pairs.lowest[i]):
+                pairs.value[i] = _measured(pairs, i, place)
 
 
-def _measured(p: PairsMemory, pair: int, place: int) -> float:
-    p.seen[pair] = place
-    return distance_of(p.distances, pair)
+def _measured(pairs: PairsMemory, pair: int, place: int) -> float:
+    pairs.seen[pair] = place
+    return distance_of(pairs.distances, pair)
 
 
-def _ask_at(m: NearestMemory, place: int, of_gradients: bool) -> None:
-    m.at = place
-    m.of_gradients = of_gradients
-    m.ask()
+def _ask_at(nearest: NearestMemory, place: int, of_gradients: bool) -> None:
+    nearest.at = place
+    nearest.of_gradients = of_gradients
+    nearest.ask()
 
 
-def _choose_nearest(p: PairsMemory) -> None:
+def _choose_nearest(pairs: PairsMemory) -> None:
     """The pairs of the smallest distances, in their order; where they stand, those are measured
     that only a bound is known of.
     """
-    for i in range(p.n_pairs):
-        p.taken[i] = 0
-    for row in range(p.n):
-        best = _lowest_left(p)
-        while p.bounded[best] != 0:
-            p.lowest[best] = _measured(p, best, 0)
-            p.bounded[best] = 0
-            best = _lowest_left(p)
-        p.chosen[row] = best
-        p.taken[best] = 1
+    for i in range(pairs.n_pairs):
+        pairs.taken[i] = 0
+    for row in range(pairs.n):
+        best = _lowest_left(pairs)
+        while pairs.bounded[best] != 0:
+            pairs.lowest[best] = _measured(pairs, best, 0)
+            pairs.bounded[best] = 0
+            best = _lowest_left(pairs)
+        pairs.chosen[row] = best
+        pairs.taken[best] = 1
 
 
-def _lowest_left(p: PairsMemory) -> int:
+def _lowest_left(pairs: PairsMemory) -> int:
     best = -1
-    for i in range(p.n_pairs):
-        if p.taken[i] == 0 and (best < 0 or p.lowest[i] < p.lowest[best]):
+    for i in range(pairs.n_pairs):
+        if pairs.taken[i] == 0 and (best < 0 or pairs.lowest[i] < pairs.lowest[best]):
             best = i
     return best
 
 
-def _follow_the_way(m: NearestMemory, p: PairsMemory) -> None:
+def _follow_the_way(nearest: NearestMemory, pairs: PairsMemory) -> None:
     """The smallest distance of each pair that may become one of the nearest."""
-    limit = p.lowest[p.chosen[p.n - 1]]
-    way = _approach(m, p)
-    for i in range(p.n_pairs):
-        p.counts[i] = p.lowest[i] <= limit + way
-        if p.counts[i] == 0 or p.bounded[i] != 0:
-            p.lowest[i] = math.inf
-            p.bounded[i] = 0
-    for place in range(1, len(m.duration)):
-        _look_at(m, p, place, limit)
-        for i in range(p.n_pairs):
-            if p.counts[i] != 0 and p.value[i] < p.lowest[i]:
-                p.lowest[i] = p.value[i]
-                p.worst[i] = place
-    _choose_nearest(p)
+    limit = pairs.lowest[pairs.chosen[pairs.n - 1]]
+    way = _approach(nearest, pairs)
+    for i in range(pairs.n_pairs):
+        pairs.counts[i] = pairs.lowest[i] <= limit + way
+        if pairs.counts[i] == 0 or pairs.bounded[i] != 0:
+            pairs.lowest[i] = math.inf
+            pairs.bounded[i] = 0
+    for place in range(1, len(nearest.duration)):
+        _look_at(nearest, pairs, place, limit)
+        for i in range(pairs.n_pairs):
+            if pairs.counts[i] != 0 and pairs.value[i] < pairs.lowest[i]:
+                pairs.lowest[i] = pairs.value[i]
+                pairs.worst[i] = place
+    _choose_nearest(pairs)
 
 
-def _approach(m: NearestMemory, p: PairsMemory) -> float:
+def _approach(nearest: NearestMemory, pairs: PairsMemory) -> float:
     """[m] that any distance changes on the whole way at most."""
     change = 0.0
-    for i in range(len(m.velocity)):
-        if m.velocity[i] != 0.0:
-            change += p.reach[i] * abs(m.velocity[i])
-    return change * m.duration[len(m.duration) - 1]
+    for i in range(len(nearest.velocity)):
+        if nearest.velocity[i] != 0.0:
+            change += pairs.reach[i] * abs(nearest.velocity[i])
+    return change * nearest.duration[len(nearest.duration) - 1]
 
 
-def _take_gradients(m: NearestMemory, p: PairsMemory) -> None:
+def _take_gradients(nearest: NearestMemory, pairs: PairsMemory) -> None:
     """Distances of the nearest pairs, each where it is nearest."""
-    for place in range(len(m.duration)):
+    for place in range(len(nearest.duration)):
         asks = False
-        for row in range(p.n):
-            asks = asks or p.worst[p.chosen[row]] == place
-        if asks and p.in_c:
-            _measure_gradients(m, p, place)
+        for row in range(pairs.n):
+            asks = asks or pairs.worst[pairs.chosen[row]] == place
+        if asks and pairs.in_c:
+            _measure_gradients(nearest, pairs, place)
         elif asks:
-            _ask_at(m, place, True)
+            _ask_at(nearest, place, True)
 
 
-def _measure_gradients(m: NearestMemory, p: PairsMemory, place: int) -> None:
-    place_solids(p.distances, m.place[place])
-    for row in range(p.n):
-        k = p.chosen[row]
-        if p.worst[k] == place:
-            if p.seen[k] != place:
-                _measured(p, k, place)
-            pair_gradient(p.distances, k, p.gradient[row])
+def _measure_gradients(nearest: NearestMemory, pairs: PairsMemory, place: int) -> None:
+    place_solids(pairs.distances, nearest.place[place])
+    for row in range(pairs.n):
+        k = pairs.chosen[row]
+        if pairs.worst[k] == place:
+            if pairs.seen[k] != place:
+                _measured(pairs, k, place)
+            pair_gradient(pairs.distances, k, pairs.gradient[row])
 
 
-def _write_row(m: NearestMemory, p: PairsMemory, row: int, values: Vector) -> None:
-    pair = p.chosen[row]
-    gradient = p.gradient[row]
+def _write_row(nearest: NearestMemory, pairs: PairsMemory, row: int, values: Vector) -> None:
+    pair = pairs.chosen[row]
+    gradient = pairs.gradient[row]
     speed = 0.0
     closing = FAR
-    place = p.worst[p.chosen[row]]
-    for i in range(len(m.velocity)):
-        speed += gradient[i] * m.velocity[i]
-        values[p.first + 1 + 2 * p.n + i * p.n + row] = gradient[i]
+    place = pairs.worst[pairs.chosen[row]]
+    for i in range(len(nearest.velocity)):
+        speed += gradient[i] * nearest.velocity[i]
+        values[pairs.first + 1 + 2 * pairs.n + i * pairs.n + row] = gradient[i]
     if place > 0:
         # The way to rest grows with the square of the speed.
-        closing = (p.lowest[pair] - p.threshold) / (2.0 * m.duration[place]) - speed
-    values[p.first + 1 + row] = p.lowest[pair]
-    values[p.first + 1 + p.n + row] = closing
+        closing = (pairs.lowest[pair] - pairs.threshold) / (2.0 * nearest.duration[place]) - speed
+    values[pairs.first + 1 + row] = pairs.lowest[pair]
+    values[pairs.first + 1 + pairs.n + row] = closing

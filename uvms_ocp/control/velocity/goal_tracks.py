@@ -47,27 +47,27 @@ class TracksMemory(Layout):
 
 
 def follow_tracks(
-    m: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
+    tracks: TracksMemory, phase: int, of_phase: float, elapsed: float, values: Vector
 ) -> None:
     """The parameters [their units] of all tasks whose goal in a phase moves. A kernel.
 
     of_phase, elapsed: [s] since the start of the phase, and of the mission.
     """
-    for k in range(m.n_tracks):
-        if m.phase[k] == phase:
-            _sample(m, k, of_phase if m.of_phase[k] != 0 else elapsed, values)
+    for k in range(tracks.n_tracks):
+        if tracks.phase[k] == phase:
+            _sample(tracks, k, of_phase if tracks.of_phase[k] != 0 else elapsed, values)
 
 
-def _sample(m: TracksMemory, k: int, t: float, values: Vector) -> None:
+def _sample(tracks: TracksMemory, k: int, t: float, values: Vector) -> None:
     """Between two samples in proportion."""
-    ticks = min(max(0.0, t / m.dt), float(m.last[k]))
-    before = min(int(ticks), m.last[k] - 1)
+    ticks = min(max(0.0, t / tracks.dt), float(tracks.last[k]))
+    before = min(int(ticks), tracks.last[k] - 1)
     share = ticks - before
-    at = m.first[k] + before * m.width[k]
-    for i in range(m.width[k]):
-        sample = m.table[at + i]
-        then = m.table[at + m.width[k] + i]
-        values[m.place[k] + i] = sample + share * (then - sample)
+    at = tracks.first[k] + before * tracks.width[k]
+    for i in range(tracks.width[k]):
+        sample = tracks.table[at + i]
+        then = tracks.table[at + tracks.width[k] + i]
+        values[tracks.place[k] + i] = sample + share * (then - sample)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

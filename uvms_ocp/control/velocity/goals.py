@@ -54,16 +54,24 @@ class GoalsMemory(Layout):
     """(n_parameters,) [their units] of now."""
 
 
-def load_goals(g: GoalsMemory, m: MissionMemory, ascent: AscentMemory, t: float) -> None:
+def load_goals(
+    goals_memory: GoalsMemory, mission: MissionMemory, ascent: AscentMemory, t: float
+) -> None:
     """Load the goals of the phase at t [s]; the abort phase ascends to where its beginning aimed. A
     kernel.
     """
-    goals = g.of_phase[m.phase]
-    g.values[:] = goals
-    follow_tracks(g.tracks, m.phase, t - m.since, t - m.began, g.values)
-    if m.phase == m.abort_phase:
+    goals = goals_memory.of_phase[mission.phase]
+    goals_memory.values[:] = goals
+    follow_tracks(
+        goals_memory.tracks,
+        mission.phase,
+        t - mission.since,
+        t - mission.began,
+        goals_memory.values,
+    )
+    if mission.phase == mission.abort_phase:
         for i in range(len(ascent.goal)):
-            g.values[g.ascent_start + i] = ascent.goal[i]
+            goals_memory.values[goals_memory.ascent_start + i] = ascent.goal[i]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -194,17 +202,17 @@ class DistanceProvider:
 
     def _look(self) -> None:
         memory = self._memory
-        p = memory.pairs[memory.asked]
+        pair = memory.pairs[memory.asked]
         model = self._models[memory.asked]
         where = self._places[memory.at]
         if memory.of_gradients:
-            chosen = view(p.chosen)[: p.n]
-            rows = np.flatnonzero(view(p.worst)[chosen] == memory.at)
-            view(p.gradient)[rows] = model.distances(where, chosen[rows]).gradient
+            chosen = view(pair.chosen)[: pair.n]
+            rows = np.flatnonzero(view(pair.worst)[chosen] == memory.at)
+            view(pair.gradient)[rows] = model.distances(where, chosen[rows]).gradient
         else:
-            rows = np.flatnonzero(view(p.counts)[: p.n_pairs])
+            rows = np.flatnonzero(view(pair.counts)[: pair.n_pairs])
             requested = rows if memory.at else None
-            view(p.value)[rows] = model.values(where, requested)
+            view(pair.value)[rows] = model.values(where, requested)
 
 
 def nearest_sizes(

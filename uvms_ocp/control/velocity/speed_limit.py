@@ -29,7 +29,7 @@ class SpeedLimitMemory(Layout):
 
 
 def limit_speed(
-    m: SpeedLimitMemory,
+    speed_limit: SpeedLimitMemory,
     less: RestrictionMemory,
     beam: AltimeterMemory,
     q: Vector,
@@ -43,39 +43,39 @@ def limit_speed(
     q [m, rad]: now. previous [m/s, rad/s]: of the tick before, which was at `pace` of what was
     wanted then.
     """
-    pace_taken = _pace(m, less.speed, v, previous, pace)
-    for i in range(len(m.step)):
-        if less.joints_held and m.is_joint[i] != 0:
+    pace_taken = _pace(speed_limit, less.speed, v, previous, pace)
+    for i in range(len(speed_limit.step)):
+        if less.joints_held and speed_limit.is_joint[i] != 0:
             v[i] = 0.0
         else:
             v[i] = pace_taken * v[i]
-    _within(m, v, previous)
-    if less.no_descent and m.has_vehicle:
-        _lift(beam, q, v, len(m.step))
-        _within(m, v, previous)
+    _within(speed_limit, v, previous)
+    if less.no_descent and speed_limit.has_vehicle:
+        _lift(beam, q, v, len(speed_limit.step))
+        _within(speed_limit, v, previous)
     return pace_taken
 
 
 def _pace(
-    m: SpeedLimitMemory, speed: float, desired: Vector, previous: Vector, pace: float
+    speed_limit: SpeedLimitMemory, speed: float, desired: Vector, previous: Vector, pace: float
 ) -> float:
     """Approach the speed as far as the acceleration limits allow in this tick; they always allow to
     keep the pace.
     """
     low = 0.0
     high = 1.0
-    for i in range(len(m.step)):
+    for i in range(len(speed_limit.step)):
         if abs(desired[i]) > _ZERO_SPEED:
-            down = (previous[i] - m.step[i]) / desired[i]
-            up = (previous[i] + m.step[i]) / desired[i]
+            down = (previous[i] - speed_limit.step[i]) / desired[i]
+            up = (previous[i] + speed_limit.step[i]) / desired[i]
             low = max(low, min(down, up))
             high = min(high, max(down, up))
     return min(max(speed, min(low, pace)), max(high, pace))
 
 
-def _within(m: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
-    for i in range(len(m.step)):
-        v[i] = min(max(v[i], previous[i] - m.step[i]), previous[i] + m.step[i])
+def _within(speed_limit: SpeedLimitMemory, v: Vector, previous: Vector) -> None:
+    for i in range(len(speed_limit.step)):
+        v[i] = min(max(v[i], previous[i] - speed_limit.step[i]), previous[i] + speed_limit.step[i])
 
 
 def _lift(beam: AltimeterMemory, q: Vector, v: Vector, n: int) -> None:

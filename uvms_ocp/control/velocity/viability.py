@@ -85,7 +85,9 @@ class ViabilityMemory(Layout):
     """(n_v,) [m/s, rad/s] between that and what is wanted."""
 
 
-def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector) -> bool:
+def may_reach_limit(
+    viability: ViabilityMemory, v: Vector, gates: Vector, quantities: Vector
+) -> bool:
     """Return whether some position may come to a limit that counts until the robot rests from v
     [m/s, rad/s]. A kernel.
 
@@ -93,25 +95,25 @@ def may_reach_limit(m: ViabilityMemory, v: Vector, gates: Vector, quantities: Ve
     and which limits it is.
     """
     any_near = False
-    n = len(m.travel)
-    time = braking.time_to_rest(m.stop.acceleration, v, n)
+    n = len(viability.travel)
+    time = braking.time_to_rest(viability.stop.acceleration, v, n)
     for i in range(n):
-        m.travel[i] = abs(v[i]) * (m.stop.dt + 0.5 * time)
-    for k in range(m.n_limits):
-        m.near[k] = gates[m.task[k]] > 0 and quantities[m.quantity[k]] - m.lower[k] <= _farthest(
-            m, k
-        )
-        any_near = any_near or m.near[k] != 0
+        viability.travel[i] = abs(v[i]) * (viability.stop.dt + 0.5 * time)
+    for k in range(viability.n_limits):
+        viability.near[k] = gates[viability.task[k]] > 0 and quantities[
+            viability.quantity[k]
+        ] - viability.lower[k] <= _farthest(viability, k)
+        any_near = any_near or viability.near[k] != 0
     return any_near
 
 
-def _farthest(m: ViabilityMemory, k: int) -> float:
+def _farthest(viability: ViabilityMemory, k: int) -> float:
     """[m] that any position of a limit moves at most."""
-    return dot(m.stop.reach[k], m.travel, len(m.travel))
+    return dot(viability.stop.reach[k], viability.travel, len(viability.travel))
 
 
 def enforce_viability(
-    m: ViabilityMemory,
+    viability: ViabilityMemory,
     q: Vector,
     previous: Vector,
     desired: Vector,
@@ -126,142 +128,153 @@ def enforce_viability(
     position that the stop from `previous` would not keep either may fall as far as it does there,
     no farther.
     """
-    braking.slow_down(m.stop, q, previous, m.slower)
-    for i in range(len(m.mixed)):
+    braking.slow_down(viability.stop, q, previous, viability.slower)
+    for i in range(len(viability.mixed)):
         # Of every mixture of the two: it may be as fast as the one and need as long to rest as the
         # other.
-        m.mixed[i] = max(abs(desired[i]), abs(m.slower[i]))
-    if not may_reach_limit(m, m.mixed, gates, quantities):
+        viability.mixed[i] = max(abs(desired[i]), abs(viability.slower[i]))
+    if not may_reach_limit(viability, viability.mixed, gates, quantities):
         return 1.0
-    _select_near(m, q, quantities)
-    if _is_clear(m, q, desired):
+    _select_near(viability, q, quantities)
+    if _is_clear(viability, q, desired):
         return 1.0
-    _lower_floors(m, q)
-    share = _largest_share(m, q, desired)
-    _interpolate(m, desired, share)
-    n = len(m.mixed)
-    desired[:n] = m.mixed[:n]
+    _lower_floors(viability, q)
+    share = _largest_share(viability, q, desired)
+    _interpolate(viability, desired, share)
+    n = len(viability.mixed)
+    desired[:n] = viability.mixed[:n]
     return share
 
 
-def _select_near(m: ViabilityMemory, q: Vector, quantities: Vector) -> None:
+def _select_near(viability: ViabilityMemory, q: Vector, quantities: Vector) -> None:
     """Take the limits that are near as they are at q [m, rad], with the positions that may come to
     them.
     """
-    for k in range(m.n_limits):
-        if m.near[k] != 0:
-            for i in range(m.first[k], m.end[k]):
-                m.counts[i] = 1
-                m.floor[i] = 0.0
-            _look_at(m, k, q)
-            _measure(m, k, quantities[m.quantity[k]])
+    for k in range(viability.n_limits):
+        if viability.near[k] != 0:
+            for i in range(viability.first[k], viability.end[k]):
+                viability.counts[i] = 1
+                viability.floor[i] = 0.0
+            _look_at(viability, k, q)
+            _measure(viability, k, quantities[viability.quantity[k]])
 
 
-def _measure(m: ViabilityMemory, k: int, measured: float) -> None:
+def _measure(viability: ViabilityMemory, k: int, measured: float) -> None:
     """Room [m] before a limit from what is measured [m], and the positions that may come to it."""
     lowest = math.inf
-    way = _farthest(m, k)
-    for i in range(m.first[k], m.end[k]):
-        lowest = min(lowest, m.position[i])
-    m.room[k] = measured - m.lower[k]
-    m.base[k] = m.lower[k] + (lowest - measured if m.relative[k] != 0 else 0.0)
-    for i in range(m.first[k], m.end[k]):
-        m.counts[i] = m.position[i] - m.base[k] <= way
+    way = _farthest(viability, k)
+    for i in range(viability.first[k], viability.end[k]):
+        lowest = min(lowest, viability.position[i])
+    viability.room[k] = measured - viability.lower[k]
+    viability.base[k] = viability.lower[k] + (
+        lowest - measured if viability.relative[k] != 0 else 0.0
+    )
+    for i in range(viability.first[k], viability.end[k]):
+        viability.counts[i] = viability.position[i] - viability.base[k] <= way
 
 
-def _look_at(m: ViabilityMemory, k: int, q: Vector) -> None:
+def _look_at(viability: ViabilityMemory, k: int, q: Vector) -> None:
     """The positions of a limit at q [m, rad], of those that count at least; of distances a bound
     from below.
     """
-    if m.pairs[k] != braking.NONE:
-        _look_at_pairs(m, k, q)
+    if viability.pairs[k] != braking.NONE:
+        _look_at_pairs(viability, k, q)
         return
-    if m.asks[k] == 0:
-        m.smooth(q, m.position)
+    if viability.asks[k] == 0:
+        viability.smooth(q, viability.position)
         return
-    m.asked = k
-    m.place[:] = q
-    m.ask()
+    viability.asked = k
+    viability.place[:] = q
+    viability.ask()
 
 
-def _look_at_pairs(m: ViabilityMemory, k: int, q: Vector) -> None:
-    distances = m.distances[m.pairs[k]]
+def _look_at_pairs(viability: ViabilityMemory, k: int, q: Vector) -> None:
+    distances = viability.distances[viability.pairs[k]]
     place_solids(distances, q)
-    for i in range(m.first[k], m.end[k]):
-        if m.counts[i] != 0:
-            m.position[i] = distance_lower_bound(distances, i - m.first[k])
+    for i in range(viability.first[k], viability.end[k]):
+        if viability.counts[i] != 0:
+            viability.position[i] = distance_lower_bound(distances, i - viability.first[k])
 
 
-def _height(m: ViabilityMemory, k: int, i: int, enough: float) -> float:
+def _height(viability: ViabilityMemory, k: int, i: int, enough: float) -> float:
     """[m] of a position over its limit, as last looked at; where that is `enough` [m], no less than
     that.
     """
-    if m.pairs[k] != braking.NONE and not m.position[i] - m.base[k] >= enough:
-        m.position[i] = distance_of(m.distances[m.pairs[k]], i - m.first[k])
-    return m.position[i] - m.base[k]
+    if (
+        viability.pairs[k] != braking.NONE
+        and not viability.position[i] - viability.base[k] >= enough
+    ):
+        viability.position[i] = distance_of(
+            viability.distances[viability.pairs[k]], i - viability.first[k]
+        )
+    return viability.position[i] - viability.base[k]
 
 
-def _is_clear(m: ViabilityMemory, q: Vector, v: Vector) -> bool:
+def _is_clear(viability: ViabilityMemory, q: Vector, v: Vector) -> bool:
     """Return whether the stop from v [m/s, rad/s] keeps all positions that count at or above their
     floors, at every tick.
 
     Ticks that no position can have reached its floor at since it was last looked at are passed over
     (conservative advancement).
     """
-    for k in range(m.n_limits):
-        m.stop.room[k] = m.room[k] if m.near[k] != 0 else math.inf
-    braking.begin_stop(m.stop, q, v)
-    k = braking.advance_stop(m.stop)
+    for k in range(viability.n_limits):
+        viability.stop.room[k] = viability.room[k] if viability.near[k] != 0 else math.inf
+    braking.begin_stop(viability.stop, q, v)
+    k = braking.advance_stop(viability.stop)
     while k != braking.NONE:
-        _look_at(m, k, m.stop.q)
-        m.stop.room[k] = _slack(m, k)
-        if m.stop.room[k] < 0.0:
+        _look_at(viability, k, viability.stop.q)
+        viability.stop.room[k] = _slack(viability, k)
+        if viability.stop.room[k] < 0.0:
             return False
-        k = braking.advance_stop(m.stop)
+        k = braking.advance_stop(viability.stop)
     return True
 
 
-def _slack(m: ViabilityMemory, k: int) -> float:
+def _slack(viability: ViabilityMemory, k: int) -> float:
     """[m] by which the positions of a limit that count are above their floors, as last looked
     at.
     """
     slack = math.inf
-    for i in range(m.first[k], m.end[k]):
-        if m.counts[i] != 0:
-            slack = min(slack, _height(m, k, i, slack + m.floor[i]) - m.floor[i])
+    for i in range(viability.first[k], viability.end[k]):
+        if viability.counts[i] != 0:
+            slack = min(
+                slack, _height(viability, k, i, slack + viability.floor[i]) - viability.floor[i]
+            )
     return slack
 
 
-def _lower_floors(m: ViabilityMemory, q: Vector) -> None:
+def _lower_floors(viability: ViabilityMemory, q: Vector) -> None:
     """To where the stop from the slower velocity leads, if that is below the limit."""
-    braking.begin_stop(m.stop, q, m.slower)
-    while not m.stop.done:
-        braking.step_stop(m.stop)
-        for k in range(m.n_limits):
-            if m.near[k] != 0:
-                _look_at(m, k, m.stop.q)
-                _lower_floor(m, k)
-    for k in range(m.n_limits):
-        m.room[k] = 0.0
+    braking.begin_stop(viability.stop, q, viability.slower)
+    while not viability.stop.done:
+        braking.step_stop(viability.stop)
+        for k in range(viability.n_limits):
+            if viability.near[k] != 0:
+                _look_at(viability, k, viability.stop.q)
+                _lower_floor(viability, k)
+    for k in range(viability.n_limits):
+        viability.room[k] = 0.0
 
 
-def _lower_floor(m: ViabilityMemory, k: int) -> None:
-    for i in range(m.first[k], m.end[k]):
-        if m.counts[i] != 0:
-            m.floor[i] = min(m.floor[i], _height(m, k, i, m.floor[i]))
+def _lower_floor(viability: ViabilityMemory, k: int) -> None:
+    for i in range(viability.first[k], viability.end[k]):
+        if viability.counts[i] != 0:
+            viability.floor[i] = min(
+                viability.floor[i], _height(viability, k, i, viability.floor[i])
+            )
 
 
-def _interpolate(m: ViabilityMemory, desired: Vector, share: float) -> None:
-    for i in range(len(m.mixed)):
-        m.mixed[i] = m.slower[i] + share * (desired[i] - m.slower[i])
+def _interpolate(viability: ViabilityMemory, desired: Vector, share: float) -> None:
+    for i in range(len(viability.mixed)):
+        viability.mixed[i] = viability.slower[i] + share * (desired[i] - viability.slower[i])
 
 
-def _largest_share(m: ViabilityMemory, q: Vector, desired: Vector) -> float:
+def _largest_share(viability: ViabilityMemory, q: Vector, desired: Vector) -> float:
     """Find the share of `wanted` [m/s, rad/s] from which the stop is clear, by halving; 0 is known
     to be clear.
     """
-    _interpolate(m, desired, 1.0)
-    if _is_clear(m, q, m.mixed):
+    _interpolate(viability, desired, 1.0)
+    if _is_clear(viability, q, viability.mixed):
         return 1.0
     low = 0.0
     high = 1.0
@@ -269,8 +282,8 @@ def _largest_share(m: ViabilityMemory, q: Vector, desired: Vector) -> float:
     while halvings_left > 0:
         halvings_left -= 1
         middle = 0.5 * (low + high)
-        _interpolate(m, desired, middle)
-        if _is_clear(m, q, m.mixed):
+        _interpolate(viability, desired, middle)
+        if _is_clear(viability, q, viability.mixed):
             low = middle
         else:
             high = middle

@@ -193,57 +193,57 @@ class HealthMemory(Layout):
 # Trust in one channel, from complaints, silence and the time without either.
 
 
-def accept(c: ChannelMemory, t: float) -> None:
+def accept(channel: ChannelMemory, t: float) -> None:
     """Let the filter see the newest reading at time t [s]; where it has a gate of its own, its
     outcome is waited for.
     """
-    c.used = c.stamp
-    c.empty = c.behind = False
-    if not c.gated:
-        _mark_used(c, t)
+    channel.used = channel.stamp
+    channel.empty = channel.behind = False
+    if not channel.gated:
+        _mark_used(channel, t)
 
 
-def accept_empty(c: ChannelMemory) -> None:
+def accept_empty(channel: ChannelMemory) -> None:
     """Accept that the sensor works but has nothing to tell, such as an echo that does not come
     back.
     """
-    c.used = c.stamp
-    c.empty = True
-    c.behind = False
+    channel.used = channel.stamp
+    channel.empty = True
+    channel.behind = False
 
 
-def reject(c: ChannelMemory, why: Complaint, t: float) -> None:
+def reject(channel: ChannelMemory, why: Complaint, t: float) -> None:
     """Refuse a reading at time t [s], and note why."""
-    _mark_refused(c, t)
-    c.impossible_at = t
-    suspect(c, why, t)
+    _mark_refused(channel, t)
+    channel.impossible_at = t
+    suspect(channel, why, t)
 
 
-def suspect(c: ChannelMemory, why: Complaint, t: float) -> None:
+def suspect(channel: ChannelMemory, why: Complaint, t: float) -> None:
     """Note a complaint about the channel at time t [s]; its readings are used all the same."""
-    if c.trust == Trust.GOOD or c.complaint.code == Reason.NONE:
-        copy_complaint(c.complaint, why)
-    c.bad_at = t
+    if channel.trust == Trust.GOOD or channel.complaint.code == Reason.NONE:
+        copy_complaint(channel.complaint, why)
+    channel.bad_at = t
 
 
-def exclude(c: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
+def exclude(channel: ChannelMemory, why: Complaint, t: float, clean: float) -> bool:
     """Exclude all readings of the channel at time t [s]: none is used for clean [s] after it.
 
     Returns whether that is news.
     """
-    news = not is_excluded(c, t)
-    suspect(c, why, t)
-    c.excluded_until = t + clean
+    news = not is_excluded(channel, t)
+    suspect(channel, why, t)
+    channel.excluded_until = t + clean
     return news
 
 
-def is_excluded(c: ChannelMemory, t: float) -> bool:
+def is_excluded(channel: ChannelMemory, t: float) -> bool:
     """Return whether no reading is used at time t [s]."""
-    return t <= c.excluded_until
+    return t <= channel.excluded_until
 
 
 def update_gate_outcome(
-    m: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
+    health: HealthMemory, channel: int, squared: float, degrees: float, accepted: bool, t: float
 ) -> None:
     """Note the outcome of the filter's own gate on a reading of a channel, at time t [s].
 
@@ -251,94 +251,97 @@ def update_gate_outcome(
     enough to refuse a sound reading now and then: refusals count as silence, and give it their
     reason.
     """
-    c = m.channels[channel]
-    c.gated = True
+    channel_memory = health.channels[channel]
+    channel_memory.gated = True
     if accepted:
-        _mark_used(c, t)
+        _mark_used(channel_memory, t)
     else:
-        _mark_refused(c, t)
-        set_complaint(c.refusal, Reason.REFUSED, math.sqrt(squared / degrees), 0.0)
+        _mark_refused(channel_memory, t)
+        set_complaint(channel_memory.refusal, Reason.REFUSED, math.sqrt(squared / degrees), 0.0)
 
 
-def update_trust(m: HealthMemory, c: ChannelMemory) -> bool:
+def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
     """Update the trust in a channel by the clock. Returns whether it changed."""
-    if math.isnan(c.used_at):
-        c.used_at = m.t
-    quiet = m.t - c.used_at
-    period = max(c.period, m.dt)
-    trust = _by_silence(c, quiet, period)
+    if math.isnan(channel.used_at):
+        channel.used_at = health.t
+    quiet = health.t - channel.used_at
+    period = max(channel.period, health.dt)
+    trust = _by_silence(channel, quiet, period)
     if (
-        c.gated
-        and c.refused_at >= m.t - _LEAST_TO_LOSE - period
-        and (_is_suspect(m, c.rival) or _is_suspect(m, c.other_rival))
+        channel.gated
+        and channel.refused_at >= health.t - _LEAST_TO_LOSE - period
+        and (_is_suspect(health, channel.rival) or _is_suspect(health, channel.other_rival))
     ):
         trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
-        _be_silent(c, quiet, m.t, trust != c.trust)
-    elif m.t - c.bad_at <= m.clean:
+        _be_silent(channel, quiet, health.t, trust != channel.trust)
+    elif health.t - channel.bad_at <= health.clean:
         trust = int(Trust.SUSPECT)
     else:
-        c.complaint.code = Reason.NONE
-    c.changed = trust != c.trust
-    if c.trust == Trust.GOOD and c.changed:
-        c.shift = 0.0
-    c.trust = trust
-    return c.changed
+        channel.complaint.code = Reason.NONE
+    channel.changed = trust != channel.trust
+    if channel.trust == Trust.GOOD and channel.changed:
+        channel.shift = 0.0
+    channel.trust = trust
+    return channel.changed
 
 
-def _mark_used(c: ChannelMemory, t: float) -> None:
-    if c.used > -math.inf:
-        if c.refused_at > c.used_at and c.off > c.gate.noise:
-            _confirm_jump(c)
-            c.shift = max(c.shift, min(c.jump, 2.0 * c.off))
-            c.unexplained = max(c.unexplained, c.shift)
-        c.refused_off = c.jump = 0.0
-        c.taken = c.used
-        c.used_at = t
+def _mark_used(channel: ChannelMemory, t: float) -> None:
+    if channel.used > -math.inf:
+        if channel.refused_at > channel.used_at and channel.off > channel.gate.noise:
+            _confirm_jump(channel)
+            channel.shift = max(channel.shift, min(channel.jump, 2.0 * channel.off))
+            channel.unexplained = max(channel.unexplained, channel.shift)
+        channel.refused_off = channel.jump = 0.0
+        channel.taken = channel.used
+        channel.used_at = t
 
 
-def _mark_refused(c: ChannelMemory, t: float) -> None:
-    if c.off >= 0.0:
-        _confirm_jump(c)
-        c.refused_off = c.off if c.off > c.explained else 0.0
-    c.refused_at = t
+def _mark_refused(channel: ChannelMemory, t: float) -> None:
+    if channel.off >= 0.0:
+        _confirm_jump(channel)
+        channel.refused_off = channel.off if channel.off > channel.explained else 0.0
+    channel.refused_at = t
 
 
-def _confirm_jump(c: ChannelMemory) -> None:
+def _confirm_jump(channel: ChannelMemory) -> None:
     """Two readings in a row that are off alike tell it; after a spike it begins anew."""
-    if c.off > 0.5 * c.refused_off:
-        c.jump = max(c.jump, min(c.off, c.refused_off))
+    if channel.off > 0.5 * channel.refused_off:
+        channel.jump = max(channel.jump, min(channel.off, channel.refused_off))
     else:
-        c.jump = 0.0
+        channel.jump = 0.0
 
 
-def _by_silence(c: ChannelMemory, quiet: float, period: float) -> int:
-    patience = c.delay + period * c.losses
+def _by_silence(channel: ChannelMemory, quiet: float, period: float) -> int:
+    patience = channel.delay + period * channel.losses
     lost = patience + max(_LEAST_TO_LOSE, _PERIODS_TO_LOSE * period)
     suspect = patience + max(LEAST_TO_SUSPECT, _PERIODS_TO_SUSPECT * period)
-    if quiet > lost and not c.empty:
+    if quiet > lost and not channel.empty:
         return int(Trust.LOST)
     if quiet > suspect:
         return int(Trust.SUSPECT)
     return int(Trust.GOOD)
 
 
-def _be_silent(c: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
+def _be_silent(channel: ChannelMemory, quiet: float, t: float, anew: bool) -> None:
     """anew: the verdict changes, and its reason gets new figures."""
-    code = c.complaint.code
+    code = channel.complaint.code
     if (
         code == Reason.NONE
-        or c.bad_at < t - quiet
+        or channel.bad_at < t - quiet
         or (anew and (code == Reason.SILENT or code == Reason.NO_ECHO))
     ):
-        if c.gated and c.refused_at >= t - quiet:
-            copy_complaint(c.complaint, c.refusal)
+        if channel.gated and channel.refused_at >= t - quiet:
+            copy_complaint(channel.complaint, channel.refusal)
         else:
             set_complaint(
-                c.complaint, int(Reason.NO_ECHO) if c.empty else int(Reason.SILENT), quiet, 0.0
+                channel.complaint,
+                int(Reason.NO_ECHO) if channel.empty else int(Reason.SILENT),
+                quiet,
+                0.0,
             )
-    c.bad_at = t
+    channel.bad_at = t
 
 
-def _is_suspect(m: HealthMemory, channel: int) -> bool:
-    return channel >= 0 and m.channels[channel].trust == Trust.SUSPECT
+def _is_suspect(health: HealthMemory, channel: int) -> bool:
+    return channel >= 0 and health.channels[channel].trust == Trust.SUSPECT

@@ -66,35 +66,35 @@ class FloorPoints(Layout):
     kept: Annotated[list[FloorPoint], Sized(MAX_FLOOR_POINTS)]
 
 
-def slot_of(s: FloorPoints, k: int) -> int:
+def slot_of(floor_points: FloorPoints, k: int) -> int:
     """Return the slot of spot k, from the oldest."""
-    return (s.first + k) % len(s.kept)
+    return (floor_points.first + k) % len(floor_points.kept)
 
 
-def append_floor_point(s: FloorPoints, new: FloorPoint) -> None:
+def append_floor_point(floor_points: FloorPoints, new: FloorPoint) -> None:
     """Keep a spot; where all places are taken the oldest goes."""
-    if s.count == len(s.kept):
-        forget_first(s)
-    _copy_spot(s.kept[slot_of(s, s.count)], new)
-    s.count += 1
+    if floor_points.count == len(floor_points.kept):
+        forget_first(floor_points)
+    _copy_spot(floor_points.kept[slot_of(floor_points, floor_points.count)], new)
+    floor_points.count += 1
 
 
-def forget_first(s: FloorPoints) -> None:
+def forget_first(floor_points: FloorPoints) -> None:
     """The oldest goes."""
-    s.first = (s.first + 1) % len(s.kept)
-    s.count -= 1
+    floor_points.first = (floor_points.first + 1) % len(floor_points.kept)
+    floor_points.count -= 1
 
 
-def forget_older(s: FloorPoints, t: float) -> None:
+def forget_older(floor_points: FloorPoints, t: float) -> None:
     """Forget spots from before time t [s], the last one aside."""
-    while s.count > 1 and s.kept[s.first].t < t:
-        forget_first(s)
+    while floor_points.count > 1 and floor_points.kept[floor_points.first].t < t:
+        forget_first(floor_points)
 
 
-def keep_alone(s: FloorPoints, new: FloorPoint) -> None:
+def keep_alone(floor_points: FloorPoints, new: FloorPoint) -> None:
     """A spot and nothing before it."""
-    s.count = 0
-    append_floor_point(s, new)
+    floor_points.count = 0
+    append_floor_point(floor_points, new)
 
 
 def copy_floor_points(to: FloorPoints, source: FloorPoints) -> None:
@@ -143,12 +143,12 @@ def height_allowance(new: FloorPoint, old: FloorPoint, slope: float) -> float:
     return away / (1.0 - min(slope * (_length(dx, dy) / fall), _STEEPEST))
 
 
-def vertical_travel(s: FloorPoints) -> float:
+def vertical_travel(floor_points: FloorPoints) -> float:
     """[m] between the lowest and the highest place of the sensor."""
     lowest = math.inf
     highest = -math.inf
-    for k in range(s.count):
-        spot = s.kept[slot_of(s, k)]
+    for k in range(floor_points.count):
+        spot = floor_points.kept[slot_of(floor_points, k)]
         lowest = min(lowest, spot.lowest)
         highest = max(highest, spot.highest)
     return highest - lowest
@@ -204,76 +204,82 @@ def init_floor(memory: FloorMemory, sigma: float, tuning: HealthTuning) -> None:
     memory.relief = tuning.relief
 
 
-def accept_echo(w: FloorMemory, why: Complaint) -> bool:
+def accept_echo(floor: FloorMemory, why: Complaint) -> bool:
     """Return whether to believe the echo from `here`, in order of time; what speaks against it
     otherwise, or all the same.
     """
-    oldest = w.here.t - _MEMORY
-    candidates = w.candidates
-    forget_older(w.accepted, oldest)
-    forget_older(w.before, oldest)
+    oldest = floor.here.t - _MEMORY
+    candidates = floor.candidates
+    forget_older(floor.accepted, oldest)
+    forget_older(floor.before, oldest)
     if candidates.count > 1 and candidates.kept[candidates.first].t < oldest:
         forget_first(candidates)
-    step = floor_step(w.accepted, w.here, w.base, w.slope)
+    step = floor_step(floor.accepted, floor.here, floor.base, floor.slope)
     if step == 0.0:
-        _accept(w)
+        _accept(floor)
         return True
     if step > 0.0:
-        if w.before.count == 0:
-            copy_floor_points(w.before, w.accepted)
-        keep_alone(w.accepted, w.here)
-        w.candidates.count = w.returned = 0
+        if floor.before.count == 0:
+            copy_floor_points(floor.before, floor.accepted)
+        keep_alone(floor.accepted, floor.here)
+        floor.candidates.count = floor.returned = 0
         set_complaint(why, Reason.NEARER, step, 0.0)
         return True
-    if w.before.count > 0 and floor_step(w.before, w.here, w.base, w.slope) == 0.0:
-        return _as_before(w, step, why)
-    w.returned = 0
-    return _farther(w, step, why)
+    if (
+        floor.before.count > 0
+        and floor_step(floor.before, floor.here, floor.base, floor.slope) == 0.0
+    ):
+        return _as_before(floor, step, why)
+    floor.returned = 0
+    return _farther(floor, step, why)
 
 
-def _accept(w: FloorMemory) -> None:
-    accepted = w.accepted
+def _accept(floor: FloorMemory) -> None:
+    accepted = floor.accepted
     if (
         accepted.count == 0
-        or w.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING
+        or floor.here.t - accepted.kept[slot_of(accepted, accepted.count - 1)].t >= _SPACING
     ):
-        append_floor_point(accepted, w.here)
-    w.candidates.count = w.returned = 0
+        append_floor_point(accepted, floor.here)
+    floor.candidates.count = floor.returned = 0
 
 
-def _as_before(w: FloorMemory, step: float, why: Complaint) -> bool:
-    w.returned += 1
-    if w.returned < _RETURN:
+def _as_before(floor: FloorMemory, step: float, why: Complaint) -> bool:
+    floor.returned += 1
+    if floor.returned < _RETURN:
         set_complaint(why, Reason.AS_BEFORE, -step, 0.0)
         return False
-    copy_floor_points(w.accepted, w.before)
-    w.before.count = 0
-    _accept(w)
+    copy_floor_points(floor.accepted, floor.before)
+    floor.before.count = 0
+    _accept(floor)
     return True
 
 
-def _farther(w: FloorMemory, step: float, why: Complaint) -> bool:
-    if w.candidates.count > 0 and not abs(
-        w.here.z - w.candidates.kept[w.candidates.first].z
-    ) <= _tolerance(w):
-        w.candidates.count = 0
-    _add_candidate(w)
-    if _is_proven(w, -step):
-        keep_alone(w.accepted, w.here)
-        w.before.count = 0
-        _accept(w)
+def _farther(floor: FloorMemory, step: float, why: Complaint) -> bool:
+    if floor.candidates.count > 0 and not abs(
+        floor.here.z - floor.candidates.kept[floor.candidates.first].z
+    ) <= _tolerance(floor):
+        floor.candidates.count = 0
+    _add_candidate(floor)
+    if _is_proven(floor, -step):
+        keep_alone(floor.accepted, floor.here)
+        floor.before.count = 0
+        _accept(floor)
         return True
     set_complaint(why, Reason.FARTHER, -step, 0.0)
     return False
 
 
-def _tolerance(w: FloorMemory) -> float:
+def _tolerance(floor: FloorMemory) -> float:
     """[m] by which an echo may differ from the first one that was not believed, of one floor."""
-    return 0.5 * (w.base + height_allowance(w.here, w.candidates.kept[w.candidates.first], w.slope))
+    return 0.5 * (
+        floor.base
+        + height_allowance(floor.here, floor.candidates.kept[floor.candidates.first], floor.slope)
+    )
 
 
-def _add_candidate(w: FloorMemory) -> None:
-    candidates, point = w.candidates, w.here
+def _add_candidate(floor: FloorMemory) -> None:
+    candidates, point = floor.candidates, floor.here
     if candidates.count > 0:
         last = candidates.kept[slot_of(candidates, candidates.count - 1)]
         if point.t - last.t < _SPACING:
@@ -283,14 +289,17 @@ def _add_candidate(w: FloorMemory) -> None:
     append_floor_point(candidates, point)
 
 
-def _is_proven(w: FloorMemory, step: float) -> bool:
+def _is_proven(floor: FloorMemory, step: float) -> bool:
     """Return whether the vehicle has moved as one does above a floor that is a step [m] farther
     away, and above another place.
     """
-    accepted, candidates = w.accepted, w.candidates
-    if w.here.t - candidates.kept[candidates.first].t < _STEP_TIME or step > w.relief:
+    accepted, candidates = floor.accepted, floor.candidates
+    if floor.here.t - candidates.kept[candidates.first].t < _STEP_TIME or step > floor.relief:
         return False
     last = accepted.kept[slot_of(accepted, accepted.count - 1)]
-    if _length(w.here.sensor_x - last.sensor_x, w.here.sensor_y - last.sensor_y) < _STEP_WAY:
+    if (
+        _length(floor.here.sensor_x - last.sensor_x, floor.here.sensor_y - last.sensor_y)
+        < _STEP_WAY
+    ):
         return False
-    return vertical_travel(candidates) >= max(_STEP_TRAVEL, 2.0 * _tolerance(w))
+    return vertical_travel(candidates) >= max(_STEP_TRAVEL, 2.0 * _tolerance(floor))

@@ -130,7 +130,7 @@ def support_of(
     return support
 
 
-def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
+def update_age(m: channel_state.HealthMemory, support: EstimateSupport) -> None:
     """Update the age of the least supported channel, and that of the joints.
 
     A channel without readings counts as old as its fallback, and ages from when that falls silent
@@ -138,41 +138,41 @@ def update_age(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
     """
     joints = m.channels[ChannelIndex.JOINT_POSITIONS].taken
     if math.isnan(joints):
-        s.joint_age = math.inf
+        support.joint_age = math.inf
     else:
-        s.joint_age = m.t - min(joints, m.t)
-    s.oldest = -1
+        support.joint_age = m.t - min(joints, m.t)
+    support.oldest = -1
     oldest = m.t
-    for k in range(s.n):
-        number = s.needed[k]
-        supported_until = _supported_until(m, s, number)
+    for k in range(support.n):
+        number = support.needed[k]
+        supported_until = _supported_until(m, support, number)
         if math.isnan(supported_until):
-            s.oldest = number
-            s.age = math.inf
+            support.oldest = number
+            support.age = math.inf
             return
         if supported_until < oldest:
             oldest = supported_until
-            s.oldest = number
-    s.age = m.t - oldest
+            support.oldest = number
+    support.age = m.t - oldest
 
 
-def _supported_until(m: channel_state.HealthMemory, s: EstimateSupport, number: int) -> float:
+def _supported_until(m: channel_state.HealthMemory, support: EstimateSupport, number: int) -> float:
     """Return until when [s] readings support a channel, nan before its first one."""
     taken_at = m.channels[number].taken
-    fallback = s.fallback[number]
+    fallback = support.fallback[number]
     by = m.channels[fallback].taken if fallback >= 0 else math.nan
     if math.isnan(taken_at) or math.isnan(by):
         return taken_at
-    return max(taken_at, min(by, taken_at + s.max_duration[number]))
+    return max(taken_at, min(by, taken_at + support.max_duration[number]))
 
 
-def update_echo(m: channel_state.HealthMemory, s: EstimateSupport) -> None:
+def update_echo(m: channel_state.HealthMemory, support: EstimateSupport) -> None:
     """Update whether the altitude is supported: estimators predict it while the altimeter is
     suspect; a raw echo ages at once.
     """
-    c = m.channels[ChannelIndex.ALTIMETER_RANGE]
-    old = s.exact and m.t - c.taken > channel_state.LEAST_TO_SUSPECT
-    s.echo = not c.present or (not old and c.trust != Trust.LOST)
+    channel = m.channels[ChannelIndex.ALTIMETER_RANGE]
+    old = support.exact and m.t - channel.taken > channel_state.LEAST_TO_SUSPECT
+    support.echo = not channel.present or (not old and channel.trust != Trust.LOST)
 
 
 class PassThroughMemory(Layout):
@@ -196,18 +196,18 @@ def pass_through_memory(estimator: PassThrough) -> PassThroughMemory:
     return memory
 
 
-def repeat(m: channel_state.HealthMemory, r: PassThroughMemory) -> None:
+def repeat(m: channel_state.HealthMemory, pass_through: PassThroughMemory) -> None:
     """Copy the readings in use into `now`. A kernel."""
     at = 0
     there = 0
-    for k in range(r.n):
-        c = m.channels[r.of_q[k]]
-        for i in range(c.size):
-            m.now.q[at] = c.used_value[i]
+    for k in range(pass_through.n):
+        channel = m.channels[pass_through.of_q[k]]
+        for i in range(channel.size):
+            m.now.q[at] = channel.used_value[i]
             at += 1
-        d = m.channels[r.of_v[k]]
-        for i in range(d.size):
-            m.now.v[there] = d.used_value[i]
+        channel_memory = m.channels[pass_through.of_v[k]]
+        for i in range(channel_memory.size):
+            m.now.v[there] = channel_memory.used_value[i]
             there += 1
 
 
@@ -266,10 +266,10 @@ def screen(m: channel_state.HealthMemory, t: float, moving: bool) -> None:
     plausibility.integrate_command(m.encoders, moving, m.dt)
     m.n_behind = 0
     for k in range(m.n):
-        c = m.channels[m.order[k]]
-        if c.fresh:
-            _screen_newest(m, c)
-        if c.behind:
+        channel = m.channels[m.order[k]]
+        if channel.fresh:
+            _screen_newest(m, channel)
+        if channel.behind:
             m.n_behind += 1
     # Whether neither fixes nor a DVL have observed the velocity for a while, since that was last
     # so.
@@ -307,15 +307,17 @@ def judge(m: channel_state.HealthMemory, t: float, is_estimated: bool) -> int:
     return n
 
 
-def finish(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector, t: float) -> int:
+def finish(
+    m: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector, t: float
+) -> int:
     """Take the filter's outcomes (36,), four numbers per channel, the support of its estimate
     `now`, and judge.
 
     t [s] is the time of the tick. Returns how many verdicts changed.
     """
-    if s.gating:
+    if support.gating:
         _update_all_outcomes(m, outcomes)
-    return _update_all_trust(m, s, t)
+    return _update_all_trust(m, support, t)
 
 
 def screen_tick(m: channel_state.HealthMemory) -> None:
@@ -323,24 +325,24 @@ def screen_tick(m: channel_state.HealthMemory) -> None:
     screen(m, m.tick_t, m.moving)
 
 
-def finish_tick(m: channel_state.HealthMemory, s: EstimateSupport, outcomes: Vector) -> None:
+def finish_tick(m: channel_state.HealthMemory, support: EstimateSupport, outcomes: Vector) -> None:
     """`finish` with the time in memory, where the number of changed verdicts is left."""
-    m.n_changed = finish(m, s, outcomes, m.tick_t)
+    m.n_changed = finish(m, support, outcomes, m.tick_t)
 
 
 def screen_and_finish_tick(
-    m: channel_state.HealthMemory, s: EstimateSupport, r: PassThroughMemory
+    m: channel_state.HealthMemory, support: EstimateSupport, pass_through: PassThroughMemory
 ) -> None:
     """`screen_tick`, and `finish_tick` of the readings that are used, taken for the truth."""
     screen(m, m.tick_t, m.moving)
-    repeat(m, r)
-    m.n_changed = _update_all_trust(m, s, m.tick_t)
+    repeat(m, pass_through)
+    m.n_changed = _update_all_trust(m, support, m.tick_t)
 
 
-def _update_all_trust(m: channel_state.HealthMemory, s: EstimateSupport, t: float) -> int:
-    update_age(m, s)
-    n = judge(m, t, s.age < math.inf)
-    update_echo(m, s)
+def _update_all_trust(m: channel_state.HealthMemory, support: EstimateSupport, t: float) -> int:
+    update_age(m, support)
+    n = judge(m, t, support.age < math.inf)
+    update_echo(m, support)
     return n
 
 
@@ -359,20 +361,20 @@ def _screen_newest(m: channel_state.HealthMemory, c: channel_state.ChannelMemory
 def _screen_new(m: channel_state.HealthMemory, c: channel_state.ChannelMemory) -> None:
     slot = plausibility.slot_at(m.history, c.stamp)
     barred = channel_state.is_excluded(c, m.t)
-    b = m.belief
+    belief = m.belief
     screening.screen_reading(m, c, slot)
-    if not b.used:
-        channel_state.reject(c, b.why, m.t)
+    if not belief.used:
+        channel_state.reject(c, belief.why, m.t)
     elif not barred and screening.is_empty(c):
         channel_state.accept_empty(c)
     elif not barred:
         channel_state.accept(c, m.t)
-    if b.used and b.why.code != Reason.NONE:
-        channel_state.suspect(c, b.why, m.t)
+    if belief.used and belief.why.code != Reason.NONE:
+        channel_state.suspect(c, belief.why, m.t)
     # Fixes are heard even where the estimate contradicts them, as it may err, and so is a DVL that
     # insists.
-    is_compared = b.used or (
-        b.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c))
+    is_compared = belief.used or (
+        belief.sane and (barred or c.number == ChannelIndex.POSITION or screening.is_persistent(c))
     )
     if is_compared and slot >= 0 and not screening.is_empty(c):
         screening.compare(m, c, m.history.kept[slot])
@@ -382,10 +384,10 @@ def _update_all_outcomes(m: channel_state.HealthMemory, outcomes: Vector) -> Non
     """Use every outcome once."""
     for k in range(m.n):
         number = m.order[k]
-        c = m.channels[number]
+        channel = m.channels[number]
         at = _N_OUTCOME * number
-        if outcomes[at] > c.compared_at:
-            c.compared_at = outcomes[at]
+        if outcomes[at] > channel.compared_at:
+            channel.compared_at = outcomes[at]
             channel_state.update_gate_outcome(
                 m, number, outcomes[at + 1], outcomes[at + 2], outcomes[at + 3] > 0.0, m.t
             )

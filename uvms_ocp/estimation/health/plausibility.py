@@ -97,43 +97,46 @@ class EstimateHistory(Layout):
     kept: Annotated[list[PastEstimate], Sized("n_estimates")]
 
 
-def remember(h: EstimateHistory, present: PastEstimate) -> None:
+def remember(history: EstimateHistory, present: PastEstimate) -> None:
     """Keep the estimate of a tick."""
-    if h.count >= 2 and _time(h, h.count - 1) - _time(h, h.count - 2) < h.spacing:
-        h.count -= 1
-    if h.count == len(h.kept):
-        _drop(h)
-    _copy_estimate(h.kept[(h.first + h.count) % len(h.kept)], present)
-    h.count += 1
-    while _time(h, 0) < present.t - h.length:
-        _drop(h)
+    if (
+        history.count >= 2
+        and _time(history, history.count - 1) - _time(history, history.count - 2) < history.spacing
+    ):
+        history.count -= 1
+    if history.count == len(history.kept):
+        _drop(history)
+    _copy_estimate(history.kept[(history.first + history.count) % len(history.kept)], present)
+    history.count += 1
+    while _time(history, 0) < present.t - history.length:
+        _drop(history)
 
 
-def slot_at(h: EstimateHistory, t: float) -> int:
+def slot_at(history: EstimateHistory, t: float) -> int:
     """Slot of the estimate that was made nearest to time t [s]; -1 before the first."""
-    if h.count == 0:
+    if history.count == 0:
         return -1
     low = 0
-    high = h.count - 1
-    if t >= _time(h, high):
+    high = history.count - 1
+    if t >= _time(history, high):
         low = high
     while high - low > 1:
         middle = (low + high) // 2
-        if _time(h, middle) <= t:
+        if _time(history, middle) <= t:
             low = middle
         else:
             high = middle
-    nearest = low if abs(_time(h, low) - t) <= abs(_time(h, high) - t) else high
-    return (h.first + nearest) % len(h.kept)
+    nearest = low if abs(_time(history, low) - t) <= abs(_time(history, high) - t) else high
+    return (history.first + nearest) % len(history.kept)
 
 
-def _time(h: EstimateHistory, k: int) -> float:
-    return h.kept[(h.first + k) % len(h.kept)].t
+def _time(history: EstimateHistory, k: int) -> float:
+    return history.kept[(history.first + k) % len(history.kept)].t
 
 
-def _drop(h: EstimateHistory) -> None:
-    h.first = (h.first + 1) % len(h.kept)
-    h.count -= 1
+def _drop(history: EstimateHistory) -> None:
+    history.first = (history.first + 1) % len(history.kept)
+    history.count -= 1
 
 
 def _copy_estimate(to: PastEstimate, source: PastEstimate) -> None:
@@ -216,61 +219,63 @@ class PlausibilityGate(Layout):
     """[unit of the channel] norm that no value exceeds."""
 
 
-def motion_within(g: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
+def motion_within(gate: PlausibilityGate, estimate: PastEstimate, time: float) -> float:
     """Return how far [unit of the channel] the robot may move unforeseen within a time [s]."""
-    rate = g.alone
+    rate = gate.alone
     short = min(time, JOLT_TIME)
-    for i in range(g.rates, len(estimate.v) if g.rates >= 0 else -1):
+    for i in range(gate.rates, len(estimate.v) if gate.rates >= 0 else -1):
         rate = max(
             rate, 2.0 * abs(estimate.v[i])
         )  # what is known to move faster than it should, and faster yet
-    return rate * time + g.jolt * (short if orders_of(g.channel) == 1 else short * short / 2.0)
+    return rate * time + gate.jolt * (
+        short if orders_of(gate.channel) == 1 else short * short / 2.0
+    )
 
 
-def is_impossible(g: PlausibilityGate, value: Vector, why: Complaint) -> bool:
+def is_impossible(gate: PlausibilityGate, value: Vector, why: Complaint) -> bool:
     """Return whether no robot of this kind can ever read the value (size,) [unit of the
     channel].
     """
-    if not (g.exists and math.isfinite(g.most)):
+    if not (gate.exists and math.isfinite(gate.most)):
         return False
     squared = 0.0
-    for i in range(g.size):
+    for i in range(gate.size):
         squared += value[i] * value[i]
-    if math.sqrt(squared) <= g.most:
+    if math.sqrt(squared) <= gate.most:
         return False
-    return set_complaint(why, Reason.LARGE, math.sqrt(squared), g.most)
+    return set_complaint(why, Reason.LARGE, math.sqrt(squared), gate.most)
 
 
-def error_of(g: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
+def error_of(gate: PlausibilityGate, value: Vector, estimate: PastEstimate) -> float:
     """Return how far a value (size,) is from the estimate [unit of the channel]."""
-    if g.channel == ChannelIndex.ATTITUDE:
+    if gate.channel == ChannelIndex.ATTITUDE:
         q = estimate.q
         along = value[0] * q[3] + value[1] * q[4] + value[2] * q[5] + value[3] * q[6]
         return 2.0 * math.acos(min(1.0, abs(along)))
-    if g.channel == ChannelIndex.POSITION or g.channel == ChannelIndex.DEPTH:
-        return distance(g, value, estimate.q)
-    if g.channel == ChannelIndex.JOINT_POSITIONS:
-        return _largest(g, value, estimate.q)
-    if g.channel == ChannelIndex.JOINT_VELOCITIES:
-        return _largest(g, value, estimate.v)
-    return distance(g, value, estimate.v)
+    if gate.channel == ChannelIndex.POSITION or gate.channel == ChannelIndex.DEPTH:
+        return distance(gate, value, estimate.q)
+    if gate.channel == ChannelIndex.JOINT_POSITIONS:
+        return _largest(gate, value, estimate.q)
+    if gate.channel == ChannelIndex.JOINT_VELOCITIES:
+        return _largest(gate, value, estimate.v)
+    return distance(gate, value, estimate.v)
 
 
-def distance(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
+def distance(gate: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     """Return how far a value (size,) [unit of the channel] is from that of q or v, in which its
     gate knows its place.
     """
     squared = 0.0
-    for i in range(g.size):
-        by = value[i] - estimated[g.start + i]
+    for i in range(gate.size):
+        by = value[i] - estimated[gate.start + i]
         squared += by * by
     return math.sqrt(squared)
 
 
-def _largest(g: PlausibilityGate, value: Vector, estimated: Vector) -> float:
+def _largest(gate: PlausibilityGate, value: Vector, estimated: Vector) -> float:
     largest = 0.0
-    for i in range(g.size):
-        largest = max(largest, abs(value[i] - estimated[g.start + i]))
+    for i in range(gate.size):
+        largest = max(largest, abs(value[i] - estimated[gate.start + i]))
     return largest
 
 
@@ -315,55 +320,60 @@ def init_repetitions(memory: RepetitionMemory, sigma: float, *, size: int, each:
     memory.finest = math.inf
 
 
-def repeated(r: RepetitionMemory, value: Vector, why: Complaint) -> bool:
+def repeated(repetition: RepetitionMemory, value: Vector, why: Complaint) -> bool:
     """Return whether the channel counts as frozen, by its newest value (size,) [unit of the
     channel].
     """
-    if r.noise == 0.0:
+    if repetition.noise == 0.0:
         return False
-    fresh = not r.started
+    fresh = not repetition.started
     same = False
-    refine = r.finest > _ENOUGH * r.noise
-    for i in range(r.size):
+    refine = repetition.finest > _ENOUGH * repetition.noise
+    for i in range(repetition.size):
         if fresh:
-            r.runs[i] = 0
-        elif value[i] == r.last[i]:
-            r.runs[i] += 1
+            repetition.runs[i] = 0
+        elif value[i] == repetition.last[i]:
+            repetition.runs[i] += 1
             same = True
         else:
-            r.runs[i] = 0
+            repetition.runs[i] = 0
             if refine:
-                r.finest = _common(r.finest, abs(value[i] - r.last[i]), _FINE * r.noise)
-        r.last[i] = value[i]
-    r.started = True
-    return same and _too_often(r, why)
+                repetition.finest = _common(
+                    repetition.finest, abs(value[i] - repetition.last[i]), _FINE * repetition.noise
+                )
+        repetition.last[i] = value[i]
+    repetition.started = True
+    return same and _too_often(repetition, why)
 
 
-def _too_often(r: RepetitionMemory, why: Complaint) -> bool:
+def _too_often(repetition: RepetitionMemory, why: Complaint) -> bool:
     worst = 0
-    longest_run = r.runs[0]
-    together = r.runs[0]
-    for i in range(1, r.size):
-        if r.runs[i] > longest_run:
+    longest_run = repetition.runs[0]
+    together = repetition.runs[0]
+    for i in range(1, repetition.size):
+        if repetition.runs[i] > longest_run:
             worst = i
-            longest_run = r.runs[i]
-        together = min(together, r.runs[i])
-    if longest_run < _LEAST or not _unlikely(r, longest_run, together):
+            longest_run = repetition.runs[i]
+        together = min(together, repetition.runs[i])
+    if longest_run < _LEAST or not _unlikely(repetition, longest_run, together):
         return False
     return set_complaint(
-        why, Reason.REPEATED, longest_run + 1, 0 if together >= _LEAST or r.size == 1 else worst + 1
+        why,
+        Reason.REPEATED,
+        longest_run + 1,
+        0 if together >= _LEAST or repetition.size == 1 else worst + 1,
     )
 
 
-def _unlikely(r: RepetitionMemory, longest_run: int, together: int) -> bool:
-    if math.isfinite(r.finest):
-        p = math.erf(r.finest / (2.0 * r.noise))
+def _unlikely(repetition: RepetitionMemory, longest_run: int, together: int) -> bool:
+    if math.isfinite(repetition.finest):
+        p = math.erf(repetition.finest / (2.0 * repetition.noise))
     else:
         p = 1.0
     log_probability = math.log(max(p, _NEVER))
-    if together >= _LEAST and together * r.size * log_probability < r.chance:
+    if together >= _LEAST and together * repetition.size * log_probability < repetition.chance:
         return True
-    return r.each and longest_run * log_probability < r.chance
+    return repetition.each and longest_run * log_probability < repetition.chance
 
 
 def _common(measure: float, step: float, tolerance: float) -> float:
@@ -405,25 +415,25 @@ class EncoderMemory(Layout):
     """(n_joints,) [rad or m] the newest value."""
 
 
-def integrate_command(e: EncoderMemory, moving: bool, dt: float) -> None:
+def integrate_command(encoder: EncoderMemory, moving: bool, dt: float) -> None:
     """The rates that have been asked for dt [s]; moving: there was a command, and no brakes."""
-    for i in range(e.n):
-        e.asked[i] = e.asked[i] + e.rates[i] * dt if moving else 0.0
+    for i in range(encoder.n):
+        encoder.asked[i] = encoder.asked[i] + encoder.rates[i] * dt if moving else 0.0
 
 
-def stands_still(e: EncoderMemory, value: Vector, why: Complaint) -> bool:
+def stands_still(encoder: EncoderMemory, value: Vector, why: Complaint) -> bool:
     """Return whether an encoder counts as frozen, by the newest value (n_joints,) [rad or m]."""
     worst = 0
     excess = 0.0
-    for i in range(e.n):
-        if e.started and value[i] != e.last[i]:
-            e.asked[i] = 0.0
-        e.last[i] = value[i]
-        beyond = abs(e.asked[i]) - e.allowed[i]
+    for i in range(encoder.n):
+        if encoder.started and value[i] != encoder.last[i]:
+            encoder.asked[i] = 0.0
+        encoder.last[i] = value[i]
+        beyond = abs(encoder.asked[i]) - encoder.allowed[i]
         if beyond > excess:
             worst = i
             excess = beyond
-    e.started = True
+    encoder.started = True
     if excess > 0.0:
-        set_complaint(why, Reason.STILL, worst, e.asked[worst])
+        set_complaint(why, Reason.STILL, worst, encoder.asked[worst])
     return excess > 0.0

@@ -54,50 +54,50 @@ class SampleRing(Layout):
     """(64, 4) of any unit."""
 
 
-def ring_slot(s: SampleRing, k: int) -> int:
+def ring_slot(ring: SampleRing, k: int) -> int:
     """Return the slot of entry k, from the oldest."""
-    return (s.first + k) % len(s.t)
+    return (ring.first + k) % len(ring.t)
 
 
-def time_at(s: SampleRing, k: int) -> float:
+def time_at(ring: SampleRing, k: int) -> float:
     """[s] of entry k, from the oldest."""
-    return s.t[ring_slot(s, k)]
+    return ring.t[ring_slot(ring, k)]
 
 
-def append_value(s: SampleRing, t: float, value: Vector, n: int) -> None:
+def append_value(ring: SampleRing, t: float, value: Vector, n: int) -> None:
     """Add n numbers of time t [s]; where all places are taken the oldest go."""
-    if s.count == len(s.t):
-        drop_oldest(s)
-    slot = ring_slot(s, s.count)
-    s.t[slot] = t
-    s.value[slot][:n] = value[:n]
-    s.count += 1
+    if ring.count == len(ring.t):
+        drop_oldest(ring)
+    slot = ring_slot(ring, ring.count)
+    ring.t[slot] = t
+    ring.value[slot][:n] = value[:n]
+    ring.count += 1
 
 
-def drop_oldest(s: SampleRing) -> None:
+def drop_oldest(ring: SampleRing) -> None:
     """Drop the oldest number."""
-    s.first = ring_slot(s, 1)
-    s.count -= 1
+    ring.first = ring_slot(ring, 1)
+    ring.count -= 1
 
 
-def span_of(s: SampleRing) -> float:
+def span_of(ring: SampleRing) -> float:
     """[s] from the oldest to the newest."""
-    return time_at(s, s.count - 1) - time_at(s, 0)
+    return time_at(ring, ring.count - 1) - time_at(ring, 0)
 
 
-def mean_time(s: SampleRing, start: int, n: int) -> float:
+def mean_time(ring: SampleRing, start: int, n: int) -> float:
     """[s] of n entries from `start` on."""
     total = 0.0
     for k in range(start, start + n):
-        total += time_at(s, k)
+        total += time_at(ring, k)
     return total / n
 
 
-def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
+def median_of(ring: SampleRing, i: int, start: int, n: int) -> float:
     """Return the slot of number i of n entries from `start` on."""
     x = zeros(LONGEST)
     for k in range(n):
-        value = s.value[ring_slot(s, start + k)][i]
+        value = ring.value[ring_slot(ring, start + k)][i]
         place = k
         while place > 0 and x[place - 1] > value:
             x[place] = x[place - 1]
@@ -108,17 +108,17 @@ def median_of(s: SampleRing, i: int, start: int, n: int) -> float:
     return 0.5 * (x[n // 2 - 1] + x[n // 2])
 
 
-def value_at(s: SampleRing, i: int, t: float) -> float:
+def value_at(ring: SampleRing, i: int, t: float) -> float:
     """Number i at time t [s], straight between entries, the oldest before them and the newest
     after.
     """
-    after = s.count - 1
-    while after > 0 and time_at(s, after - 1) > t:
+    after = ring.count - 1
+    while after > 0 and time_at(ring, after - 1) > t:
         after -= 1
-    old = s.value[ring_slot(s, max(after - 1, 0))][i]
-    new = s.value[ring_slot(s, after)][i]
-    from_t = time_at(s, max(after - 1, 0))
-    to_t = time_at(s, after)
+    old = ring.value[ring_slot(ring, max(after - 1, 0))][i]
+    new = ring.value[ring_slot(ring, after)][i]
+    from_t = time_at(ring, max(after - 1, 0))
+    to_t = time_at(ring, after)
     if t >= to_t or to_t == from_t:
         return new
     if t <= from_t:
@@ -286,65 +286,71 @@ def init_comparisons(
     rate.turn[3] = 1.0
 
 
-def update_velocity(d: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
+def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) -> None:
     """The DVL's velocity v_W (3,) [m/s] in W at time t [s]."""
-    dt = t - d.t
+    dt = t - comparison.t
     is_connected = 0.0 <= dt <= _BLIND
     if not is_connected:
-        d.quick.samples.count = d.slow.samples.count = d.depth.samples.count = d.ways.count = 0
+        comparison.quick.samples.count = comparison.slow.samples.count = (
+            comparison.depth.samples.count
+        ) = comparison.ways.count = 0
     squared = 0.0
     for i in range(3):
-        step = 0.5 * dt * (v_W[i] + d.velocity[i]) if is_connected else 0.0
-        d.way[i] += step
+        step = 0.5 * dt * (v_W[i] + comparison.velocity[i]) if is_connected else 0.0
+        comparison.way[i] += step
         squared += step * step
-        d.velocity[i] = v_W[i]
-    d.way[3] += math.sqrt(squared)
-    d.t = t
-    append_value(d.ways, t, d.way, 4)
+        comparison.velocity[i] = v_W[i]
+    comparison.way[3] += math.sqrt(squared)
+    comparison.t = t
+    append_value(comparison.ways, t, comparison.way, 4)
 
 
-def compare_place(d: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
+def compare_place(comparison: VelocityAgainstPosition, value: Vector, t: float, first: int) -> bool:
     """A fix (3,) [m] in W at time t [s] is compared, in `quick` and `slow`, or a depth (1,) [m], in
     `depth`; whether it could be.
 
     first: the axis that the value begins with, 0 of a fix and 2 of a depth.
     """
     offset = zeros(4)
-    is_comparable = abs(t - d.t) <= _GAP and d.ways.count > 0 and t >= time_at(d.ways, 0)
+    is_comparable = (
+        abs(t - comparison.t) <= _GAP
+        and comparison.ways.count > 0
+        and t >= time_at(comparison.ways, 0)
+    )
     for i in range(first, 3):
         if is_comparable:
-            offset[i] = value[i - first] - _way_at(d, i, t)
+            offset[i] = value[i - first] - _way_at(comparison, i, t)
         else:
             offset[i] = 0.0
-    offset[3] = d.way[3]
+    offset[3] = comparison.way[3]
     if first == 0:
-        _append_offset(d.quick, offset, t, is_comparable)
-        _append_offset(d.slow, offset, t, is_comparable)
+        _append_offset(comparison.quick, offset, t, is_comparable)
+        _append_offset(comparison.slow, offset, t, is_comparable)
     else:
-        _append_offset(d.depth, offset, t, is_comparable)
+        _append_offset(comparison.depth, offset, t, is_comparable)
     return is_comparable
 
 
-def _append_offset(w: DriftWindow, offset: Vector, t: float, is_comparable: bool) -> None:
-    samples = w.samples
+def _append_offset(window: DriftWindow, offset: Vector, t: float, is_comparable: bool) -> None:
+    samples = window.samples
     if not is_comparable:
         samples.count = 0
-    elif samples.count == 0 or t - time_at(samples, samples.count - 1) >= w.spacing:
+    elif samples.count == 0 or t - time_at(samples, samples.count - 1) >= window.spacing:
         append_value(samples, t, offset, 4)
-        while span_of(samples) > w.span:
+        while span_of(samples) > window.span:
             drop_oldest(samples)
 
 
-def drift_rate(w: DriftWindow, first: int) -> float:
+def drift_rate(window: DriftWindow, first: int) -> float:
     """Rate [m/s] at which the two places of a window drift apart along axes `first` to 2; 0 where
     they agree, or too little is known.
 
     Thirds of the span are compared by their medians, which fixes that are far off now and then do
     not move.
     """
-    samples = w.samples
+    samples = window.samples
     n = samples.count // 3
-    if n == 0 or span_of(samples) < w.least:
+    if n == 0 or span_of(samples) < window.least:
         return 0.0
     time = mean_time(samples, samples.count - n, n) - mean_time(samples, 0, n)
     squared = 0.0
@@ -352,51 +358,59 @@ def drift_rate(w: DriftWindow, first: int) -> float:
         change = median_of(samples, i, samples.count - n, n) - median_of(samples, i, 0, n)
         squared += change * change
     way = samples.value[ring_slot(samples, samples.count - 1)][3] - samples.value[samples.first][3]
-    allowed = w.tolerance * time + w.share * way + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * w.noise
+    allowed = (
+        window.tolerance * time
+        + window.share * way
+        + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * window.noise
+    )
     if squared > allowed * allowed:
         return math.sqrt(squared) / time
     return 0.0
 
 
-def _way_at(d: VelocityAgainstPosition, i: int, t: float) -> float:
+def _way_at(comparison: VelocityAgainstPosition, i: int, t: float) -> float:
     """[m] along axis i by the DVL until time t [s], which a late fix was taken at some readings
     ago.
     """
-    if t >= d.t:
-        return d.way[i] + (t - d.t) * d.velocity[i]
-    return value_at(d.ways, i, t)
+    if t >= comparison.t:
+        return comparison.way[i] + (t - comparison.t) * comparison.velocity[i]
+    return value_at(comparison.ways, i, t)
 
 
-def update_rate(d: RateAgainstAttitude, omega: Vector, t: float) -> None:
+def update_rate(comparison: RateAgainstAttitude, omega: Vector, t: float) -> None:
     """The gyro's omega (3,) [rad/s] in B at time t [s]."""
-    dt = t - d.t
+    dt = t - comparison.t
     mean = zeros(3)
     for i in range(3):
-        mean[i] = omega[i] + d.rate[i]
-        d.rate[i] = omega[i]
-    d.t = t
+        mean[i] = omega[i] + comparison.rate[i]
+        comparison.rate[i] = omega[i]
+    comparison.t = t
     if 0.0 <= dt <= _GAP:
-        _turn_on(d, mean, 0.5 * dt, d.turn)
-        normalize(d.turn)
+        _turn_on(comparison, mean, 0.5 * dt, comparison.turn)
+        normalize(comparison.turn)
     else:
-        d.offsets.count = d.slow_offsets.count = 0
+        comparison.offsets.count = comparison.slow_offsets.count = 0
 
 
-def compare_turns(d: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
+def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float) -> None:
     """Find the rates at which the two turn apart, by the attitude quaternion (4,), xyzw, at time t
     [s].
     """
-    d.quick_rate = d.slow_rate = 0.0
-    if not abs(t - d.t) <= _GAP:
-        d.offsets.count = d.slow_offsets.count = 0
+    comparison.quick_rate = comparison.slow_rate = 0.0
+    if not abs(t - comparison.t) <= _GAP:
+        comparison.offsets.count = comparison.slow_offsets.count = 0
         return
     turned = zeros(4)
     offset = zeros(4)
-    _turn_on(d, d.rate, t - d.t, turned)
+    _turn_on(comparison, comparison.rate, t - comparison.t, turned)
     conjugate(turned)
     multiply(quaternion, turned, offset)
-    d.quick_rate = _turn_in(d.offsets, offset, t, _TURN_SPAN, _SPACING, d.tolerance)
-    d.slow_rate = _turn_in(d.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, d.slow_tolerance)
+    comparison.quick_rate = _turn_in(
+        comparison.offsets, offset, t, _TURN_SPAN, _SPACING, comparison.tolerance
+    )
+    comparison.slow_rate = _turn_in(
+        comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, comparison.slow_tolerance
+    )
 
 
 def _turn_in(
@@ -427,87 +441,93 @@ def _turn_in(
     return 0.0
 
 
-def _turn_on(d: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
+def _turn_on(comparison: RateAgainstAttitude, rate: Vector, dt: float, out: Vector) -> None:
     """Out (4,) becomes the turn after dt [s] more of a rate (3,) [rad/s]."""
     by = zeros(4)
     small_rotation(rate, dt, by)
-    multiply(d.turn, by, out)
+    multiply(comparison.turn, by, out)
 
 
-def update_depth(d: DepthAgainstPosition, z: float, t: float) -> None:
+def update_depth(comparison: DepthAgainstPosition, z: float, t: float) -> None:
     """The depth z [m] at time t [s]."""
-    d.depth = z
-    d.t = t
+    comparison.depth = z
+    comparison.t = t
 
 
-def depth_difference(d: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
+def depth_difference(comparison: DepthAgainstPosition, z: float, climb: float, t: float) -> float:
     """Return by how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb
     [m/s]; 0 where they agree.
     """
-    if not abs(t - d.t) <= _GAP:
+    if not abs(t - comparison.t) <= _GAP:
         return 0.0
-    difference = z - d.depth - (t - d.t) * climb
-    d.count += 1
-    if d.count <= _FIRST:
-        d.first += difference
+    difference = z - comparison.depth - (t - comparison.t) * climb
+    comparison.count += 1
+    if comparison.count <= _FIRST:
+        comparison.first += difference
         return 0.0
-    d.last[d.count % _LAST] = difference
+    comparison.last[comparison.count % _LAST] = difference
     # The last differences, oldest first, added up [m].
     total = 0.0
     for i in range(1, _LAST + 1):
-        total += d.last[(d.count + i) % _LAST]
-    by = abs(total / _LAST - d.first / _FIRST)
-    if d.count >= _FIRST + _LAST and by > d.tolerance:
+        total += comparison.last[(comparison.count + i) % _LAST]
+    by = abs(total / _LAST - comparison.first / _FIRST)
+    if comparison.count >= _FIRST + _LAST and by > comparison.tolerance:
         return by
     return 0.0
 
 
-def update_joint_rates(d: RateAgainstEncoder, rates: Vector, t: float) -> None:
+def update_joint_rates(comparison: RateAgainstEncoder, rates: Vector, t: float) -> None:
     """Integrate the rates (n_joints,) [rad/s or m/s] of the joints at time t [s]."""
-    dt = t - d.t if 0.0 <= t - d.t <= _BLIND else 0.0
-    for i in range(d.n):
-        bend = dt * (rates[i] - 2.0 * d.rate[i] + d.rate_before[i])
-        d.way[i] += 0.5 * dt * (rates[i] + d.rate[i])
-        d.variance[i] += bend * bend / 6.0
-        d.rate_before[i] = d.rate[i]
-        d.rate[i] = rates[i]
-    if not 0.0 <= t - d.t <= _BLIND:
-        d.newer_t = -math.inf
-    d.t = t
+    dt = t - comparison.t if 0.0 <= t - comparison.t <= _BLIND else 0.0
+    for i in range(comparison.n):
+        bend = dt * (rates[i] - 2.0 * comparison.rate[i] + comparison.rate_before[i])
+        comparison.way[i] += 0.5 * dt * (rates[i] + comparison.rate[i])
+        comparison.variance[i] += bend * bend / 6.0
+        comparison.rate_before[i] = comparison.rate[i]
+        comparison.rate[i] = rates[i]
+    if not 0.0 <= t - comparison.t <= _BLIND:
+        comparison.newer_t = -math.inf
+    comparison.t = t
 
 
-def is_adrift(d: RateAgainstEncoder, value: Vector, t: float) -> bool:
+def is_adrift(comparison: RateAgainstEncoder, value: Vector, t: float) -> bool:
     """Return whether the encoder of a joint, `worst`, drifts from its rate, by values (n_joints,)
     [rad or m] at time t [s].
     """
-    if not abs(t - d.t) <= _BLIND:
-        d.newer_t = -math.inf
+    if not abs(t - comparison.t) <= _BLIND:
+        comparison.newer_t = -math.inf
         return False
-    first = d.newer_t == -math.inf
-    due = t - d.newer_t >= _ENCODER_SPAN
+    first = comparison.newer_t == -math.inf
+    due = t - comparison.newer_t >= _ENCODER_SPAN
     excess = 0.0
     if due:
-        d.older_t = t if first else d.newer_t
-        d.newer_t = t
-    for i in range(d.n):
-        mark = d.older[i]
-        late = _RATE_DELAY * abs(d.rate[i])
-        offset = value[i] - d.way[i] - (t - d.t) * d.rate[i]
+        comparison.older_t = t if first else comparison.newer_t
+        comparison.newer_t = t
+    for i in range(comparison.n):
+        mark = comparison.older[i]
+        late = _RATE_DELAY * abs(comparison.rate[i])
+        offset = value[i] - comparison.way[i] - (t - comparison.t) * comparison.rate[i]
         if due and not first:
-            mark[:4] = d.newer[i][:4]
+            mark[:4] = comparison.newer[i][:4]
         if due:
-            d.newer[i][0] = offset
-            d.newer[i][1] = d.way[i]
-            d.newer[i][2] = late
-            d.newer[i][3] = d.variance[i]
+            comparison.newer[i][0] = offset
+            comparison.newer[i][1] = comparison.way[i]
+            comparison.newer[i][2] = late
+            comparison.newer[i][3] = comparison.variance[i]
         if first:
-            mark[:4] = d.newer[i][:4]
+            mark[:4] = comparison.newer[i][:4]
         change = abs(offset - mark[0])
-        span = t - d.older_t
-        allowed = d.tolerance * span + _OBLIQUE * abs(d.way[i] - mark[1]) + late + mark[2] + d.noise
-        beyond = change - allowed - _RATE_SIGMAS * math.sqrt(d.variance[i] - mark[3])
+        span = t - comparison.older_t
+        allowed = (
+            comparison.tolerance * span
+            + _OBLIQUE * abs(comparison.way[i] - mark[1])
+            + late
+            + mark[2]
+            + comparison.noise
+        )
+        beyond = change - allowed - _RATE_SIGMAS * math.sqrt(comparison.variance[i] - mark[3])
         if span >= _LONG_LEAST and beyond > excess:
-            d.worst = i
-            d.drift = change / span
+            comparison.worst = i
+            comparison.drift = change / span
             excess = beyond
     return excess > 0.0

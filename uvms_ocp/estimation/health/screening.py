@@ -35,124 +35,142 @@ _NEXT = 1.5
 _RECENT = 10.0  # [s] for which a refused reading speaks against its channel when it comes to blame
 
 
-def screen_reading(m: HealthMemory, c: ChannelMemory, slot: int) -> None:
+def screen_reading(health: HealthMemory, channel: ChannelMemory, slot: int) -> None:
     """Screen the newest reading of a channel, into `belief`; slot of the estimate of its time, -1
     for none.
     """
-    b = m.belief
-    c.off = -1.0
-    b.sane = not (_means_nothing(m, c, b.why) or _cannot_be(m, c, b.why))
-    b.used = b.sane
-    if not b.sane:
-        return
-    b.why.code = Reason.NONE
-    if slot >= 0 and not is_empty(c):
-        _compare_with_estimate(m, c, m.history.kept[slot], b)
-    late = m.t - c.stamp - c.delay
-    if b.why.code == Reason.NONE and late > m.late + m.dt:
-        set_complaint(b.why, Reason.LATE, late, m.late + m.dt)
-
-
-def is_empty(c: ChannelMemory) -> bool:
-    """Return whether the newest reading is an echo that did not come back."""
-    return c.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(c.value[0])
-
-
-def _means_nothing(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
-    if not math.isfinite(c.stamp):
-        return set_complaint(why, Reason.STAMP, c.stamp, 0.0)
-    if c.misshapen > 0:
-        return set_complaint(why, Reason.SHAPE, c.misshapen, 0.0)
-    return plausibility.is_nonsense(c.number, c.value, c.size, why) or plausibility.is_mistimed(
-        c.stamp, c.used, m.t, m.clock, why
+    belief = health.belief
+    channel.off = -1.0
+    belief.sane = not (
+        _means_nothing(health, channel, belief.why) or _cannot_be(health, channel, belief.why)
     )
+    belief.used = belief.sane
+    if not belief.sane:
+        return
+    belief.why.code = Reason.NONE
+    if slot >= 0 and not is_empty(channel):
+        _compare_with_estimate(health, channel, health.history.kept[slot], belief)
+    late = health.t - channel.stamp - channel.delay
+    if belief.why.code == Reason.NONE and late > health.late + health.dt:
+        set_complaint(belief.why, Reason.LATE, late, health.late + health.dt)
 
 
-def _cannot_be(m: HealthMemory, c: ChannelMemory, why: Complaint) -> bool:
+def is_empty(channel: ChannelMemory) -> bool:
+    """Return whether the newest reading is an echo that did not come back."""
+    return channel.number == ChannelIndex.ALTIMETER_RANGE and math.isnan(channel.value[0])
+
+
+def _means_nothing(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> bool:
+    if not math.isfinite(channel.stamp):
+        return set_complaint(why, Reason.STAMP, channel.stamp, 0.0)
+    if channel.misshapen > 0:
+        return set_complaint(why, Reason.SHAPE, channel.misshapen, 0.0)
+    return plausibility.is_nonsense(
+        channel.number, channel.value, channel.size, why
+    ) or plausibility.is_mistimed(channel.stamp, channel.used, health.t, health.clock, why)
+
+
+def _cannot_be(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> bool:
     """Screen a reading by its values and age alone."""
-    late = m.t - c.stamp - c.delay
+    late = health.t - channel.stamp - channel.delay
     if late > TOO_LATE:
         return set_complaint(why, Reason.TOO_LATE, late, 0.0)
-    if is_empty(c):
+    if is_empty(channel):
         return False
-    if c.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(
-        m.encoders, c.value, why
+    if channel.number == ChannelIndex.JOINT_POSITIONS and plausibility.stands_still(
+        health.encoders, channel.value, why
     ):
         return True
-    return plausibility.repeated(c.repeats, c.value, why) or plausibility.is_impossible(
-        c.gate, c.value, why
+    return plausibility.repeated(channel.repeats, channel.value, why) or plausibility.is_impossible(
+        channel.gate, channel.value, why
     )
 
 
 def _compare_with_estimate(
-    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, b: ScreeningResult
+    health: HealthMemory,
+    channel: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    screening: ScreeningResult,
 ) -> None:
-    if c.number == ChannelIndex.ALTIMETER_RANGE:
-        b.used = _is_floor(m, c, estimate, b.why)
-    elif c.gate.exists and not _agrees(m, c, estimate, b.why):
-        b.used = c.agreed < _CONFIRMED
-        if b.used:
-            c.agreed = 0
-            b.why.code = Reason.NONE
+    if channel.number == ChannelIndex.ALTIMETER_RANGE:
+        screening.used = _is_floor(health, channel, estimate, screening.why)
+    elif channel.gate.exists and not _agrees(health, channel, estimate, screening.why):
+        screening.used = channel.agreed < _CONFIRMED
+        if screening.used:
+            channel.agreed = 0
+            screening.why.code = Reason.NONE
 
 
 def _agrees(
-    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+    health: HealthMemory,
+    channel: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    why: Complaint,
 ) -> bool:
-    gate = c.gate
-    carried = _is_good(m, gate.by) or _is_good(m, gate.or_by)
+    gate = channel.gate
+    carried = _is_good(health, gate.by) or _is_good(health, gate.or_by)
     rate = gate.supported if carried else gate.alone
-    if math.isnan(c.taken):
+    if math.isnan(channel.taken):
         growth = 0.0
     else:
-        growth = rate * max(c.stamp - c.taken, 0.0)
-    away = abs(c.stamp - estimate.t)
-    error = plausibility.error_of(gate, c.value, estimate)
+        growth = rate * max(channel.stamp - channel.taken, 0.0)
+    away = abs(channel.stamp - estimate.t)
+    error = plausibility.error_of(gate, channel.value, estimate)
     moved = plausibility.motion_within(gate, estimate, away)
-    c.off = error if orders_of(c.number) > 1 else -1.0  # rates leave no place behind
-    c.explained = gate.noise + max(growth, moved)
-    if carried and is_persistent(c):
+    channel.off = error if orders_of(channel.number) > 1 else -1.0  # rates leave no place behind
+    channel.explained = gate.noise + max(growth, moved)
+    if carried and is_persistent(channel):
         growth -= 0.5 * gate.base
     allowed = gate.base + growth + moved
-    if not error <= allowed and not _goes_on(c):
+    if not error <= allowed and not _goes_on(channel):
         set_complaint(why, Reason.OFF, error, allowed)
-        c.off_in_a_row += 1
+        channel.off_in_a_row += 1
         return False
-    c.agreed += 1
-    c.off_in_a_row = 0
+    channel.agreed += 1
+    channel.off_in_a_row = 0
     return True
 
 
-def _goes_on(c: ChannelMemory) -> bool:
+def _goes_on(channel: ChannelMemory) -> bool:
     """Return whether a DVL goes on from its last reading, which was used: then it is the estimate
     that is off.
 
     A step of a velocity is an acceleration to the filter until the next reading ends it.
     """
-    recent = c.number == ChannelIndex.LINEAR_VELOCITY and c.stamp - c.taken <= _NEXT * c.period
-    return recent and plausibility.distance(c.gate, c.value, c.used_value) <= c.gate.base
+    recent = (
+        channel.number == ChannelIndex.LINEAR_VELOCITY
+        and channel.stamp - channel.taken <= _NEXT * channel.period
+    )
+    return (
+        recent
+        and plausibility.distance(channel.gate, channel.value, channel.used_value)
+        <= channel.gate.base
+    )
 
 
-def is_persistent(c: ChannelMemory) -> bool:
+def is_persistent(channel: ChannelMemory) -> bool:
     """Return whether a DVL insists on what cannot be.
 
     While fixes carry the velocity it is taken again at half its gate: one reading of a biased one
     that noise brings just inside would move velocity and acceleration, and all that follows from
     them.
     """
-    return c.number == ChannelIndex.LINEAR_VELOCITY and c.off_in_a_row >= _STUBBORN
+    return channel.number == ChannelIndex.LINEAR_VELOCITY and channel.off_in_a_row >= _STUBBORN
 
 
-def _is_good(m: HealthMemory, channel: int) -> bool:
+def _is_good(health: HealthMemory, channel: int) -> bool:
     return (
         channel >= 0
-        and m.channels[channel].present
-        and m.channels[channel].trust == signals.Trust.GOOD
+        and health.channels[channel].present
+        and health.channels[channel].trust == signals.Trust.GOOD
     )
 
 
 def _is_floor(
-    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+    health: HealthMemory,
+    channel: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    why: Complaint,
 ) -> bool:
     up = zeros(3)
     at = zeros(3)
@@ -160,13 +178,13 @@ def _is_floor(
     plausibility.rotate(estimate.q, estimate.beam_at, at)
     if up[2] <= kinematics.STEEP:
         return True
-    _place(m.floor.here, c, estimate, up, at)
-    return floor.accept_echo(m.floor, why)
+    _place(health.floor.here, channel, estimate, up, at)
+    return floor.accept_echo(health.floor, why)
 
 
 def _place(
     point: floor.FloorPoint,
-    c: ChannelMemory,
+    channel: ChannelMemory,
     estimate: plausibility.PastEstimate,
     up: Vector,
     at: Vector,
@@ -174,140 +192,152 @@ def _place(
     """Find the spot of the floor of an echo: up and at [m], axis and place of the altimeter, are in
     W, seen from the vehicle.
     """
-    point.t = c.stamp
+    point.t = channel.stamp
     point.sensor_x = estimate.q[0] + at[0]
     point.sensor_y = estimate.q[1] + at[1]
     point.sensor_z = estimate.q[2] + at[2]
-    point.x = point.sensor_x - c.value[0] * up[0]
-    point.y = point.sensor_y - c.value[0] * up[1]
-    point.z = point.sensor_z - c.value[0] * up[2]
+    point.x = point.sensor_x - channel.value[0] * up[0]
+    point.y = point.sensor_y - channel.value[0] * up[1]
+    point.z = point.sensor_z - channel.value[0] * up[2]
 
 
 # Pairs of channels that tell of the same motion, and which of a pair is to blame.
 
 
-def compare(m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate) -> None:
+def compare(
+    health: HealthMemory, channel: ChannelMemory, estimate: plausibility.PastEstimate
+) -> None:
     """The newest reading of a channel with what others tell of the same; the estimate is that of
     when it was taken.
     """
-    why = m.belief.why
-    if c.number == ChannelIndex.POSITION:
-        _compare_fix(m, c, estimate, why)
-    elif c.number == ChannelIndex.LINEAR_VELOCITY:
+    why = health.belief.why
+    if channel.number == ChannelIndex.POSITION:
+        _compare_fix(health, channel, estimate, why)
+    elif channel.number == ChannelIndex.LINEAR_VELOCITY:
         v_W = zeros(3)
-        plausibility.rotate(estimate.q, c.value, v_W)
-        redundancy.update_velocity(m.velocity, v_W, c.stamp)
-    elif c.number == ChannelIndex.DEPTH:
-        redundancy.update_depth(m.depth, c.value[0], c.stamp)
-        _compare_depth(m, c, why)
-    elif c.number == ChannelIndex.ANGULAR_VELOCITY:
-        redundancy.update_rate(m.rate, c.value, c.stamp)
-    elif c.number == ChannelIndex.ATTITUDE:
-        _compare_attitude(m, c, why)
-    elif c.number == ChannelIndex.JOINT_VELOCITIES:
-        redundancy.update_joint_rates(m.encoder, c.value, c.stamp)
-    elif c.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(
-        m.encoder, c.value, c.stamp
+        plausibility.rotate(estimate.q, channel.value, v_W)
+        redundancy.update_velocity(health.velocity, v_W, channel.stamp)
+    elif channel.number == ChannelIndex.DEPTH:
+        redundancy.update_depth(health.depth, channel.value[0], channel.stamp)
+        _compare_depth(health, channel, why)
+    elif channel.number == ChannelIndex.ANGULAR_VELOCITY:
+        redundancy.update_rate(health.rate, channel.value, channel.stamp)
+    elif channel.number == ChannelIndex.ATTITUDE:
+        _compare_attitude(health, channel, why)
+    elif channel.number == ChannelIndex.JOINT_VELOCITIES:
+        redundancy.update_joint_rates(health.encoder, channel.value, channel.stamp)
+    elif channel.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(
+        health.encoder, channel.value, channel.stamp
     ):
-        set_complaint(why, Reason.ENCODER_DRIFT, m.encoder.worst, m.encoder.drift)
-        _suspect_likelier(m, ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES, -1)
+        set_complaint(why, Reason.ENCODER_DRIFT, health.encoder.worst, health.encoder.drift)
+        _suspect_likelier(health, ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES, -1)
 
 
-def _compare_attitude(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
-    redundancy.compare_turns(m.rate, c.value, c.stamp)
-    quick, slow = m.rate.quick_rate, m.rate.slow_rate
+def _compare_attitude(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> None:
+    redundancy.compare_turns(health.rate, channel.value, channel.stamp)
+    quick, slow = health.rate.quick_rate, health.rate.slow_rate
     if quick > 0.0 or slow > 0.0:
         set_complaint(why, Reason.TURN, max(quick, slow), 0.0)
         if quick > 0.0:
             likely = int(ChannelIndex.ANGULAR_VELOCITY)
         else:
             likely = -1
-        _suspect_likelier(m, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
+        _suspect_likelier(health, ChannelIndex.ATTITUDE, ChannelIndex.ANGULAR_VELOCITY, likely)
 
 
 def _compare_fix(
-    m: HealthMemory, c: ChannelMemory, estimate: plausibility.PastEstimate, why: Complaint
+    health: HealthMemory,
+    channel: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    why: Complaint,
 ) -> None:
-    velocity, depth = m.channels[ChannelIndex.LINEAR_VELOCITY], m.channels[ChannelIndex.DEPTH]
+    velocity, depth = (
+        health.channels[ChannelIndex.LINEAR_VELOCITY],
+        health.channels[ChannelIndex.DEPTH],
+    )
     v_W = zeros(3)
-    is_comparable = redundancy.compare_place(m.velocity, c.value, c.stamp, 0)
-    quick = redundancy.drift_rate(m.velocity.quick, 0)
-    slow = redundancy.drift_rate(m.velocity.slow, 0)
+    is_comparable = redundancy.compare_place(health.velocity, channel.value, channel.stamp, 0)
+    quick = redundancy.drift_rate(health.velocity.quick, 0)
+    slow = redundancy.drift_rate(health.velocity.slow, 0)
     plausibility.rotate(estimate.q, estimate.v, v_W)
-    by = redundancy.depth_difference(m.depth, c.value[2], v_W[2], c.stamp)
+    by = redundancy.depth_difference(health.depth, channel.value[2], v_W[2], channel.stamp)
     if is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
         # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
         # fixes jumped.
-        guilty = _is_guilty(m, c)
-        velocity_is_guilty = _is_guilty(m, velocity)
+        guilty = _is_guilty(health, channel)
+        velocity_is_guilty = _is_guilty(health, velocity)
         if (
             velocity.present
             and (velocity_is_guilty or not guilty)
-            and exclude(velocity, why, m.t, m.clean)
+            and exclude(velocity, why, health.t, health.clean)
         ):
-            m.exposed = True
+            health.exposed = True
         if guilty == velocity_is_guilty and slow > 0.0:
-            suspect(c, why, m.t)
+            suspect(channel, why, health.t)
     elif is_comparable and slow > 0.0:
         # Nothing tells which of the two drifts, but for depths where it is along z.
         set_complaint(why, Reason.DRIFT, slow, 0.0)
-        if redundancy.drift_rate(m.velocity.slow, 2) > 0.0 and _agrees_with_velocity(m, depth):
-            exclude(c, why, m.t, m.clean)
+        if redundancy.drift_rate(health.velocity.slow, 2) > 0.0 and _agrees_with_velocity(
+            health, depth
+        ):
+            exclude(channel, why, health.t, health.clean)
         else:
-            _suspect_likelier(m, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
+            _suspect_likelier(health, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
         if (
-            not _agrees_with_velocity(m, depth)
-            and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
+            not _agrees_with_velocity(health, depth)
+            and redundancy.drift_rate(health.velocity.slow, 2) == 0.0
             and is_comparable
         ):
-            exclude(depth, why, m.t, m.clean)
+            exclude(depth, why, health.t, health.clean)
         else:
-            _suspect_likelier(m, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
+            _suspect_likelier(health, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
 
 
-def _compare_depth(m: HealthMemory, c: ChannelMemory, why: Complaint) -> None:
+def _compare_depth(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> None:
     """Stop using depths that drift from what the DVL tells, where fixes do not."""
-    if redundancy.compare_place(m.velocity, c.value, c.stamp, 2):
-        rate = redundancy.drift_rate(m.velocity.depth, 2)
+    if redundancy.compare_place(health.velocity, channel.value, channel.stamp, 2):
+        rate = redundancy.drift_rate(health.velocity.depth, 2)
     else:
         rate = 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
         if (
-            m.channels[ChannelIndex.POSITION].present
-            and redundancy.drift_rate(m.velocity.slow, 2) == 0.0
+            health.channels[ChannelIndex.POSITION].present
+            and redundancy.drift_rate(health.velocity.slow, 2) == 0.0
         ):
-            exclude(c, why, m.t, m.clean)
+            exclude(channel, why, health.t, health.clean)
         else:
-            suspect(c, why, m.t)
+            suspect(channel, why, health.t)
 
 
-def _agrees_with_velocity(m: HealthMemory, depth: ChannelMemory) -> bool:
-    return depth.present and redundancy.drift_rate(m.velocity.depth, 2) == 0.0
+def _agrees_with_velocity(health: HealthMemory, depth: ChannelMemory) -> bool:
+    return depth.present and redundancy.drift_rate(health.velocity.depth, 2) == 0.0
 
 
-def _suspect_likelier(m: HealthMemory, first: int, second: int, likely: int) -> None:
+def _suspect_likelier(health: HealthMemory, first: int, second: int, likely: int) -> None:
     """Doubt the one of the two whose readings were refused not long ago; otherwise the likely one,
     -1 for both.
 
     Where a rate drifts from attitudes or fixes it is the rate that is biased: those jump, which is
     refused.
     """
-    one = m.channels[first]
-    other = m.channels[second]
-    why = m.belief.why
-    one_guilty = _is_guilty(m, one) != _is_guilty(m, other)
-    by_likelihood = not one_guilty and likely >= 0 and m.channels[likely].present
-    if one.present and (_is_guilty(m, one) if one_guilty else not by_likelihood or likely == first):
-        suspect(one, why, m.t)
-    if other.present and (
-        _is_guilty(m, other) if one_guilty else not by_likelihood or likely == second
+    one = health.channels[first]
+    other = health.channels[second]
+    why = health.belief.why
+    one_guilty = _is_guilty(health, one) != _is_guilty(health, other)
+    by_likelihood = not one_guilty and likely >= 0 and health.channels[likely].present
+    if one.present and (
+        _is_guilty(health, one) if one_guilty else not by_likelihood or likely == first
     ):
-        suspect(other, why, m.t)
+        suspect(one, why, health.t)
+    if other.present and (
+        _is_guilty(health, other) if one_guilty else not by_likelihood or likely == second
+    ):
+        suspect(other, why, health.t)
 
 
-def _is_guilty(m: HealthMemory, c: ChannelMemory) -> bool:
-    return c.present and m.t - c.impossible_at <= _RECENT
+def _is_guilty(health: HealthMemory, channel: ChannelMemory) -> bool:
+    return channel.present and health.t - channel.impossible_at <= _RECENT

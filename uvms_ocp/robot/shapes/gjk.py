@@ -154,50 +154,50 @@ class Simplex(Layout):
     """(3,) their shares."""
 
 
-def find_nearest(s: Simplex) -> None:
+def find_nearest(simplex: Simplex) -> None:
     """The nearest point of the hull of all points, or that the origin is inside. A kernel."""
-    s.squared = FAR
-    s.inside = s.n == 4 and holds_origin(s)
-    if s.n == 1:
-        offer_point(s, 0, 0, 0, 0.0, 0.0)
-    elif s.n == 2:
-        try_edge(s, 0, 1)
-    elif s.n == 3:
-        try_face(s, 0, 1, 2)
-    elif not s.inside:
-        try_faces(s)
+    simplex.squared = FAR
+    simplex.inside = simplex.n == 4 and holds_origin(simplex)
+    if simplex.n == 1:
+        offer_point(simplex, 0, 0, 0, 0.0, 0.0)
+    elif simplex.n == 2:
+        try_edge(simplex, 0, 1)
+    elif simplex.n == 3:
+        try_face(simplex, 0, 1, 2)
+    elif not simplex.inside:
+        try_faces(simplex)
 
 
-def try_faces(s: Simplex) -> None:
+def try_faces(simplex: Simplex) -> None:
     """On the four faces. A kernel."""
-    try_face(s, 0, 1, 2)
-    try_face(s, 0, 1, 3)
-    try_face(s, 0, 2, 3)
-    try_face(s, 1, 2, 3)
+    try_face(simplex, 0, 1, 2)
+    try_face(simplex, 0, 1, 3)
+    try_face(simplex, 0, 2, 3)
+    try_face(simplex, 1, 2, 3)
 
 
-def try_edge(s: Simplex, i: int, j: int) -> None:
+def try_edge(simplex: Simplex, i: int, j: int) -> None:
     """Between two points. A kernel."""
     e = zeros(3)
-    wi = s.w[i]
-    wj = s.w[j]
+    wi = simplex.w[i]
+    wj = simplex.w[j]
     subtract(wj, wi, e)
     length = dot(e, e)
     if length > 0.0:
-        offer_point(s, i, j, j, min(1.0, max(0.0, -dot(wi, e) / length)), 0.0)
+        offer_point(simplex, i, j, j, min(1.0, max(0.0, -dot(wi, e) / length)), 0.0)
     else:
-        offer_point(s, i, i, i, 0.0, 0.0)
+        offer_point(simplex, i, i, i, 0.0, 0.0)
 
 
-def try_face(s: Simplex, i: int, j: int, k: int) -> None:
+def try_face(simplex: Simplex, i: int, j: int, k: int) -> None:
     """Between three points. A kernel."""
     e = zeros(3)
     f = zeros(3)
     normal = zeros(3)
     turned = zeros(3)
-    wi = s.w[i]
-    wj = s.w[j]
-    wk = s.w[k]
+    wi = simplex.w[i]
+    wj = simplex.w[j]
+    wk = simplex.w[k]
     subtract(wj, wi, e)
     subtract(wk, wi, f)
     cross(e, f, normal)
@@ -210,36 +210,36 @@ def try_face(s: Simplex, i: int, j: int, k: int) -> None:
         cross(wi, e, turned)
         y = dot(normal, turned) / area
     if x >= 0.0 and y >= 0.0 and x + y <= 1.0:
-        offer_point(s, i, j, k, x, y)
+        offer_point(simplex, i, j, k, x, y)
     else:
-        try_edge(s, i, j)
-        try_edge(s, i, k)
-        try_edge(s, j, k)
+        try_edge(simplex, i, j)
+        try_edge(simplex, i, k)
+        try_edge(simplex, j, k)
 
 
-def offer_point(s: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
+def offer_point(simplex: Simplex, i: int, j: int, k: int, x: float, y: float) -> None:
     """Take the point w_i + x (w_j - w_i) + y (w_k - w_i), x and y, if it is the nearest so far. A
     kernel.
     """
     v = zeros(3)
-    wi = s.w[i]
-    wj = s.w[j]
-    wk = s.w[k]
+    wi = simplex.w[i]
+    wj = simplex.w[j]
+    wk = simplex.w[k]
     for c in range(3):
         v[c] = wi[c] + x * (wj[c] - wi[c]) + y * (wk[c] - wi[c])
     squared = dot(v, v)
-    if squared < s.squared:
-        s.squared = squared
-        s.pick[0] = i
-        s.pick[1] = j
-        s.pick[2] = k
-        s.lot[0] = 1.0 - x - y
-        s.lot[1] = x
-        s.lot[2] = y
-        s.v[:3] = v[:3]
+    if squared < simplex.squared:
+        simplex.squared = squared
+        simplex.pick[0] = i
+        simplex.pick[1] = j
+        simplex.pick[2] = k
+        simplex.lot[0] = 1.0 - x - y
+        simplex.lot[1] = x
+        simplex.lot[2] = y
+        simplex.v[:3] = v[:3]
 
 
-def holds_origin(s: Simplex) -> bool:
+def holds_origin(simplex: Simplex) -> bool:
     """Check that the origin is inside of the four points, which is not so where they lie in a
     plane. A kernel.
     """
@@ -247,46 +247,46 @@ def holds_origin(s: Simplex) -> bool:
     f = zeros(3)
     g = zeros(3)
     turned = zeros(3)
-    subtract(s.w[1], s.w[0], e)
-    subtract(s.w[2], s.w[0], f)
-    subtract(s.w[3], s.w[0], g)
+    subtract(simplex.w[1], simplex.w[0], e)
+    subtract(simplex.w[2], simplex.w[0], f)
+    subtract(simplex.w[3], simplex.w[0], g)
     cross(f, g, turned)
     volume = dot(e, turned)
     side = 1.0 if volume > 0.0 else -1.0
-    x = -side * dot(s.w[0], turned)
+    x = -side * dot(simplex.w[0], turned)
     cross(g, e, turned)
-    y = -side * dot(s.w[0], turned)
+    y = -side * dot(simplex.w[0], turned)
     cross(e, f, turned)
-    z = -side * dot(s.w[0], turned)
+    z = -side * dot(simplex.w[0], turned)
     return volume != 0.0 and x >= 0.0 and y >= 0.0 and z >= 0.0 and x + y + z <= abs(volume)
 
 
-def keep_nearest(s: Simplex) -> None:
+def keep_nearest(simplex: Simplex) -> None:
     """Drop the points that the nearest one does not lie between; `lot` are the shares of those that
     stay. A kernel.
     """
     n = 0
     for m in range(3):
-        if s.lot[m] > 0.0:
-            i = s.pick[m]  # never before n, as the picks are in their order
-            s.a[n][:] = s.a[i]
-            s.b[n][:] = s.b[i]
-            s.w[n][:] = s.w[i]
-            s.lot[n] = s.lot[m]
+        if simplex.lot[m] > 0.0:
+            i = simplex.pick[m]  # never before n, as the picks are in their order
+            simplex.a[n][:] = simplex.a[i]
+            simplex.b[n][:] = simplex.b[i]
+            simplex.w[n][:] = simplex.w[i]
+            simplex.lot[n] = simplex.lot[m]
             n += 1
-    s.n = n
+    simplex.n = n
 
 
-def keep_last(s: Simplex, others: bool) -> None:
+def keep_last(simplex: Simplex, others: bool) -> None:
     """Count the point behind the last one; without the others, which first ones that are no corners
     give way to. A kernel.
     """
     if not others:
-        s.a[0][:] = s.a[s.n]
-        s.b[0][:] = s.b[s.n]
-        s.w[0][:] = s.w[s.n]
-        s.n = 0
-    s.n += 1
+        simplex.a[0][:] = simplex.a[simplex.n]
+        simplex.b[0][:] = simplex.b[simplex.n]
+        simplex.w[0][:] = simplex.w[simplex.n]
+        simplex.n = 0
+    simplex.n += 1
 
 
 # Two solids that meet: where one is as the other sees it, and the nearest points of both while they
@@ -313,97 +313,100 @@ class RelativePlacement(Layout):
     """(3,) [m] the nearest point of A."""
 
 
-def place_relative(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def place_relative(placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """Write the pose of solid B in the frame of solid A. A kernel."""
     way = zeros(3)
     subtract(b.p, a.p, way)
-    turned_back(a.R, way, m.p)
-    between(a.R, b.R, m.R)
+    turned_back(a.R, way, placement.p)
+    between(a.R, b.R, placement.R)
 
 
-def begin_search(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def begin_search(placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """One point of each, which lie near each other: nearest to the other's, in turn. A kernel."""
     x = zeros(3)
     y = zeros(3)
-    s = m.simplex
-    x[:3] = m.p[:3]
+    simplex = placement.simplex
+    x[:3] = placement.p[:3]
     for _ in range(_TURNS):
-        nearest_point(a, x, s.a[0])
-        subtract(s.a[0], m.p, x)
-        turned_back(m.R, x, y)
-        nearest_point(b, y, s.b[0])
-        rotated(m.R, s.b[0], x)
+        nearest_point(a, x, simplex.a[0])
+        subtract(simplex.a[0], placement.p, x)
+        turned_back(placement.R, x, y)
+        nearest_point(b, y, simplex.b[0])
+        rotated(placement.R, simplex.b[0], x)
         for i in range(3):
-            x[i] += m.p[i]
-    place_difference(m, 0)
-    s.n = 1
+            x[i] += placement.p[i]
+    place_difference(placement, 0)
+    simplex.n = 1
 
 
-def place_difference(m: RelativePlacement, k: int) -> None:
+def place_difference(placement: RelativePlacement, k: int) -> None:
     """The difference of the k-th points. A kernel."""
     there = zeros(3)
-    s = m.simplex
-    rotated(m.R, s.b[k], there)
+    simplex = placement.simplex
+    rotated(placement.R, simplex.b[k], there)
     for i in range(3):
-        s.w[k][i] = s.a[k][i] - m.p[i] - there[i]
+        simplex.w[k][i] = simplex.a[k][i] - placement.p[i] - there[i]
 
 
-def add_support(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
+def add_support(placement: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """The points of A and B whose difference is farthest along d (3,). A kernel."""
-    s = m.simplex
+    simplex = placement.simplex
     back = zeros(3)
-    farthest(a, d, s.a[s.n])
-    turned_back(m.R, d, back)
+    farthest(a, d, simplex.a[simplex.n])
+    turned_back(placement.R, d, back)
     for i in range(3):
         back[i] = -back[i]
-    farthest(b, back, s.b[s.n])
-    place_difference(m, s.n)
-    s.n += 1
+    farthest(b, back, simplex.b[simplex.n])
+    place_difference(placement, simplex.n)
+    simplex.n += 1
 
 
-def search_apart(m: RelativePlacement, a: Solid, b: Solid) -> bool:
+def search_apart(placement: RelativePlacement, a: Solid, b: Solid) -> bool:
     """Check that A and B are apart; if so, write their distance, normal and nearest points. A
     kernel.
     """
-    s = m.simplex
+    simplex = placement.simplex
     before = math.inf
     stalled = 0
-    begin_search(m, a, b)
+    begin_search(placement, a, b)
     for k in range(ROUNDS):
-        find_nearest(s)
-        if s.inside or s.squared <= TOUCHING * TOUCHING:
+        find_nearest(simplex)
+        if simplex.inside or simplex.squared <= TOUCHING * TOUCHING:
             return False
-        keep_nearest(s)
-        write_support(m, a, b)
-        stalled += 1 if s.squared >= before else 0
-        if s.squared - dot(s.v, s.w[s.n]) <= _EXACT * s.squared or stalled > _STALLS:
+        keep_nearest(simplex)
+        write_support(placement, a, b)
+        stalled += 1 if simplex.squared >= before else 0
+        if (
+            simplex.squared - dot(simplex.v, simplex.w[simplex.n]) <= _EXACT * simplex.squared
+            or stalled > _STALLS
+        ):
             break
-        before = s.squared if k > 0 else math.inf
-        keep_last(s, k > 0)
-    write_separation(m)
+        before = simplex.squared if k > 0 else math.inf
+        keep_last(simplex, k > 0)
+    write_separation(placement)
     return True
 
 
-def write_support(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def write_support(placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """Write the points that are farthest towards the origin behind those of the simplex, without
     counting them. A kernel.
     """
-    s = m.simplex
+    simplex = placement.simplex
     away = zeros(3)
     for i in range(3):
-        away[i] = -s.v[i]
-    add_support(m, a, b, away)
-    s.n -= 1
+        away[i] = -simplex.v[i]
+    add_support(placement, a, b, away)
+    simplex.n -= 1
 
 
-def write_separation(m: RelativePlacement) -> None:
+def write_separation(placement: RelativePlacement) -> None:
     """Distance, normal and nearest point from what the search ended with. A kernel."""
-    s = m.simplex
-    m.distance = math.sqrt(s.squared)
-    if not s.squared < FAR:
-        m.distance = math.nan
+    simplex = placement.simplex
+    placement.distance = math.sqrt(simplex.squared)
+    if not simplex.squared < FAR:
+        placement.distance = math.nan
     for i in range(3):
-        m.normal[i] = -s.v[i] / m.distance
-        m.at[i] = 0.0
-        for k in range(s.n):
-            m.at[i] += s.lot[k] * s.a[k][i]
+        placement.normal[i] = -simplex.v[i] / placement.distance
+        placement.at[i] = 0.0
+        for k in range(simplex.n):
+            placement.at[i] += simplex.lot[k] * simplex.a[k][i]

@@ -47,8 +47,10 @@ def _hull(robot: Robot) -> list[pin.GeometryObject]:
 
 def _box_corners(shape: pin.GeometryObject) -> np.ndarray:
     """Return corners (8, 3) [m] of a shape's own bounding box, in the frame of the vehicle."""
-    X = shape.placement
-    return np.asarray(link_boxes.box_corners(shape.geometry) @ X.rotation.T + X.translation)
+    placement = shape.placement
+    return np.asarray(
+        link_boxes.box_corners(shape.geometry) @ placement.rotation.T + placement.translation
+    )
 
 
 @lru_cache(maxsize=8)

@@ -44,45 +44,45 @@ _FLAT = 1e-30  # [m4] squared area of a face that has no direction
 _SEEN = 1e-13  # [m] by which a point lies beyond a face that goes
 
 
-def try_axes(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def try_axes(placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """The shallowest of these directions, and the distance along it. A kernel."""
-    m.distance = -math.inf
+    placement.distance = -math.inf
     for i in range(3):
-        try_face_and_edges(m, a, b, i)
-    try_outward(m, a, b)
+        try_face_and_edges(placement, a, b, i)
+    try_outward(placement, a, b)
 
 
-def try_face_and_edges(m: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
+def try_face_and_edges(placement: RelativePlacement, a: Solid, b: Solid, i: int) -> None:
     """Along the i-th axes of both, and across that of A and any of B. A kernel."""
     along = zeros(3)
     edge = zeros(3)
     both = zeros(3)
     along[i] = 1.0
-    try_axis(m, a, b, along)
+    try_axis(placement, a, b, along)
     for j in range(3):
         for k in range(3):
-            edge[k] = m.R[3 * k + j]
+            edge[k] = placement.R[3 * k + j]
         if j == i:
-            try_axis(m, a, b, edge)
+            try_axis(placement, a, b, edge)
         cross(along, edge, both)
-        try_axis(m, a, b, both)
+        try_axis(placement, a, b, both)
 
 
-def try_outward(m: RelativePlacement, a: Solid, b: Solid) -> None:
+def try_outward(placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """Try the directions from the z axis of either to the middle of the other. A kernel."""
     out = zeros(3)
     z = zeros(3)
-    out[:2] = m.p[:2]
-    try_axis(m, a, b, out)
+    out[:2] = placement.p[:2]
+    try_axis(placement, a, b, out)
     for k in range(3):
-        z[k] = m.R[3 * k + 2]
-    along = dot(z, m.p)
+        z[k] = placement.R[3 * k + 2]
+    along = dot(z, placement.p)
     for k in range(3):
-        out[k] = m.p[k] - along * z[k]
-    try_axis(m, a, b, out)
+        out[k] = placement.p[k] - along * z[k]
+    try_axis(placement, a, b, out)
 
 
-def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
+def try_axis(placement: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     """Take d (3,), of any length, if the solids overlap less along it than along what was taken
     before. A kernel.
     """
@@ -90,20 +90,20 @@ def try_axis(m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
     length = math.sqrt(dot(d, d))
     if not length * length > _PARALLEL:
         return
-    side = 1.0 if dot(d, m.p) >= 0.0 else -1.0
+    side = 1.0 if dot(d, placement.p) >= 0.0 else -1.0
     for i in range(3):
         n[i] = side * d[i] / length
-    distance = distance_along(m, a, b, n)
-    if distance > m.distance:
-        m.distance = distance
-        m.normal[:3] = n[:3]
+    distance = distance_along(placement, a, b, n)
+    if distance > placement.distance:
+        placement.distance = distance
+        placement.normal[:3] = n[:3]
 
 
-def distance_along(m: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
+def distance_along(placement: RelativePlacement, a: Solid, b: Solid, n: Vector) -> float:
     """Compute how far B lies beyond A along n (3,) of length 1, in the frame of A [m]. A kernel."""
     back = zeros(3)
-    turned_back(m.R, n, back)
-    return dot(n, m.p) - height(a, n) - height(b, back)
+    turned_back(placement.R, n, back)
+    return dot(n, placement.p) - height(a, n) - height(b, back)
 
 
 # How deep two solids overlap whose difference is curved: a polytope inside of it grows where it is
@@ -133,42 +133,44 @@ class Hull(Layout):
     """(n_edges, 2) points of the edges of the hole that faces leave which go."""
 
 
-def expand_polytope(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
+def expand_polytope(hull: Hull, placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """Find a shallower direction than that of `m`, or that there is none. A kernel."""
-    enclose(h, m, a, b)
+    enclose(hull, placement, a, b)
     for _ in range(GROWTH):
-        k = nearest_face(h)
-        if -m.distance - h.offset[k] <= _OPEN:
+        k = nearest_face(hull)
+        if -placement.distance - hull.offset[k] <= _OPEN:
             break
-        try_axis(m, a, b, h.normal[k])
-        write_polytope_support(h, m, a, b, h.normal[k])
-        if dot(h.normal[k], h.w[h.n]) - h.offset[k] <= _OPEN:
+        try_axis(placement, a, b, hull.normal[k])
+        write_polytope_support(hull, placement, a, b, hull.normal[k])
+        if dot(hull.normal[k], hull.w[hull.n]) - hull.offset[k] <= _OPEN:
             break
-        remove_visible_faces(h)
-        if not fill_hole(h, m):
+        remove_visible_faces(hull)
+        if not fill_hole(hull, placement):
             break
 
 
-def write_polytope_support(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector) -> None:
+def write_polytope_support(
+    hull: Hull, placement: RelativePlacement, a: Solid, b: Solid, d: Vector
+) -> None:
     """Write the point that is farthest along d (3,) behind the others, without counting it. A
     kernel.
     """
-    m.simplex.n = 0
-    add_support(m, a, b, d)
-    m.simplex.n = 0
-    h.w[h.n][:3] = m.simplex.w[0][:3]
+    placement.simplex.n = 0
+    add_support(placement, a, b, d)
+    placement.simplex.n = 0
+    hull.w[hull.n][:3] = placement.simplex.w[0][:3]
 
 
-def nearest_face(h: Hull) -> int:
+def nearest_face(hull: Hull) -> int:
     """The face with the smallest offset. A kernel."""
     nearest = 0
-    for k in range(1, h.n_faces):
-        if h.offset[k] < h.offset[nearest]:
+    for k in range(1, hull.n_faces):
+        if hull.offset[k] < hull.offset[nearest]:
             nearest = k
     return nearest
 
 
-def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
+def enclose(hull: Hull, placement: RelativePlacement, a: Solid, b: Solid) -> None:
     """Begin with three points that lie in different directions from the middle, and those opposite.
     A kernel.
     """
@@ -176,104 +178,108 @@ def enclose(h: Hull, m: RelativePlacement, a: Solid, b: Solid) -> None:
     first = zeros(3)
     second = zeros(3)
     across = zeros(3)
-    h.n = 0
-    h.n_faces = 0
+    hull.n = 0
+    hull.n_faces = 0
     d[0] = 1.0
-    add_opposite(h, m, a, b, d, first)
+    add_opposite(hull, placement, a, b, d, first)
     smallest = 0
     for i in range(1, 3):
         if abs(first[i]) < abs(first[smallest]):
             smallest = i
     across[smallest] = 1.0
     cross(first, across, d)
-    add_opposite(h, m, a, b, d, second)
+    add_opposite(hull, placement, a, b, d, second)
     cross(first, second, d)
-    add_opposite(h, m, a, b, d, across)
+    add_opposite(hull, placement, a, b, d, across)
     for k in range(8):
-        add_face(h, m, k % 2, 2 + k // 2 % 2, 4 + k // 4)
+        add_face(hull, placement, k % 2, 2 + k // 2 % 2, 4 + k // 4)
 
 
-def add_opposite(h: Hull, m: RelativePlacement, a: Solid, b: Solid, d: Vector, u: Vector) -> None:
+def add_opposite(
+    hull: Hull, placement: RelativePlacement, a: Solid, b: Solid, d: Vector, u: Vector
+) -> None:
     """Two points, farthest along d (3,) and against it, and from the middle to the first, u (3,)
     [m]. A kernel.
     """
-    write_polytope_support(h, m, a, b, d)
+    write_polytope_support(hull, placement, a, b, d)
     for i in range(3):
-        u[i] = h.w[h.n][i] + m.p[i]
-        h.w[h.n + 1][i] = -u[i] - m.p[i]
-    h.n += 2
+        u[i] = hull.w[hull.n][i] + placement.p[i]
+        hull.w[hull.n + 1][i] = -u[i] - placement.p[i]
+    hull.n += 2
 
 
-def add_face(h: Hull, m: RelativePlacement, i: int, j: int, k: int) -> None:
+def add_face(hull: Hull, placement: RelativePlacement, i: int, j: int, k: int) -> None:
     """Between three points, outward. A kernel."""
     e = zeros(3)
     f = zeros(3)
-    n = h.normal[h.n_faces]
-    new = h.n_faces
-    subtract(h.w[j], h.w[i], e)
-    subtract(h.w[k], h.w[i], f)
-    h.face[new][0] = i
-    h.face[new][1] = j
-    h.face[new][2] = k
+    n = hull.normal[hull.n_faces]
+    new = hull.n_faces
+    subtract(hull.w[j], hull.w[i], e)
+    subtract(hull.w[k], hull.w[i], f)
+    hull.face[new][0] = i
+    hull.face[new][1] = j
+    hull.face[new][2] = k
     cross(e, f, n)
     length = math.sqrt(dot(n, n))
-    beyond = dot(n, h.w[i]) + dot(n, m.p)
+    beyond = dot(n, hull.w[i]) + dot(n, placement.p)
     for c in range(3):
         if length * length > _FLAT:
             n[c] = math.copysign(1.0, beyond) * n[c] / length
         else:
             n[c] = 0.0
     if length * length > _FLAT:
-        h.offset[new] = dot(n, h.w[i])
+        hull.offset[new] = dot(n, hull.w[i])
     else:
-        h.offset[new] = math.inf
-    h.n_faces += 1
+        hull.offset[new] = math.inf
+    hull.n_faces += 1
 
 
-def remove_visible_faces(h: Hull) -> None:
+def remove_visible_faces(hull: Hull) -> None:
     """Take away the faces that the new point sees. A kernel."""
-    h.n_edges = 0
+    hull.n_edges = 0
     k = 0
-    while k < h.n_faces:
-        if dot(h.normal[k], h.w[h.n]) > h.offset[k] + _SEEN:
+    while k < hull.n_faces:
+        if dot(hull.normal[k], hull.w[hull.n]) > hull.offset[k] + _SEEN:
             for c in range(3):
-                toggle_edge(h, h.face[k][c], h.face[k][(c + 1) % 3])
-            drop_face(h, k)
+                toggle_edge(hull, hull.face[k][c], hull.face[k][(c + 1) % 3])
+            drop_face(hull, k)
         else:
             k += 1
 
 
-def toggle_edge(h: Hull, i: int, j: int) -> None:
+def toggle_edge(hull: Hull, i: int, j: int) -> None:
     """An edge of a face that goes, which is of the hole unless the other face goes too. A
     kernel.
     """
-    for k in range(h.n_edges):
-        if (h.edge[k][0] == i and h.edge[k][1] == j) or (h.edge[k][0] == j and h.edge[k][1] == i):
-            h.n_edges -= 1
-            h.edge[k][:2] = h.edge[h.n_edges][:2]
+    for k in range(hull.n_edges):
+        if (hull.edge[k][0] == i and hull.edge[k][1] == j) or (
+            hull.edge[k][0] == j and hull.edge[k][1] == i
+        ):
+            hull.n_edges -= 1
+            hull.edge[k][:2] = hull.edge[hull.n_edges][:2]
             return
-    if h.n_edges < FACES:
-        h.edge[h.n_edges][0] = i
-        h.edge[h.n_edges][1] = j
-        h.n_edges += 1
+    if hull.n_edges < FACES:
+        hull.edge[hull.n_edges][0] = i
+        hull.edge[hull.n_edges][1] = j
+        hull.n_edges += 1
 
 
-def drop_face(h: Hull, k: int) -> None:
+def drop_face(hull: Hull, k: int) -> None:
     """The last one takes its place. A kernel."""
-    h.n_faces -= 1
-    last = h.n_faces
-    h.face[k][:] = h.face[last]
-    h.normal[k][:] = h.normal[last]
-    h.offset[k] = h.offset[last]
+    hull.n_faces -= 1
+    last = hull.n_faces
+    hull.face[k][:] = hull.face[last]
+    hull.normal[k][:] = hull.normal[last]
+    hull.offset[k] = hull.offset[last]
 
 
-def fill_hole(h: Hull, m: RelativePlacement) -> bool:
+def fill_hole(hull: Hull, placement: RelativePlacement) -> bool:
     """Faces from the edges of the hole to the new point; false where there is no room for them. A
     kernel.
     """
-    if h.n_faces + h.n_edges > FACES or h.n_edges < 3 or h.n + 1 >= POINTS:
+    if hull.n_faces + hull.n_edges > FACES or hull.n_edges < 3 or hull.n + 1 >= POINTS:
         return False
-    for k in range(h.n_edges):
-        add_face(h, m, h.edge[k][0], h.edge[k][1], h.n)
-    h.n += 1
+    for k in range(hull.n_edges):
+        add_face(hull, placement, hull.edge[k][0], hull.edge[k][1], hull.n)
+    hull.n += 1
     return True
