@@ -14,7 +14,7 @@ from typing import Any
 
 import uvms_ocp
 from uvms_ocp.estimation.fallbacks import Watchdog
-from uvms_ocp.reference.build import exported_names
+from uvms_ocp.reference.cited_names import exported_names
 from uvms_ocp.robot import dynamics, signals
 
 ROOT = Path(uvms_ocp.__file__).parent

@@ -31,7 +31,7 @@ from valid_calls import (
 import uvms_ocp as uo
 from uvms_ocp import identification
 from uvms_ocp.errors import ArgumentNotFound, InvalidInput, UvmsError
-from uvms_ocp.reference.build import exported_names
+from uvms_ocp.reference.cited_names import exported_names
 from uvms_ocp.robot.signals import Command, Reading, Readings
 from uvms_ocp.sim import UniformCurrent
 from uvms_ocp.solvers import Icat

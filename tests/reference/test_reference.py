@@ -19,14 +19,9 @@ from uvms_ocp.identification.recording import CHANNEL_KINDS
 from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, QuantitySettings
 from uvms_ocp.record.tables import SERIES
 from uvms_ocp.reference import build
-from uvms_ocp.reference.build import (
-    CITED,
-    documented_modules,
-    generated_pages,
-    guide_pages,
-    place_of,
-    theory_pages,
-)
+from uvms_ocp.reference.build import guide_pages, theory_pages
+from uvms_ocp.reference.cited_names import CITED, documented_modules, place_of
+from uvms_ocp.reference.generated_pages import generated_pages
 from uvms_ocp.report.end_of_run import ENDS
 
 EQUATION = re.compile(r"\$\$.+?\$\$", re.DOTALL)
