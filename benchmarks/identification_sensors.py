@@ -19,13 +19,14 @@ from drawn_vehicles.driving import NOISE, RATE, VELOCITY, VERTICAL, drawn, recor
 from recording.report import Report, Row, Table, begin, parser_of
 from recording.rows import column, rows_where
 
+from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
 from uvms_ocp.identification.fit import FitContext, Predicted, Search
 from uvms_ocp.identification.held_constants import held_constants
 from uvms_ocp.identification.model import StageFunctions, Vehicle, stage_of
 from uvms_ocp.identification.parameters import Free, ParameterStatus, Prior
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot, with_delays
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.uncertainty import INTERVAL, numbers, numbers_at, variance_inflation
 from uvms_ocp.robot.spatial import quaternion_exp, quaternion_multiply
 

@@ -18,9 +18,10 @@ from spoiled.doubts import DOUBTS, Doubt, doubt_of
 from spoiled.kinds import KINDS, Kind
 from spoiled.sound import DURATION, sound
 
+from uvms_ocp.identification.calibration_robot import calibrated_robot
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.recording import Recording
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.settings_checks import check_settings
 
 ROBOTS = 10

@@ -15,12 +15,15 @@ import pytest
 import uvms_ocp.identification as package
 from uvms_ocp.identification import (
     command_checks,
+    gravity_checks,
     joint_checks,
     mapped_recordings,
     rate_checks,
     run_recordings,
     sample_checks,
+    series_agreement,
     settings_checks,
+    stuck_checks,
 )
 
 DOUBTS = import_module("spoiled.doubts").DOUBTS
@@ -41,6 +44,16 @@ PARTS = (
     "deg about z: format",
 )
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
+CHECKS = (
+    sample_checks,
+    series_agreement,
+    gravity_checks,
+    stuck_checks,
+    rate_checks,
+    joint_checks,
+    command_checks,
+)
+"""Modules whose texts are all doubts."""
 PARTLY = {
     mapped_recordings: ("_doubts", "_factors"),
     run_recordings: ("_spoiled",),
@@ -87,7 +100,7 @@ def all_texts() -> set[str]:
 def doubtful_texts() -> set[str]:
     """Of the code that raises doubts."""
     doubtful = set()
-    for module in (sample_checks, rate_checks, joint_checks, command_checks, *PARTLY):
+    for module in (*CHECKS, *PARTLY):
         for text in said(Path(str(module.__file__)), PARTLY.get(module, ())):
             if text.count(" ") >= FEWEST:
                 doubtful.add(text)

@@ -175,7 +175,7 @@ def fit_equation_error(
         if name not in regressor.names:
             raise NameNotFound("parameter", name, regressor.names)
     columns = [regressor.names.index(name) for name in names]
-    rows = [_rows(vehicle, regressor, one, window) for one in recordings]
+    rows = [_rows(vehicle, regressor, recording, window) for recording in recordings]
     Y, tau = np.concatenate([Y for Y, _ in rows]), np.concatenate([tau for _, tau in rows])
     others = np.setdiff1d(np.arange(len(regressor.phi)), columns)
     return _solved(tuple(names), Y[:, :, columns], tau - Y[:, :, others] @ regressor.phi[others])
@@ -198,17 +198,17 @@ def _motion(one: PreparedRecording, window: float) -> tuple[np.ndarray, np.ndarr
     """Times (m,), velocities and accelerations (m, 6) in B."""
     channels = one.recording.channel("linear_velocity"), one.rate
     begin, end = one.recording.span
-    found = []
+    collected = []
     for channel in channels:
         t, values = smoothed(channel.undelayed_t, channel.values, window)
-        found.append(
+        collected.append(
             (t, values, smoothed(channel.undelayed_t, channel.values, window, derivative=1)[1])
         )
-    times = found[0][0][::_EVERY]
-    times = times[(times > begin + window) & (times < end - window) & (times < found[1][0][-1])]
+    times = collected[0][0][::_EVERY]
+    times = times[(times > begin + window) & (times < end - window) & (times < collected[1][0][-1])]
     v, a = (
         np.column_stack(
-            [np.interp(times, part[0], column) for part in found for column in part[k].T]
+            [np.interp(times, part[0], column) for part in collected for column in part[k].T]
         )
         for k in (1, 2)
     )

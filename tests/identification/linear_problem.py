@@ -72,19 +72,19 @@ class _One:
 def problem(seed: int = 0, n: int = 40, bend: float = 0.0) -> FitContext:
     """Solved, with unknowns that weigh differently and together."""
     rng = np.random.default_rng(seed)
-    one = vehicle()
+    auv = vehicle()
     mixed = np.array([[1.0, 0.9, 0.0], [0.0, 0.4, 0.3], [0.0, 0.0, 0.2]])
     G = tuple(rng.normal(size=(n, 3, 3)) @ mixed for _ in range(3))
     truth = np.array([0.3, 0.2, 0.4])
     rollout = LinearRollout(G, bend)
     seen = tuple(g @ (truth + bend * truth**2) + 0.1 * rng.normal(size=(n, 3)) for g in G)
-    error = OutputErrorProblem(one, [_stretch(seen)], NOISE, rollout)
-    found = error.solve(error.start(), tolerance=1e-13)
+    error = OutputErrorProblem(auv, [_stretch(seen)], NOISE, rollout)
+    fitted = error.solve(error.start(), tolerance=1e-13)
     estimate = replace(
-        found, status=FitStatus.CONVERGED
+        fitted, status=FitStatus.CONVERGED
     )  # to the last digit, where no step is left
     given = {"prepared": (_One(stretch=_stretch(seen)),), "estimate": estimate}
-    return FitContext(vehicle=one, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
+    return FitContext(vehicle=auv, rollout=rollout, noise=NOISE, search=Search(), **given)  # type: ignore[arg-type]
 
 
 def _stretch(seen: tuple[np.ndarray, ...]) -> Segment:

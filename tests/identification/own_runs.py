@@ -33,14 +33,17 @@ def slow(dead_zone: float = DEAD_ZONE) -> Robot:
     """A vehicle without its arm; dead_zone [N]."""
     robot = without_arm(load_robot("bluerov2_alpha5"))
     slower = {"time_constant": LAG, "dead_zone": dead_zone}
-    thrusters = tuple(one.model_copy(update=slower) for one in robot.description.thrusters)
+    thrusters = tuple(
+        thruster.model_copy(update=slower) for thruster in robot.description.thrusters
+    )
     return replace(robot, description=robot.description.model_copy(update={"thrusters": thrusters}))
 
 
 def as_before(record: Record) -> Record:
     """As records were that did not hold what was asked of thrusters."""
     return replace(
-        record, series={name: one for name, one in record.series.items() if name != "asked_thrust"}
+        record,
+        series={name: values for name, values in record.series.items() if name != "asked_thrust"},
     )
 
 

@@ -19,7 +19,7 @@ def write_ulog(path: Path, topics: Sequence[Topic], *, cut: int | None = None) -
     parts = [b"ULog\x01\x125\x01" + struct.pack("<Q", 0)]
     rows = list[tuple[float, bytes]]()
     counts = dict.fromkeys((name for name, _, _ in topics), 0)
-    for name, _, fields in {one[0]: one for one in topics}.values():
+    for name, _, fields in {topic[0]: topic for topic in topics}.values():
         said = "".join(
             f"float{f'[{x.shape[1]}]' if x.ndim == 2 else ''} {field};"
             for field, x in fields.items()

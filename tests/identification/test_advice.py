@@ -24,25 +24,25 @@ def combination(*names: str) -> UnidentifiableDirection:
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
     free = Free(only=("surge", "yaw"))
-    one = vehicle_of(
+    auv = vehicle_of(
         known().with_status(added_mass=free, quadratic_drag=free, gain=Free(only=("heave",)))
     )
-    return one, Rollout(stage_of(one))
+    return auv, Rollout(stage_of(auv))
 
 
 def left(size: Sequence[float]) -> tuple[UnidentifiableDirection, ...]:
-    one, rollout = problem()
+    auv, rollout = problem()
     recording = drive(
         rollout.stage,
-        np.concatenate([one.shared.start, one.own.start]),
+        np.concatenate([auv.shared.start, auv.own.start]),
         seed=0,
         noise=0.005,
         size=size,
     )
     error = OutputErrorProblem(
-        one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout
+        auv, PreparedRecording.of(recording, auv).stretches(0.1, 10.0), Noise(), rollout
     )
-    return unidentifiable_directions(one, error.solve(error.start(), iterations=3))
+    return unidentifiable_directions(auv, error.solve(error.start(), iterations=3))
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_what_is_open_together_has_advice_of_its_own(names: tuple[str, ...], wor
 
 
 def test_there_is_advice_for_everything_that_recordings_share() -> None:
-    for name, one in known().quantities.items():
-        if not one.own:
-            for coordinate in one.coordinates.names:
+    for name, quantity in known().quantities.items():
+        if not quantity.own:
+            for coordinate in quantity.coordinates.names:
                 assert len(advice(combination(f"{name} {coordinate}".strip()))) > 10

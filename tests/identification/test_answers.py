@@ -36,29 +36,29 @@ NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().with_status(**LEARNT))
-    return one, Rollout(stage_of(one))
+    auv = vehicle_of(known().with_status(**LEARNT))
+    return auv, Rollout(stage_of(auv))
 
 
 def recording(seed: int = 0, noise: float = 0.0, size: Sequence[float] = SIZE) -> Recording:
-    one, rollout = problem()
-    p = np.concatenate([one.shared.start, one.own.start])
+    auv, rollout = problem()
+    p = np.concatenate([auv.shared.start, auv.own.start])
     return drive(rollout.stage, p, seed=seed, noise=noise, t_end=20.0, size=size)
 
 
 def predictor() -> Predictor:
-    one, rollout = problem()
-    return Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE)
+    auv, rollout = problem()
+    return Predictor(vehicle=auv, rollout=rollout, shared=auv.shared.start, noise=NOISE)
 
 
 def estimate(*given: Recording) -> Estimate:
-    one, rollout = problem()
+    auv, rollout = problem()
     stretches = [
         stretch
         for each in given
-        for stretch in PreparedRecording.of(each, one).stretches(0.1, 10.0)
+        for stretch in PreparedRecording.of(each, auv).stretches(0.1, 10.0)
     ]
-    error = OutputErrorProblem(one, stretches, NOISE, rollout)
+    error = OutputErrorProblem(auv, stretches, NOISE, rollout)
     return error.solve(error.start())
 
 
@@ -71,7 +71,7 @@ def test_the_true_vehicle_predicts_nearly_all() -> None:
 
 def test_what_is_seen_later_changes_no_prediction() -> None:
     honest = recording()
-    one = problem()[0]
+    auv = problem()[0]
     velocity = honest.channels["linear_velocity"]
     values = np.where((velocity.t > 2.5)[:, None], 7.0, velocity.values)
     lying = replace(
@@ -79,7 +79,7 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
         channels={**honest.channels, "linear_velocity": Channel(t=velocity.t, values=values)},
     )
     rows = [
-        predictor().of(PreparedRecording.of(each, one).stretches(0.1)[0]).rows[0]
+        predictor().of(PreparedRecording.of(each, auv).stretches(0.1)[0]).rows[0]
         for each in (honest, lying)
     ]
     np.testing.assert_array_equal(*rows)
@@ -89,11 +89,11 @@ def test_what_is_seen_later_changes_no_prediction() -> None:
 def test_a_force_of_one_recording_is_found_at_its_beginning_where_that_is_asked(
     own: bool, least: float, most: float
 ) -> None:
-    one = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
-    rollout = Rollout(stage_of(one))
+    auv = vehicle_of(known().with_status(wrench_offset=Prior(sigma=10.0, only=("heave",))))
+    rollout = Rollout(stage_of(auv))
     drifting = drive(rollout.stage, np.array([8.0]), seed=0, t_end=20.0, size=(0.0,) * 6)
-    found = Predictor(vehicle=one, rollout=rollout, shared=one.shared.start, noise=NOISE, own=own)
-    predicted = found.of(PreparedRecording.of(drifting, one).stretches(0.05)[0])
+    found = Predictor(vehicle=auv, rollout=rollout, shared=auv.shared.start, noise=NOISE, own=own)
+    predicted = found.of(PreparedRecording.of(drifting, auv).stretches(0.05)[0])
     assert least < fit_percent(predicted.measured[0][:, 2], predicted.rows[0][:, 2]) < most
 
 
@@ -113,22 +113,22 @@ def test_a_fit_is_a_hundred_where_all_is_right_and_zero_at_the_mean() -> None:
 
 
 def test_an_actuator_that_was_never_asked_is_left_open_and_the_others_are_determined() -> None:
-    one = problem()[0]
-    found = estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
-    sigma = dict(zip(one.shared.names, standard_errors(one, found), strict=True))
+    auv = problem()[0]
+    fitted = estimate(recording(0, 0.02, size=(12.0, 0.0, 10.0, 0.8, 0.8, 3.0)))
+    sigma = dict(zip(auv.shared.names, standard_errors(auv, fitted), strict=True))
     assert sigma["gain surge"] < DETERMINED
     assert sigma["added_mass surge"] < DETERMINED
     assert not sigma["gain sway"] < DETERMINED
-    (opened,) = unidentifiable_directions(one, found)
+    (opened,) = unidentifiable_directions(auv, fitted)
     assert [name for name, _ in opened.shares] == ["gain sway"]
 
 
 def test_a_prior_is_not_taken_for_knowledge_of_the_recordings() -> None:
-    one = problem()[0]
-    found = estimate(recording(0, 0.02))
-    nothing = replace(found, information=np.diag(1.0 / one.shared.sigma**2))
-    sigma = dict(zip(one.shared.names, standard_errors(one, nothing), strict=True))
-    assert not any(number.informed or number.determined for number in numbers(one, nothing))
+    auv = problem()[0]
+    fitted = estimate(recording(0, 0.02))
+    nothing = replace(fitted, information=np.diag(1.0 / auv.shared.sigma**2))
+    sigma = dict(zip(auv.shared.names, standard_errors(auv, nothing), strict=True))
+    assert not any(number.informed or number.determined for number in numbers(auv, nothing))
     assert sigma["linear_drag surge"] == pytest.approx(0.5)
 
 

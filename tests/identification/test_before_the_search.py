@@ -18,9 +18,10 @@ from typer.testing import CliRunner
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.identification import calibration as fitting
+from uvms_ocp.identification.calibration_robot import calibrated_robot
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.robot.loading import robot_folder
 
@@ -48,10 +49,10 @@ def _no_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def recording() -> Recording:
-    one = calibrated_robot(
+    auv = calibrated_robot(
         CalibrationSettings.model_validate(yaml.safe_load(SETTINGS)), Path()
     ).vehicle
-    return drive(stage_of(one), one.shared.start, seed=2, t_end=8.0)
+    return drive(stage_of(auv), auv.shared.start, seed=2, t_end=8.0)
 
 
 def identify(
@@ -77,8 +78,8 @@ def with_channel(name: str, channel: Channel) -> Recording:
 
 
 def later(by: float) -> Recording:
-    one = recording().channel("linear_velocity")
-    return with_channel("linear_velocity", replace(one, t=one.t + by))
+    channel = recording().channel("linear_velocity")
+    return with_channel("linear_velocity", replace(channel, t=channel.t + by))
 
 
 def pose() -> Recording:

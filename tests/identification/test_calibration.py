@@ -23,6 +23,7 @@ from uvms_ocp import load_robot, without_arm
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.calibration_robot import calibrated_robot, with_delays
 from uvms_ocp.identification.fit import FitContext, Search, constant_slopes
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import Noise
@@ -31,13 +32,7 @@ from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.results import report_data, report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.settings import (
-    CalibrationSettings,
-    NoiseSettings,
-    calibrated_robot,
-    read_settings,
-    with_delays,
-)
+from uvms_ocp.identification.settings import CalibrationSettings, NoiseSettings, read_settings
 from uvms_ocp.identification.tables import write_recording
 from uvms_ocp.identification.uncertainty import MISSES, numbers
 from uvms_ocp.identification.validation import errors
@@ -71,11 +66,11 @@ NOISE = 0.01
 def case() -> tuple[CalibrationSettings, Recording, Calibration]:
     settings = CalibrationSettings.model_validate(_yaml())
     subject = calibrated_robot(settings, Path())
-    one = subject.vehicle
-    truth = one.shared.start.copy()
-    truth[one.shared.names.index("added_mass surge")] += HEAVIER
-    truth[one.shared.names.index("quadratic_drag surge")] += ROUGHER
-    recording = drive(stage_of(one), truth, seed=2, noise=NOISE)
+    auv = subject.vehicle
+    truth = auv.shared.start.copy()
+    truth[auv.shared.names.index("added_mass surge")] += HEAVIER
+    truth[auv.shared.names.index("quadratic_drag surge")] += ROUGHER
+    recording = drive(stage_of(auv), truth, seed=2, noise=NOISE)
     return settings, recording, calibrate(subject, settings, [recording])
 
 
@@ -131,7 +126,9 @@ def test_the_report_has_every_number_and_every_recording() -> None:
 def test_a_calibration_shows_its_numbers_with_intervals_and_units() -> None:
     lines = repr(case()[2]).splitlines()
     assert len(lines) == 2 + len(case()[2].numbers)
-    assert all(one.name in line for one, line in zip(case()[2].numbers, lines[2:], strict=True))
+    assert all(
+        number.name in line for number, line in zip(case()[2].numbers, lines[2:], strict=True)
+    )
     assert "<table>" in case()[2]._repr_html_()
 
 
@@ -154,7 +151,7 @@ def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
     calibrate(done.subject, settings, [recording])
     lasts = perf_counter() - begin
     draw = random.Random(44)
-    told: list[list[str]] = []
+    collected: list[list[str]] = []
     for _ in range(20):
         with pressed_after(draw.uniform(0.01, 0.8 * lasts)) as pressed:
             try:
@@ -162,9 +159,9 @@ def test_whenever_it_is_pressed_a_calibration_stops_in_one_line() -> None:
                 signal.setitimer(signal.ITIMER_REAL, 0.0)
                 assert not pressed
             except Stopped as stop:
-                told.append(stop._render_traceback_())
-    assert all(len(lines) == 1 for lines in told)
-    assert len(told) > 5
+                collected.append(stop._render_traceback_())
+    assert all(len(lines) == 1 for lines in collected)
+    assert len(collected) > 5
 
 
 def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
@@ -207,23 +204,25 @@ def test_a_fit_with_a_wrong_delay_says_what_it_does_not_explain_and_claims_no_wr
     """
     settings, recording, right = case()
     wrong = settings.model_copy(update={"delay": delay})
-    found = calibrate(calibrated_robot(wrong, Path()), wrong, [recording])
-    assert found.estimate.status is right.estimate.status
-    missed = [each.channel for each in found.whiteness if each.unexplained]
+    calibration = calibrate(calibrated_robot(wrong, Path()), wrong, [recording])
+    assert calibration.estimate.status is right.estimate.status
+    missed = [each.channel for each in calibration.whiteness if each.unexplained]
     assert "surge" in missed
-    assert f"does not explain {', '.join(missed)}**" in report_text(found)
+    assert f"does not explain {', '.join(missed)}**" in report_text(calibration)
     assert "does not explain" not in report_text(right)
-    assert found.inflation > 4.0 * right.inflation
+    assert calibration.inflation > 4.0 * right.inflation
     sharp = wrong.model_copy(
         update={"noise": NoiseSettings(velocity=0.002, rate=0.002, vertical=0.001)}
     )
     missed_by_far = calibrate(calibrated_robot(sharp, Path()), sharp, [recording])
     assert max(each.size for each in missed_by_far.whiteness) > MISSES
-    assert not any(one.determined for one in missed_by_far.numbers)
-    truth = {one.name: one.value for one in right.numbers}
-    assert sum(one.determined for one in right.numbers) > 4
-    for one in found.numbers:
-        assert not one.determined or one.interval[0] <= truth[one.name] <= one.interval[1]
+    assert not any(number.determined for number in missed_by_far.numbers)
+    truth = {number.name: number.value for number in right.numbers}
+    assert sum(number.determined for number in right.numbers) > 4
+    for number in calibration.numbers:
+        assert (
+            not number.determined or number.interval[0] <= truth[number.name] <= number.interval[1]
+        )
 
 
 def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_intervals() -> None:
@@ -249,7 +248,9 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
     change = {constant.quantity: constant.change for constant in found.constants}
     assert change["wrench_offset"] == change["bias"] > 1.0
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
-    assert all(one.sigma > before.sigma for one, before in zip(found.numbers, alone, strict=True))
+    assert all(
+        number.sigma > before.sigma for number, before in zip(found.numbers, alone, strict=True)
+    )
     report = report_text(found)
     assert "| gain | 1 | - | assumed | 0.03 | " in report
     assert "| noise velocity | 0.02 | m/s | given | 1 | " in report
@@ -258,22 +259,22 @@ def test_constants_are_given_of_the_file_or_assumed_and_what_is_assumed_widens_i
     assert "| noise process | 0.05 | m/s, rad/s, rad | assumed | 1 | " in report
     silent = CalibrationSettings.model_validate(_yaml() | {"delay": None, "velocity_delay": None})  # type: ignore[operator]
     for at_once in (False, True):
-        one = with_delays(calibrated_robot(silent, Path()), silent, at_once=at_once).vehicle
-        assert {"delay", "velocity_delay"} <= set(one.shared.names) or at_once
-        none = [one.shared.declaration.quantities[name].value.item() < 1e-5 for name in DELAYS]
+        auv = with_delays(calibrated_robot(silent, Path()), silent, at_once=at_once).vehicle
+        assert {"delay", "velocity_delay"} <= set(auv.shared.names) or at_once
+        none = [auv.shared.declaration.quantities[name].value.item() < 1e-5 for name in DELAYS]
         assert none == [at_once] * 2
 
 
 def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     """To first order; each recording has one for itself."""
     settings, recording, found = case()
-    one = found.subject.vehicle
+    auv = found.subject.vehicle
     noise = Noise(**settings.noise.model_dump())
     known = {
-        "vehicle": one,
-        "prepared": (PreparedRecording.of(recording, one),),
+        "vehicle": auv,
+        "prepared": (PreparedRecording.of(recording, auv),),
         "noise": noise,
-        "rollout": Rollout(stage_of(one)),
+        "rollout": Rollout(stage_of(auv)),
     }
     fitted = FitContext(
         **known,
@@ -284,8 +285,8 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
     ends = []
     size = 0.002
     for way in (-size, size):
-        moved = one.shared.declaration.with_start(current=way * np.eye(3)[0])
-        other = replace(one, shared=Unknowns(moved), own=Unknowns(moved, own=True))
+        moved = auv.shared.declaration.with_start(current=way * np.eye(3)[0])
+        other = replace(auv, shared=Unknowns(moved), own=Unknowns(moved, own=True))
         problem = replace(
             fitted, vehicle=other, rollout=Rollout(stage_of(other, sharp=True))
         ).problem()
@@ -298,7 +299,7 @@ def test_what_a_current_would_change_is_what_a_fit_with_it_finds() -> None:
 def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
     settings, recording, found = case()
     noise = settings.noise.model_copy(update={"velocity": 2.0 * settings.noise.velocity})
-    other = calibrate(
+    calibration = calibrate(
         calibrated_robot(settings, Path()),
         settings.model_copy(update={"noise": noise}),
         [recording],
@@ -306,8 +307,8 @@ def test_what_twice_the_noise_changes_is_what_a_fit_with_it_finds() -> None:
     said = next(constant for constant in found.constants if constant.quantity == "noise velocity")
     alone = numbers(found.subject.vehicle, replace(found.estimate, assumed=0.0), found.inflation)
     moved = {
-        one.name: abs(two.value - one.value) / one.sigma
-        for one, two in zip(alone, other.numbers, strict=True)
+        number.name: abs(two.value - number.value) / number.sigma
+        for number, two in zip(alone, calibration.numbers, strict=True)
     }
     assert moved[said.most] == pytest.approx(
         said.change, rel=0.25
@@ -320,13 +321,13 @@ def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path)
     settings = tmp_path / "my.yaml"
     parts = [tmp_path / f"part{k}.csv" for k in range(2)]
     settings.write_text(SETTINGS.replace("step: 0.05", "step: 0.1"))
-    one = case()[2].subject.vehicle
+    auv = case()[2].subject.vehicle
     for k, path in enumerate(parts):
         write_recording(
-            drive(stage_of(one), one.shared.start, seed=k, noise=NOISE, t_end=16.0), path
+            drive(stage_of(auv), auv.shared.start, seed=k, noise=NOISE, t_end=16.0), path
         )
     other = tmp_path / "other.csv"
-    write_recording(drive(stage_of(one), one.shared.start, seed=2, noise=NOISE, t_end=16.0), other)
+    write_recording(drive(stage_of(auv), auv.shared.start, seed=2, noise=NOISE, t_end=16.0), other)
     words = [
         "identify",
         str(settings),
@@ -346,7 +347,9 @@ def test_profiles_and_leave_one_out_come_when_they_are_asked_for(tmp_path: Path)
         assert data[name]["bounds"]["channels"]
         assert f"**Predictions are {data[name]['verdict']}.**" in text
         assert data[name]["verdict"] in result.output.replace("\n", " ")
-    assert [one["recording"] for one in data["predicted"]["bounds"]["recordings"]] == ["other"]
+    assert [recording["recording"] for recording in data["predicted"]["bounds"]["recordings"]] == [
+        "other"
+    ]
     assert text.count("### How good these predictions could be") == 2
     assert text.count("### Numbers that recordings disagree on") == 1
     for each in data["numbers_disagreed_on"]:

@@ -126,18 +126,18 @@ CURES: list[tuple[str, Callable[[Channel], Channel], str, Callable[[re.Match[str
 def files(recording: Recording, folder: Path) -> dict[str, Keys]:
     """The channels as tables of others."""
     folder.mkdir()
-    for name, one in recording.channels.items():
+    for name, channel in recording.channels.items():
         write_columns(
             folder / f"{name}.csv",
-            {"t": one.t, **{f"c{k}": column for k, column in enumerate(one.values.T)}},
+            {"t": channel.t, **{f"c{k}": column for k, column in enumerate(channel.values.T)}},
         )
     return {
         name: {
             "file": f"{name}.csv",
             "time": "t",
-            "columns": [f"c{k}" for k in range(one.values.shape[1])],
+            "columns": [f"c{k}" for k in range(channel.values.shape[1])],
         }
-        for name, one in recording.channels.items()
+        for name, channel in recording.channels.items()
     }
 
 
@@ -161,9 +161,9 @@ def test_what_is_proposed_removes_the_doubt(
         replace(good, channels={**good.channels, name: spoil(good.channels[name])}), folder
     )
     before = read(folder, channels)
-    found = re.search(doubt.replace("NAME", name), before)
-    assert found, before
-    after = read(folder, {**channels, name: channels[name] | cure(found)})
+    match = re.search(doubt.replace("NAME", name), before)
+    assert match, before
+    after = read(folder, {**channels, name: channels[name] | cure(match)})
     # which is so
     left_out = (
         r"\w+: (\d+ of \d+ rows have NaN \(.*?\) and are left out|\d+ gaps, the longest .* set\?)"
@@ -175,14 +175,16 @@ def test_what_is_proposed_removes_the_doubt(
 def test_commands_that_are_no_newtons_become_what_is_proposed(
     scale: float, offset: float, tmp_path: Path
 ) -> None:
-    given = driven().channels["wrench"]
-    signals = Channel(t=given.t, values=scale * given.values / np.abs(given.values).max() + offset)
+    channel = driven().channels["wrench"]
+    signals = Channel(
+        t=channel.t, values=scale * channel.values / np.abs(channel.values).max() + offset
+    )
     folder = tmp_path / "log"
     channels = files(Recording(name="log", channels={"thrust": signals}), folder)
     before = read(folder, channels)
-    found = re.search(
+    match = re.search(
         r"(give (?P<keys>offset: .*, scale: .*), as|give them as) propeller_commands", before
     )
-    assert found, before
-    given_keys = yaml.safe_load(f"{{{found['keys'] or ''}}}")
+    assert match, before
+    given_keys = yaml.safe_load(f"{{{match['keys'] or ''}}}")
     assert read(folder, {"propeller_commands": channels["thrust"] | given_keys}) == ""

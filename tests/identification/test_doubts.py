@@ -27,8 +27,8 @@ MOMENTS = slice(3, 6)
 @cache
 def driven() -> Recording:
     """By its commands, with late thrusters, delays and noise."""
-    one = vehicle_of(known())
-    return drive(stage_of(one), one.shared.start, seed=1, noise=0.01, t_end=60.0)
+    auv = vehicle_of(known())
+    return drive(stage_of(auv), auv.shared.start, seed=1, noise=0.01, t_end=60.0)
 
 
 @cache
@@ -41,8 +41,10 @@ def moved() -> Recording:
     t = good.channels["position"].t
     attitude = good.channels["attitude"]
     noisy = {
-        name: replace(one, values=one.values + 0.002 * rng.normal(size=one.values.shape))
-        for name, one in good.channels.items()
+        name: replace(
+            channel, values=channel.values + 0.002 * rng.normal(size=channel.values.shape)
+        )
+        for name, channel in good.channels.items()
     }
     felt = 9.81 * rotations(attitude, t)[:, 2] + 0.05 * rng.normal(size=(len(t), 3))
     f = np.array([0.4, 0.7, 1.1])
@@ -141,10 +143,10 @@ def test_a_recording_that_is_ned_throughout_is_told_by_gravity() -> None:
     turned |= dict.fromkeys(
         ("linear_velocity", "angular_velocity", "specific_force"), turned["position"]
     )
-    found = moved()
+    recording = moved()
     for name, change in turned.items():
-        found = with_values(found, name, change)
-    text = told(found)
+        recording = with_values(recording, name, change)
+    text = told(recording)
     assert "its axes fit" not in text
     assert re.search(r"attitude: .* z down in W \(NED\)", text), text
 
@@ -229,12 +231,12 @@ def test_a_yaw_from_elsewhere_is_told_by_where_velocities_point(angle: float) ->
 def test_a_heading_that_is_turned_is_told_by_how_much(angle: float) -> None:
     half = np.deg2rad(angle) / 2
     turn = Rotation.from_quat([0.0, 0.0, np.sin(half), np.cos(half)])
-    found = told(
+    text = told(
         with_values(
             moved(), "attitude", lambda x: np.asarray((turn * Rotation.from_quat(x)).as_quat())
         )
     )
-    (said,) = re.findall(r"points elsewhere, by (-?\d+) deg about z", found)
+    (said,) = re.findall(r"points elsewhere, by (-?\d+) deg about z", text)
     assert float(said) == pytest.approx(angle, abs=3.0)
 
 
@@ -249,10 +251,10 @@ def test_a_velocity_with_an_axis_reversed_is_doubted_and_commands_are_not() -> N
     place = Channel(
         t=t, values=np.cumsum(np.gradient(t)[:, None] * still, axis=0) - [0.0, 0.0, 20.0]
     )
-    one = replace(driven(), channels={**driven().channels, "position": place})
-    found = told(with_values(one, "linear_velocity", lambda x: x * [1, -1, 1]))
-    assert "linear_velocity: its axes fit" in found
-    assert "acceleration" not in found
+    recording = replace(driven(), channels={**driven().channels, "position": place})
+    text = told(with_values(recording, "linear_velocity", lambda x: x * [1, -1, 1]))
+    assert "linear_velocity: its axes fit" in text
+    assert "acceleration" not in text
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.0 / 9.81])
@@ -262,9 +264,9 @@ def test_what_an_accelerometer_feels_has_its_size_whichever_way_a_vehicle_tilts(
     t = np.arange(0.0, 60.0, 0.1)
     tilt = 1.4 * np.sin(0.5 * t)
     felt = 9.81 * factor * np.column_stack([np.sin(tilt), 0.0 * t, np.cos(tilt)])
-    found = told(Recording(name="swing", channels={"specific_force": Channel(t=t, values=felt)}))
-    assert ("in g, not in m/s2" in found) == (factor < 1.0)
-    assert "its units" not in found
+    text = told(Recording(name="swing", channels={"specific_force": Channel(t=t, values=felt)}))
+    assert ("in g, not in m/s2" in text) == (factor < 1.0)
+    assert "its units" not in text
 
 
 def test_a_value_that_a_channel_jumps_to_and_back_is_named() -> None:
@@ -280,7 +282,9 @@ def test_a_value_that_a_channel_jumps_to_and_back_is_named() -> None:
 def test_times_that_are_too_short_or_not_the_same_are_said() -> None:
     short = replace(
         moved(),
-        channels={name: replace(one, t=one.t / 60.0) for name, one in moved().channels.items()},
+        channels={
+            name: replace(channel, t=channel.t / 60.0) for name, channel in moved().channels.items()
+        },
     )
     assert re.search(
         r"0\.6\d* s are in all channels, which are too few to look at: .* such as min", told(short)
@@ -359,11 +363,12 @@ def commanded(command: str) -> Recording:
     """By a wrench, or by eight thrusters that make up one."""
     if command == "wrench":
         return driven()
-    given = driven().channels["wrench"]
+    channel = driven().channels["wrench"]
     mixed = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0][:6]
-    channels = {name: one for name, one in driven().channels.items() if name != "wrench"}
+    channels = {name: channel for name, channel in driven().channels.items() if name != "wrench"}
     return replace(
-        driven(), channels=channels | {"thrust": Channel(t=given.t, values=given.values @ mixed)}
+        driven(),
+        channels=channels | {"thrust": Channel(t=channel.t, values=channel.values @ mixed)},
     )
 
 
@@ -395,13 +400,13 @@ def test_a_wrench_of_other_axes_is_named(change: Change, text: str) -> None:
 
 
 def test_a_wrench_in_the_world_frame_is_named() -> None:
-    given = driven().channels["wrench"]
+    channel = driven().channels["wrench"]
     t = np.arange(0.0, driven().span[1], 0.05)  # turned with the vehicle, while it is held
-    held = given.values[np.searchsorted(given.t, t, side="right") - 1]
+    held = channel.values[np.searchsorted(channel.t, t, side="right") - 1]
     R = rotations(driven().channels["attitude"], t)
     outside = np.hstack([np.einsum("nij,nj->ni", R, held[:, part]) for part in (FORCES, MOMENTS)])
-    found = told(changed(driven(), "wrench", t=t, values=outside))
-    assert "wrench: its forces fit the acceleration as in W" in found, found
+    text = told(changed(driven(), "wrench", t=t, values=outside))
+    assert "wrench: its forces fit the acceleration as in W" in text, text
 
 
 def test_a_robot_that_rests_at_first_has_lost_no_samples() -> None:

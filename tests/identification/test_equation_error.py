@@ -32,8 +32,8 @@ def still_known() -> Vehicle:
 
 @cache
 def prepared() -> PreparedRecording:
-    one = still_known()
-    return PreparedRecording.of(drive(stage_of(one), np.zeros(0), seed=4, t_end=60.0), one)
+    auv = still_known()
+    return PreparedRecording.of(drive(stage_of(auv), np.zeros(0), seed=4, t_end=60.0), auv)
 
 
 def fit(*names: str) -> LinearFit:
@@ -64,9 +64,9 @@ def test_what_acts_nearly_alike_is_told_as_the_weakest_combination() -> None:
 def test_mistakes_are_named() -> None:
     with pytest.raises(NameNotFound, match="unknown parameter 'mas'"):
         fit("mas")
-    one = still_known()
+    auv = still_known()
     armed = Vehicle(
-        dynamics=vehicle(n_joints=1), shared=one.shared, own=one.own, actuators=one.actuators
+        dynamics=vehicle(n_joints=1), shared=auv.shared, own=auv.own, actuators=auv.actuators
     )
     with pytest.raises(InvalidInput, match="vehicle with joints"):
         fit_equation_error(armed, [prepared()], ["mass"])

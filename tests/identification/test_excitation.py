@@ -57,8 +57,8 @@ def rollout() -> Rollout:
 
 def assignment(**other: object) -> ExperimentTask:
     learnt = {name: Free() for name in ("added_mass", "quadratic_drag", "lag", "delay")}
-    one = vehicle_of(known().with_status(**learnt, velocity_delay=Prior(sigma=0.3)))
-    return replace(ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE), **other)
+    auv = vehicle_of(known().with_status(**learnt, velocity_delay=Prior(sigma=0.3)))
+    return replace(ExperimentTask(vehicle=auv, limits=LIMITS, duration=8.0, noise=NOISE), **other)
 
 
 @cache
@@ -77,11 +77,11 @@ def objective(given: ExperimentTask) -> Objective:
 def test_the_slope_of_the_objective_is_that_of_its_value() -> None:
     rng = np.random.default_rng(1)
     narrow = replace(LIMITS, pool=LIMITS.pool / 50, tilt=0.02)
-    one = objective(assignment(limits=narrow))
-    knots = LIMITS.thrust[:, 1] * multisine(rng, one.history.n_knots, 6, 3.0)
-    _, slope = one.value(knots, 10.0)
+    narrow_objective = objective(assignment(limits=narrow))
+    knots = LIMITS.thrust[:, 1] * multisine(rng, narrow_objective.history.n_knots, 6, 3.0)
+    _, slope = narrow_objective.value(knots, 10.0)
     along = rng.normal(size=knots.shape)
-    ahead, back = (one.value(knots + e * along, 10.0)[0] for e in (1e-4, -1e-4))
+    ahead, back = (narrow_objective.value(knots + e * along, 10.0)[0] for e in (1e-4, -1e-4))
     assert (slope * along).sum() == pytest.approx((ahead - back) / 2e-4, rel=1e-5)
 
 
@@ -95,7 +95,7 @@ def test_the_fastest_of_the_sines_turns_as_often_as_it_is_told(waves: float, fas
 
 
 def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
-    given = assignment()
+    task = assignment()
     commands = found().commands
     held = ZeroOrderHold(commands)
     t = 0.1 * np.arange(81)
@@ -112,13 +112,13 @@ def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
     )
     # Starts that are known, and losses without outliers, are what a design takes for granted.
     error = OutputErrorProblem(
-        given.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout()
+        task.vehicle, [stretch], replace(NOISE, start=1e-9, outliers=1e12), rollout()
     )
     wanted = error.solve(error.start(), iterations=0).information - np.diag(
-        1.0 / given.vehicle.shared.sigma**2
+        1.0 / task.vehicle.shared.sigma**2
     )
     told = found().information
-    late = given.vehicle.shared.names.index("velocity_delay")
+    late = task.vehicle.shared.names.index("velocity_delay")
     kept = np.delete(
         np.arange(len(told)), late
     )  # it interpolates between samples, which the design does not
@@ -149,12 +149,12 @@ def by_hand(given: ExperimentTask) -> np.ndarray:
 
 
 def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> None:
-    given = assignment()
+    task = assignment()
     free = [k for k, each in enumerate(found().numbers) if each.quantity == "added_mass"]
-    told = by_hand(given)[free]
+    told = by_hand(task)[free]
     size = np.array([found().numbers[k].size for k in free])
     np.testing.assert_allclose(
-        target_deviations(given, rollout())[free],
+        target_deviations(task, rollout())[free],
         np.minimum(told / 2, DETERMINED_BELOW * size),
         rtol=1e-6,
     )
@@ -162,11 +162,11 @@ def test_of_what_is_not_believed_half_the_standard_error_by_hand_is_wanted() -> 
 
 def test_what_signals_by_hand_tell_less_of_than_is_believed_is_left_to_belief() -> None:
     learnt = {"added_mass": Prior(sigma=1e-5)}
-    one = vehicle_of(known().with_status(**learnt))
-    given = ExperimentTask(vehicle=one, limits=LIMITS, duration=8.0, noise=NOISE)
-    aim = given.aim()
+    auv = vehicle_of(known().with_status(**learnt))
+    task = ExperimentTask(vehicle=auv, limits=LIMITS, duration=8.0, noise=NOISE)
+    aim = task.aim()
     np.testing.assert_allclose(
-        target_deviations(given, Rollout(stage_of(one))),
+        target_deviations(task, Rollout(stage_of(auv))),
         aim.deviations(np.zeros_like(aim.prior_information)),
         rtol=1e-6,
     )
@@ -181,19 +181,21 @@ def test_commands_keep_to_thrust_and_slew_from_rest() -> None:
 
 
 def test_the_vehicle_stays_in_the_pool_and_upright() -> None:
-    one = found()
-    assert one.status is DesignStatus.INSIDE
-    assert (one.states[:, :3] >= LIMITS.pool[0]).all()
-    assert (one.states[:, :3] <= LIMITS.pool[1]).all()
-    qx, qy = one.states[:, 3:5].T
+    excitation = found()
+    assert excitation.status is DesignStatus.INSIDE
+    assert (excitation.states[:, :3] >= LIMITS.pool[0]).all()
+    assert (excitation.states[:, :3] <= LIMITS.pool[1]).all()
+    qx, qy = excitation.states[:, 3:5].T
     assert np.arccos(1.0 - 2.0 * (qx**2 + qy**2)).max() <= LIMITS.tilt
 
 
 def test_a_push_in_one_direction_leaves_the_pool_and_is_told_so() -> None:
     pushing = np.tile([20.0, 0, 0, 0, 0, 0], (80, 1))
-    one = excitation_of(assignment(), rollout(), Channel(t=0.1 * np.arange(80), values=pushing))
-    assert one.states[:, 0].max() > LIMITS.pool[1, 0]
-    assert one.status is DesignStatus.OUTSIDE
+    excitation = excitation_of(
+        assignment(), rollout(), Channel(t=0.1 * np.arange(80), values=pushing)
+    )
+    assert excitation.states[:, 0].max() > LIMITS.pool[1, 0]
+    assert excitation.status is DesignStatus.OUTSIDE
 
 
 def test_a_design_tells_every_number_better_than_any_signal_by_hand() -> None:
@@ -202,15 +204,15 @@ def test_a_design_tells_every_number_better_than_any_signal_by_hand() -> None:
 
 
 def test_what_matters_is_known_better_where_nothing_else_does() -> None:
-    given = assignment(matter=("quadratic_drag surge",))
+    task = assignment(matter=("quadratic_drag surge",))
     name = [each.name for each in found().numbers].index("quadratic_drag surge")
-    one = design_experiment(given, rollout(), EFFORT)
-    assert one.numbers[name].sigma < found().numbers[name].sigma
+    excitation = design_experiment(task, rollout(), EFFORT)
+    assert excitation.numbers[name].sigma < found().numbers[name].sigma
 
 
 def test_what_earlier_recordings_tell_counts() -> None:
-    given = assignment(prior_information=found().information)
-    twice = excitation_of(given, rollout(), found().commands)
+    task = assignment(prior_information=found().information)
+    twice = excitation_of(task, rollout(), found().commands)
     free = [k for k, each in enumerate(twice.numbers) if each.quantity == "added_mass"]
     for k in free:
         assert twice.numbers[k].sigma == pytest.approx(
@@ -275,9 +277,9 @@ def test_a_command_writes_what_thrusters_are_told_and_what_it_will_tell(tmp_path
     ]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 0, result.output
-    told = stored_recording(tmp_path / "out/excitation.csv").channel("thrust").values
-    assert told.shape == (60, 8)
-    assert 0.0 < np.abs(told).max() <= 10.0
+    thrust = stored_recording(tmp_path / "out/excitation.csv").channel("thrust").values
+    assert thrust.shape == (60, 8)
+    assert 0.0 < np.abs(thrust).max() <= 10.0
     assert "| added_mass yaw | 0.222 |" in (tmp_path / "out/report.md").read_text()
 
 

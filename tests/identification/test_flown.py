@@ -24,18 +24,18 @@ SEARCH = Search(step=0.05, stretch=10.0)
 
 @cache
 def fitted() -> FitContext:
-    one = vehicle_of(
+    auv = vehicle_of(
         known().with_status(
             added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))
         )
     )
-    rollout = Rollout(stage_of(one))
+    rollout = Rollout(stage_of(auv))
     recording = drive(
-        rollout.stage, one.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0
+        rollout.stage, auv.shared.start + np.array([0.1, 0.3, -0.2]), seed=0, noise=0.02, t_end=12.0
     )
-    prepared = (PreparedRecording.of(recording, one),)
+    prepared = (PreparedRecording.of(recording, auv),)
     found = FitContext.searched(
-        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
+        vehicle=auv, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
     return replace(
         found, estimate=replace(found.estimate, assumed=0.0)
@@ -43,10 +43,10 @@ def fitted() -> FitContext:
 
 
 def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
-    found = exported_estimate(fitted(), 1.0)
-    assert found.usable
-    assert found.kept == ()
-    assert found.estimate is fitted().estimate
+    estimate = exported_estimate(fitted(), 1.0)
+    assert estimate.usable
+    assert estimate.kept == ()
+    assert estimate.estimate is fitted().estimate
 
 
 def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> None:
@@ -56,15 +56,15 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
     inflation = (1.1 * DETERMINED / sigma.max()) ** 2
     still_open = standard_errors(fitted().vehicle, left, inflation) > DETERMINED
     assert 0 < still_open.sum() < len(sigma)
-    found = exported_estimate(fitted(), inflation)
-    assert found.kept == tuple(np.array(unknowns.names)[still_open])
-    np.testing.assert_array_equal(found.estimate.shared[still_open], unknowns.start[still_open])
+    estimate = exported_estimate(fitted(), inflation)
+    assert estimate.kept == tuple(np.array(unknowns.names)[still_open])
+    np.testing.assert_array_equal(estimate.estimate.shared[still_open], unknowns.start[still_open])
     beside = replace(left, shared=np.where(still_open, unknowns.start, left.shared))
     costs = [
         fitted().problem().solve(fitted().problem().resumed(one), frozen=20).cost
         for one in (left, beside)
     ]
-    assert costs[0] < found.estimate.cost <= costs[1]
+    assert costs[0] < estimate.estimate.cost <= costs[1]
 
 
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
@@ -75,12 +75,12 @@ def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
 
 
 def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found() -> None:
-    one = vehicle_of(known().with_status(velocity_delay=Prior(sigma=2.0)))
+    auv = vehicle_of(known().with_status(velocity_delay=Prior(sigma=2.0)))
     nothing = replace(
-        fitted().estimate, information=np.diag(1.0 / one.shared.sigma**2), shared=one.shared.start
+        fitted().estimate, information=np.diag(1.0 / auv.shared.sigma**2), shared=auv.shared.start
     )
     found = [
-        numbers(one, replace(nothing, shared=one.shared.start + by))[0].sigma
+        numbers(auv, replace(nothing, shared=auv.shared.start + by))[0].sigma
         for by in (0.0, -1.0, -4.0)
     ]
     np.testing.assert_allclose(found, found[0], rtol=0.03)
@@ -93,8 +93,8 @@ def test_what_a_constant_would_change_is_what_a_fit_with_another_one_changes() -
     known = one.vehicle.shared.declaration.with_start(
         lag=np.array([ACTUATORS.lag * np.exp(longer)])
     )
-    rollout = Rollout(stage_of(other := vehicle_of(known), sharp=True))
-    found = search_fit(other, one.prepared, NOISE, rollout, SEARCH)
+    rollout = Rollout(stage_of(auv := vehicle_of(known), sharp=True))
+    found = search_fit(auv, one.prepared, NOISE, rollout, SEARCH)
     sharp = search_fit(
         one.vehicle, one.prepared, NOISE, Rollout(stage_of(one.vehicle, sharp=True)), SEARCH
     )
@@ -113,7 +113,7 @@ def test_what_a_long_step_does_to_numbers_is_in_their_standard_errors() -> None:
         ),
     )
     fine = Noise(velocity=2e-4, rate=2e-4, vertical=2e-4, process=1e-3, start=1e-3)
-    found = search_fit(one.vehicle, exact, fine, one.rollout, Search(step=0.2, stretch=6.0))
-    off = np.abs(found.shared - truth)
-    assert (off / standard_errors(one.vehicle, replace(found, assumed=0.0))).max() > 10.0
-    assert (off / standard_errors(one.vehicle, found)).max() < 3.0
+    exact_fit = search_fit(one.vehicle, exact, fine, one.rollout, Search(step=0.2, stretch=6.0))
+    off = np.abs(exact_fit.shared - truth)
+    assert (off / standard_errors(one.vehicle, replace(exact_fit, assumed=0.0))).max() > 10.0
+    assert (off / standard_errors(one.vehicle, exact_fit)).max() < 3.0

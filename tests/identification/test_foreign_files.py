@@ -438,7 +438,7 @@ def test_what_was_not_measured_is_not_called_dead(tmp_path: Path) -> None:
     (tmp_path / "tow.csv").write_text("t,u,v\n" + "".join(f"{t},{np.sin(t)},0.25\n" for t in T))
     one = {"time": "t", "columns": ["u", "v", 0.0]}
     doubts = check_data_quality(recording_of(tmp_path / "tow.csv", {"linear_velocity": one}))
-    assert [one.problem for one in doubts if "dead" in one.problem] == [
+    assert [issue.problem for issue in doubts if "dead" in issue.problem] == [
         "dead: y stay within 1e-05 m/s"
     ]
 

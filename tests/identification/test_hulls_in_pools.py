@@ -13,6 +13,7 @@ from driven import known, vehicle_of
 from scipy.spatial.transform import Rotation
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration_robot import calibrated_robot
 from uvms_ocp.identification.experiment import ExperimentLimits
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
@@ -24,7 +25,7 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.results import excitation_text
 from uvms_ocp.identification.rollout import Rollout
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 
 LIMITS = ExperimentLimits(
     thrust=np.outer([20.0, 20.0, 20.0, 2.0, 2.0, 2.0], [-1.0, 1.0]),
@@ -73,17 +74,17 @@ def test_the_slope_of_what_is_beyond_is_that_of_its_value() -> None:
 
 @pytest.mark.slow
 def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> None:
-    one = vehicle_of(known().with_status(added_mass=Free()))
-    given = ExperimentTask(vehicle=one, limits=LIMITS, duration=5.0)
-    found = design_experiment(
-        given, Rollout(stage_of(one)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15)
+    auv = vehicle_of(known().with_status(added_mass=Free()))
+    task = ExperimentTask(vehicle=auv, limits=LIMITS, duration=5.0)
+    excitation = design_experiment(
+        task, Rollout(stage_of(auv)), DesignSettings(step=0.1, knots=0.5, starts=1, iterations=15)
     )
-    assert found.status is DesignStatus.INSIDE
-    places = corners(found.states)
+    assert excitation.status is DesignStatus.INSIDE
+    places = corners(excitation.states)
     assert (places >= LIMITS.pool[0]).all()
     assert (places <= LIMITS.pool[1]).all()
     assert f"{places[:, :, 0].min():+.2f} to {places[:, :, 0].max():+.2f}" in excitation_text(
-        found, "abcdef"
+        excitation, "abcdef"
     )
 
 

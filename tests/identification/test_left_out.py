@@ -44,28 +44,28 @@ UPRIGHT = 998.0 * 0.0205 * np.array([0.01, 0.0, 0.05]) - 20.0 * np.array([0.02, 
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(
+    auv = vehicle_of(
         known().with_status(
             added_mass=Free(only=("surge",)), quadratic_drag=Free(only=("surge", "yaw"))
         )
     )
-    return one, Rollout(stage_of(one))
+    return auv, Rollout(stage_of(auv))
 
 
 @cache
 def recordings() -> tuple[Recording, ...]:
-    one, rollout = problem()
-    truth = one.shared.start + np.array([0.1, 0.3, -0.2])
+    auv, rollout = problem()
+    truth = auv.shared.start + np.array([0.1, 0.3, -0.2])
     return tuple(
         drive(rollout.stage, truth, seed=seed, noise=0.02, t_end=12.0) for seed in range(3)
     )
 
 
 def solved(given: Sequence[Recording]) -> FitContext:
-    one, rollout = problem()
-    prepared = tuple(PreparedRecording.of(each, one) for each in given)
+    auv, rollout = problem()
+    prepared = tuple(PreparedRecording.of(each, auv) for each in given)
     return FitContext.searched(
-        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
+        vehicle=auv, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
 
 
@@ -142,8 +142,8 @@ def test_predictions_err_by_what_is_expected_of_them() -> None:
 
 
 def test_what_the_others_never_did_is_extrapolated() -> None:
-    one, rollout = problem()
-    truth = one.shared.start + np.array([0.1, 0.3, -0.2])
+    auv, rollout = problem()
+    truth = auv.shared.start + np.array([0.1, 0.3, -0.2])
     still = (0.0,) * 6
     turning = (0.0, 0.0, 0.0, 0.0, 0.0, 12.0)
     given = [
@@ -187,15 +187,15 @@ def test_errors_are_root_mean_squares_and_angles() -> None:
 
 
 def test_a_vehicle_in_balance_is_turned_by_nothing() -> None:
-    one = fitted().vehicle
+    auv = fitted().vehicle
     moment = UPRIGHT
-    told = StaticBalance(one).vertical(np.zeros((0, 1)), one.shared.start)[:, 0]
+    told = StaticBalance(auv).vertical(np.zeros((0, 1)), auv.shared.start)[:, 0]
     np.testing.assert_allclose(told, moment / np.linalg.norm(moment), atol=1e-9)
 
 
 def test_an_arm_that_moves_changes_the_balance_as_its_weight_does() -> None:
-    one = replace(fitted().vehicle, dynamics=with_arm(n_joints=1))
-    told = StaticBalance(one).vertical(np.array([[0.0, np.pi]]), one.shared.start)
+    auv = replace(fitted().vehicle, dynamics=with_arm(n_joints=1))
+    told = StaticBalance(auv).vertical(np.array([[0.0, np.pi]]), auv.shared.start)
     for k, way in enumerate((1.0, -1.0)):
         x = 0.3 + way * 0.15 - 998.0 * 8e-4 * 0.3
         moment = UPRIGHT - np.array([x, 0.0, 0.0])

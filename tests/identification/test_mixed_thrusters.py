@@ -32,9 +32,12 @@ def recording() -> Recording:
 
 
 def told(way: np.ndarray) -> str:
-    one = recording().channel("thrust")
+    channel = recording().channel("thrust")
     return mixed_thrusters(
-        recording(), Channel(t=one.t, values=one.values @ way.T), thruster_matrix(slow()), NAMES
+        recording(),
+        Channel(t=channel.t, values=channel.values @ way.T),
+        thruster_matrix(slow()),
+        NAMES,
     )
 
 
@@ -47,6 +50,6 @@ def test_what_was_done_to_the_thrusters_is_named(text: str, way: np.ndarray) -> 
 
 
 def test_thrust_that_has_nothing_to_do_with_the_motion_is_not_explained() -> None:
-    one = recording().channel("thrust")
-    other = Channel(t=one.t, values=np.random.default_rng(0).permutation(one.values))
+    channel = recording().channel("thrust")
+    other = Channel(t=channel.t, values=np.random.default_rng(0).permutation(channel.values))
     assert mixed_thrusters(recording(), other, thruster_matrix(slow()), NAMES) == ""

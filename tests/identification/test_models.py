@@ -185,8 +185,8 @@ def test_steps_converge_with_the_square_of_their_length() -> None:
 def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_beyond_it(
     whole: bool, beyond: float
 ) -> None:
-    one, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
-    p = np.concatenate([one.shared.start, one.own.start])
+    auv, stage = built(actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole))
+    p = np.concatenate([auv.shared.start, auv.own.start])
     still = np.array([0, 0, 0, 0, 0, 0, 1.0, *np.zeros(12)])
     given = np.asarray(stage.step(still, [0.2, 4.0, -4.0, 0, 0, 0], np.zeros(0), p, 0.1)).ravel()[
         13:
@@ -196,33 +196,33 @@ def test_an_actuator_gives_nothing_well_inside_its_dead_zone_and_less_or_all_bey
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_the_edge_of_a_dead_zone_that_is_known_is_where_it_is(whole: bool) -> None:
-    one, _ = built(
+    auv, _ = built(
         actuators=ActuatorModel(dead_zone=1.0, lag=1e-3, whole_beyond=whole), learnt=("mass",)
     )
-    stage = stage_of(one, sharp=True)
+    stage = stage_of(auv, sharp=True)
     u = np.array([0.9, 1.1, -0.9, -1.1, 0.0, 2.0])
-    given = np.asarray(
-        stage.begun(np.outer(u, np.ones(PAST)), np.concatenate([one.shared.start, one.own.start]))[
+    thrust = np.asarray(
+        stage.begun(np.outer(u, np.ones(PAST)), np.concatenate([auv.shared.start, auv.own.start]))[
             0
         ]
     ).ravel()
     np.testing.assert_allclose(
-        given, np.where(np.abs(u) > 1.0, u - (not whole) * np.sign(u), 0.0), atol=1e-3
+        thrust, np.where(np.abs(u) > 1.0, u - (not whole) * np.sign(u), 0.0), atol=1e-3
     )
 
 
 def test_the_point_at_which_velocity_is_measured_moves_with_the_vehicle() -> None:
-    one, stage = built()
-    x, _, _, p, _ = point(one, stage, 4)
-    at = np.asarray(ca.DM(one.values(ca.SX(ca.DM(p)))["velocity_point"])).ravel()
+    auv, stage = built()
+    x, _, _, p, _ = point(auv, stage, 4)
+    at = np.asarray(ca.DM(auv.values(ca.SX(ca.DM(p)))["velocity_point"])).ravel()
     seen = np.asarray(stage.outputs(x, p)[0]).ravel()
     np.testing.assert_allclose(seen[:3], x[7:10] + np.cross(x[10:13], at), atol=1e-14)
 
 
 def test_a_sensor_of_attitude_that_sits_turned_sees_the_motion_in_its_own_frame() -> None:
-    one, stage = built()
-    x, _, _, p, _ = point(one, stage, 5)
-    values = one.values(ca.SX(ca.DM(p)))
+    auv, stage = built()
+    x, _, _, p, _ = point(auv, stage, 5)
+    values = auv.values(ca.SX(ca.DM(p)))
     R_BS = pin.exp3(np.asarray(ca.DM(values["attitude_turn"] + values["attitude_offset"])).ravel())
     R_WB = pin.Quaternion(x[3:7]).toRotationMatrix()
     seen = np.asarray(stage.outputs(x, p)[0]).ravel()

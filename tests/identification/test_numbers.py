@@ -27,15 +27,15 @@ LEARNT = {
 
 @cache
 def found() -> tuple[Vehicle, Estimate]:
-    one = vehicle_of(known().with_status(**LEARNT))
-    rollout = Rollout(stage_of(one))
+    auv = vehicle_of(known().with_status(**LEARNT))
+    rollout = Rollout(stage_of(auv))
     recording = drive(
-        rollout.stage, np.concatenate([one.shared.start, one.own.start]), seed=1, noise=0.02
+        rollout.stage, np.concatenate([auv.shared.start, auv.own.start]), seed=1, noise=0.02
     )
     error = OutputErrorProblem(
-        one, PreparedRecording.of(recording, one).stretches(0.1, 10.0), Noise(), rollout
+        auv, PreparedRecording.of(recording, auv).stretches(0.1, 10.0), Noise(), rollout
     )
-    return one, error.solve(error.start())
+    return auv, error.solve(error.start())
 
 
 def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
@@ -43,10 +43,10 @@ def told(inflation: float = 1.0) -> dict[str, IdentifiedNumber]:
 
 
 def test_errors_of_numbers_are_those_of_a_change_of_the_unknowns() -> None:
-    one, estimate = found()
+    auv, estimate = found()
     eps = 1e-6 * np.eye(len(estimate.shared))
     slopes = [
-        (values_of(one, estimate.shared + e) - values_of(one, estimate.shared - e)) / 2e-6
+        (values_of(auv, estimate.shared + e) - values_of(auv, estimate.shared - e)) / 2e-6
         for e in eps
     ]
     C = np.linalg.inv(estimate.information)
@@ -77,13 +77,13 @@ def test_samples_that_miss_alike_widen_intervals() -> None:
 
 
 def test_what_priors_say_alone_is_not_determined() -> None:
-    one, estimate = found()
-    nothing = replace(estimate, information=np.diag(1.0 / one.shared.sigma**2))
-    assert not any(each.determined for each in numbers(one, nothing))
+    auv, estimate = found()
+    nothing = replace(estimate, information=np.diag(1.0 / auv.shared.sigma**2))
+    assert not any(each.determined for each in numbers(auv, nothing))
 
 
 def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
-    one = IdentifiedNumber(
+    number = IdentifiedNumber(
         quantity="lag",
         entry="",
         unit="s",
@@ -93,14 +93,14 @@ def test_a_number_determined_to_a_tenth_of_its_size_is_called_so() -> None:
         informed=True,
         positive=True,
     )
-    assert one.determined
-    assert not replace(one, sigma=0.006).determined
-    assert not replace(one, informed=False).determined
+    assert number.determined
+    assert not replace(number, sigma=0.006).determined
+    assert not replace(number, informed=False).determined
 
 
 def test_nothing_is_determined_where_the_search_has_not_converged() -> None:
-    one, estimate = found()
-    assert any(each.determined for each in numbers(one, estimate))
-    for each in numbers(one, replace(estimate, status=FitStatus.ITERATION_LIMIT)):
+    auv, estimate = found()
+    assert any(each.determined for each in numbers(auv, estimate))
+    for each in numbers(auv, replace(estimate, status=FitStatus.ITERATION_LIMIT)):
         assert not each.determined
         assert each.interval == (0.0 if each.positive else -np.inf, np.inf)

@@ -16,11 +16,12 @@ from typer.testing import CliRunner
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
 from uvms_ocp.identification.completed_recordings import along_axes
 from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.uncertainty import TOTAL
 
 SETTINGS: dict[str, Any] = {
@@ -68,16 +69,16 @@ def _fitted(recording: Recording, settings: CalibrationSettings) -> Calibration:
 
 def test_a_towing_test_of_one_axis_gives_its_numbers() -> None:
     recording, mass, drag = _towed()
-    found = _fitted(recording, _settings("surge", **LEARN, wrench_offset={"prior": 0.1}))
-    numbers = {number.name: number for number in found.numbers}
+    calibration = _fitted(recording, _settings("surge", **LEARN, wrench_offset={"prior": 0.1}))
+    numbers = {number.name: number for number in calibration.numbers}
     assert set(numbers) == {"added_mass surge", "quadratic_drag surge", f"{TOTAL} surge"}
     for name, truth in ((f"{TOTAL} surge", mass), ("quadratic_drag surge", drag)):
         assert abs(numbers[name].value - truth) < 3.0 * numbers[name].sigma
         assert numbers[name].sigma < 0.1 * truth
-    report = report_text(found)
+    report = report_text(calibration)
     assert "moves along surge alone" in report
     assert "| recording | wrench_offset surge [N, N m] |" in report
-    assert f"| towed | {found.estimate.own['towed'][0]:.3g} |" in report
+    assert f"| towed | {calibration.estimate.own['towed'][0]:.3g} |" in report
 
 
 @pytest.mark.parametrize("commands", ["wrench", "propeller_commands"])
@@ -97,13 +98,13 @@ def test_a_decay_test_needs_neither_commands_nor_attitude(commands: str) -> None
     recording = Recording(
         name="decay", channels={"angular_velocity": Channel(t=t, values=_along(2, rate, 3))}
     )
-    found = _fitted(recording, settings)
-    drag = next(number for number in found.numbers if number.name == "quadratic_drag yaw")
+    calibration = _fitted(recording, settings)
+    drag = next(number for number in calibration.numbers if number.name == "quadratic_drag yaw")
     assert abs(drag.value - 1.5 * subject.start.quadratic_drag[5, 5]) < 3.0 * drag.sigma
     assert drag.determined
     assert any(
         "not recorded: a fit along some axes takes nothing to push it" in issue
-        for issue in found.issues
+        for issue in calibration.issues
     )
 
 
@@ -184,14 +185,14 @@ def test_the_command_takes_axes_and_refuses_others(
     (tmp_path / "map.yaml").write_text(
         "channels: {linear_velocity: {time: t, columns: [u, 0.0, 0.0]}}"
     )
-    given = [
+    words = [
         "identify",
         str(tmp_path / "learn.yaml"),
         str(tmp_path / "tow.csv"),
         "--mapping",
         str(tmp_path / "map.yaml"),
     ]
-    given += ["--out", str(tmp_path / "out")]
+    words += ["--out", str(tmp_path / "out")]
     seen: list[CalibrationSettings] = []
 
     def only_look(
@@ -203,11 +204,11 @@ def test_the_command_takes_axes_and_refuses_others(
 
     monkeypatch.setattr("uvms_ocp.cli.identify.calibrate", only_look)
     assert "axes.0: given 'up'; allowed: 'surge'" in str(
-        CliRunner().invoke(app, [*given, "--axes", "up"]).exception
+        CliRunner().invoke(app, [*words, "--axes", "up"]).exception
     )
     assert not seen
     assert (
-        str(CliRunner().invoke(app, [*given, "--axes", "surge", "--axes", "yaw"]).exception)
+        str(CliRunner().invoke(app, [*words, "--axes", "surge", "--axes", "yaw"]).exception)
         == "seen"
     )
     assert seen[0].axes == ("surge", "yaw")

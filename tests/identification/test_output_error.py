@@ -47,16 +47,16 @@ EXACT = Noise(outliers=100.0)
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(known().with_status(**LEARNT))
-    return one, Rollout(stage_of(one))
+    auv = vehicle_of(known().with_status(**LEARNT))
+    return auv, Rollout(stage_of(auv))
 
 
 @cache
 def truth() -> np.ndarray:
-    one, _ = problem()
+    auv, _ = problem()
     rng = np.random.default_rng(11)
-    shared = one.shared.start + 0.3 * rng.normal(size=len(one.shared.start))
-    shared[one.shared.names.index("delay")] = np.arctanh(
+    shared = auv.shared.start + 0.3 * rng.normal(size=len(auv.shared.start))
+    shared[auv.shared.names.index("delay")] = np.arctanh(
         2 * 0.25 - 1
     )  # of 1 s; whole steps of the simulation
     return np.concatenate([shared, [1.5]])
@@ -74,27 +74,27 @@ def stretches(
 
 
 def fit(*given: Recording, noise: Noise = EXACT, **options: float) -> Estimate:
-    one, rollout = problem()
+    auv, rollout = problem()
     parts = [stretch for each in given for stretch in stretches(each)]
-    error = OutputErrorProblem(one, parts, noise, rollout)
+    error = OutputErrorProblem(auv, parts, noise, rollout)
     return error.solve(error.start(), **options)
 
 
 def test_slopes_of_what_is_seen_are_differences() -> None:
     _, rollout = problem()
-    one = stretches(recording(), 3.0)[1]
+    part = stretches(recording(), 3.0)[1]
     step = 1e-6
     rng = np.random.default_rng(0)
     n_p = rollout.stage.n_p
     # so that no command and no sample is at an edge of a step
-    begin = SegmentStart(q=one.q, v=one.v)
+    begin = SegmentStart(q=part.q, v=part.v)
     p = truth() + 0.003
-    drawn = [rng.uniform(0.5, 2.0, size=values.shape) for values in one.measured]
-    pulls = [rng.normal(size=values.shape) for values in one.measured]
+    drawn = [rng.uniform(0.5, 2.0, size=values.shape) for values in part.measured]
+    pulls = [rng.normal(size=values.shape) for values in part.measured]
     (seen,) = rollout.predict(
-        [one], [begin], p[None], lambda k, rows: list(zip(drawn, pulls, strict=True))
+        [part], [begin], p[None], lambda k, rows: list(zip(drawn, pulls, strict=True))
     )
-    slopes = np.zeros((sum(values.size for values in one.measured), n_p + N_START))
+    slopes = np.zeros((sum(values.size for values in part.measured), n_p + N_START))
     for k in range(n_p + N_START):
         ends = []
         for sign in (1, -1):
@@ -103,7 +103,7 @@ def test_slopes_of_what_is_seen_are_differences() -> None:
             at = p + change[:n_p]
             ends.append(
                 np.concatenate(
-                    [rows.ravel() for rows in rollout.predict([one], [moved], at[None])[0].rows]
+                    [rows.ravel() for rows in rollout.predict([part], [moved], at[None])[0].rows]
                 )
             )
         slopes[:, k] = (ends[0] - ends[1]) / (2 * step)
@@ -164,33 +164,33 @@ def test_starts_are_eliminated_as_from_a_dense_matrix() -> None:
 
 
 def test_what_made_a_recording_is_found_again() -> None:
-    found = fit(recording(0), recording(1))
-    assert found.status is FitStatus.CONVERGED
-    np.testing.assert_allclose(found.shared, truth()[:-1], atol=0.03)
-    np.testing.assert_allclose([float(x[0]) for x in found.own.values()], truth()[-1], atol=0.2)
+    fitted = fit(recording(0), recording(1))
+    assert fitted.status is FitStatus.CONVERGED
+    np.testing.assert_allclose(fitted.shared, truth()[:-1], atol=0.03)
+    np.testing.assert_allclose([float(x[0]) for x in fitted.own.values()], truth()[-1], atol=0.2)
 
 
 def test_a_step_that_damping_holds_back_is_not_called_converged() -> None:
-    one, rollout = problem()
-    error = OutputErrorProblem(one, stretches(recording(noise=0.02)), Noise(), rollout)
+    auv, rollout = problem()
+    error = OutputErrorProblem(auv, stretches(recording(noise=0.02)), Noise(), rollout)
     held_back = error.solve(error.start(), iterations=1, damping=1e9)
     assert held_back.status is FitStatus.ITERATION_LIMIT
-    np.testing.assert_allclose(held_back.shared, one.shared.start, atol=1e-3)
+    np.testing.assert_allclose(held_back.shared, auv.shared.start, atol=1e-3)
 
 
 def test_noise_moves_the_unknowns_by_about_their_standard_errors() -> None:
     noise = Noise(velocity=0.02, rate=0.02, vertical=0.02, outliers=100.0)
-    found = fit(recording(2, 0.02), recording(3, 0.02), noise=noise)
-    sigma = np.sqrt(np.diag(np.linalg.inv(found.information)))
-    z = (found.shared - truth()[:-1]) / sigma
+    fitted = fit(recording(2, 0.02), recording(3, 0.02), noise=noise)
+    sigma = np.sqrt(np.diag(np.linalg.inv(fitted.information)))
+    z = (fitted.shared - truth()[:-1]) / sigma
     assert np.abs(z).max() < 5.0
     assert np.sqrt((z**2).mean()) < 2.0
 
 
 def test_the_fit_does_not_depend_on_the_world_frame() -> None:
-    one = fit(recording(0), iterations=6)
-    other = fit(turned(recording(0), 2.0), iterations=6)
-    np.testing.assert_allclose(other.shared, one.shared, atol=1e-6)
+    fitted = fit(recording(0), iterations=6)
+    fitted_turned = fit(turned(recording(0), 2.0), iterations=6)
+    np.testing.assert_allclose(fitted_turned.shared, fitted.shared, atol=1e-6)
 
 
 def test_outliers_move_a_robust_fit_less() -> None:
@@ -209,13 +209,13 @@ def test_outliers_move_a_robust_fit_less() -> None:
 
 
 def test_a_frozen_vehicle_keeps_its_unknowns_and_finds_the_start() -> None:
-    one, rollout = problem()
+    auv, rollout = problem()
     part = stretches(recording(1), None)[0].first(2.0)
-    error = OutputErrorProblem(one, [part], EXACT, rollout)
+    error = OutputErrorProblem(auv, [part], EXACT, rollout)
     begin = error.start(truth()[:-1])
-    found = error.solve(begin, frozen=20)
-    np.testing.assert_array_equal(found.shared, truth()[:-1])
-    assert found.cost < 0.05 * error.solve(begin, iterations=0).cost + 1e-3
+    fitted = error.solve(begin, frozen=20)
+    np.testing.assert_array_equal(fitted.shared, truth()[:-1])
+    assert fitted.cost < 0.05 * error.solve(begin, iterations=0).cost + 1e-3
 
 
 def test_stretches_cover_a_recording_without_overlap() -> None:
@@ -248,34 +248,37 @@ def test_what_is_missing_is_told() -> None:
 
 
 def test_of_several_commands_those_are_taken_that_the_actuators_name() -> None:
-    given = recording().channels
-    one = problem()[0]
-    both = {**given, "thrust": replace(given["wrench"], values=2.0 * given["wrench"].values)}
+    channels = recording().channels
+    auv = problem()[0]
+    both = {
+        **channels,
+        "thrust": replace(channels["wrench"], values=2.0 * channels["wrench"].values),
+    }
     for name in ("thrust", "wrench"):
-        named = replace(one, actuators=replace(one.actuators, commands=name))
-        told = PreparedRecording.of(Recording(name="r", channels=both), named).commands.channel
-        np.testing.assert_array_equal(told.values, both[name].values)
-    named = replace(one, actuators=replace(one.actuators, commands="thrust"))
+        named = replace(auv, actuators=replace(auv.actuators, commands=name))
+        prepared = PreparedRecording.of(Recording(name="r", channels=both), named).commands.channel
+        np.testing.assert_array_equal(prepared.values, both[name].values)
+    named = replace(auv, actuators=replace(auv.actuators, commands="thrust"))
     with pytest.raises(InvalidInput, match="no thrust is recorded"):
         PreparedRecording.of(recording(), named)
 
 
 def test_a_search_that_begins_where_the_simulation_runs_away_ends_with_a_status() -> None:
-    one, rollout = problem()
-    error = OutputErrorProblem(one, stretches(recording()), EXACT, rollout)
+    auv, rollout = problem()
+    error = OutputErrorProblem(auv, stretches(recording()), EXACT, rollout)
     stiff = np.where(
-        [name.startswith("linear_drag") for name in one.shared.names], 40.0, one.shared.start
+        [name.startswith("linear_drag") for name in auv.shared.names], 40.0, auv.shared.start
     )
-    found = error.solve(error.start(stiff))
-    assert found.status is FitStatus.RUNS_AWAY
-    np.testing.assert_array_equal(found.information, np.diag(1.0 / one.shared.sigma**2))
+    fitted = error.solve(error.start(stiff))
+    assert fitted.status is FitStatus.RUNS_AWAY
+    np.testing.assert_array_equal(fitted.information, np.diag(1.0 / auv.shared.sigma**2))
 
 
 def test_a_step_to_where_slopes_are_not_finite_is_shortened(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    one, rollout = problem()
-    error = OutputErrorProblem(one, stretches(recording()), EXACT, rollout)
+    auv, rollout = problem()
+    error = OutputErrorProblem(auv, stretches(recording()), EXACT, rollout)
     seen = OutputErrorProblem.blocks
     calls = []
 
@@ -286,13 +289,13 @@ def test_a_step_to_where_slopes_are_not_finite_is_shortened(
 
     monkeypatch.setattr(OutputErrorProblem, "blocks", steep)
     assert error.solve(error.start(), damping=1e-6).status is FitStatus.CONVERGED
-    first, second = (np.abs(each.shared - one.shared.start).max() for each in calls[1:3])
+    first, second = (np.abs(each.shared - auv.shared.start).max() for each in calls[1:3])
     assert second <= first
 
 
 def test_normal_equations_have_the_gradient_of_the_cost() -> None:
-    one, rollout = problem()
-    error = OutputErrorProblem(one, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout)
+    auv, rollout = problem()
+    error = OutputErrorProblem(auv, stretches(recording(4), 7.0), Noise(outliers=2.0), rollout)
     step = 1e-6
     point = error.start(truth()[:-1] + 0.003)  # no command and no sample at an edge of a step
     (block,) = error.blocks(point)
@@ -300,7 +303,7 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
     m = len(point.own[0])
     size = N_START * len(point.starts[0])
     rng = np.random.default_rng(5)
-    found = []
+    collected = []
     wanted = []
     for _ in range(4):
         way = rng.normal(size=n + m + size)
@@ -317,18 +320,18 @@ def test_normal_equations_have_the_gradient_of_the_cost() -> None:
             )
             ends.append(error.blocks(moved)[0].cost)
         wanted.append((ends[0] - ends[1]) / (2 * step))
-        found.append(np.r_[block.g, block.g_starts] @ way)
-    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())
+        collected.append(np.r_[block.g, block.g_starts] @ way)
+    np.testing.assert_allclose(collected, wanted, rtol=1e-3, atol=1e-3 * np.abs(wanted).max())
 
 
 def test_what_is_kept_of_a_recording_grows_with_its_length() -> None:
-    one, rollout = problem()
+    auv, rollout = problem()
     parts = stretches(recording(), 2.0)
-    errors = [OutputErrorProblem(one, parts[:n], EXACT, rollout) for n in (3, 6, 12)]
+    errors = [OutputErrorProblem(auv, parts[:n], EXACT, rollout) for n in (3, 6, 12)]
     blocks = [error.blocks(error.start())[0] for error in errors]
     short, middle, long = (
-        sum(getattr(one, name).size for name in ("H", "H_starts", "g_starts", "cross"))
-        for one in blocks
+        sum(getattr(block, name).size for name in ("H", "H_starts", "g_starts", "cross"))
+        for block in blocks
     )
     assert long - middle == 2 * (middle - short)
 
@@ -343,9 +346,9 @@ def test_a_pose_alone_shows_what_velocities_show(noise: float) -> None:
         drive(problem()[1].stage, p, seed=seed, noise=noise, t_end=40.0, pose_alone=True)
         for seed in (0, 1)
     ]
-    found = fit(*seen, noise=Noise(velocity=0.02, rate=0.05, vertical=0.02))
-    assert found.status is FitStatus.CONVERGED
-    off = {name: found.shared[k] - p[k] for k, name in enumerate(names) if not still[k]}
+    fitted = fit(*seen, noise=Noise(velocity=0.02, rate=0.05, vertical=0.02))
+    assert fitted.status is FitStatus.CONVERGED
+    off = {name: fitted.shared[k] - p[k] for k, name in enumerate(names) if not still[k]}
     assert (
         max(
             abs(off.pop(name))

@@ -17,13 +17,14 @@ from own_runs import DEAD_ZONE, LAG, as_before, driven_run, slow
 from uvms_ocp import load_robot
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import calibrate
+from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.reading import read_recording
 from uvms_ocp.identification.recording import Recording
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
 from uvms_ocp.identification.rollout import PreparedRecording
 from uvms_ocp.identification.run_recordings import run_recording
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.settings_checks import check_settings, require_current
 from uvms_ocp.identification.uncertainty import IdentifiedNumber, values_of
 from uvms_ocp.record.record import Record
@@ -72,12 +73,14 @@ def told(record: Record) -> str:
 
 def test_thrust_follows_what_was_asked_through_limits_dead_zone_and_lag() -> None:
     record = run()
-    asked = np.clip(record["asked_thrust"][:-1], *thrust_limits(slow()))
-    given = record["thrust"]
-    target = np.where(np.abs(asked) < DEAD_ZONE, 0.0, asked)
+    demanded = np.clip(record["asked_thrust"][:-1], *thrust_limits(slow()))
+    thrust = record["thrust"]
+    target = np.where(np.abs(demanded) < DEAD_ZONE, 0.0, demanded)
     assert (target != record["asked_thrust"][:-1]).any()
     left = np.exp(-record.run_meta.dt / LAG)
-    np.testing.assert_allclose(given[1:], target + left * (given[:-1] - target), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        thrust[1:], target + left * (thrust[:-1] - target), rtol=0, atol=1e-10
+    )
 
 
 @long_without_compiler
@@ -103,17 +106,17 @@ def test_dead_zones_are_learnt_from_a_run_as_robot_files_have_them() -> None:
     settings = CalibrationSettings.model_validate(
         subject()[1].model_dump() | {"learn": learn, "dead_zone": 3.0, "stretch": 10.0}
     )
-    found = calibrate(
+    numbers = calibrate(
         calibrated_robot(settings, Path()), settings, [run_recording(record, "run")]
     ).numbers
     (lag,), zones = (
-        (one for one in found if one.quantity == "lag"),
-        [one for one in found if one.quantity != "lag"],
+        (number for number in numbers if number.quantity == "lag"),
+        [number for number in numbers if number.quantity != "lag"],
     )
     assert lag.value == pytest.approx(LAG, rel=0.03)
     assert len(zones) == 16
-    assert np.median([one.value for one in zones]) == pytest.approx(2.0, rel=0.1)
-    assert max(abs(one.value - 2.0) for one in zones) < 0.5
+    assert np.median([number.value for number in zones]) == pytest.approx(2.0, rel=0.1)
+    assert max(abs(number.value - 2.0) for number in zones) < 0.5
 
 
 def test_of_an_older_run_the_lag_is_lost_and_that_is_told() -> None:
@@ -167,11 +170,11 @@ def test_a_run_is_recorded_as_its_sensors_saw_it_when_they_did(delay: float) -> 
         ("linear_velocity", "v", slice(3)),
         ("angular_velocity", "v", slice(3, 6)),
     ):
-        one = channels[name]
+        channel = channels[name]
         spec = getattr(late, name)
-        at = np.searchsorted(record["t"], one.t - 1e-6)
-        np.testing.assert_allclose(one.values, record[series][at, part], atol=5.5 * spec.sigma)
-        assert one.rate == pytest.approx(min(spec.rate, 1.0 / record.run_meta.dt), rel=0.02)
+        at = np.searchsorted(record["t"], channel.t - 1e-6)
+        np.testing.assert_allclose(channel.values, record[series][at, part], atol=5.5 * spec.sigma)
+        assert channel.rate == pytest.approx(min(spec.rate, 1.0 / record.run_meta.dt), rel=0.02)
     assert channels["attitude"].t[-1] == record["t"][-1]
 
 
@@ -187,20 +190,23 @@ def test_numbers_from_default_sensors_lie_within_their_intervals() -> None:
         "quadratic_drag": {"free": ["surge", "sway", "heave"]},
     }
     noise = {"velocity": 0.002, "rate": 0.005, "vertical": 0.002}
-    given = subject()[1].model_dump() | {
+    values = subject()[1].model_dump() | {
         "learn": learn,
         "noise": noise,
         "lag": LAG,
         "dead_zone": DEAD_ZONE,
     }
-    one = calibrated_robot(settings := CalibrationSettings.model_validate(given), Path())
-    found = calibrate(one, settings, [run_recording(record, "run")])
-    truth = values_of(one.vehicle, one.vehicle.shared.start)
+    robot_and_vehicle = calibrated_robot(
+        settings := CalibrationSettings.model_validate(values), Path()
+    )
+    calibration = calibrate(robot_and_vehicle, settings, [run_recording(record, "run")])
+    truth = values_of(robot_and_vehicle.vehicle, robot_and_vehicle.vehicle.shared.start)
     off = [
-        (each.value - true) / each.sigma for each, true in zip(found.numbers, truth, strict=True)
+        (each.value - true) / each.sigma
+        for each, true in zip(calibration.numbers, truth, strict=True)
     ]
     assert np.abs(off).max() < 3.0
-    assert all(number.determined for number in found.numbers)
+    assert all(number.determined for number in calibration.numbers)
 
 
 def test_a_fault_that_never_came_is_not_told() -> None:
@@ -235,12 +241,16 @@ def test_thrusters_go_by_their_names() -> None:
 
 
 def also_told(record: Record, **changed: object) -> str:
-    (one, settings), recording = subject(), run_recording(record, "run")
-    other = CalibrationSettings.model_validate(settings.model_dump() | changed)
+    (subject_of_run, settings), recording = subject(), run_recording(record, "run")
+    changed_settings = CalibrationSettings.model_validate(settings.model_dump() | changed)
     return "; ".join(
         map(
             str,
-            check_settings(calibrated_robot(other, Path()) if changed else one, other, recording),
+            check_settings(
+                calibrated_robot(changed_settings, Path()) if changed else subject_of_run,
+                changed_settings,
+                recording,
+            ),
         )
     )
 
@@ -279,14 +289,16 @@ def test_what_a_fit_neglects_is_told_and_nothing_else() -> None:
 
 
 def test_a_lag_that_is_not_given_begins_with_that_of_the_thrusters() -> None:
-    given = {"robot": "girona_maris7_full", "hull": [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]}
-    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | given)
+    values = {"robot": "girona_maris7_full", "hull": [[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]}
+    settings = CalibrationSettings.model_validate(subject()[1].model_dump() | values)
     thrusters = load_robot("girona_maris7_full").description.thrusters
     for lag in (None, 0.3):
-        found = calibrated_robot(
+        begun_lag = calibrated_robot(
             settings.model_copy(update={"lag": lag}), Path()
         ).vehicle.actuators.lag
-        assert found == pytest.approx(lag or np.mean([one.time_constant for one in thrusters]))
+        assert begun_lag == pytest.approx(
+            lag or np.mean([thruster.time_constant for thruster in thrusters])
+        )
 
 
 @long_without_compiler
@@ -317,8 +329,8 @@ def test_the_folder_of_a_run_is_its_record(tmp_path: Path) -> None:
     record.save(tmp_path / "results" / "record.npz")
     expected = run_recording(record, "run")
     for name in ("rows", "results"):
-        found = read_recording(tmp_path / name)
-        assert found.channels.keys() == expected.channels.keys()
+        recording = read_recording(tmp_path / name)
+        assert recording.channels.keys() == expected.channels.keys()
         np.testing.assert_array_equal(
-            found.channels["thrust"].values, expected.channels["thrust"].values
+            recording.channels["thrust"].values, expected.channels["thrust"].values
         )

@@ -45,15 +45,15 @@ BALLAST = np.array([0.02, 0.0, 0.0, 0.0])
 
 @cache
 def problem() -> tuple[Vehicle, Rollout]:
-    one = vehicle_of(
+    auv = vehicle_of(
         known().with_status(
             added_mass=Free(only=("surge",)),
             quadratic_drag=Free(only=("surge", "heave")),
             volume=Prior(sigma=0.1),
         )
     )
-    assert one.shared.names[0] == "volume"
-    return one, Rollout(stage_of(one))
+    assert auv.shared.names[0] == "volume"
+    return auv, Rollout(stage_of(auv))
 
 
 def truth() -> np.ndarray:
@@ -61,18 +61,18 @@ def truth() -> np.ndarray:
 
 
 def driven(seed: int, unknowns: np.ndarray, t_end: float = 12.0) -> PreparedRecording:
-    one, rollout = problem()
+    auv, rollout = problem()
     recording = drive(rollout.stage, unknowns, seed=seed, noise=0.01, t_end=t_end)
-    return PreparedRecording.of(recording, one)
+    return PreparedRecording.of(recording, auv)
 
 
 @cache
 def identified() -> FitContext:
     """The vehicle, identified on two recordings of it."""
-    one, rollout = problem()
+    auv, rollout = problem()
     prepared = tuple(driven(seed, truth()) for seed in range(2))
     return FitContext.searched(
-        vehicle=one, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
+        vehicle=auv, rollout=rollout, prepared=prepared, noise=NOISE, search=SEARCH
     )
 
 
@@ -107,9 +107,9 @@ def text(found: tuple[PredictionBounds, tuple[HeldOutRecording, ...]]) -> str:
 
 
 def test_of_one_vehicle_all_is_predicted_that_one_vehicle_could_explain() -> None:
-    found = shares(same_vehicle())
-    assert {"surge", "sway", "heave", "yaw rate"} <= found.keys()
-    for each in found.values():
+    by_kind = shares(same_vehicle())
+    assert {"surge", "sway", "heave", "yaw rate"} <= by_kind.keys()
+    for each in by_kind.values():
         assert each.share == pytest.approx(100.0, abs=3.0), each
         assert abs(each.missed[MissCause.RECORDINGS]) < 3.0, each
         assert not each.recordings_differ
@@ -133,7 +133,9 @@ def test_of_two_ballasts_one_vehicle_falls_short_of_each_alone_and_the_report_sa
 
 def test_vehicles_of_their_own_find_the_ballast_that_each_recording_had() -> None:
     bounds, recordings = other_ballast()
-    volumes = [bounds.alone[one.name].estimate.shared[0] - truth()[0] for one in recordings]
+    volumes = [
+        bounds.alone[recording.name].estimate.shared[0] - truth()[0] for recording in recordings
+    ]
     np.testing.assert_allclose(volumes, [BALLAST[0], -BALLAST[0]], atol=2e-3)
     assert abs(bounds.together.estimate.shared[0] - truth()[0]) < 0.9 * BALLAST[0]
 
@@ -149,8 +151,8 @@ def test_what_one_vehicle_of_another_ballast_misses_is_the_fits() -> None:
 
 
 def test_bounds_predict_the_same_samples_in_the_same_way() -> None:
-    for one in same_vehicle()[1]:
-        for horizon in one.horizons:
+    for recording in same_vehicle()[1]:
+        for horizon in recording.horizons:
             assert list(horizon.bounds) == [TOGETHER, ALONE]
             for bound in horizon.bounds.values():
                 for sensor in range(3):
@@ -162,8 +164,8 @@ def test_the_bound_of_leave_one_out_is_the_vehicle_of_all_itself() -> None:
     bounds = fit_bounds(fitted, fitted.prepared)
     assert bounds.together is fitted
     assert list(bounds.alone) == ["drive0", "drive1"]
-    for one in leave_one_out(fitted, horizons=(60.0,), bounds=bounds):
-        assert list(one.horizons[0].bounds) == [TOGETHER, ALONE]
+    for recording in leave_one_out(fitted, horizons=(60.0,), bounds=bounds):
+        assert list(recording.horizons[0].bounds) == [TOGETHER, ALONE]
 
 
 def test_fits_beside_bounds_cost_little_where_the_vehicle_is_known() -> None:
@@ -202,12 +204,12 @@ def test_a_recording_that_the_vehicle_was_identified_on_is_not_predicted() -> No
 
 
 def test_a_vehicle_that_weighs_another_is_worse_than_standing_still_and_named() -> None:
-    one, rollout = problem()
+    auv, rollout = problem()
     heavy = truth() - 5.0 * BALLAST
     level = drive(
         rollout.stage, truth(), seed=5, noise=0.01, t_end=12.0, size=(12.0, 0, 0, 0, 0, 0)
     )
-    prepared = PreparedRecording.of(level, one)
+    prepared = PreparedRecording.of(level, auv)
     wrong = replace(identified(), estimate=replace(identified().estimate, shared=heavy))
     recordings = tuple(predict_others(wrong, (prepared,), horizons=(3.0, 60.0)))
     judgement = judge_predictions(recordings)
@@ -307,38 +309,40 @@ def test_what_is_not_predicted_at_all_is_no_good_prediction() -> None:
 
 
 def test_static_predictions_themselves_are_not_called_worse() -> None:
-    for one in same_vehicle()[1]:
-        for horizon in one.horizons:
+    for recording in same_vehicle()[1]:
+        for horizon in recording.horizons:
             still = horizon.by[STATIC]
-            named = worse_than_still(one.name, still, still)
+            named = worse_than_still(recording.name, still, still)
             assert all(each.baseline == MEAN for each in named)
 
 
 @cache
 def left_out_of(*ballasts: float) -> tuple[tuple[IdentifiedNumber, ...], list[HeldOutRecording]]:
     """Numbers of a vehicle from recordings with other ballasts, each then left out."""
-    one, rollout = problem()
+    auv, rollout = problem()
     prepared = tuple(
         driven(10 + k, truth() + ballast * BALLAST) for k, ballast in enumerate(ballasts)
     )
-    estimate = search_fit(one, prepared, NOISE, rollout, SEARCH)
+    estimate = search_fit(auv, prepared, NOISE, rollout, SEARCH)
     fitted = replace(identified(), prepared=prepared, estimate=estimate)
     left = Predicted.joined(list(fitted.residuals().values()))
-    found = numbers(one, estimate, variance_inflation(left, NOISE))
-    return found, list(leave_one_out(fitted, horizons=(60.0,)))
+    all_numbers = numbers(auv, estimate, variance_inflation(left, NOISE))
+    return all_numbers, list(leave_one_out(fitted, horizons=(60.0,)))
 
 
 def test_numbers_of_one_vehicle_move_by_their_standard_errors() -> None:
-    found, left_out = left_out_of(0.0, 0.0, 0.0)
-    assert any(one.determined for one in found)
-    assert list(disagreed_numbers(problem()[0], found, left_out)) == []
+    all_numbers, left_out = left_out_of(0.0, 0.0, 0.0)
+    assert any(number.determined for number in all_numbers)
+    assert list(disagreed_numbers(problem()[0], all_numbers, left_out)) == []
 
 
 def test_a_number_called_determined_on_which_recordings_disagree_is_named() -> None:
-    found, left_out = left_out_of(1.0, 0.0, -1.0)
-    volume = next(one for one in found if one.name == "volume")
+    all_numbers, left_out = left_out_of(1.0, 0.0, -1.0)
+    volume = next(number for number in all_numbers if number.name == "volume")
     # As a fit that takes recordings for those of one vehicle, with white residuals, would have it.
-    certain = tuple(replace(one, sigma=min(one.sigma, 1e-4 * one.value)) for one in found)
+    certain = tuple(
+        replace(number, sigma=min(number.sigma, 1e-4 * number.value)) for number in all_numbers
+    )
     named = {each.number.name: each for each in disagreed_numbers(problem()[0], certain, left_out)}
     assert "volume" in named
     assert named["volume"].scatter > 0.003 * volume.value

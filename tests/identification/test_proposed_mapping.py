@@ -44,8 +44,8 @@ def columns_of(recording: Recording, names: Mapping[str, str]) -> dict[str, np.n
     t = next(iter(recording.channels.values())).t
     found = {"t": t}
     for name, said in names.items():
-        one = recording.channels[name]
-        columns = np.column_stack([np.interp(t, one.t, column) for column in one.values.T])
+        channel = recording.channels[name]
+        columns = np.column_stack([np.interp(t, channel.t, column) for column in channel.values.T])
         found |= dict(zip(said.split(), columns.T, strict=True))
     return found
 
@@ -65,17 +65,17 @@ def test_a_recording_that_we_write_is_proposed_as_it_was(kind: str, tmp_path: Pa
     if kind == "position":
         values -= 5.0
     others = {
-        name: one
-        for name, one in GOOD.channels.items()
+        name: proposed
+        for name, proposed in GOOD.channels.items()
         if kind in ("wrench", "thrust") and name != kind
     }
     write_recording(
         Recording(name="dive", channels={kind: Channel(t=t, values=values), **others}),
         tmp_path / "dive.csv",
     )
-    found = read_as_proposed(tmp_path / "dive.csv").channels
-    np.testing.assert_allclose(found[kind].values, values, atol=1e-9)
-    assert set(found) == {kind, *others}
+    proposed = read_as_proposed(tmp_path / "dive.csv").channels
+    np.testing.assert_allclose(proposed[kind].values, values, atol=1e-9)
+    assert set(proposed) == {kind, *others}
 
 
 OTHERS: dict[
@@ -125,14 +125,14 @@ def test_what_values_say_is_cured_and_its_evidence_stands_beside_it(
         },
     )
     text = propose_mapping(tmp_path / "dive.csv")
-    (name,), one = names, next(iter(read_as_proposed(tmp_path / "dive.csv").channels.values()))
+    (name,), channel = names, next(iter(read_as_proposed(tmp_path / "dive.csv").channels.values()))
     assert said in text
     assert f"{name}: {{" in text
     assert "    # by names: " in text
     wanted = GOOD.channels[name]
     scale = 10.0 if said == "mm/s" else 1.0
-    np.testing.assert_allclose(one.values[0], scale * wanted.values[0], atol=1e-6)
-    assert one.rate == pytest.approx(wanted.rate, rel=0.1)
+    np.testing.assert_allclose(channel.values[0], scale * wanted.values[0], atol=1e-6)
+    assert channel.rate == pytest.approx(wanted.rate, rel=0.1)
 
 
 SIX = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
@@ -255,7 +255,7 @@ def test_of_mavlink_only_messages_are_proposed_whose_meaning_is_laid_down(tmp_pa
                     (1_700_000_000_000_000 + 1000 * ms).to_bytes(8, "big") + one.pack(sender)
                 )
     proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.tlog"))["channels"]
-    topics = {name: one["topic"] for name, one in proposed.items()}
+    topics = {name: entry["topic"] for name, entry in proposed.items()}
     assert topics == {
         "attitude": "ATTITUDE",
         "angular_velocity": "ATTITUDE",
@@ -492,7 +492,7 @@ def test_velocities_to_the_north_are_no_positions_and_angles_beside_them_are_fro
     proposed = yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))["channels"]
     assert proposed["linear_velocity"]["columns"] == ["vel_n", "vel_e", "vel_d"]
     assert proposed["position"]["columns"] == ["pos_n", "pos_e", "depth"]
-    assert all(one["world"] == "NED" for one in proposed.values())
+    assert all(entry["world"] == "NED" for entry in proposed.values())
     assert proposed["attitude"]["body"] == "FRD"
 
 
@@ -531,8 +531,8 @@ def test_pulses_of_0_are_none(name: str, tmp_path: Path) -> None:
         name.format(k): np.where(t < 3.0, 0.0, 1500 + 300 * np.sin(t + k)) for k in range(1, 7)
     }
     write_columns(tmp_path / "a.csv", {"t": t, **pulses})
-    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
-    np.testing.assert_allclose(one.values[:, 0], 0.75 * np.sin(t[t >= 3.0] + 1), atol=1e-9)
+    channel = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(channel.values[:, 0], 0.75 * np.sin(t[t >= 3.0] + 1), atol=1e-9)
 
 
 def test_shares_in_percent_become_commands_of_propellers(tmp_path: Path) -> None:
@@ -541,8 +541,8 @@ def test_shares_in_percent_become_commands_of_propellers(tmp_path: Path) -> None
         tmp_path / "a.csv",
         {"t": t, **{f"throttle_{k} [%]": 80.0 * np.sin(t + k) for k in range(6)}},
     )
-    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
-    np.testing.assert_allclose(one.values[:, 0], 0.8 * np.sin(t), atol=1e-9)
+    channel = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(channel.values[:, 0], 0.8 * np.sin(t), atol=1e-9)
 
 
 def test_some_of_many_thrusters_are_not_proposed_for_all(tmp_path: Path) -> None:
@@ -565,8 +565,8 @@ def test_pulse_widths_become_commands_of_propellers(tmp_path: Path) -> None:
     write_columns(
         tmp_path / "a.csv", {"t": t, **{f"motor{k}": 1500 + 300 * np.sin(t + k) for k in range(6)}}
     )
-    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
-    np.testing.assert_allclose(one.values[:, 0], 0.75 * np.sin(t), atol=1e-9)
+    channel = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(channel.values[:, 0], 0.75 * np.sin(t), atol=1e-9)
 
 
 def test_pulse_widths_of_a_wider_range_become_commands_within_1(tmp_path: Path) -> None:
@@ -575,8 +575,8 @@ def test_pulse_widths_of_a_wider_range_become_commands_within_1(tmp_path: Path) 
         tmp_path / "a.csv",
         {"t": t, **{f"PWM_{side}": 1500 + 500 * np.sin(t + k) for k, side in enumerate("LR")}},
     )
-    one = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
-    np.testing.assert_allclose(one.values[:, 0], np.sin(t), atol=1e-9)
+    channel = read_as_proposed(tmp_path / "a.csv").channels["propeller_commands"]
+    np.testing.assert_allclose(channel.values[:, 0], np.sin(t), atol=1e-9)
 
 
 def test_a_boat_with_its_heading_from_north_and_positions_that_are_so_too_is_read_as_it_went(
@@ -703,9 +703,9 @@ def test_the_command_prints_what_check_recording_takes(tmp_path: Path) -> None:
     write_recording(
         replace(GOOD, channels={"position": GOOD.channels["position"]}), tmp_path / "a.csv"
     )
-    found = CliRunner().invoke(app, ["map", str(tmp_path / "a.csv")])
-    assert found.exit_code == 0
-    (tmp_path / "map.yaml").write_text(found.stdout)
+    outcome = CliRunner().invoke(app, ["map", str(tmp_path / "a.csv")])
+    assert outcome.exit_code == 0
+    (tmp_path / "map.yaml").write_text(outcome.stdout)
     checked = CliRunner().invoke(
         app, ["check-recording", str(tmp_path / "a.csv"), "--mapping", str(tmp_path / "map.yaml")]
     )

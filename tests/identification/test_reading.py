@@ -99,8 +99,11 @@ def test_a_mapping_is_for_files_of_others_and_ours_beside_them_are_read_as_they_
     )
     (tmp_path / "map.yaml").write_text(MAPPING.format(where="body: FRD"))
     files = [tmp_path / name for name in ("dive.npz", "good.csv", "other.csv")]
-    told = json.loads(checked(*files, "--mapping", tmp_path / "map.yaml", "--json"))
-    channels = {name: [row["channel"] for row in one["channels"]] for name, one in told.items()}
+    report = json.loads(checked(*files, "--mapping", tmp_path / "map.yaml", "--json"))
+    channels = {
+        name: [row["channel"] for row in recording["channels"]]
+        for name, recording in report.items()
+    }
     assert channels["good"] == list(GOOD.channels)
     assert channels["other"] == ["linear_velocity"]
     assert "thrust" in channels["dive"]
@@ -146,20 +149,20 @@ def test_samples_that_are_missing_are_counted_beside_their_channel_and_rows_of_o
         "channels: {position: {time: t, columns: [0.0, 0.0, -depth], missing: [-99]}, "
         "linear_velocity: {time: t, columns: [u, v, w]}}"
     )
-    told = json.loads(checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml", "--json"))[
+    report = json.loads(checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml", "--json"))[
         "a"
     ]
-    assert [row["missing"] for row in told["channels"]] == [3, 0]
-    assert told["doubts"] == ["position: 3 of 100 rows have NaN (-depth) and are left out"]
+    assert [row["missing"] for row in report["channels"]] == [3, 0]
+    assert report["doubts"] == ["position: 3 of 100 rows have NaN (-depth) and are left out"]
     assert "missing" in checked(tmp_path / "a.csv", "--mapping", tmp_path / "map.yaml")
 
 
 def test_a_command_tells_channels_and_doubts_of_every_recording(tmp_path: Path) -> None:
     write_recording(GOOD, tmp_path / "good.csv")
-    told = json.loads(checked(tmp_path / "good.csv", "--json"))
-    assert told["good"]["doubts"] == []
-    assert [row["channel"] for row in told["good"]["channels"]] == list(GOOD.channels)
-    assert told["good"]["channels"][0]["rate [Hz]"] == pytest.approx(20.0)
+    report = json.loads(checked(tmp_path / "good.csv", "--json"))
+    assert report["good"]["doubts"] == []
+    assert [row["channel"] for row in report["good"]["channels"]] == list(GOOD.channels)
+    assert report["good"]["channels"][0]["rate [Hz]"] == pytest.approx(20.0)
     turned = dict(zip("abc", (GOOD.channels["linear_velocity"].values @ DOWN).T, strict=True))
     position = dict(zip("xyz", GOOD.channels["position"].values.T, strict=True))
     attitude = dict(zip("ijkl", GOOD.channels["attitude"].values.T, strict=True))

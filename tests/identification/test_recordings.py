@@ -277,13 +277,13 @@ def test_rows_with_nan_are_counted_and_of_a_command_it_is_said_what_a_fit_makes_
     name: str, channel: str, tmp_path: Path
 ) -> None:
     holes = np.arange(70) % 7 == 3
-    one = with_holes(tmp_path, name, holes)
-    assert len(one.channels[channel].t) == 60
+    recording = with_holes(tmp_path, name, holes)
+    assert len(recording.channels[channel].t) == 60
     assert (
         f"{channel}: 10 of 70 rows have NaN ({name}0, {name}1, {name}2) and are left out"
-        in told(one)
+        in told(recording)
     )
-    assert ("the command before them" in told(one)) == (channel == "thrust")
+    assert ("the command before them" in told(recording)) == (channel == "thrust")
 
 
 def test_rows_of_other_channels_in_a_table_are_no_lost_ones(tmp_path: Path) -> None:

@@ -27,22 +27,22 @@ def vehicle() -> Vehicle:
 
 @pytest.mark.slow
 def test_what_is_twice_as_large_is_found() -> None:
-    one = vehicle()
-    rollout = Rollout(stage_of(one))
-    truth = one.shared.start + np.where(
-        [name.startswith("added_mass") for name in one.shared.names], 0.35, 0.7
+    auv = vehicle()
+    rollout = Rollout(stage_of(auv))
+    truth = auv.shared.start + np.where(
+        [name.startswith("added_mass") for name in auv.shared.names], 0.35, 0.7
     )
-    prepared = PreparedRecording.of(drive(rollout.stage, truth, seed=4, noise=0.005), one)
-    found = search_fit(one, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
-    assert found.status is FitStatus.CONVERGED
-    np.testing.assert_allclose(found.shared, truth, atol=0.08)
+    prepared = PreparedRecording.of(drive(rollout.stage, truth, seed=4, noise=0.005), auv)
+    fitted = search_fit(auv, [prepared], NOISE, rollout, Search(step=0.025, stretch=15.0))
+    assert fitted.status is FitStatus.CONVERGED
+    np.testing.assert_allclose(fitted.shared, truth, atol=0.08)
 
 
 def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
-    one = vehicle()
-    stage = stage_of(one)
-    p = one.shared.start.copy()
-    p[one.shared.names.index("lag")] = np.log(0.02)
+    auv = vehicle()
+    stage = stage_of(auv)
+    p = auv.shared.start.copy()
+    p[auv.shared.names.index("lag")] = np.log(0.02)
     x = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], np.zeros(6), np.zeros(6)])
     u = np.array([10.0, 0, 0, 0, 0, 0])
     fine = x
@@ -53,29 +53,29 @@ def test_a_lag_shorter_than_a_step_leaves_its_whole_impulse() -> None:
 
 
 def test_a_search_goes_on_by_itself_where_its_iterations_are_too_few() -> None:
-    one = vehicle()
-    rollout = Rollout(stage_of(one))
-    truth = one.shared.start + 0.1
+    auv = vehicle()
+    rollout = Rollout(stage_of(auv))
+    truth = auv.shared.start + 0.1
     error = OutputErrorProblem(
-        one,
-        PreparedRecording.of(drive(rollout.stage, truth, seed=4), one).stretches(0.05, 15.0),
+        auv,
+        PreparedRecording.of(drive(rollout.stage, truth, seed=4), auv).stretches(0.05, 15.0),
         NOISE,
         rollout,
     )
     short = error.solve(error.start(), iterations=1)
-    found = resumed_search(error, short, 1)
+    fitted = resumed_search(error, short, 1)
     wanted = error.solve(error.start(), iterations=20)
     assert (short.status, wanted.status) == (FitStatus.ITERATION_LIMIT, FitStatus.CONVERGED)
-    assert found.status is FitStatus.CONVERGED
-    assert 1 < found.iterations < 10
-    np.testing.assert_allclose(found.shared, wanted.shared, atol=1e-3)
+    assert fitted.status is FitStatus.CONVERGED
+    assert 1 < fitted.iterations < 10
+    np.testing.assert_allclose(fitted.shared, wanted.shared, atol=1e-3)
 
 
 @pytest.mark.parametrize("every", [2, 3, 5])
 def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
-    one = vehicle()
+    auv = vehicle()
     tow = PreparedRecording.of(
-        drive(stage_of(one), one.shared.start, seed=1, t_end=5.0), one
+        drive(stage_of(auv), auv.shared.start, seed=1, t_end=5.0), auv
     ).stretches(0.05, 10.0)[0]
     chosen = _some([replace(tow, recording=f"tow {k}") for k in range(30)], every)
     assert len(chosen) == -(-30 // every)
@@ -86,25 +86,25 @@ def test_motions_that_alternate_are_all_among_some_minutes(every: int) -> None:
 def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    one = vehicle()
-    rollout = Rollout(stage_of(one))
-    truth = one.shared.start + 0.1
+    auv = vehicle()
+    rollout = Rollout(stage_of(auv))
+    truth = auv.shared.start + 0.1
     said = list[str]()
     drives = [drive(rollout.stage, truth, seed=seed, t_end=20.0, noise=0.005) for seed in range(3)]
-    prepared = [PreparedRecording.of(each, one) for each in drives]
+    prepared = [PreparedRecording.of(each, auv) for each in drives]
     search = Search(step=0.05, stretch=10.0, progress=said.append)
-    wanted = search_fit(one, prepared, NOISE, rollout, search)
+    wanted = search_fit(auv, prepared, NOISE, rollout, search)
     assert not any("of 4" in line for line in said)
     monkeypatch.setattr("uvms_ocp.identification.fit._ENOUGH", 20.0)
-    found = search_fit(one, prepared, NOISE, rollout, search)
+    fitted = search_fit(auv, prepared, NOISE, rollout, search)
     assert any("search 4 of 4" in line for line in said)
     errors = 1.0 / np.sqrt(np.diag(wanted.information))
-    assert (np.abs(found.shared - wanted.shared) < 0.1 * errors).all()
+    assert (np.abs(fitted.shared - wanted.shared) < 0.1 * errors).all()
     np.testing.assert_allclose(
-        found.information,
+        fitted.information,
         wanted.information,
         rtol=0.01,
         atol=0.01 * np.abs(wanted.information).max(),
     )
-    assert found.own.keys() == wanted.own.keys()
-    assert len(found.starts) == len(wanted.starts)
+    assert fitted.own.keys() == wanted.own.keys()
+    assert len(fitted.starts) == len(wanted.starts)

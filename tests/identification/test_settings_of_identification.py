@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration_robot import calibrated_robot
 from uvms_ocp.identification.completed_recordings import with_thrust
 from uvms_ocp.identification.recording import Channel, Recording
-from uvms_ocp.identification.settings import CalibrationSettings, calibrated_robot
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot.loading import robot_folder
 from uvms_ocp.robot.thrusters import thrust_limits
 
@@ -48,10 +49,10 @@ def test_what_is_given_as_nothing_begins_with_hardly_anything(name: str) -> None
 
 def test_a_folder_beside_the_settings_is_a_robot(tmp_path: Path) -> None:
     shutil.copytree(robot_folder("bluerov2_alpha5"), tmp_path / "mine")
-    one, other = (
+    subject, other = (
         calibrated_robot(settings(robot=robot), tmp_path) for robot in ("mine", "mine/robot.urdf")
     )
-    assert one.file == other.file == tmp_path / "mine/hydrodynamics.yaml"
+    assert subject.file == other.file == tmp_path / "mine/hydrodynamics.yaml"
     with pytest.raises(LookupError, match="unknown robot 'yours'"):
         calibrated_robot(settings(robot="yours"), tmp_path)
 
@@ -66,9 +67,9 @@ def test_commands_of_propellers_become_the_thrust_of_the_curves() -> None:
     )
     signals = np.where(thrust > 0.0, thrust / upper, -thrust / lower)
     recorded = Recording(name="dive", channels={"propeller_commands": Channel(t=t, values=signals)})
-    found = with_thrust(subject.robot, recorded).channels["thrust"].values
+    computed = with_thrust(subject.robot, recorded).channels["thrust"].values
     beyond = np.abs(thrust) > 0.1 * upper  # of the dead band
-    np.testing.assert_allclose(found[beyond], thrust[beyond], rtol=1e-6)
+    np.testing.assert_allclose(computed[beyond], thrust[beyond], rtol=1e-6)
     assert not with_thrust(subject.robot, recorded).issues_in_file
     off = Channel(t=t, values=np.where(t[:, None] < 1.0, -3.75, signals))  # as pulses of 0 are read
     ((name, text),) = with_thrust(

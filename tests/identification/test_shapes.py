@@ -16,16 +16,16 @@ from typer.testing import CliRunner
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification.calibration import calibrate
+from uvms_ocp.identification.calibration_robot import (
+    SHAPE_SPREADS,
+    CalibratedRobot,
+    calibrated_robot,
+)
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.results import report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
-from uvms_ocp.identification.settings import (
-    SHAPE_SPREADS,
-    CalibratedRobot,
-    CalibrationSettings,
-    calibrated_robot,
-)
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot.assembly import without_arm
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import as_matrix6
@@ -77,10 +77,10 @@ def subject_of(folder: Path, **changed: Any) -> tuple[CalibratedRobot, Calibrati
 
 
 def hull_of(robot: Robot) -> LinkHydrodynamics:
-    (found,) = (
-        one for one in links_in_water(without_arm(robot).description) if one.frame == "base_link"
+    (hull,) = (
+        wet for wet in links_in_water(without_arm(robot).description) if wet.frame == "base_link"
     )
-    return found
+    return hull
 
 
 def towed(subject: CalibratedRobot, mass: float, drag: float) -> Recording:
@@ -99,19 +99,21 @@ def towed(subject: CalibratedRobot, mass: float, drag: float) -> Recording:
 def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_them(
     name: str, tmp_path: Path
 ) -> None:
-    one, settings = subject_of(shaped(tmp_path, LINKS[name]), axes=["surge"])
-    mass = one.start.mass + 0.6 * one.start.added_mass[0, 0]
-    drag = 0.7 * one.start.quadratic_drag[0, 0]
-    found = calibrate(one, settings, [towed(one, mass, drag)], progress=lambda _: None)
-    numbers = {each.name: each for each in found.numbers}
+    subject, settings = subject_of(shaped(tmp_path, LINKS[name]), axes=["surge"])
+    mass = subject.start.mass + 0.6 * subject.start.added_mass[0, 0]
+    drag = 0.7 * subject.start.quadratic_drag[0, 0]
+    calibration = calibrate(
+        subject, settings, [towed(subject, mass, drag)], progress=lambda _: None
+    )
+    numbers = {each.name: each for each in calibration.numbers}
     for number, truth in (("mass and added mass surge", mass), ("quadratic_drag surge", drag)):
         assert abs(numbers[number].value - truth) < 3.0 * numbers[number].sigma
         assert numbers[number].sigma < 0.1 * truth
-    assert ("is the prior of its coefficients" in report_text(found)) == (
+    assert ("is the prior of its coefficients" in report_text(calibration)) == (
         "coefficients" not in name
     )
-    (tmp_path / "variant.yaml").write_text(variant_text(found, ["towed"]))
-    (tmp_path / "whole.yaml").write_text(whole_text(found, tmp_path / "variant.yaml"))
+    (tmp_path / "variant.yaml").write_text(variant_text(calibration, ["towed"]))
+    (tmp_path / "whole.yaml").write_text(whole_text(calibration, tmp_path / "variant.yaml"))
     after = load_robot(urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "whole.yaml")
     before = load_robot(
         urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "mine/hydrodynamics.yaml"
@@ -132,7 +134,7 @@ def test_numbers_replace_the_shape_in_the_file_and_all_others_stay_as_it_gave_th
 @pytest.mark.parametrize("name", LINKS)
 def test_buoyancy_is_where_it_was_when_nothing_says_otherwise(name: str, tmp_path: Path) -> None:
     """Whatever the frame of the coefficients; the hull's box is around the same place, too."""
-    one, settings = subject_of(
+    subject, settings = subject_of(
         shaped(tmp_path, LINKS[name]),
         learn={"volume": {}, "centre_of_buoyancy": {}},
         axes=["surge"],
@@ -140,16 +142,18 @@ def test_buoyancy_is_where_it_was_when_nothing_says_otherwise(name: str, tmp_pat
     still = Channel(t=np.arange(100.0) / 10.0, values=np.zeros((100, 3)))
     wrench = Channel(t=np.arange(100.0) / 10.0, values=np.zeros((100, 6)))
     rest = Recording(name="rest", channels={"linear_velocity": still, "wrench": wrench})
-    found = calibrate(one, settings, [rest], progress=lambda _: None)
-    text = yaml.safe_load(variant_text(found, ["rest"]))["links"]["base_link"]["coefficients"]
-    (tmp_path / "variant.yaml").write_text(variant_text(found, ["rest"]))
-    (tmp_path / "whole.yaml").write_text(whole_text(found, tmp_path / "variant.yaml"))
+    calibration = calibrate(subject, settings, [rest], progress=lambda _: None)
+    coefficients = yaml.safe_load(variant_text(calibration, ["rest"]))["links"]["base_link"][
+        "coefficients"
+    ]
+    (tmp_path / "variant.yaml").write_text(variant_text(calibration, ["rest"]))
+    (tmp_path / "whole.yaml").write_text(whole_text(calibration, tmp_path / "variant.yaml"))
     after = load_robot(urdf=tmp_path / "mine/robot.urdf", hydrodynamics=tmp_path / "whole.yaml")
-    np.testing.assert_allclose(hull_of(after).volume, hull_of(one.robot).volume, rtol=1e-5)
+    np.testing.assert_allclose(hull_of(after).volume, hull_of(subject.robot).volume, rtol=1e-5)
     np.testing.assert_allclose(
-        hull_of(after).centre_of_buoyancy, hull_of(one.robot).centre_of_buoyancy, atol=1e-5
+        hull_of(after).centre_of_buoyancy, hull_of(subject.robot).centre_of_buoyancy, atol=1e-5
     )
-    assert text["volume"] > 0.0
+    assert coefficients["volume"] > 0.0
 
 
 def test_what_a_shape_gives_is_a_prior_unless_settings_know_better(tmp_path: Path) -> None:
@@ -170,20 +174,20 @@ def test_what_a_shape_gives_is_a_prior_unless_settings_know_better(tmp_path: Pat
 
 def test_a_turned_shape_is_refused_for_its_axes_are_not_those_of_the_link(tmp_path: Path) -> None:
     cylinder = {"radius": 0.2, "length": 0.9, "pose": {"rpy": [0.0, 1.5707963267948966, 0.0]}}
-    one, _ = subject_of(shaped(tmp_path, {"cylinder": cylinder}))
+    subject, _ = subject_of(shaped(tmp_path, {"cylinder": cylinder}))
     with pytest.raises(
         InvalidInput, match="base_link: give it coefficients along the axes of its link"
     ):
-        one.coefficients()
+        subject.coefficients()
 
 
 def test_a_robot_that_is_begun_with_is_one_to_identify(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["new-robot", str(tmp_path / "mine")])
     assert result.exit_code == 0, result.output
-    one, _ = subject_of(tmp_path, arm="as it is", commands="thrust", axes=[*AXES])
-    found = one.coefficients()
+    subject, _ = subject_of(tmp_path, arm="as it is", commands="thrust", axes=[*AXES])
+    coefficients = subject.coefficients()
     for field in COEFFICIENTS[:3]:
         np.testing.assert_allclose(
-            getattr(hull_of(one.robot), field), as_matrix6(getattr(found, field))
+            getattr(hull_of(subject.robot), field), as_matrix6(getattr(coefficients, field))
         )
-    assert "added_mass roll" in one.vehicle.shared.names
+    assert "added_mass roll" in subject.vehicle.shared.names

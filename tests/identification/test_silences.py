@@ -43,28 +43,28 @@ def test_a_channel_that_is_silent_while_others_are_not_cuts_nothing() -> None:
 
 @pytest.mark.parametrize("by", [5.0, 3600.0])
 def test_parts_have_every_sample_and_no_silence_and_the_first_says_what_was_cut(by: float) -> None:
-    found = split_at_gaps([later(GOOD, 10.0, by)])
-    assert [one.name for one in found] == ["made part 1", "made part 2"]
+    parts = split_at_gaps([later(GOOD, 10.0, by)])
+    assert [part.name for part in parts] == ["made part 1", "made part 2"]
     for name, channel in GOOD.channels.items():
-        joined = np.vstack([one.channels[name].values for one in found])
+        joined = np.vstack([part.channels[name].values for part in parts])
         np.testing.assert_array_equal(joined, channel.values)
-        assert all(np.diff(one.channels[name].t).max() < LONGEST_GAP for one in found)
+        assert all(np.diff(part.channels[name].t).max() < LONGEST_GAP for part in parts)
     assert f"nothing is recorded for {by + 0.05:.3g} s at 10 s" in "; ".join(
-        map(str, check_data_quality(found[0]))
+        map(str, check_data_quality(parts[0]))
     )
-    assert check_data_quality(found[1]) == ()
-    assert split_at_gaps(found) == found
+    assert check_data_quality(parts[1]) == ()
+    assert split_at_gaps(parts) == parts
 
 
 def test_a_part_that_is_too_short_is_left_out() -> None:
-    (found,) = split_at_gaps([later(GOOD, 0.8 * SHORTEST, 60.0)])
-    assert found.span[0] > 60.0
+    (part,) = split_at_gaps([later(GOOD, 0.8 * SHORTEST, 60.0)])
+    assert part.span[0] > 60.0
 
 
 def test_samples_that_are_all_far_apart_are_refused() -> None:
     sparse = {
-        name: Channel(t=10.0 * np.arange(5), values=one.values[:5])
-        for name, one in GOOD.channels.items()
+        name: Channel(t=10.0 * np.arange(5), values=channel.values[:5])
+        for name, channel in GOOD.channels.items()
     }
     with pytest.raises(InvalidInput, match="nothing is recorded for up to 10 s, again and again"):
         split_at_gaps([replace(GOOD, channels=sparse)])

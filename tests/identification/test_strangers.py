@@ -529,19 +529,19 @@ def test_a_stranger_s_file_is_read_right_or_what_is_said_of_it_is_true_and_names
             read_recording(path, mapping(path, case.channels))
         assert "\n" not in str(error.value)
         return
-    found = read_recording(path, mapping(path, case.channels))
+    recording = read_recording(path, mapping(path, case.channels))
     for name, wanted in case.reads.items():
-        values = found.channels[name].values
+        values = recording.channels[name].values
         if name == "attitude":
             values = Rotation.from_quat(values).as_euler("xyz")
         np.testing.assert_allclose(values, wanted, atol=2e-6, err_msg=name)
         if len(wanted) == len(T):
-            np.testing.assert_allclose(found.channels[name].t, T, atol=1e-6, err_msg=name)
-    doubts = [str(doubt) for doubt in check_data_quality(found)]
+            np.testing.assert_allclose(recording.channels[name].t, T, atol=1e-6, err_msg=name)
+    doubts = [str(doubt) for doubt in check_data_quality(recording)]
     assert len(doubts) == len(case.doubts), doubts
     for said, doubt in zip(case.doubts, doubts, strict=True):
         assert re.search(said, doubt), doubt
-    assert sum(channel.missing for channel in found.channels.values()) == case.missing
+    assert sum(channel.missing for channel in recording.channels.values()) == case.missing
 
 
 def mapping(path: Path, channels: Channels) -> RecordingMapping:

@@ -15,10 +15,10 @@ SEEDS = 400
 
 
 def coloured(rng: np.random.Generator, n: int, share: float) -> np.ndarray:
-    found = rng.normal(size=n)
+    series = rng.normal(size=n)
     for k in range(1, n):
-        found[k] += share * found[k - 1]
-    return found
+        series[k] += share * series[k - 1]
+    return series
 
 
 def test_white_noise_fails_as_often_as_the_level_says() -> None:
@@ -40,8 +40,8 @@ def test_the_statistic_is_that_of_ljung_and_box() -> None:
     residual = np.array([1.0, -2.0, 0.5, 3.0, -1.0, 0.0, 2.0, -1.5, 1.0, 0.5])
     x = residual - residual.mean()
     rho = [x[k:] @ x[:-k] / (x @ x) for k in (1, 2)]
-    p, found = ljung_box(residual, 2)
-    np.testing.assert_allclose(found, [1.0, *rho])
+    p, statistic = ljung_box(residual, 2)
+    np.testing.assert_allclose(statistic, [1.0, *rho])
     assert p == pytest.approx(chi2.sf(10 * 12 * (rho[0] ** 2 / 9 + rho[1] ** 2 / 8), 2))
 
 
@@ -54,13 +54,13 @@ def test_each_channel_is_told_by_itself_with_its_size() -> None:
     left = Predicted(
         t=(0.1 * np.arange(n),) * 3, rows=(np.zeros((n, 3)),) * 3, measured=tuple(seen)
     )
-    told = {
+    tests = {
         test.channel: test for test in whiteness(left, Noise(velocity=0.1, rate=0.3, vertical=0.1))
     }
-    assert set(told) == set(CHANNELS) - {"vertical y"}
-    assert told["surge"].size == pytest.approx(2.0, rel=0.1)
-    assert told["vertical z"].size == pytest.approx(1.0, rel=0.1)
-    assert told["sway"].interval == pytest.approx(0.1)
-    assert not told["yaw"].white
-    assert told["yaw"].inflation > 5.0
-    assert sum(one.white for one in told.values()) >= 6
+    assert set(tests) == set(CHANNELS) - {"vertical y"}
+    assert tests["surge"].size == pytest.approx(2.0, rel=0.1)
+    assert tests["vertical z"].size == pytest.approx(1.0, rel=0.1)
+    assert tests["sway"].interval == pytest.approx(0.1)
+    assert not tests["yaw"].white
+    assert tests["yaw"].inflation > 5.0
+    assert sum(each.white for each in tests.values()) >= 6

@@ -28,17 +28,17 @@ BLIND = {
 def test_a_step_that_damping_holds_back_proves_no_convergence(damping: float, bend: float) -> None:
     error = problem(bend=bend).problem()
     best = error.solve(error.start(), tolerance=1e-12, iterations=100)
-    found = error.solve(error.start(), damping=damping, iterations=100)
+    fitted = error.solve(error.start(), damping=damping, iterations=100)
     # A step may be lost in rounding at the optimum itself, where the search has stalled.
-    assert found.status in (FitStatus.CONVERGED, FitStatus.STALLED)
-    assert found.cost < 1.005 * best.cost
+    assert fitted.status in (FitStatus.CONVERGED, FitStatus.STALLED)
+    assert fitted.cost < 1.005 * best.cost
 
 
 def test_a_search_without_iterations_left_has_not_converged() -> None:
     error = problem(bend=10.0).problem()
-    found = error.solve(error.start(), damping=1e6, iterations=2)
-    assert found.status is FitStatus.ITERATION_LIMIT
-    assert not any(number.determined for number in numbers(vehicle(), found))
+    fitted = error.solve(error.start(), damping=1e6, iterations=2)
+    assert fitted.status is FitStatus.ITERATION_LIMIT
+    assert not any(number.determined for number in numbers(vehicle(), fitted))
 
 
 def test_a_search_whose_steps_are_wrong_does_not_converge(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,11 +69,11 @@ def test_what_the_data_cannot_tell_is_not_determined(blind: str, seed: int) -> N
     error = OutputErrorProblem(vehicle(), [_stretch(seen)], NOISE, rollout)
     estimate = error.solve(error.start())
     assert estimate.status is FitStatus.CONVERGED
-    found = {
+    by_entry = {
         number.entry: number for number in numbers(vehicle(), estimate) if number.quantity == "bias"
     }
     is_told = {axis: not basis[k].any() for k, axis in enumerate(AXES)}
-    assert {axis: found[axis].determined for axis in AXES} == is_told
-    for one in found.values():
+    assert {axis: by_entry[axis].determined for axis in AXES} == is_told
+    for one in by_entry.values():
         assert not replace(one, settled=False).determined
         assert not replace(one, explained=False).determined

@@ -14,13 +14,13 @@ def moved(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Speeds at 10 Hz under pushes that last 5 s each: ``mass v' = push - linear v - quadratic |v| v``, by small steps."""
     rng = np.random.default_rng(3)
-    found = []
+    speeds = []
     for k in range(int(5.0 * len(pushes) / FINE)):
         if k % 100 == 0:
-            found.append(speed)
+            speeds.append(speed)
         speed += (
             FINE
             * (pushes[int(k * FINE / 5.0)] - linear * speed - quadratic * abs(speed) * speed)
             / mass
         )
-    return 0.1 * np.arange(len(found)), np.array(found) + NOISE * rng.normal(size=len(found))
+    return 0.1 * np.arange(len(speeds)), np.array(speeds) + NOISE * rng.normal(size=len(speeds))

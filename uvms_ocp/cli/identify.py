@@ -23,6 +23,7 @@ from uvms_ocp.identification import (
     write_recording,
 )
 from uvms_ocp.identification.calibration import Calibration, calibrate
+from uvms_ocp.identification.calibration_robot import CalibratedRobot, calibrated_robot
 from uvms_ocp.identification.channel_mapping import UNITS, read_mapping
 from uvms_ocp.identification.experiment_design import (
     DesignSettings,
@@ -41,12 +42,7 @@ from uvms_ocp.identification.recording import (
 )
 from uvms_ocp.identification.results import excitation_text, report_data, report_text
 from uvms_ocp.identification.robot_variant import variant_text, whole_text
-from uvms_ocp.identification.settings import (
-    CalibratedRobot,
-    CalibrationSettings,
-    calibrated_robot,
-    read_settings,
-)
+from uvms_ocp.identification.settings import CalibrationSettings, read_settings
 from uvms_ocp.identification.tables import column_names, read_table
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.record.output import claim_folder

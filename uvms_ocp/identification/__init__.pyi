@@ -1,4 +1,8 @@
 from .calibration import Calibration as Calibration, calibrate as calibrate
+from .calibration_robot import (
+    CalibratedRobot as CalibratedRobot,
+    calibrated_robot as calibrated_robot,
+)
 from .channel_mapping import (
     RecordingMapping as RecordingMapping,
     read_mapping as read_mapping,
@@ -24,11 +28,6 @@ from .results import (
 )
 from .robot_variant import variant_text as variant_text, whole_text as whole_text
 from .rollout import PreparedRecording as PreparedRecording, Rollout as Rollout
-from .settings import (
-    CalibratedRobot as CalibratedRobot,
-    CalibrationSettings as CalibrationSettings,
-    calibrated_robot as calibrated_robot,
-    read_settings as read_settings,
-)
+from .settings import CalibrationSettings as CalibrationSettings, read_settings as read_settings
 from .tables import write_recording as write_recording
 from .uncertainty import IdentifiedNumber as IdentifiedNumber, values_of as values_of

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import model, parameters, uncertainty, validation
+from uvms_ocp.identification.calibration_robot import CalibratedRobot, with_delays
 from uvms_ocp.identification.completed_recordings import along_axes, with_thrust
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.exported_estimate import ExportedEstimate, exported_estimate
@@ -18,7 +19,7 @@ from uvms_ocp.identification.prediction_bounds import PredictionBounds, fit_boun
 from uvms_ocp.identification.prediction_text import verdict_words
 from uvms_ocp.identification.recording import Recording, split_at_gaps
 from uvms_ocp.identification.rollout import COMMANDS, PreparedRecording, Rollout
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings, with_delays
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.identification.settings_checks import check_settings, require_current
 from uvms_ocp.identification.still_comparison import WorseThanStill, worse_than_still
 from uvms_ocp.interrupts import raised_outside_casadi

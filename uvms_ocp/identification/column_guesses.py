@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.identification import sample_checks as checks
 from uvms_ocp.identification.recording import smoothed
+from uvms_ocp.identification.series_agreement import correlation
 
 _MIN_ROWS = 100
 _MAX_ROWS = 20_000
@@ -103,7 +103,7 @@ class _Columns:
             if set(group) & set(pose):
                 continue
             size = _without_peaks(np.linalg.norm(self.smooth[:, group], axis=1))
-            if checks.correlation(rate, size) > _MIN_CORRELATION:
+            if correlation(rate, size) > _MIN_CORRELATION:
                 yield group
 
     def is_planar_rate(self, pose: range, group: range) -> bool:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uvms_ocp.identification import sample_checks as checks
 from uvms_ocp.identification.explained_motion import (
     MAY,
     SHIFTS,
@@ -20,6 +19,7 @@ from uvms_ocp.identification.explained_motion import (
     motion_of,
 )
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording, ZeroOrderHold
+from uvms_ocp.identification.series_agreement import WAYS, named
 
 _COMMANDS = tuple(name for name, kind in CHANNEL_KINDS.items() if kind.command)
 # of what drag leaves: by how much more another time must explain, and how much
@@ -68,12 +68,12 @@ def _wrench_axes(held: ZeroOrderHold, motion: ExplainedMotion, late: float) -> I
     """
     forces_in_body = commanded(held, motion, late)
     forces_in_world = commanded(held, motion, late, turned=True)
-    as_it_is = checks.named(np.eye(3))
+    as_it_is = named(np.eye(3))
     for part, rows in _PARTS.items():
         acceleration = motion.acceleration[:, rows]
         shares = {}
-        for Q in checks.WAYS:
-            shares[checks.named(Q)] = _along(acceleration, forces_in_body[:, rows], Q)
+        for Q in WAYS:
+            shares[named(Q)] = _along(acceleration, forces_in_body[:, rows], Q)
         share_in_world = _along(acceleration, forces_in_world[:, rows], np.eye(3))
         shares["in W"] = share_in_world - _MORE / 2
         best = max(shares, key=lambda way: shares[way])

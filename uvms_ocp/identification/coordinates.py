@@ -19,14 +19,7 @@ import numpy as np
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.spatial import skew
 
-_SMOOTH = 1e-3  # of the unit of a coupling: below it the size of a coupling is rounded up
-
-
-# Coordinates of quantities: any real vector stands for values that are physically possible.
-#
-# A quantity is decoded from its coordinates as a CasADi expression, so that models are
-# differentiated through it, and its coordinates are found from its value. Standard deviations of
-# priors are those of coordinates: relative ones, about, for what must be positive.
+_SMOOTH = 1e-3  # of the unit of a coupling: size below which its magnitude is rounded up
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -34,6 +27,7 @@ class Reals:
     """Numbers of any sign, which are their own coordinates."""
 
     names: tuple[str, ...]
+    """(n,) of the numbers."""
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Return x unchanged."""
@@ -51,13 +45,14 @@ class Positives:
     """Positive numbers, by their logarithms."""
 
     names: tuple[str, ...]
+    """(n,) of the numbers."""
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Compute ``exp(x)``."""
         return ca.exp(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
-        """Logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another shape,
+        """Compute logarithms of value (n,) [unit of the quantity]. Raises InvalidInput for another shape,
         or what is not positive.
         """
         return np.log(positive(_column(value, self.names), "value"))
@@ -65,25 +60,27 @@ class Positives:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Interval:
-    """Numbers strictly inside an interval each."""
+    """Numbers strictly inside an interval each: ``tanh(x)``, from the lower to the upper end."""
 
     names: tuple[str, ...]
+    """(n,) of the numbers."""
     lower: np.ndarray
-    """(n,) [unit of the quantity]"""
+    """(n,) [unit of the quantity] lower ends."""
     upper: np.ndarray
-    """(n,) [unit of the quantity]"""
+    """(n,) [unit of the quantity] upper ends."""
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """Compute ``tanh(x)``, from the lower to the upper end."""
-        return ca.DM(self.lower + self.upper) / 2 + ca.DM(self.upper - self.lower) / 2 * ca.tanh(x)
+        """Compute the numbers (n,) at coordinates x (n,)."""
+        middle = ca.DM(self.lower + self.upper) / 2
+        half_width = ca.DM(self.upper - self.lower) / 2
+        return middle + half_width * ca.tanh(x)
 
     def encode(self, value: np.ndarray) -> np.ndarray:
         """Compute x (n,) of a value (n,) [unit of the quantity]. Raises InvalidInput for one that
         is not inside.
         """
-        share = (2 * _column(value, self.names) - self.lower - self.upper) / (
-            self.upper - self.lower
-        )
+        from_middle = 2 * _column(value, self.names) - self.lower - self.upper
+        share = from_middle / (self.upper - self.lower)
         if not (np.abs(share) < 1.0).all():
             ends = f"{self.lower.tolist()} to {self.upper.tolist()}"
             raise InvalidInput(
@@ -103,6 +100,7 @@ class PositiveDefinite:
     """
 
     axes: tuple[str, ...]
+    """(n,) names of rows and columns."""
     scale: np.ndarray
     """(n,) [root of the unit of the diagonal] S, of the size that roots of the diagonal have."""
     couplings: tuple[tuple[int, int], ...] = ()
@@ -111,10 +109,9 @@ class PositiveDefinite:
     @property
     def names(self) -> tuple[str, ...]:
         """Axes, then pairs of them."""
-        return (
-            *(self.axes[i] for i in self.own),
-            *(f"{self.axes[i]}-{self.axes[j]}" for i, j in self.below),
-        )
+        axes = [self.axes[i] for i in self.own]
+        pairs = [f"{self.axes[i]}-{self.axes[j]}" for i, j in self.below]
+        return (*axes, *pairs)
 
     @property
     def own(self) -> tuple[int, ...]:
@@ -127,7 +124,7 @@ class PositiveDefinite:
         return tuple((max(pair), min(pair)) for pair in self.couplings)
 
     def decode(self, x: ca.SX) -> ca.SX:
-        """Compute the matrix (n, n)."""
+        """Compute the matrix (n, n) at coordinates x (n_names,)."""
         L = ca.SX(len(self.axes), len(self.axes))
         for k, i in enumerate(self.own):
             L[i, i] = ca.exp(x[k])
@@ -149,7 +146,9 @@ class PositiveDefinite:
             raise InvalidInput(
                 "a matrix that is not positive definite is given; give one that is"
             ) from None
-        return np.array([np.log(L[i, i]) for i in self.own] + [L[i, j] for i, j in self.below])
+        diagonal = [np.log(L[i, i]) for i in self.own]
+        below = [L[i, j] for i, j in self.below]
+        return np.array(diagonal + below)
 
 
 def positive(values: np.ndarray, label: str) -> np.ndarray:
@@ -170,27 +169,22 @@ def _column(value: np.ndarray, names: Sequence[str]) -> np.ndarray:
     return array
 
 
-# Drag that takes energy out of every motion, whatever the coordinates.
-#
-# Linear drag is a positive definite matrix plus a skew one, whose power is zero. Quadratic drag
-# obeys the condition of `uvms_ocp.robot.drag_passivity` by construction: the diagonal is what the
-# couplings ask for, and a positive number more.
-
-
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class LinearDrag:
-    """``D = P + K`` with P positive definite and K skew, both coupled where `symmetric` is."""
+    """Linear drag ``D = P + K`` that dissipates: P is positive definite, and K skew, whose power is 0.
+
+    Both are coupled where `symmetric` is.
+    """
 
     symmetric: PositiveDefinite
+    """Coordinates of P."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates of P, then of K."""
         axes = self.symmetric.axes
-        return (
-            *self.symmetric.names,
-            *(f"{axes[i]}-{axes[j]} skew" for i, j in self.symmetric.below),
-        )
+        skew_names = [f"{axes[i]}-{axes[j]} skew" for i, j in self.symmetric.below]
+        return (*self.symmetric.names, *skew_names)
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Compute D (6, 6) [N/(m/s), N m/(rad/s)]."""
@@ -206,23 +200,32 @@ class LinearDrag:
         does not dissipate.
         """
         D = np.asarray(value, dtype=float)
-        skew = [(D[i, j] - D[j, i]) / 2 / self._unit(i, j) for i, j in self.symmetric.below]
-        return np.concatenate([self.symmetric.encode((D + D.T) / 2), skew])
+        symmetric = self.symmetric.encode((D + D.T) / 2)
+        skew_part = (D - D.T) / 2
+        couplings = [skew_part[i, j] / self._unit(i, j) for i, j in self.symmetric.below]
+        return np.concatenate([symmetric, couplings])
 
     def _unit(self, i: int, j: int) -> float:
+        """Return the size of a coupling of two axes [N/(m/s), ...]."""
         return float(self.symmetric.scale[i] * self.symmetric.scale[j])
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class QuadraticDrag:
-    """``Q`` of ``Q (|nu| nu)``, each column with its own axis; couplings are pairs of row and column."""
+    """Quadratic drag ``Q (|nu| nu)`` that dissipates, each column with the speed of its axis.
+
+    It meets the condition of `uvms_ocp.robot.drag_passivity` by construction: the diagonal is what
+    the couplings need, and a positive number more.
+    """
 
     axes: tuple[str, ...]
+    """(6,) names of rows and columns."""
     scale: np.ndarray
     """(6,) [N/(m/s)^2, N m/(rad/s)^2] of the size of the diagonal; axes with 0 have none."""
     speed: np.ndarray
     """(6,) [m/s, rad/s] at which couplings are weighed against each other."""
     couplings: tuple[tuple[int, int], ...] = ()
+    """Pairs of row and column: force on the first axis from the motion of the second."""
 
     def __post_init__(self) -> None:
         """Check couplings. Raises `InvalidInput` for a coupling of an axis with itself, or with one
@@ -243,18 +246,18 @@ class QuadraticDrag:
     @property
     def names(self) -> tuple[str, ...]:
         """Axes, then pairs of them."""
-        pairs = (f"{self.axes[i]} from {self.axes[j]}" for i, j in self.couplings)
-        return (*(self.axes[i] for i in self.own), *pairs)
+        axes = [self.axes[i] for i in self.own]
+        pairs = [f"{self.axes[i]} from {self.axes[j]}" for i, j in self.couplings]
+        return (*axes, *pairs)
 
     def decode(self, x: ca.SX) -> ca.SX:
         """Compute Q (6, 6) [N/(m/s)^2, N m/(rad/s)^2]."""
         Q = ca.SX(6, 6)
-        n = len(self.own)
-        for k, (i, j) in enumerate(self.couplings, start=n):
+        sizes: dict[tuple[int, int], ca.SX | float] = {}
+        for k, (i, j) in enumerate(self.couplings, start=len(self.own)):
             Q[i, j] = x[k] * self._unit(i, j)
-        needed = self._needed(
-            {(i, j): _size(x[k]) for k, (i, j) in enumerate(self.couplings, start=n)}
-        )
+            sizes[i, j] = _magnitude(x[k])
+        needed = self._needed_diagonal(sizes)
         for k, i in enumerate(self.own):
             Q[i, i] = self.scale[i] * ca.exp(x[k]) + needed[i]
         return Q
@@ -265,14 +268,15 @@ class QuadraticDrag:
         """
         Q = np.asarray(value, dtype=float)
         coupled = {(i, j): Q[i, j] / self._unit(i, j) for i, j in self.couplings}
-        needed = self._needed({pair: float(_size(x)) for pair, x in coupled.items()})
-        diagonal = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
-        return np.concatenate(
-            [np.log(positive(diagonal, "drag left for the diagonal")), list(coupled.values())]
-        )
+        needed = self._needed_diagonal({pair: float(_magnitude(x)) for pair, x in coupled.items()})
+        remaining = np.array([(Q[i, i] - needed[i]) / self.scale[i] for i in self.own])
+        diagonal = np.log(positive(remaining, "drag left for the diagonal"))
+        return np.concatenate([diagonal, list(coupled.values())])
 
-    def _needed(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:
-        """Diagonal (6,) that the couplings need: `dissipation` with these speeds as weights."""
+    def _needed_diagonal(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:
+        """Compute the diagonal (6,) that couplings of these sizes need, `dissipation` with the speeds
+        as weights.
+        """
         d: list[ca.SX | float] = [0.0] * 6
         for (i, j), size in sizes.items():
             force = size * self._unit(i, j)
@@ -282,13 +286,17 @@ class QuadraticDrag:
         return d
 
     def _unit(self, i: int, j: int) -> float:
-        return float(
-            np.sqrt(self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2)
-            / self.speed[j] ** 2
+        """Return the size of a coupling, row i and column j [N/(m/s)^2, ...]: the mean of both
+        axes' forces over the speed of the second.
+        """
+        mean_force = np.sqrt(
+            self.scale[i] * self.speed[i] ** 2 * self.scale[j] * self.speed[j] ** 2
         )
+        return float(mean_force / self.speed[j] ** 2)
 
 
-def _size(x: ca.SX | float) -> ca.SX | float:
+def _magnitude(x: ca.SX | float) -> ca.SX | float:
+    """Compute ``|x|``, smooth at 0 and never less."""
     return ca.sqrt(x * x + _SMOOTH**2)
 
 
@@ -301,18 +309,15 @@ x stands for it.
 """
 
 
-# Inertia of a rigid body that some distribution of mass has, whatever the coordinates [Rucker2022].
-#
-# A body has mass m, centre of mass c and the second moment of its mass about c, ``S = int (r - c)(r
-# - c)' dm``. Exactly where m > 0 and S is positive definite, its pseudo-inertia ``[[S + m c c', m
-# c], [m c', m]]`` is, and some mass that fills a volume has these numbers: the triangle inequality
-# of inertias follows. log m, c and the log-Cholesky factor of S are the factor of the
-# pseudo-inertia, up to a smooth change that lets mass and centre be known apart from the rest.
-
-
 def second_moment(inertia: np.ndarray) -> np.ndarray:
-    """Compute S (3, 3) [kg m2] of a rotational inertia (3, 3) [kg m2], both about the centre of
-    mass.
+    """Compute the second moment of mass (3, 3) [kg m2] of a rotational inertia (3, 3) [kg m2], both
+    about the centre of mass [Rucker2022].
+
+    A body has mass m, centre of mass c and the second moment ``S = int (r - c)(r - c)' dm``. Exactly
+    where m > 0 and S is positive definite, its pseudo-inertia ``[[S + m c c', m c], [m c', m]]`` is,
+    and some mass that fills a volume has these numbers: the triangle inequality of inertias follows.
+    log m, c and the log-Cholesky factor of S are the factor of the pseudo-inertia, up to a smooth
+    change that lets mass and centre be known apart from the rest.
 
     Raises InvalidInput for an inertia that no body has.
     """
@@ -330,6 +335,7 @@ def spatial_inertia(mass: ca.SX, centre: ca.SX, S: ca.SX) -> ca.SX:
     centre of mass (3,) [m] is given, linear first.
     """
     c = skew(centre)
-    upper = ca.horzcat(mass * ca.SX.eye(3), -mass * c)
     rotational = ca.trace(S) * ca.SX.eye(3) - S  # about the centre of mass
-    return ca.vertcat(upper, ca.horzcat(mass * c, rotational - mass * c @ c))
+    linear_rows = ca.horzcat(mass * ca.SX.eye(3), -mass * c)
+    angular_rows = ca.horzcat(mass * c, rotational - mass * c @ c)
+    return ca.vertcat(linear_rows, angular_rows)

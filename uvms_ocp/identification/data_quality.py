@@ -6,29 +6,44 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from uvms_ocp.identification import sample_checks as checks
+from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.identification.command_checks import of_commands
+from uvms_ocp.identification.gravity_checks import of_gravity
 from uvms_ocp.identification.joint_checks import of_joints
 from uvms_ocp.identification.rate_checks import PARTNER, of_rates
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
-from uvms_ocp.identification.sample_checks import QualityIssue as QualityIssue
+from uvms_ocp.identification.sample_checks import has_times, of_poses, of_samples
+from uvms_ocp.identification.stuck_checks import of_stuck
 from uvms_ocp.record.row_files import forget
+
+
+@checked_dataclass()
+class QualityIssue:
+    """A doubt about one channel of a recording."""
+
+    channel: str
+    """Name of the channel, as in `CHANNEL_KINDS`."""
+    problem: str
+    """Evidence against it, and what may be the cause or the cure."""
+
+    def __str__(self) -> str:
+        return f"{self.channel}: {self.problem}"
 
 
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for
     each.
     """
-    issues = [*recording.issues_in_file, *checks.of_samples(recording)]
+    issues = [*recording.issues_in_file, *of_samples(recording)]
     # All else would follow from degrees that are taken for radians.
     wrong = {name for name, text in recording.issues_in_file if "rad: in deg?" in text}
     sound = {}
     for name, channel in recording.channels.items():
-        has_times = CHANNEL_KINDS[name].command or checks.has_times(channel)
-        if has_times and name not in wrong:
+        is_timed = CHANNEL_KINDS[name].command or has_times(channel)
+        if is_timed and name not in wrong:
             sound[name] = channel
     remaining = replace(recording, channels=sound)
-    for check in (checks.of_poses, of_rates, of_joints, checks.of_gravity, checks.of_stuck):
+    for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
         forget(channel.values for channel in sound.values())
     # By other axes no vehicle follows its commands.

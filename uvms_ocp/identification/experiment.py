@@ -24,17 +24,13 @@ from uvms_ocp.identification.rollout import Rollout, chained
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import Array, Shape
 
-_AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])
-
-_NOTHING = 1e-6  # of information: what is known of an unknown without a prior
-# power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
-# alone
+_AT_REST = np.array([0.0, 0, 0, 0, 0, 0, 1])  # pose: position, quaternion
+_NOTHING = 1e-6  # [1 / unknowns^2] what is known of an unknown without a prior
 _SHARP = 20.0
-
-_WITHIN = 1e-9  # of a step
-
-
-# What an excitation must keep to: thrust, and the pool around where the vehicle begins.
+"""Power of standard errors whose mean counts: 0 would make all count alike, more and more the worst
+alone.
+"""
+_WITHIN = 1e-9  # share of a step by which edges are moved inside it
 
 
 @checked_dataclass(checked_constructor, eq=False)
@@ -94,7 +90,7 @@ class ExperimentLimits:
         """Compute the (2, 3) [m] lowest and highest corner of a box in W around the hull at all
         states x (n, n_x) [as `StageFunctions`].
         """
-        R = _turned(x[:, 3:7])
+        R = _rotations(x[:, 3:7])
         middle = x[:, :3] + R @ self.hull.mean(axis=0)
         reach = np.abs(R) @ (np.diff(self.hull, axis=0)[0] / 2)
         return np.array([(middle - reach).min(axis=0), (middle + reach).max(axis=0)])
@@ -106,7 +102,8 @@ class ExperimentLimits:
         limited = np.empty_like(commands)
         before = np.zeros(commands.shape[1])
         for k, command in enumerate(commands):
-            before = limited[k] = self.after(before, command, step)
+            limited[k] = self.after(before, command, step)
+            before = limited[k]
         return limited
 
     def after(self, before: np.ndarray, command: np.ndarray, step: float) -> np.ndarray:
@@ -114,11 +111,8 @@ class ExperimentLimits:
         [s] after before (n_u,) [N, N m].
         """
         largest_change = self.slew * step
-        return np.asarray(
-            np.clip(
-                np.clip(command, *self.thrust.T), before - largest_change, before + largest_change
-            )
-        )
+        within_thrust = np.clip(command, *self.thrust.T)
+        return np.asarray(np.clip(within_thrust, before - largest_change, before + largest_change))
 
     def beyond(self, x: np.ndarray, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Compute by how much states x (n, n_x) leave pool and tilt (n, 4) [-, in half widths], and
@@ -126,10 +120,12 @@ class ExperimentLimits:
 
         margin: default: the limits' own.
         """
-        remaining = 1.0 - (self.margin if margin is None else margin)
+        if margin is None:
+            margin = self.margin
+        remaining = 1.0 - margin
         far = np.zeros((len(x), 4))
         slope = np.zeros((len(x), 4, 7))
-        far[:, :3], slope[:, :3] = self._far(x)
+        far[:, :3], slope[:, :3] = self._distances(x)
         # The root of qx^2 + qy^2 is the sine of half the tilt.
         leaning = np.maximum(np.hypot(x[:, 3], x[:, 4]), 1e-9)
         largest_lean = np.sin(remaining * self.tilt / 2)
@@ -138,21 +134,21 @@ class ExperimentLimits:
         over = far - [remaining, remaining, remaining, 1.0]
         return np.maximum(over, 0.0), slope * (over > 0.0)[:, :, None]
 
-    def _far(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _distances(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Compute distances of the hull's outermost corners from the pool's middle (n, 3) [-, in
         half widths], and their slope (n, 3, 7).
         """
         centre = self.hull.mean(axis=0)
         size = np.diff(self.hull, axis=0)[0] / 2
         half = np.diff(self.pool, axis=0)[0] / 2
-        R = _turned(x[:, 3:7])
-        with_q = np.einsum("ijkl,nl->nijk", _BENT, x[:, 3:7])
+        R = _rotations(x[:, 3:7])
+        R_q = np.einsum("ijkl,nl->nijk", _ROTATION_CURVATURE, x[:, 3:7])
         off = x[:, :3] + R @ centre - np.asarray(self.pool.mean(axis=0))
         side = np.where(off < 0.0, -1.0, 1.0)
-        corner = centre + side[:, :, None] * np.sign(R) * size  # the outermost in each direction
-        slope = np.concatenate(
-            [np.tile(np.eye(3), (len(x), 1, 1)), np.einsum("nijk,nij->nik", with_q, corner)], axis=2
-        )
+        outermost = centre + side[:, :, None] * np.sign(R) * size  # corner in each direction
+        by_position = np.tile(np.eye(3), (len(x), 1, 1))
+        by_quaternion = np.einsum("nijk,nij->nik", R_q, outermost)
+        slope = np.concatenate([by_position, by_quaternion], axis=2)
         return (np.abs(off) + np.abs(R) @ size) / half, slope * (side / half)[:, :, None]
 
 
@@ -161,7 +157,7 @@ def _sides(corners: np.ndarray) -> str:
     return " x ".join(f"{side:.4g}" for side in corners[1] - corners[0])
 
 
-def _turned(q: np.ndarray) -> np.ndarray:
+def _rotations(q: np.ndarray) -> np.ndarray:
     """Compute rotations (n, 3, 3) from B to W by quaternions q (n, 4)."""
     return np.moveaxis(np.array(quaternion_to_matrix(q.T)), -1, 0)
 
@@ -171,23 +167,18 @@ def _rotation_curvature() -> np.ndarray:
     is a quadratic form.
     """
     e = np.eye(4)
-    single = _turned(e) - np.eye(3)
-    both = _turned((e[:, None] + e).reshape(-1, 4)).reshape(4, 4, 3, 3) - np.eye(3)
-    return np.moveaxis(both - single[:, None] - single, (0, 1), (2, 3))
+    sums = (e[:, None] + e).reshape(-1, 4)
+    of_each = _rotations(e) - np.eye(3)
+    of_sums = _rotations(sums).reshape(4, 4, 3, 3) - np.eye(3)
+    return np.moveaxis(of_sums - of_each[:, None] - of_each, (0, 1), (2, 3))
 
 
-_BENT = _rotation_curvature()
+_ROTATION_CURVATURE = _rotation_curvature()
 
 
 def _are_sizes(values: np.ndarray) -> bool:
+    """Check that values are positive and finite."""
     return bool(((values > 0.0) & (values < np.inf)).all())
-
-
-# What commands lead to, with what it tells of the unknowns, and how both change with the commands.
-#
-# The information is that of sensors which see every step; its derivative needs the second
-# derivatives of the stage, but only in the one direction that adjoints ask for: a course costs a
-# few simulations with slopes, whatever the number of commands.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -195,19 +186,19 @@ class ExperimentTrajectory:
     """Simulated trajectory from rest, in steps of one length, with its sensitivities."""
 
     x: np.ndarray
-    """(n + 1, n_x) [as `StageFunctions`]"""
+    """(n + 1, n_x) [as `StageFunctions`] states."""
     u: np.ndarray
     """(n, n_u) [N, N m] commands as they act, late."""
     late: np.ndarray
     """(n, n_u) [N/s, N m/s] by which they change with the delay."""
     y: np.ndarray
-    """(n + 1, 9) [as `Stage.outputs`]"""
+    """(n + 1, 9) [as `Stage.outputs`] outputs."""
     slopes: tuple[np.ndarray, ...]
     """A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any] of the steps."""
     S: np.ndarray
     """(n + 1, n_x, n_p) [any] how states change with the unknowns."""
     y_x: np.ndarray
-    """(n + 1, 9, n_x) [any]"""
+    """(n + 1, 9, n_x) [any] slopes of the outputs with the states."""
     J: np.ndarray
     """(n + 1, 9, n_p) [any] slopes of the outputs with the unknowns."""
 
@@ -223,24 +214,24 @@ class TrajectorySimulator:
         self._p = p
         self.h = h
         self._joints = joints
-        self._called = dict[tuple[str, int], BufferedFunction]()
-        delays, slopes = map(np.asarray, self._stage.delays(p))
-        self.delay = float(delays[0, 0])
-        self._late = slopes[0]
-        self._seen_late = slopes[1]
+        self._buffered = dict[tuple[str, int], BufferedFunction]()
+        delays, slopes = self._stage.delays(p)
+        self.delay = float(np.asarray(delays)[0, 0])
+        command_delay_slope, velocity_delay_slope = np.asarray(slopes)
+        self._delay_slope = command_delay_slope
+        """(n_p,) [s per unknown] how the delay of commands changes with the unknowns."""
+        self._velocity_delay_slope = velocity_delay_slope
+        """(n_p,) [s per unknown] how the delay of velocities changes with the unknowns."""
 
     def states(self, u: np.ndarray) -> np.ndarray:
         """Simulate states (n + 1, n_x) [as `StageFunctions`] after commands u (n, n_u) [N, N m] as
         they act.
         """
-        x = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
-        (after,) = self._outputs(
-            ("step", len(u)),
-            self._rollout.many("step", self._rollout.step, len(u), 1),
-            x,
-            *self._given(u),
-        )
-        return np.vstack([x, after.T])
+        n = len(u)
+        begin = np.concatenate([_AT_REST, np.zeros(model.N_V + self._stage.n_u)])
+        all_steps = self._rollout.many("step", self._rollout.step, n, 1)
+        (after,) = self._outputs(("step", n), all_steps, begin, *self._arguments(u))
+        return np.vstack([begin, after.T])
 
     def of(self, u: np.ndarray, late: np.ndarray) -> ExperimentTrajectory:
         """Simulate commands u (n, n_u) [N, N m] as they act, which change with the delay by late
@@ -248,12 +239,12 @@ class TrajectorySimulator:
         """
         x = self.states(u)
         stage = self._stage
-        A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._given(u))
-        B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._late
+        A, B, C = self._mapped("slope", self._rollout.slope, x[:-1].T, *self._arguments(u))
+        B += np.einsum("kij,kj->ki", C, late)[:, :, None] * self._delay_slope
         S = chained(A, B, np.zeros((stage.n_x, stage.n_p)))
         y, y_x, y_p = self._mapped("seen", stage.outputs, x.T, self._p)
         J = y_x @ S + y_p
-        J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._seen_late
+        J[1:, :3] -= np.diff(y[:, :3], axis=0) / self.h * self._velocity_delay_slope
         return ExperimentTrajectory(
             x=x, u=u, late=late, y=y[:, :, 0], slopes=(A, B, C), S=S, y_x=y_x, J=J
         )
@@ -269,46 +260,59 @@ class TrajectorySimulator:
         """
         A, _, C = trajectory.slopes
         L = _backward(A, np.swapaxes(trajectory.y_x, 1, 2) @ M)[1:]
-        late = L @ self._late
+        with_late = L @ self._delay_slope
         weights = (
             L @ np.swapaxes(trajectory.S[:-1], 1, 2),
             L,
-            late[:, :, None] * trajectory.late[:, None, :],
+            with_late[:, :, None] * trajectory.late[:, None, :],
         )
         second_slopes = self._mapped(
             "bent",
-            self._functions[0],
+            self._step_curvature,
             trajectory.x[:-1].T,
-            *self._given(trajectory.u),
+            *self._arguments(trajectory.u),
             *_wide(weights),
         )
-        bent_x = second_slopes[0][:, :, 0]
-        bent_u = second_slopes[1][:, :, 0]
-        direct = (
-            with_x
-            + self._bent_seen(trajectory, M)
-            + np.vstack([bent_x, np.zeros(len(trajectory.x[0]))])
-        )
+        by_x = second_slopes[0][:, :, 0]
+        by_u = second_slopes[1][:, :, 0]
+        by_last_x = np.zeros(len(trajectory.x[0]))
+        direct = with_x + self._by_outputs(trajectory, M) + np.vstack([by_x, by_last_x])
         adjoint = _backward(A, direct[:, :, None])[1:, :, 0]
-        return bent_u + np.einsum("kij,ki->kj", C, adjoint), np.einsum("kij,ki->kj", C, late)
+        gradient = by_u + np.einsum("kij,ki->kj", C, adjoint)
+        return gradient, np.einsum("kij,ki->kj", C, with_late)
 
-    def _bent_seen(self, trajectory: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
+    def _by_outputs(self, trajectory: ExperimentTrajectory, M: np.ndarray) -> np.ndarray:
         """Compute the second-order part of the gradient by x (n + 1, n_x), of the outputs."""
-        weights = M @ np.swapaxes(trajectory.S, 1, 2), M
-        (bent_x,) = self._mapped(
-            "bent seen", self._functions[1], trajectory.x.T, self._p, *_wide(weights)
+        weights = (M @ np.swapaxes(trajectory.S, 1, 2), M)
+        (by_x,) = self._mapped(
+            "bent seen", self._output_curvature, trajectory.x.T, self._p, *_wide(weights)
         )
         with_y = np.zeros_like(trajectory.y)
-        rate = M[1:, :3] @ self._seen_late[:, None] / self.h
+        rate = M[1:, :3] @ self._velocity_delay_slope[:, None] / self.h
         with_y[1:, :3] -= rate[:, :, 0]
         with_y[:-1, :3] += rate[:, :, 0]
-        return np.asarray(bent_x[:, :, 0] + np.einsum("kij,ki->kj", trajectory.y_x, with_y))
+        return np.asarray(by_x[:, :, 0] + np.einsum("kij,ki->kj", trajectory.y_x, with_y))
 
     @cached_property
-    def _functions(self) -> tuple[ca.Function, ca.Function]:
-        return compile_function(_bent_step(self._stage)), _bent_seen(self._stage)
+    def _step_curvature(self) -> ca.Function:
+        """Compiled ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``."""
+        stage = self._stage
+        shapes = ((stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1))
+        arguments = [ca.SX.sym("given", *shape) for shape in shapes]
+        slopes = stage.slope(*arguments)
+        return compile_function(_weighted_gradient("bent", arguments, slopes, arguments[:2]))
 
-    def _given(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
+    @cached_property
+    def _output_curvature(self) -> ca.Function:
+        """``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
+        arguments = [ca.SX.sym("given", self._stage.n_x), ca.SX.sym("given", self._stage.n_p)]
+        _, *slopes = self._stage.outputs(*arguments)
+        return _weighted_gradient("bent_seen", arguments, slopes, arguments[:1])
+
+    def _arguments(self, u: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return commands, joints, unknowns and step, as functions of the stage take them after
+        states.
+        """
         return u.T, self._joints, self._p, np.full(1, self.h)
 
     def _mapped(self, name: str, function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
@@ -316,60 +320,45 @@ class TrajectorySimulator:
         one column is the same for all.
         """
         n = arguments[0].shape[1]
-        outputs = self._outputs((name, n), self._rollout.many(name, function, 0, n), *arguments)
-        return [
-            np.ascontiguousarray(output.reshape(len(output), n, -1).swapaxes(0, 1))
-            for output in outputs
-        ]
+        all_steps = self._rollout.many(name, function, 0, n)
+        by_step = []
+        for output in self._outputs((name, n), all_steps, *arguments):
+            blocks = output.reshape(len(output), n, -1).swapaxes(0, 1)
+            by_step.append(np.ascontiguousarray(blocks))
+        return by_step
 
     def _outputs(
         self, key: tuple[str, int], function: ca.Function, *arguments: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        if key not in self._called:
-            self._called[key] = BufferedFunction(function)
-        return self._called[key](*arguments)
+        if key not in self._buffered:
+            self._buffered[key] = BufferedFunction(function)
+        return self._buffered[key](*arguments)
 
 
 def _wide(parts: tuple[np.ndarray, ...]) -> Iterator[np.ndarray]:
     """Yield arrays (rows, n columns), of parts (n, rows, columns) side by side."""
-    return (part.transpose(1, 0, 2).reshape(part.shape[1], -1) for part in parts)
+    for part in parts:
+        yield part.transpose(1, 0, 2).reshape(part.shape[1], -1)
 
 
 def _backward(A: np.ndarray, direct: np.ndarray) -> np.ndarray:
-    """Solve (n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``"""
+    """Solve (n + 1, n_x, k) ``L_k = direct_k + A_k' L_k+1``, from the end to the beginning."""
     L = direct.copy()
     for k in range(len(A) - 1, -1, -1):
         L[k] += A[k].T @ L[k + 1]
     return L
 
 
-def _bent_step(stage: model.StageFunctions) -> ca.Function:
-    """Build ``x, u, joints, p, h, weights of A, B, C -> slopes of the weighted sum with x, u``."""
-    shapes = (stage.n_x, 1), (stage.n_u, 1), (3 * stage.n_j, 1), (stage.n_p, 1), (1, 1)
-    arguments = [ca.SX.sym("given", *shape) for shape in shapes]
-    return _weighted_gradient("bent", arguments, stage.slope(*arguments), arguments[:2])
-
-
-def _bent_seen(stage: model.StageFunctions) -> ca.Function:
-    """Build ``x, p, weights of dy/dx, dy/dp -> slope of the weighted sum with x``"""
-    arguments = [ca.SX.sym("given", stage.n_x), ca.SX.sym("given", stage.n_p)]
-    return _weighted_gradient("bent_seen", arguments, stage.outputs(*arguments)[1:], arguments[:1])
-
-
 def _weighted_gradient(
     name: str, arguments: list[ca.SX], slopes: list[ca.SX], along: list[ca.SX]
 ) -> ca.Function:
+    """Build ``arguments, weights of slopes -> gradients of the weighted sum of slopes along``."""
     weights = [ca.SX.sym("weights", *slope.shape) for slope in slopes]
-    total = sum((ca.dot(w, slope) for w, slope in zip(weights, slopes, strict=True)), ca.SX(0))
-    return ca.Function(
-        name,
-        [*arguments, *weights],
-        [ca.densify(ca.gradient(total, slope)) for slope in along],
-        {"cse": True},
-    )
-
-
-# What a course tells of the numbers that matter, as one figure with its slope.
+    total = ca.SX(0)
+    for weight, slope in zip(weights, slopes, strict=True):
+        total += ca.dot(weight, slope)
+    gradients = [ca.densify(ca.gradient(total, argument)) for argument in along]
+    return ca.Function(name, [*arguments, *weights], gradients, {"cse": True})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -381,6 +370,7 @@ class InformationCriterion:
     prior_information: np.ndarray
     """(n_p, n_p) [1 / unknowns^2] of priors, and of recordings that there are."""
     noise: output_error.Noise
+    """Standard deviations of the sensors."""
     rate: float
     """[Hz] of the sensors."""
 
@@ -390,8 +380,11 @@ class InformationCriterion:
         return self.rate * h / sigma**2
 
     def information(self, trajectory: ExperimentTrajectory, h: float) -> np.ndarray:
-        """Compute the information (n_p, n_p) [1 / unknowns^2] of a course alone, in steps h [s]."""
-        J = (trajectory.J * np.sqrt(self.weights(h))[:, None]).reshape(-1, trajectory.J.shape[-1])
+        """Compute the information (n_p, n_p) [1 / unknowns^2] of a trajectory alone, in steps h
+        [s].
+        """
+        weighted = trajectory.J * np.sqrt(self.weights(h))[:, None]
+        J = weighted.reshape(-1, trajectory.J.shape[-1])
         return np.asarray(J.T @ J)
 
     def figure(
@@ -402,31 +395,28 @@ class InformationCriterion:
 
         With its slope with J (n + 1, 9, n_p); steps h [s].
         """
-        with_numbers = self.slopes @ self.covariance(self.information(trajectory, h))
-        squares = np.maximum(np.einsum("ij,ij->i", with_numbers, self.slopes), 1e-300)
-        value, share = _softly_largest(np.log(squares) / 2 - np.log(targets))
-        with_information = -np.einsum(
-            "ij,ik,i->jk", with_numbers, with_numbers, 0.5 * share / squares
+        covariances = self.slopes @ self.covariance(self.information(trajectory, h))
+        variances = np.maximum(np.einsum("ij,ij->i", covariances, self.slopes), 1e-300)
+        value, share = _softly_largest(np.log(variances) / 2 - np.log(targets))
+        by_information = -np.einsum(
+            "ij,ik,i->jk", covariances, covariances, 0.5 * share / variances
         )
-        return value, 2.0 * self.weights(h)[:, None] * (trajectory.J @ with_information)
+        return value, 2.0 * self.weights(h)[:, None] * (trajectory.J @ by_information)
 
     def deviations(self, information: np.ndarray) -> np.ndarray:
         """Compute standard errors (m,) [units of numbers] after recordings of some information
         (n_p, n_p) [1 / unknowns^2].
         """
-        return np.asarray(
-            np.sqrt(
-                np.einsum("ij,jk,ik->i", self.slopes, self.covariance(information), self.slopes)
-            )
-        )
+        covariance = self.covariance(information)
+        variances = np.einsum("ij,jk,ik->i", self.slopes, covariance, self.slopes)
+        return np.asarray(np.sqrt(variances))
 
     def covariance(self, information: np.ndarray) -> np.ndarray:
         """Compute the covariance (n_p, n_p) [unknowns^2] after recordings of some information (n_p,
         n_p) [1 / unknowns^2].
         """
-        total = (
-            information + self.prior_information + _NOTHING * np.eye(len(self.prior_information))
-        )
+        known_of_all = _NOTHING * np.eye(len(self.prior_information))
+        total = information + self.prior_information + known_of_all
         # Unknowns differ by powers of ten in what is known of them.
         scale = 1.0 / np.sqrt(np.diag(total))
         return np.asarray(scale[:, None] * np.linalg.inv(total * np.outer(scale, scale)) * scale)
@@ -437,11 +427,9 @@ def _softly_largest(values: np.ndarray) -> tuple[float, np.ndarray]:
     (m,).
     """
     largest = float(values.max())
-    grown = np.exp(_SHARP * (values - largest))
-    return largest + float(np.log(grown.mean())) / _SHARP, grown / grown.sum()
-
-
-# Commands as a few numbers: what each actuator is told at knots, and straight lines between them.
+    exponentials = np.exp(_SHARP * (values - largest))
+    smooth_maximum = largest + float(np.log(exponentials.mean())) / _SHARP
+    return smooth_maximum, exponentials / exponentials.sum()
 
 
 class KnotCommands:
@@ -456,16 +444,17 @@ class KnotCommands:
         n = round(duration / step)
         inner = max(1, round(duration / interval) - 1)
         self.sent = _lines(n, inner, step * (inner + 1) / duration)
-        t = step * np.arange(n)
         """(n, n_knots) commands as they are sent, held for a step each."""
         # A command of one step only: what it does is the same at any time.
-        held = recording.ZeroOrderHold(recording.Channel(t=t, values=np.eye(n, 1, -1)))
+        pulse = recording.Channel(t=step * np.arange(n), values=np.eye(n, 1, -1))
+        held = recording.ZeroOrderHold(pulse)
         edges = edges_of(n, step, delay)
         acting = _shifted(held.mean(edges)[:, 0])
         late = _shifted(-held.mean_slope(edges)[:, 0])
         self.acting = acting @ self.sent
+        """(n, n_knots) commands as they act, late."""
         self.late = late @ self.sent
-        """(n, n_knots) commands as they act, late; and [1/s] how they change with the delay."""
+        """(n, n_knots) [1/s] how commands as they act change with the delay."""
 
     @property
     def n_knots(self) -> int:
@@ -500,9 +489,9 @@ def _lines(n: int, inner: int, spacing: float) -> Any:
     share = place - knot
     rows = np.tile(np.arange(n), 2)
     columns = np.concatenate([knot, knot + 1])
-    return csr_array((np.concatenate([1.0 - share, share]), (rows, columns)), shape=(n, inner + 2))[
-        :, 1:-1
-    ]
+    shares = np.concatenate([1.0 - share, share])
+    with_ends = csr_array((shares, (rows, columns)), shape=(n, inner + 2))
+    return with_ends[:, 1:-1]
 
 
 def _shifted(response: np.ndarray) -> Any:
@@ -511,18 +500,17 @@ def _shifted(response: np.ndarray) -> Any:
     """
     from scipy.sparse import diags
 
+    n = len(response)
     later = np.flatnonzero(response)
-    return diags(response[later], 1 - later, shape=(len(response),) * 2, format="csr")
+    return diags(response[later], 1 - later, shape=(n, n), format="csr")
 
 
 def multisine(rng: np.random.Generator, n_knots: int, n_u: int, waves: float) -> np.ndarray:
     """Draw knots (n_knots, n_u) [-] of sines with random phases, at most 1; waves: number of waves
     of the fastest from begin to end.
     """
-    turns = (
-        2 * np.pi * np.arange(1, max(1, round(waves)) + 1)[:, None] * np.linspace(0.0, 1.0, n_knots)
-    )
-    sines = np.sin(turns[:, :, None] + 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))).sum(
-        axis=0
-    )
+    orders = np.arange(1, max(1, round(waves)) + 1)
+    turns = 2 * np.pi * orders[:, None] * np.linspace(0.0, 1.0, n_knots)
+    phases = 2 * np.pi * rng.uniform(size=(len(turns), 1, n_u))
+    sines = np.sin(turns[:, :, None] + phases).sum(axis=0)
     return np.asarray(sines / np.abs(sines).max(axis=0))

@@ -32,32 +32,29 @@ from uvms_ocp.identification.uncertainty import (
 from uvms_ocp.robot.spatial import quaternion_to_matrix
 from uvms_ocp.types import Positive, Range
 
-# What an excitation is to find out, and with which means.
-
-# [s]: maps from knots to commands grow with the square
-_SHORTEST = 1.0
-_LONGEST = 1800.0
-
-FINER = 5
-"""Steps of the simulation that says where commands lead, in one of the search."""
-
-_AHEAD = 1.0  # [s] that the spring looks ahead
-
 STEP = 0.05
 """[s] for which a command is held."""
-_AMPLITUDES = np.linspace(1.0, 0.05, 20)  # of the largest thrust, tried one after the other
-_HOLD = 2.0  # [s] of a step
-# [Hz] of chirps
-_SLOWEST = 0.1
-_FASTEST = 1.0
-
+FINER = 5
+"""Steps of the simulation that says where commands lead, in one of the search."""
 HALF = 0.5
 """Target, as a share of the smallest standard error by hand."""
 
-_PRICES = 100.0, 300.0, 1000.0, 1000.0  # of leaving the pool, round by round
-_DEARER = 3000.0, 10000.0, 30000.0  # where the finer steps still find it outside
+# Durations of recordings: maps from knots to commands grow with the square.
+_SHORTEST = 1.0  # [s]
+_LONGEST = 1800.0  # [s]
+
+# The search.
+_PRICES = (100.0, 300.0, 1000.0, 1000.0)  # of leaving the pool, round by round
+_DEARER = (3000.0, 10000.0, 30000.0)  # the same where the finer steps still lead outside
 _START_FREQUENCY = 0.2  # [Hz] of the sines where the search begins
-_START_AMPLITUDES = 1.0, 2.0, 4.0  # of what each axis can get alone, where the search begins
+_START_AMPLITUDES = (1.0, 2.0, 4.0)  # shares of what each axis can get alone, of these sines
+
+# Motions by hand.
+_AHEAD = 1.0  # [s] that the spring which keeps them in the pool looks ahead
+_AMPLITUDES = np.linspace(1.0, 0.05, 20)  # shares of the largest thrust, tried in this order
+_HOLD = 2.0  # [s] of a step
+_SLOWEST = 0.1  # [Hz] of chirps
+_FASTEST = 1.0  # [Hz] of chirps
 
 
 @checked_dataclass(eq=False)
@@ -71,6 +68,7 @@ class ExperimentTask:
     vehicle: Vehicle
     """Vehicle with its unknowns at their prior values."""
     limits: experiment.ExperimentLimits
+    """Limits of commands and motion."""
     duration: Annotated[float, Range(_SHORTEST, _LONGEST)] = 60.0
     """[s] of a recording."""
     matter: tuple[str, ...] = ()
@@ -93,46 +91,45 @@ class ExperimentTask:
 
     @property
     def unknowns(self) -> np.ndarray:
-        """(n_p,) [as `Unknowns.start`]"""
+        """(n_p,) [as `Unknowns.start`] shared ones, then those of the recording."""
         return np.concatenate([self.vehicle.shared.start, self.vehicle.own.start])
 
     @property
     def still(self) -> np.ndarray:
-        """(3 n_j,) [as `StageFunctions` has joints]"""
+        """(3 n_j,) [as `StageFunctions` has joints] of the arm at rest."""
         n_j = self.vehicle.dynamics.model.nv - N_V
-        return np.concatenate([self.joints or np.zeros(n_j), np.zeros(2 * n_j)])
+        positions = self.joints or np.zeros(n_j)
+        return np.concatenate([positions, np.zeros(2 * n_j)])
 
     def aim(self) -> experiment.InformationCriterion:
         """Build the criterion. Raises NameNotFound for a number that does not depend on the
         unknowns.
         """
         names, slopes = slopes_of(self.vehicle, self.vehicle.shared.start)
-        chosen = slopes[_chosen(names, self.matter)]
+        by_shared = slopes[_places_of(self.matter, names)]
+        by_recording = np.zeros((len(by_shared), len(self.vehicle.own.start)))
         priors = np.concatenate([self.vehicle.shared.sigma, self.vehicle.own.sigma])
-        if self.prior_information is None:
-            information = np.zeros((len(priors),) * 2)
-        else:
-            information = self.prior_information
+        information = np.diag(1.0 / priors**2)
+        if self.prior_information is not None:
+            information = self.prior_information + information
         return experiment.InformationCriterion(
-            slopes=np.hstack([chosen, np.zeros((len(chosen), len(self.vehicle.own.start)))]),
-            prior_information=information + np.diag(1.0 / priors**2),
+            slopes=np.hstack([by_shared, by_recording]),
+            prior_information=information,
             noise=self.noise,
             rate=self.rate,
         )
 
 
-def _chosen(names: Sequence[tuple[str, str]], matter: Sequence[str]) -> list[int]:
-    """List places of the numbers that matter, by their name or quantity; names: (quantity,
-    number).
+def _places_of(matter: Sequence[str], names: Sequence[tuple[str, str]]) -> list[int]:
+    """List the places of numbers that matter, by their name or quantity, in names (quantity,
+    number); of all where none is named.
     """
+    if not matter:
+        return list(range(len(names)))
     for label in matter:
         if not any(label in pair for pair in names):
             raise NameNotFound("number", label, [number for _, number in names])
-    return [k for k, pair in enumerate(names) if not matter or set(pair) & set(matter)]
-
-
-# What commands are expected to tell where the vehicle is as it is believed to be, and where they
-# lead it.
+    return [k for k, pair in enumerate(names) if not set(pair).isdisjoint(matter)]
 
 
 class DesignStatus(AdvisedStatus):
@@ -169,23 +166,24 @@ class Excitation:
 def excitation_of(task: ExperimentTask, rollout: Rollout, commands: Channel) -> Excitation:
     """Predict what other commands, held for equal steps, would determine."""
     step = float(commands.t[1] - commands.t[0])
-    courses = experiment.TrajectorySimulator(rollout, task.unknowns, step, task.still)
+    simulator = experiment.TrajectorySimulator(rollout, task.unknowns, step, task.still)
     held = ZeroOrderHold(commands)
-    edges = commands.t[0] + experiment.edges_of(len(commands.t), step, courses.delay)
+    edges = commands.t[0] + experiment.edges_of(len(commands.t), step, simulator.delay)
+    trajectory = simulator.of(held.mean(edges), -held.mean_slope(edges))
     aim = task.aim()
-    information = aim.information(courses.of(held.mean(edges), -held.mean_slope(edges)), step)
-    n = len(task.vehicle.shared.start)
+    information = aim.information(trajectory, step)
+    shared = task.vehicle.shared.start
+    n = len(shared)
+    covariance = aim.covariance(information)[:n, :n]
     states = simulate_commands(task, rollout, commands, task.unknowns)
-    outside = task.limits.beyond(states, margin=0.0)[0].any()
+    excess, _ = task.limits.beyond(states, margin=0.0)
     return Excitation(
         commands=commands,
         states=states,
         swept=task.limits.swept(states),
-        numbers=numbers_at(
-            task.vehicle, task.vehicle.shared.start, aim.covariance(information)[:n, :n]
-        ),
+        numbers=numbers_at(task.vehicle, shared, covariance),
         information=information,
-        status=DesignStatus.OUTSIDE if outside else DesignStatus.INSIDE,
+        status=DesignStatus.OUTSIDE if excess.any() else DesignStatus.INSIDE,
     )
 
 
@@ -196,13 +194,9 @@ def simulate_commands(
     p (n_p,) [as `Unknowns.start`].
     """
     step = float(commands.t[1] - commands.t[0]) / FINER
-    courses = experiment.TrajectorySimulator(rollout, p, step, task.still)
-    edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, courses.delay)
-    return courses.states(ZeroOrderHold(commands).mean(edges))
-
-
-# Any commands, made to stay in the pool: where they lead out of it, a spring at the actuators pulls
-# back.
+    simulator = experiment.TrajectorySimulator(rollout, p, step, task.still)
+    edges = commands.t[0] + experiment.edges_of(FINER * len(commands.t), step, simulator.delay)
+    return simulator.states(ZeroOrderHold(commands).mean(edges))
 
 
 def keep_inside_pool(
@@ -211,36 +205,30 @@ def keep_inside_pool(
     """Make commands (n, n_u) [N, N m] within thrust and slew from shares (n, 6) [-] of the largest
     force or torque along each axis alone, held for a step [s].
 
-    At a wall the spring balances all that an axis can get; the vehicle is as it is believed to be.
+    Where they lead out of the pool a spring at the actuators pulls back; at a wall it balances all
+    that an axis can get. The vehicle is as it is believed to be.
     """
-    B = task.vehicle.actuators.wrench
     p = task.unknowns
     joints = task.still
-    spread = np.linalg.pinv(B)
-    largest_wrench = 1.0 / (np.abs(spread) / np.abs(task.limits.thrust).min(axis=1)[:, None]).max(
-        axis=0
-    ).clip(1e-9)
-    stiff = largest_wrench / np.concatenate(
-        [task.limits.room, [task.limits.tilt, task.limits.tilt, np.inf]]
-    )
+    allocation = np.linalg.pinv(task.vehicle.actuators.wrench)
+    largest_thrust = np.abs(task.limits.thrust).min(axis=1)
+    thrust_shares = np.abs(allocation) / largest_thrust[:, None]
+    largest_wrench = 1.0 / thrust_shares.max(axis=0).clip(1e-9)
+    reach = np.concatenate([task.limits.room, [task.limits.tilt, task.limits.tilt, np.inf]])
+    stiffness = largest_wrench / reach
     x = np.zeros(rollout.stage.n_x)
-    commands = []
-    before = np.zeros(len(spread))
     x[N_Q - 1] = 1.0
+    command = np.zeros(len(allocation))
+    commands = []
     for share in shares:
         # (6,) [m, rad] from where it began and from upright, in B; yaw is free.
         R = np.array(quaternion_to_matrix(x[3:N_Q]))
-        back = stiff * (
-            np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]]) + _AHEAD * x[N_Q : N_Q + N_V]
-        )
-        before = task.limits.after(before, spread @ (share * largest_wrench - back), step)
-        commands.append(before)
-        x = np.asarray(rollout.step(x, before, joints, p, step)).ravel()
+        away = np.concatenate([R.T @ x[:3], [R[2, 1], -R[2, 0], 0.0]])
+        back = stiffness * (away + _AHEAD * x[N_Q : N_Q + N_V])
+        command = task.limits.after(command, allocation @ (share * largest_wrench - back), step)
+        commands.append(command)
+        x = np.asarray(rollout.step(x, command, joints, p, step)).ravel()
     return np.array(commands)
-
-
-# Thrust as one would think of it: steps, chirps, and both at once; each flown within the same pool,
-# as large as it allows.
 
 
 def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -248,27 +236,34 @@ def steps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     turn.
     """
     place = (t / _HOLD).astype(int)
-    size = np.where(place // 12 % 2, 0.5, 1.0) * np.where(place % 2, -1.0, 1.0)
-    return np.asarray(size[:, None] * (place[:, None] // 2 % 6 == np.arange(6)))
+    size = np.where(place // 12 % 2, 0.5, 1.0)
+    sign = np.where(place % 2, -1.0, 1.0)
+    is_pushed = place[:, None] // 2 % 6 == np.arange(6)
+    return np.asarray((size * sign)[:, None] * is_pushed)
 
 
 def chirps(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Swing axis after axis, from slow to fast, (n, 6) [-] at t (n,) [s]."""
     duration = (t[-1] + t[1]) / 6
     since = t % duration
-    wave = np.cos(2 * np.pi * (_SLOWEST + (_FASTEST - _SLOWEST) * since / duration / 2) * since)
-    return np.asarray(wave[:, None] * ((t / duration).astype(int)[:, None] == np.arange(6)))
+    mean_frequency = _SLOWEST + (_FASTEST - _SLOWEST) * since / duration / 2
+    wave = np.cos(2 * np.pi * mean_frequency * since)
+    is_swung = (t / duration).astype(int)[:, None] == np.arange(6)
+    return np.asarray(wave[:, None] * is_swung)
 
 
 def both(t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Draw steps of all axes at once, chirps beside them, (n, 6) [-] at t (n,) [s]."""
-    shape = int(t[-1] / 3) + 1, 6
-    drawn = rng.uniform(-1, 1, size=shape) * (rng.uniform(size=shape) < 0.5)
-    chirp = 0.3 * np.sin(2 * np.pi * (0.05 + 0.15 * t / t[-1])[:, None] * t[:, None] + np.arange(6))
-    return np.asarray(drawn[(t / 3).astype(int)] + chirp)
+    shape = (int(t[-1] / 3) + 1, 6)
+    sizes = rng.uniform(-1, 1, size=shape)
+    is_pushed = rng.uniform(size=shape) < 0.5
+    mean_frequency = 0.05 + 0.15 * t / t[-1]
+    chirp = 0.3 * np.sin(2 * np.pi * mean_frequency[:, None] * t[:, None] + np.arange(6))
+    return np.asarray((sizes * is_pushed)[(t / 3).astype(int)] + chirp)
 
 
 BY_HAND = {"steps": steps, "chirps": chirps, "steps and chirps": both}
+"""Thrust as one would think of it, by name."""
 
 
 def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) -> Excitation:
@@ -276,83 +271,76 @@ def largest(task: ExperimentTask, rollout: Rollout, name: str, seed: int = 0) ->
     t = STEP * np.arange(round(task.duration / STEP))
     motion = BY_HAND[name](t, np.random.default_rng(seed))
     for share in _AMPLITUDES:
-        excitation = excitation_of(
-            task,
-            rollout,
-            Channel(t=t, values=keep_inside_pool(task, rollout, share * motion, STEP)),
-        )
+        commands = keep_inside_pool(task, rollout, share * motion, STEP)
+        excitation = excitation_of(task, rollout, Channel(t=t, values=commands))
         if excitation.status is DesignStatus.INSIDE:
             break
     return excitation
 
 
-# How well numbers are to be known: twice as well as steps and chirps by hand tell them, and well
-# enough to count.
-
-
 def target_deviations(task: ExperimentTask, rollout: Rollout) -> np.ndarray:
-    """Compute the standard errors (m,) [units of numbers] that the numbers that matter are to have.
+    """Compute the standard errors (m,) [units of numbers] that the numbers that matter are to have:
+    half of those by hand, and small enough to count.
 
     Recordings can only add to what is believed: it is their own information that is to be more.
     Where those by hand say less than that, belief is left to stand. Raises NameNotFound for a
     number that there is not.
     """
     aim = task.aim()
-    chosen = _chosen(slopes_of(task.vehicle, task.vehicle.shared.start)[0], task.matter)
-    by_hand = [largest(task, rollout, name).numbers for name in BY_HAND]
-    smallest = np.full(len(by_hand[0]), np.inf)
-    learnt = np.zeros(len(by_hand[0]), dtype=bool)
-    for numbers in by_hand:
+    names, _ = slopes_of(task.vehicle, task.vehicle.shared.start)
+    chosen = _places_of(task.matter, names)
+    smallest = np.full(len(chosen), np.inf)
+    is_learnt = np.zeros(len(chosen), dtype=bool)
+    for motion in BY_HAND:
+        all_numbers = largest(task, rollout, motion).numbers
+        numbers = [all_numbers[k] for k in chosen]
         smallest = np.minimum(smallest, [number.sigma for number in numbers])
-        learnt |= [number.informed for number in numbers]
-    smallest = smallest[chosen]
-    learnt = learnt[chosen]
-    sizes = np.array([number.size or np.inf for number in by_hand[0]])[chosen]
+        is_learnt |= [number.informed for number in numbers]
+    sizes = np.array([number.size or np.inf for number in numbers])
     believed = 1.0 / aim.deviations(np.zeros_like(aim.prior_information)) ** 2
-    information = np.where(learnt, 1.0 / smallest**2 - believed, 0.0)
-    return np.asarray(
-        (believed + np.maximum(information / HALF**2, 1.0 / (DETERMINED_BELOW * sizes) ** 2))
-        ** -0.5
-    )
-
-
-# What a search of commands lowers: what is left unknown, and what it costs to leave the pool or to
-# hurry thrusters.
+    by_hand = np.where(is_learnt, 1.0 / smallest**2 - believed, 0.0)
+    determined = 1.0 / (DETERMINED_BELOW * sizes) ** 2
+    information = believed + np.maximum(by_hand / HALF**2, determined)
+    return np.asarray(information**-0.5)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Objective:
-    """Objective of the design, a function of knots (n_knots, n_u) [N, N m]."""
+    """Objective of the design, a function of knots (n_knots, n_u) [N, N m]: what is left unknown, and
+    what it costs to leave the pool or to hurry thrusters.
+    """
 
     aim: experiment.InformationCriterion
+    """What is left unknown, as one figure."""
     limits: experiment.ExperimentLimits
+    """Limits that penalties keep: slew, pool and tilt."""
     history: experiment.KnotCommands
-    courses: experiment.TrajectorySimulator
-    wanted: np.ndarray
+    """Commands by knots."""
+    simulator: experiment.TrajectorySimulator
+    """Where commands lead."""
+    targets: np.ndarray
     """(m,) [units of numbers] standard errors that those of the aim are compared with."""
     off: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    """(n + 1, n_x) [as `StageFunctions`], or none (1,), that states are truly beside the course."""
+    """(n + 1, n_x) [as `StageFunctions`], or none (1,), by which finer steps lead beside the
+    simulated states.
+    """
 
     def value(self, knots: np.ndarray, price: float) -> tuple[float, np.ndarray]:
         """Compute the objective at knots (n_knots, n_u) [N, N m], with its slope [1/N, 1/(N m)];
         price: of leaving the pool.
         """
-        trajectory = self.courses.of(self.history.acting @ knots, self.history.late @ knots)
-        figure, M = self.aim.figure(trajectory, self.courses.h, self.wanted)
-        out, slope = self.limits.beyond(trajectory.x + self.off)
+        history = self.history
+        trajectory = self.simulator.of(history.acting @ knots, history.late @ knots)
+        figure, M = self.aim.figure(trajectory, self.simulator.h, self.targets)
+        excess, slope = self.limits.beyond(trajectory.x + self.off)
         share = 2.0 * price / len(trajectory.x)
-        with_x = np.pad(
-            share * np.einsum("ki,kij->kj", out, slope),
-            ((0, 0), (0, trajectory.x.shape[1] - slope.shape[2])),
-        )
-        with_u, with_late = self.courses.pulled(trajectory, M, with_x)
-        hurry, with_sent = self._hurry(self.history.sent @ knots, price)
-        pulled = (
-            self.history.acting.T @ with_u
-            + self.history.late.T @ with_late
-            + self.history.sent.T @ with_sent
-        )
-        return figure + share * float((out**2).sum()) / 2.0 + hurry, pulled
+        by_pose = share * np.einsum("ki,kij->kj", excess, slope)
+        n_without_pose = trajectory.x.shape[1] - slope.shape[2]
+        by_x = np.pad(by_pose, ((0, 0), (0, n_without_pose)))
+        by_u, by_late = self.simulator.pulled(trajectory, M, by_x)
+        hurry, by_sent = self._hurry(history.sent @ knots, price)
+        gradient = history.acting.T @ by_u + history.late.T @ by_late + history.sent.T @ by_sent
+        return figure + share * float((excess**2).sum()) / 2.0 + hurry, gradient
 
     def lowered(self, knots: np.ndarray, price: float, iterations: int) -> np.ndarray:
         """Search for better knots (n_knots, n_u) [N, N m], by a quasi-Newton method within the
@@ -362,19 +350,17 @@ class Objective:
 
         size = np.abs(self.limits.thrust).max(axis=1)
 
-        def lower(scaled: np.ndarray) -> tuple[float, np.ndarray]:
+        def scaled_value(scaled: np.ndarray) -> tuple[float, np.ndarray]:
             value, slope = self.value(scaled.reshape(knots.shape) * size, price)
             return value, (slope * size).ravel()
 
-        bounds = np.tile(self.limits.thrust / size[:, None], (len(knots), 1))
-        options = {"maxiter": iterations, "maxcor": 30}
         solution = minimize(
-            lower,
+            scaled_value,
             (knots / size).ravel(),
             jac=True,
             method="L-BFGS-B",
-            bounds=bounds,
-            options=options,
+            bounds=np.tile(self.limits.thrust / size[:, None], (len(knots), 1)),
+            options={"maxiter": iterations, "maxcor": 30},
         )
         return np.asarray(solution.x.reshape(knots.shape) * size)
 
@@ -383,26 +369,15 @@ class Objective:
         1/(N m)].
         """
         slope = np.zeros_like(commands)
-        largest_change = self.limits.slew * self.courses.h
+        largest_change = self.limits.slew * self.simulator.h
         if not np.isfinite(largest_change):
             return 0.0, slope
         change = np.diff(commands, axis=0)
-        over = np.sign(change) * np.maximum(np.abs(change) / largest_change - 1.0, 0.0)
-        gradient = 2.0 * price / len(commands) * over / largest_change
-        slope[1:] += gradient
-        slope[:-1] -= gradient
-        return price / len(commands) * float((over**2).sum()), slope
-
-
-# Excitation design: commands after which the numbers that matter are known best, within thrust,
-# pool and time.
-#
-# Optimal control in its simplest form: commands at knots are the unknowns, the course follows from
-# them, and its information has a slope with all of them at once. The search begins with drawn
-# sines, flown so that they stay in the pool. Limits of thrust hold all along; slew, pool and tilt
-# are penalties with a margin, dearer from round to round. What comes out is limited in thrust and
-# slew exactly. Finer steps say where it leads: by how much they differ is added to the courses of
-# the next round.
+        excess = np.sign(change) * np.maximum(np.abs(change) / largest_change - 1.0, 0.0)
+        by_change = 2.0 * price / len(commands) * excess / largest_change
+        slope[1:] += by_change
+        slope[:-1] -= by_change
+        return price / len(commands) * float((excess**2).sum()), slope
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -414,10 +389,11 @@ class DesignSettings:
     knots: float = 0.2
     """[s] between the commands that are searched for."""
     starts: int = 3
-    """Drawn in each size, of which the best is made better."""
+    """Sines drawn in each size, of which the best are made better."""
     iterations: int = 200
-    """In a round; leaving the pool costs little in the first and much in the last."""
+    """Iterations in a round; leaving the pool costs little in the first and much in the last."""
     seed: int = 0
+    """Seed of the drawn sines."""
 
 
 def design_experiment(
@@ -430,7 +406,7 @@ def design_experiment(
     not.
     """
     search = _DesignSearch(task, rollout, effort or DesignSettings())
-    knots = search.begun()
+    knots = search.start()
     for price in _PRICES:
         knots = search.lowered(knots, price)
     for price in _DEARER:
@@ -441,22 +417,25 @@ def design_experiment(
 
 
 class _DesignSearch:
-    """For knots (n_knots, n_u) [N, N m]."""
+    """Search for knots (n_knots, n_u) [N, N m]."""
 
     def __init__(self, task: ExperimentTask, rollout: Rollout, effort: DesignSettings) -> None:
-        self.given = task
+        self.task = task
         self.rollout = rollout
         self.effort = effort
-        aim = task.aim()
-        courses = experiment.TrajectorySimulator(rollout, task.unknowns, effort.step, task.still)
-        history = experiment.KnotCommands(task.duration, effort.knots, effort.step, courses.delay)
+        simulator = experiment.TrajectorySimulator(rollout, task.unknowns, effort.step, task.still)
+        history = experiment.KnotCommands(task.duration, effort.knots, effort.step, simulator.delay)
         self.objective = Objective(
-            aim, task.limits, history, courses, target_deviations(task, rollout)
+            aim=task.aim(),
+            limits=task.limits,
+            history=history,
+            simulator=simulator,
+            targets=target_deviations(task, rollout),
         )
 
-    def begun(self) -> np.ndarray:
+    def start(self) -> np.ndarray:
         """Return the best of several sines that are made to stay in the pool."""
-        task = self.given
+        task = self.task
         history = self.objective.history
         rng = np.random.default_rng(self.effort.seed)
         candidates = []
@@ -464,20 +443,20 @@ class _DesignSearch:
             sines = experiment.multisine(
                 rng, history.sent.shape[0], 6, task.duration * _START_FREQUENCY
             )
-            exported = keep_inside_pool(task, self.rollout, share * sines, self.effort.step)
-            candidates.append(np.clip(history.nearest(exported), *task.limits.thrust.T))
+            commands = keep_inside_pool(task, self.rollout, share * sines, self.effort.step)
+            candidates.append(np.clip(history.nearest(commands), *task.limits.thrust.T))
         return min(candidates, key=lambda knots: self.objective.value(knots, _PRICES[0])[0])
 
     def lowered(self, knots: np.ndarray, price: float) -> np.ndarray:
         """Search for better knots in one round, for a price of leaving the pool."""
-        coarse = self.objective.courses.states(self.objective.history.acting @ knots)
-        off = self.expected(knots).states[::FINER] - coarse
-        return replace(self.objective, off=off).lowered(knots, price, self.effort.iterations)
+        coarse = self.objective.simulator.states(self.objective.history.acting @ knots)
+        fine = self.expected(knots).states[::FINER]
+        objective = replace(self.objective, off=fine - coarse)
+        return objective.lowered(knots, price, self.effort.iterations)
 
     def expected(self, knots: np.ndarray) -> Excitation:
         """Predict the experiment of these knots, clipped to thrust and slew limits."""
         step = self.effort.step
-        commands = self.given.limits.kept(self.objective.history.sent @ knots, step)
-        return excitation_of(
-            self.given, self.rollout, Channel(t=step * np.arange(len(commands)), values=commands)
-        )
+        sent = self.task.limits.kept(self.objective.history.sent @ knots, step)
+        commands = Channel(t=step * np.arange(len(sent)), values=sent)
+        return excitation_of(self.task, self.rollout, commands)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings, sample_checks as checks
+from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.recording import (
     Channel,
     Recording,
@@ -17,6 +17,7 @@ from uvms_ocp.identification.recording import (
     rotations,
     smoothed,
 )
+from uvms_ocp.identification.series_agreement import WINDOW
 
 SHIFTS = np.arange(-2.0, 3.0 + 1e-9, recordings.GRID)
 """[s] by which motion comes after a command."""
@@ -54,14 +55,14 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
     channels = recording.channels
     if "attitude" not in channels or "linear_velocity" not in channels:
         return None
-    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, checks.WINDOW)
+    t, _ = smoothed(channels["attitude"].undelayed_t, channels["attitude"].values, WINDOW)
     start, end = recording.span
     t = t[(t > start - SHIFTS[0]) & (t < end - SHIFTS[-1])]
     if len(t) < _MIN_SAMPLES:
         return None
     turning = channels.get("angular_velocity")
     if turning is None or np.ptp(turning.values) < 1e-3:
-        t_turning, omega = angular_rate(channels["attitude"], checks.WINDOW)
+        t_turning, omega = angular_rate(channels["attitude"], WINDOW)
         turning = Channel(t=t_turning, values=omega)
     linear, linear_rates = _at(t, channels["linear_velocity"])
     angular, angular_rates = _at(t, turning)
@@ -79,8 +80,8 @@ def motion_of(recording: Recording) -> ExplainedMotion | None:
 
 def _at(t: np.ndarray, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
     """Interpolate values and rates (m, k) at t (m,)."""
-    grid, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
-    _, rates = smoothed(channel.undelayed_t, channel.values, checks.WINDOW, derivative=1)
+    grid, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
+    _, rates = smoothed(channel.undelayed_t, channel.values, WINDOW, derivative=1)
     return recordings.interpolated(t, grid, values), recordings.interpolated(t, grid, rates)
 
 
@@ -93,8 +94,8 @@ def commanded(
     shift: [s] before the rates. turned: from W, which a wrench would be in, to B.
     """
     middles = motion.t - shift  # [s]
-    totals = held.total(middles + checks.WINDOW / 2) - held.total(middles - checks.WINDOW / 2)
-    values = totals / checks.WINDOW
+    totals = held.total(middles + WINDOW / 2) - held.total(middles - WINDOW / 2)
+    values = totals / WINDOW
     if turned:
         values = np.einsum("nji,nkj->nki", motion.R, values.reshape(-1, 2, 3)).reshape(-1, 6)
     rest = motion.rest(values)

@@ -186,7 +186,9 @@ def search_fit(
     def error(
         number: int, noise: Noise, step: float, stretch: float, thinning: int
     ) -> OutputErrorProblem:
-        parts = [part for recording in recordings for part in recording.stretches(step, stretch)]
+        parts: list[Segment] = []
+        for recording in recordings:
+            parts += recording.stretches(step, stretch)
         problem = OutputErrorProblem(vehicle, _some(parts, thinning), noise, rollout)
         problem.progress = lambda text: chosen.progress(
             f"search {number} of {len(steps) + 1}, {text}"
@@ -323,20 +325,21 @@ class FitContext:
         """
         root = float(np.sqrt(inflation))
         shared = self.estimate.shared
-        sigmas = {
-            name: root * getattr(self.noise, name)
-            for name in ("velocity", "rate", "vertical", "process", "start")
-        }
+        noise = replace(
+            self.noise,
+            velocity=root * self.noise.velocity,
+            rate=root * self.noise.rate,
+            vertical=root * self.noise.vertical,
+            process=root * self.noise.process,
+            start=root * self.noise.start,
+            outliers=self.noise.outliers / root,
+        )
         prior_means = shared - (shared - self.vehicle.shared.start) / inflation
         own_unknowns = self.vehicle.own.believed(self.vehicle.own.start, root)
         vehicle = replace(
             self.vehicle, shared=self.vehicle.shared.believed(prior_means), own=own_unknowns
         )
-        return replace(
-            self,
-            vehicle=vehicle,
-            noise=replace(self.noise, **sigmas, outliers=self.noise.outliers / root),
-        )
+        return replace(self, vehicle=vehicle, noise=noise)
 
 
 def constant_slopes(

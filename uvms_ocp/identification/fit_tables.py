@@ -4,6 +4,7 @@ know less make of it.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
@@ -78,9 +79,12 @@ def left_out_tables(
     if not recordings:
         return
     yield heading
-    horizons = [horizon for recording in recordings for horizon in recording.horizons]
-    for length in sorted({horizon.asked for horizon in horizons}):
-        yield from _horizon(length, [horizon for horizon in horizons if horizon.asked == length])
+    by_length = defaultdict[float, list[HorizonPrediction]](list)
+    for recording in recordings:
+        for prediction in recording.horizons:
+            by_length[prediction.asked].append(prediction)
+    for length in sorted(by_length):
+        yield from _horizon(length, by_length[length])
     yield from _by_recording(recordings)
 
 

@@ -6,8 +6,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings, sample_checks as checks
+from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.recording import Recording, smoothed
+from uvms_ocp.identification.series_agreement import (
+    DEAD,
+    WINDOW,
+    correlation,
+    describe_delay,
+    describe_factor,
+    offset,
+)
 
 _MOVING_JOINT = 0.01  # [rad/s, m/s] standard deviation; less says nothing
 _DOUBTFUL = 0.5  # correlation below which a joint may be another
@@ -28,16 +36,16 @@ def of_joints(recording: Recording) -> Iterator[tuple[str, str]]:
             f"{velocities.values.shape[1]} of them, and {positions.values.shape[1]} positions",
         )
         return
-    t, rate = smoothed(positions.undelayed_t, positions.values, checks.WINDOW, derivative=1)
-    t_measured, measured_rate = smoothed(velocities.undelayed_t, velocities.values, checks.WINDOW)
+    t, rate = smoothed(positions.undelayed_t, positions.values, WINDOW, derivative=1)
+    t_measured, measured_rate = smoothed(velocities.undelayed_t, velocities.values, WINDOW)
     position_ranges = np.ptp(positions.values, axis=0)
     velocity_ranges = np.ptp(velocities.values, axis=0)
     yield from _dead(rate, measured_rate, position_ranges, velocity_ranges)
-    if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < checks.DEAD:
+    if rate.std(axis=0).max() < _MOVING_JOINT or measured_rate.std(axis=0).max() < DEAD:
         return
-    delay, _ = checks.offset(t, rate, t_measured, measured_rate)
+    delay, _ = offset(t, rate, t_measured, measured_rate)
     shifted = recordings.interpolated(t + delay, t_measured, measured_rate)
-    for text in (checks.describe_delay(delay), checks.describe_factor(rate, shifted)):
+    for text in (describe_delay(delay), describe_factor(rate, shifted)):
         if text:
             yield "joint_velocities", text.format("positions")
     yield from _columns(rate, shifted)
@@ -51,9 +59,9 @@ def _dead(
 ) -> Iterator[tuple[str, str]]:
     """Yield joints whose position or velocity stays while the other one moves."""
     for k in range(len(position_ranges)):
-        if position_ranges[k] < checks.DEAD and measured_rate[:, k].std() > _MOVING_JOINT:
+        if position_ranges[k] < DEAD and measured_rate[:, k].std() > _MOVING_JOINT:
             yield "joint_positions", f"dead: {k} stays where it is, and its velocity does not"
-        if velocity_ranges[k] < checks.DEAD and rate[:, k].std() > _MOVING_JOINT:
+        if velocity_ranges[k] < DEAD and rate[:, k].std() > _MOVING_JOINT:
             yield "joint_velocities", f"dead: {k} stays as it is, and its position moves"
 
 
@@ -62,7 +70,7 @@ def _columns(rate: np.ndarray, measured_rate: np.ndarray) -> Iterator[tuple[str,
     is_moving = np.minimum(rate.std(axis=0), measured_rate.std(axis=0)) > _MOVING_JOINT
     moving = np.flatnonzero(is_moving).tolist()
     for k in moving:
-        fits = {j: checks.correlation(measured_rate[:, k], rate[:, j]) for j in moving}
+        fits = {j: correlation(measured_rate[:, k], rate[:, j]) for j in moving}
         best = max(fits, key=lambda j: abs(fits[j]))
         if fits[k] < _DOUBTFUL and abs(fits[best]) > fits[k] + _BETTER:
             sign = "minus " if fits[best] < 0 else ""

@@ -1,10 +1,10 @@
-"""Parameters of a vehicle that may be identified: quantities, which of them are fixed, free or have
-priors, and the unknowns.
+"""Parameters of a vehicle that may be identified: its quantities, which of them are fixed, free or
+have priors, and the unknowns of a declaration in a row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -13,11 +13,12 @@ import numpy as np
 
 from uvms_ocp.checks import checked_dataclass
 from uvms_ocp.errors import InvalidInput, require_known
-from uvms_ocp.identification import coordinates
 from uvms_ocp.identification.coordinates import (
     Interval,
+    LinearDrag,
     PositiveDefinite,
     Positives,
+    QuadraticDrag,
     QuantityCoordinates,
     Reals,
     second_moment,
@@ -26,21 +27,21 @@ from uvms_ocp.robot.symbolic_dynamics import SymbolicDynamics
 from uvms_ocp.robot.thrusters import AXES as AXES
 from uvms_ocp.types import Positive
 
-# What is known of a quantity: fixed, free, bounded, or free with a prior.
-
-All = None
-
-_HELD = 1e-4  # [as start] deviation of what is held
-
-Pairs = tuple[tuple[int, int], ...]
-_XYZ = ("x", "y", "z")
-_SPEED = 0.3  # [m/s, rad/s] size that velocities have
 DELAYS = ("delay", "velocity_delay")
-"""Quantities of time, from 0 to the longest."""
+"""Quantities that are times, from 0 to the longest."""
 LONGEST_DELAY = 1.0
 """[s] of commands and of measurements."""
 AT_ONCE = 1e-6
-"""[s] of a delay that there is not."""
+"""[s] that stands for no delay at all."""
+All = None
+"""All coordinates of a quantity."""
+_HELD = 1e-4  # [as start] deviation of what is held
+_SPEED = 0.3  # [m/s, rad/s] size that velocities have
+_SHORTEST_DELAY = 1e-3  # [s] from which a search for a delay of commands begins, at least
+_VELOCITY_DELAY = 0.01  # [s] from which a search for a delay of velocities begins, at least
+_XYZ = ("x", "y", "z")
+
+Pairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -56,6 +57,7 @@ class Free:
     """Status of a quantity that the recordings alone determine."""
 
     only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -69,6 +71,7 @@ class Bounded:
     upper: float
     """[unit of the quantity]"""
     only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
     def __post_init__(self) -> None:
         """Check the bounds. Raises `InvalidInput` for bounds in the wrong order."""
@@ -85,12 +88,10 @@ class Prior:
     sigma: Positive
     """Relative, for what must be positive; [unit of the quantity] for what may have any sign."""
     only: tuple[str, ...] | None = All
+    """Coordinates by their names; the others of the quantity stay as they were declared."""
 
 
 ParameterStatus: TypeAlias = Fixed | Free | Bounded | Prior
-
-
-# What of a vehicle may be identified, in one value.
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -98,7 +99,9 @@ class Quantity:
     """One quantity with bounds, prior and status of each of its coordinates."""
 
     unit: str
+    """Unit of the value; several where its rows differ, as ``kg, kg m, kg m2``."""
     coordinates: QuantityCoordinates
+    """How coordinates x (n,) stand for the value."""
     x: np.ndarray
     """(n,) [-, or the unit of the quantity] values of the coordinates, and the middle of priors."""
     free: np.ndarray
@@ -130,17 +133,16 @@ class Quantity:
         Raises InvalidInput for a value that coordinates do not reach.
         """
         x = coordinates.encode(value)
-        none = np.zeros(len(x), dtype=bool)
-        endless = np.full(len(x), np.inf)
+        unlimited = np.full(len(x), np.inf)
         return Quantity(
             unit=unit,
             coordinates=coordinates,
             x=x,
-            free=none,
+            free=np.zeros(len(x), dtype=bool),
             own=own,
-            sigma=endless,
-            lower=-endless,
-            upper=endless,
+            sigma=unlimited,
+            lower=-unlimited,
+            upper=unlimited,
         )
 
     def with_status(self, status: ParameterStatus, called: str = "it") -> Quantity:
@@ -148,37 +150,41 @@ class Quantity:
 
         Raises NameNotFound for no coordinate of it, and InvalidInput.
         """
-        names = self.coordinates.names
-        for name in status.only or ():
-            require_known(
-                f"coordinate of {called}, which has none for what is 0 in the robot's file:",
-                name,
-                names,
-            )
-        chosen = np.array(
-            [status.only is None or name in status.only for name in names], dtype=bool
-        )
+        chosen = self._chosen(status.only, called)
+        is_free = not isinstance(status, Fixed)
+        if is_free and self.begin is not None:
+            begun = replace(self, x=np.where(chosen, self.begin, self.x), begin=None)
+            return begun.with_status(status, called)
         sigma = status.sigma if isinstance(status, Prior) else np.inf
-        if self.begin is not None and not isinstance(status, Fixed):
-            return replace(self, x=np.where(chosen, self.begin, self.x), begin=None).with_status(
-                status, called
-            )
         lower, upper = self._bounds(status)
         return replace(
             self,
-            free=np.where(chosen, not isinstance(status, Fixed), self.free),
+            free=np.where(chosen, is_free, self.free),
             sigma=np.where(chosen, sigma, self.sigma),
             lower=np.where(chosen, lower, self.lower),
             upper=np.where(chosen, upper, self.upper),
         )
 
+    def _chosen(self, only: Sequence[str] | None, called: str) -> np.ndarray:
+        """Return the mask (n,) [bool] of coordinates by their names; of all where none are given."""
+        names = self.coordinates.names
+        if only is All:
+            return np.ones(len(names), dtype=bool)
+        for name in only:
+            require_known(
+                f"coordinate of {called}, which has none for what is 0 in the robot's file:",
+                name,
+                names,
+            )
+        return np.array([name in only for name in names], dtype=bool)
+
     def _bounds(self, status: ParameterStatus) -> tuple[np.ndarray, np.ndarray]:
+        """Return lower and upper bounds (n,) [as x] of a status; infinite where it has none."""
         n = len(self.x)
         if not isinstance(status, Bounded):
             return np.full(n, -np.inf), np.full(n, np.inf)
-        lower, upper = (
-            self.coordinates.encode(np.full(n, value)) for value in (status.lower, status.upper)
-        )
+        lower = self.coordinates.encode(np.full(n, status.lower))
+        upper = self.coordinates.encode(np.full(n, status.upper))
         if not ((lower <= self.x) & (self.x <= upper)).all():
             raise InvalidInput(
                 f"bounds {status.lower} and {status.upper} given; allowed: around what the value is"
@@ -197,35 +203,25 @@ class Declaration:
 
         Raises NameNotFound for a quantity that there is not, and InvalidInput.
         """
-        return self._with(
-            {
-                name: self._found(name).with_status(quantity_status, name)
-                for name, quantity_status in status.items()
-            }
-        )
+        changed = {}
+        for name, quantity_status in status.items():
+            changed[name] = self._quantity(name).with_status(quantity_status, name)
+        return Declaration(quantities={**self.quantities, **changed})
 
     def with_start(self, **values: np.ndarray) -> Declaration:
         """Return a copy whose quantities start at other values (...) [unit of the quantity].
 
         Raises NameNotFound, InvalidInput.
         """
-        quantities = {name: self._found(name) for name in values}
-        return self._with(
-            {
-                name: replace(quantity, x=quantity.coordinates.encode(values[name]))
-                for name, quantity in quantities.items()
-            }
-        )
-
-    def _found(self, name: str) -> Quantity:
-        require_known("quantity", name, self.quantities)
-        return self.quantities[name]
-
-    def _with(self, changed: Mapping[str, Quantity]) -> Declaration:
+        changed = {}
+        for name, value in values.items():
+            quantity = self._quantity(name)
+            changed[name] = replace(quantity, x=quantity.coordinates.encode(value))
         return Declaration(quantities={**self.quantities, **changed})
 
-
-# The unknowns of a declaration in a row, and the way from them to values.
+    def _quantity(self, name: str) -> Quantity:
+        require_known("quantity", name, self.quantities)
+        return self.quantities[name]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,16 +237,16 @@ class Unknowns:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the unknowns, as ``added_mass surge``."""
-        return tuple(
-            f"{name} {coordinate}".strip()
-            for name, quantity in self._items()
-            for coordinate, free in zip(quantity.coordinates.names, quantity.free, strict=True)
-            if free
-        )
+        names = []
+        for name, quantity in self._items():
+            for coordinate, is_free in zip(quantity.coordinates.names, quantity.free, strict=True):
+                if is_free:
+                    names.append(f"{name} {coordinate}".strip())
+        return tuple(names)
 
     @property
     def start(self) -> np.ndarray:
-        """(n,) [-, or the unit of the quantity]"""
+        """(n,) [-, or the unit of the quantity] values at which a search begins."""
         return self._free("x")
 
     @property
@@ -260,12 +256,12 @@ class Unknowns:
 
     @property
     def lower(self) -> np.ndarray:
-        """(n,) [as start]"""
+        """(n,) [as start] lower bounds, minus infinity without."""
         return self._free("lower")
 
     @property
     def upper(self) -> np.ndarray:
-        """(n,) [as start]"""
+        """(n,) [as start] upper bounds, infinite without."""
         return self._free("upper")
 
     def values(self, theta: ca.SX) -> dict[str, ca.SX]:
@@ -273,12 +269,12 @@ class Unknowns:
         quantities = {}
         first = 0
         for name, quantity in self._items():
-            n = int(quantity.free.sum())
+            n_free = int(quantity.free.sum())
             x = ca.SX(ca.DM(quantity.x))
-            if n:
-                x[np.flatnonzero(quantity.free).tolist()] = theta[first : first + n]
+            if n_free:
+                x[np.flatnonzero(quantity.free).tolist()] = theta[first : first + n_free]
             quantities[name] = quantity.coordinates.decode(x)
-            first = first + n
+            first += n_free
         return quantities
 
     def believed(self, about: np.ndarray, wider: float = 1.0) -> Unknowns:
@@ -286,13 +282,10 @@ class Unknowns:
         deviations.
         """
         moved = self._with("x", about)
-        widened = {
-            name: replace(quantity, sigma=wider * quantity.sigma)
-            for name, quantity in moved._items()
-        }
-        return Unknowns(
-            Declaration(quantities={**moved.declaration.quantities, **widened}), self.own
-        )
+        quantities = dict(moved.declaration.quantities)
+        for name, quantity in moved._items():
+            quantities[name] = replace(quantity, sigma=wider * quantity.sigma)
+        return Unknowns(Declaration(quantities=quantities), self.own)
 
     def held(self, which: np.ndarray) -> Unknowns:
         """Return a copy that holds the unknowns of a mask which (n,) [bool] where they start."""
@@ -303,30 +296,23 @@ class Unknowns:
         quantities = dict(self.declaration.quantities)
         first = 0
         for name, quantity in self._items():
+            n_free = int(quantity.free.sum())
             changed = getattr(quantity, column).copy()
-            n = int(quantity.free.sum())
-            changed[quantity.free] = values[first : first + n]
+            changed[quantity.free] = values[first : first + n_free]
             quantities[name] = replace(quantity, **{column: changed})
-            first = first + n
+            first += n_free
         return Unknowns(Declaration(quantities=quantities), self.own)
 
-    def _items(self) -> Iterator[tuple[str, Quantity]]:
-        return (
-            (name, quantity)
-            for name, quantity in self.declaration.quantities.items()
-            if quantity.own == self.own
-        )
-
     def _free(self, column: str) -> np.ndarray:
-        return np.concatenate(
-            [
-                np.zeros(0),
-                *(getattr(quantity, column)[quantity.free] for _, quantity in self._items()),
-            ]
-        )
+        """Return a column of all unknowns in a row."""
+        parts = [getattr(quantity, column)[quantity.free] for _, quantity in self._items()]
+        return np.concatenate([np.zeros(0), *parts])
 
-
-# The quantities of a vehicle, all of them known to be what its model says.
+    def _items(self) -> Iterator[tuple[str, Quantity]]:
+        """Yield the quantities of this kind by name: shared, or each recording's own."""
+        for name, quantity in self.declaration.quantities.items():
+            if quantity.own == self.own:
+                yield name, quantity
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -334,6 +320,7 @@ class ActuatorModel:
     """Actuators of the vehicle: thrusters, or the wrench as commanded."""
 
     names: tuple[str, ...] = AXES
+    """(n,) of the actuators."""
     wrench: np.ndarray = field(default_factory=lambda: np.eye(6))
     """(6, n) [-, m] per unit of each actuator, linear rows first."""
     allocation: np.ndarray = field(default_factory=lambda: np.eye(6))
@@ -357,7 +344,9 @@ class AxisCouplings:
     """Pairs of axes that may act on each other."""
 
     added_mass: Pairs = ()
+    """In any order."""
     linear_drag: Pairs = ()
+    """In any order."""
     quadratic_drag: Pairs = ()
     """Row and column: the force on the first axis from the motion of the second."""
 
@@ -415,12 +404,14 @@ def vehicle_declaration(
     coefficients. velocity_delay: [s] of measured velocity. Raises InvalidInput for numbers that no
     vehicle has.
     """
-    quantities = (
-        _body(start, hull)
-        | _water(start, couplings or AxisCouplings())
-        | _actuation(actuators or ActuatorModel())
+    return Declaration(
+        quantities={
+            **_body(start, hull),
+            **_water(start, couplings or AxisCouplings()),
+            **_actuation(actuators or ActuatorModel()),
+            **_sensing(velocity_delay),
+        }
     )
-    return Declaration(quantities=quantities | _sensing(velocity_delay))
 
 
 def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
@@ -441,18 +432,26 @@ def _body(start: NominalParameters, hull: np.ndarray) -> dict[str, Quantity]:
 
 
 def _water(start: NominalParameters, coupled: AxisCouplings) -> dict[str, Quantity]:
-    root = {name: np.sqrt(np.diag(getattr(start, name))) for name in ("added_mass", "linear_drag")}
-    added = PositiveDefinite(axes=AXES, scale=root["added_mass"], couplings=coupled.added_mass)
-    linear = PositiveDefinite(axes=AXES, scale=root["linear_drag"], couplings=coupled.linear_drag)
-    diagonal = np.diag(start.quadratic_drag)
-    quadratic = coordinates.QuadraticDrag(
-        axes=AXES, scale=diagonal, speed=np.full(6, _SPEED), couplings=coupled.quadratic_drag
+    added = PositiveDefinite(
+        axes=AXES,
+        scale=np.sqrt(np.diag(start.added_mass)),
+        couplings=coupled.added_mass,
+    )
+    symmetric = PositiveDefinite(
+        axes=AXES,
+        scale=np.sqrt(np.diag(start.linear_drag)),
+        couplings=coupled.linear_drag,
+    )
+    linear = LinearDrag(symmetric=symmetric)
+    quadratic = QuadraticDrag(
+        axes=AXES,
+        scale=np.diag(start.quadratic_drag),
+        speed=np.full(6, _SPEED),
+        couplings=coupled.quadratic_drag,
     )
     return {
         "added_mass": Quantity.fixed("kg, kg m, kg m2", added, start.added_mass),
-        "linear_drag": Quantity.fixed(
-            "N/(m/s), N m/(rad/s)", coordinates.LinearDrag(symmetric=linear), start.linear_drag
-        ),
+        "linear_drag": Quantity.fixed("N/(m/s), N m/(rad/s)", linear, start.linear_drag),
         "quadratic_drag": Quantity.fixed(
             "N/(m/s)^2, N m/(rad/s)^2", quadratic, start.quadratic_drag
         ),
@@ -469,11 +468,11 @@ def _actuation(driven: ActuatorModel) -> dict[str, Quantity]:
         "dead_zone": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
         "dead_zone_reverse": Quantity.fixed("N, N m", positives, ones * driven.dead_zone),
         "bias": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6)),
-        "delay": _delay(driven.delay, begin=max(driven.delay, 1e-3)),
+        "delay": _delay(driven.delay, begin=max(driven.delay, _SHORTEST_DELAY)),
     }
 
 
-def _sensing(late: float) -> dict[str, Quantity]:
+def _sensing(velocity_delay: float) -> dict[str, Quantity]:
     """Declare the sensors; that of attitude and its rate sits in B turned by a rotation vector, to
     which each recording adds its own.
 
@@ -482,7 +481,7 @@ def _sensing(late: float) -> dict[str, Quantity]:
     """
     return {
         "velocity_point": Quantity.fixed("m", Reals(names=_XYZ), np.zeros(3)),
-        "velocity_delay": _delay(late, begin=max(late, 0.01)),
+        "velocity_delay": _delay(velocity_delay, begin=max(velocity_delay, _VELOCITY_DELAY)),
         "attitude_turn": Quantity.fixed("rad", Reals(names=_XYZ), np.zeros(3)),
         "current": Quantity.fixed("m/s", Reals(names=_XYZ), np.zeros(3), own=True),
         "wrench_offset": Quantity.fixed("N, N m", Reals(names=AXES), np.zeros(6), own=True),
@@ -494,7 +493,5 @@ def _sensing(late: float) -> dict[str, Quantity]:
 def _delay(delay: float, begin: float) -> Quantity:
     """Make a quantity fixed at a delay [s], of which a search begins at `begin` [s]."""
     inside = Interval(names=("",), lower=np.zeros(1), upper=np.full(1, LONGEST_DELAY))
-    return replace(
-        Quantity.fixed("s", inside, np.array([max(delay, AT_ONCE)])),
-        begin=inside.encode(np.array([begin])),
-    )
+    quantity = Quantity.fixed("s", inside, np.array([max(delay, AT_ONCE)]))
+    return replace(quantity, begin=inside.encode(np.array([begin])))

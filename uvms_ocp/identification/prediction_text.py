@@ -69,6 +69,7 @@ def prediction_data(
 ) -> dict[str, Any]:
     """Return the judgement of predictions as numbers for JSON; `None` where there is no number."""
     judgement = judge_predictions(recordings)
+    predicted = [recording for recording in recordings if recording.horizons]
     data: dict[str, Any] = {
         "verdict": judgement.verdict.value,
         "advice": judgement.verdict.advice,
@@ -81,9 +82,7 @@ def prediction_data(
             "unfinished": list(bounds.unfinished),
             "recordings_differ": list(judgement.differing),
             "channels": [_shares_data(entry) for entry in judgement.shares],
-            "recordings": [
-                _recording_data(recording) for recording in recordings if recording.horizons
-            ],
+            "recordings": [_recording_data(recording) for recording in predicted],
         }
     return data
 
@@ -116,11 +115,9 @@ def _shares_data(shares: FitShares) -> dict[str, Any]:
 
 
 def _recording_data(recording: HeldOutRecording) -> dict[str, Any]:
-    table = fits_beside_bounds(recording)
-    fits = {
-        channel: [_number(value) for value in column]
-        for channel, column in zip(FITTED_CHANNELS, table.T, strict=True)
-    }
+    fits = {}
+    for channel, column in zip(FITTED_CHANNELS, fits_beside_bounds(recording).T, strict=True):
+        fits[channel] = [_number(value) for value in column]
     return {"recording": recording.name, "fits_percent": fits, "tilt_deg": _tilts(recording)}
 
 

@@ -180,21 +180,24 @@ class PredictionJudgement:
     @property
     def differing(self) -> tuple[str, ...]:
         """Channels in which recordings differ by more than one vehicle can show."""
-        return tuple(
-            channel_shares.channel
-            for channel_shares in self.shares
-            if channel_shares.recordings_differ
-        )
+        return tuple(entry.channel for entry in self.shares if entry.recordings_differ)
 
 
 def judge_predictions(recordings: Sequence[HeldOutRecording]) -> PredictionJudgement:
     """Judge the predictions of recordings that the vehicle has not seen."""
-    worse = tuple(shortfall for recording in recordings for shortfall in recording.worse_than_still)
-    predicted = [recording for recording in recordings if recording.horizons]
+    worse: list[WorseThanStill] = []
+    predicted = []
+    unpredicted = []
+    for recording in recordings:
+        worse += recording.worse_than_still
+        if recording.horizons:
+            predicted.append(recording)
+        else:
+            unpredicted.append(recording.name)
     return PredictionJudgement(
-        worse=worse,
+        worse=tuple(worse),
         shares=tuple(_shares(predicted)),
-        unpredicted=tuple(recording.name for recording in recordings if not recording.horizons),
+        unpredicted=tuple(unpredicted),
         compared=len(predicted) * len(CHANNEL_UNITS),
     )
 
@@ -232,16 +235,14 @@ def _fits(predicted: Predicted) -> np.ndarray:
     """Compute fits (7,) [%] of `FITTED_CHANNELS`."""
     if not predicted.finite:
         return np.full(len(FITTED_CHANNELS), np.nan)
-    fits = [
-        fit_percent(predicted.measured[sensor][:, axis], predicted.rows[sensor][:, axis])
-        for sensor in range(2)
-        for axis in range(3)
-    ]
+    fits = []
+    for measured, rows in zip(predicted.measured[:2], predicted.rows[:2], strict=True):
+        for axis in range(3):
+            fits.append(fit_percent(measured[:, axis], rows[:, axis]))
     vertical = predicted.measured[2]
     missed = np.linalg.norm(predicted.rows[2] - vertical)
-    return np.array(
-        [*fits, 100.0 * (1.0 - missed / np.linalg.norm(vertical - vertical.mean(axis=0)))]
-    )
+    moved = np.linalg.norm(vertical - vertical.mean(axis=0))
+    return np.array([*fits, 100.0 * (1.0 - missed / moved)])
 
 
 def _moves(prediction: HorizonPrediction, noise: Noise) -> np.ndarray:

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from uvms_ocp.identification import recording as recordings, sample_checks as checks
+from uvms_ocp.identification import recording as recordings
+from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.recording import (
     Channel,
     Recording,
@@ -19,8 +20,21 @@ from uvms_ocp.identification.recording import (
     rotations,
     smoothed,
 )
+from uvms_ocp.identification.series_agreement import (
+    DEAD,
+    EXPLAINED,
+    MOVES,
+    WAYS,
+    WINDOW,
+    correlation,
+    describe_delay,
+    describe_factor,
+    explained,
+    named,
+    offset,
+)
 
-_INSIDE = slice(round(checks.WINDOW / recordings.GRID), -round(checks.WINDOW / recordings.GRID))
+_INSIDE = slice(round(WINDOW / recordings.GRID), -round(WINDOW / recordings.GRID))
 """Smoothed samples whose window is whole."""
 # of the motion that a way to read axes must explain: at least, and as magnitudes agree
 _HALF = 0.5
@@ -110,7 +124,7 @@ def _agrees_better(candidate: _Agreement, present: _Agreement) -> bool:
     gains = [shares[name] - share for name, (share, _) in present.items()]
     if min(shares.values()) <= _HALF or min(gains) <= -_EVEN:
         return False
-    n_better = sum(gain > checks.EXPLAINED for gain in gains)
+    n_better = sum(gain > EXPLAINED for gain in gains)
     if n_better != 1:
         return n_better > 1
     for name, (_, share_with_other_axes) in present.items():
@@ -131,7 +145,7 @@ def _agreement(recording: Recording) -> _Agreement:
         aligned = _aligned(recording, name, reference)
         if aligned is None:
             continue
-        share = checks.explained(aligned.values, reference.body)
+        share = explained(aligned.values, reference.body)
         best_share = max(_ways(reference, aligned.values, name).values())
         agreements[name] = (share, best_share)
     return agreements
@@ -144,21 +158,21 @@ def _references(recording: Recording) -> Iterator[tuple[str, _Reference]]:
     if attitude is None:
         return
     if "angular_velocity" in channels:
-        t, omega = angular_rate(attitude, checks.WINDOW)
+        t, omega = angular_rate(attitude, WINDOW)
         t = t[_INSIDE]
         omega = omega[_INSIDE]
         R = rotations(attitude, t)
         yield "angular_velocity", _Reference(t, omega, np.einsum("nij,nj->ni", R, omega), R)
     if "specific_force" in channels:
-        t, _ = smoothed(attitude.undelayed_t, attitude.values, checks.WINDOW)
+        t, _ = smoothed(attitude.undelayed_t, attitude.values, WINDOW)
         t = t[_INSIDE]
-        up = checks.G * rotations(attitude, t)[:, 2]
+        up = G * rotations(attitude, t)[:, 2]
         mean_force = channels["specific_force"].values.mean(axis=0)
         sign = np.sign(up.mean(axis=0) @ mean_force)  # where down is another matter
         yield "specific_force", _Reference(t, sign * (up - up.mean(axis=0)))
     if "linear_velocity" in channels and "position" in channels:
         position = channels["position"]
-        t, rate = smoothed(position.undelayed_t, position.values, checks.WINDOW, derivative=1)
+        t, rate = smoothed(position.undelayed_t, position.values, WINDOW, derivative=1)
         t = t[_INSIDE]
         rate = rate[_INSIDE]
         R = rotations(attitude, t)
@@ -181,14 +195,14 @@ class _AlignedChannel:
 def _aligned(recording: Recording, name: str, reference: _Reference) -> _AlignedChannel | None:
     """Align a channel to its reference; `None` where one of them does not move."""
     channel = recording.channels[name]
-    is_dead = np.ptp(channel.values, axis=0).max() < checks.DEAD
-    if is_dead or reference.body.std(axis=0).max() < checks.MOVES[name]:
+    is_dead = np.ptp(channel.values, axis=0).max() < DEAD
+    if is_dead or reference.body.std(axis=0).max() < MOVES[name]:
         return None
-    t, values = smoothed(channel.undelayed_t, channel.values, checks.WINDOW)
+    t, values = smoothed(channel.undelayed_t, channel.values, WINDOW)
     if name == "specific_force":  # whose mean is gravity
         deviations = values - values.mean(axis=0)
         return _AlignedChannel(recordings.interpolated(reference.t, t, deviations))
-    delay, is_constant = checks.offset(reference.t, reference.body, t, values)
+    delay, is_constant = offset(reference.t, reference.body, t, values)
     shifted = recordings.interpolated(reference.t + delay, t, values)
     factor = float(np.linalg.norm(shifted) / np.linalg.norm(reference.body))
     return _AlignedChannel(shifted / factor, delay, is_constant, factor)
@@ -203,10 +217,10 @@ def _rate_issues(
         return
     if name != "specific_force":
         if aligned.has_constant_delay:
-            delay_text = checks.describe_delay(aligned.delay)
+            delay_text = describe_delay(aligned.delay)
         else:
             delay_text = _JUMP
-        factor_text = checks.describe_factor(reference.body, aligned.factor * aligned.values)
+        factor_text = describe_factor(reference.body, aligned.factor * aligned.values)
         for text in (delay_text, factor_text):
             if text:
                 yield name, text.format(PARTNER[name])
@@ -215,12 +229,12 @@ def _rate_issues(
 
 def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterator[tuple[str, str]]:
     """Yield other axes that explain more of the motion than the axes as they are."""
-    present_share = checks.explained(measured, reference.body)
+    present_share = explained(measured, reference.body)
     ways = _ways(reference, measured, name)
     best = max(ways, key=lambda way: ways[way])
     sizes = np.linalg.norm(measured, axis=1)
-    agreement = checks.correlation(sizes, np.linalg.norm(reference.body, axis=1))
-    if ways[best] > max(present_share + checks.EXPLAINED, _HALF, _MOST * agreement):
+    agreement = correlation(sizes, np.linalg.norm(reference.body, axis=1))
+    if ways[best] > max(present_share + EXPLAINED, _HALF, _MOST * agreement):
         channel, text = best
         yield (
             channel,
@@ -232,7 +246,7 @@ def _rate_axes(reference: _Reference, measured: np.ndarray, name: str) -> Iterat
     if reference.R is None or reference.world is None:
         return
     turn, share = _turn(np.einsum("nij,nj->ni", reference.R, measured), reference.world)
-    share_with_turn = share - checks.EXPLAINED if share > _HALF else 0.0
+    share_with_turn = share - EXPLAINED if share > _HALF else 0.0
     if present_share < max(_HALF * agreement, share_with_turn):
         text = "with it the velocity is as large as the rate of the position, and points elsewhere"
         yield "attitude", f"{text}, by {np.rad2deg(turn):.0f} deg about z: format, axes, yaw?"
@@ -244,9 +258,9 @@ def _ways(reference: _Reference, measured: np.ndarray, name: str) -> dict[tuple[
     """
     motion = "tilt" if name == "specific_force" else "rate"
     shares = {}
-    for Q in checks.WAYS:
-        text = f"its axes fit the {motion} of the {PARTNER[name]} as {checks.named(Q)}"
-        shares[name, text] = checks.explained(measured @ Q.T, reference.body)
+    for Q in WAYS:
+        text = f"its axes fit the {motion} of the {PARTNER[name]} as {named(Q)}"
+        shares[name, text] = explained(measured @ Q.T, reference.body)
     return shares | _in_world(reference, measured, name)
 
 
@@ -259,7 +273,7 @@ def _turn(measured: np.ndarray, expected: np.ndarray) -> tuple[float, float]:
     turn = float(np.angle(np.vdot(expected_plane, plane)))
     turned_plane = plane * np.exp(-1j * turn)
     turned = np.column_stack([turned_plane.real, turned_plane.imag, measured[:, 2]])
-    return turn, checks.explained(turned, expected)
+    return turn, explained(turned, expected)
 
 
 def _in_world(
@@ -274,16 +288,15 @@ def _in_world(
     world = reference.world
     shares = {}
     in_world = f"its axes fit the rate of the {partner} in W"
-    shares[name, in_world] = checks.explained(measured, world)
+    shares[name, in_world] = explained(measured, world)
     if name == "linear_velocity":
         turned = np.einsum("nij,nj->ni", reference.R, measured)
-        for Q in checks.WAYS:
+        for Q in WAYS:
             text = (
-                f"its rate fits the velocity with axes {checks.named(Q)}: NED against ENU? give"
-                " columns so"
+                f"its rate fits the velocity with axes {named(Q)}: NED against ENU? give columns so"
             )
-            shares[partner, text] = checks.explained(turned, world @ Q.T)
-    return {way: share - checks.EXPLAINED / 2 for way, share in shares.items()}
+            shares[partner, text] = explained(turned, world @ Q.T)
+    return {way: share - EXPLAINED / 2 for way, share in shares.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,24 +25,14 @@ CHANNEL_TABLE = tomllib.loads(
 
 SECONDS: Mapping[str, float] = CHANNEL_TABLE["units"]["s"]
 """[s] of the units that times are given in."""
-_BY_SPELLING = {
-    name.lower().replace(" ", ""): name
-    for units in CHANNEL_TABLE["units"].values()
-    for name in units
-}
-_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
-
 GRID = 0.05
-"""[s] of uniform samples before they are smoothed."""
-_MOST = 20_000_000  # of these: 11 days
-
+"""[s] between uniform samples before they are smoothed."""
 LONGEST_GAP = 2.0
 """[s] without a sample of any channel, from which on a recording is cut."""
 SHORTEST = 5.0
 """[s] of a part that is kept: less tells next to nothing."""
-
-
-# What was measured while a vehicle moved, as a value.
+_MOST = 20_000_000  # uniform samples: 11 days
+_NORM = 1e-2  # by which quaternions may differ from 1: they are stored with few digits
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -63,6 +53,18 @@ CHANNEL_KINDS: Mapping[str, ChannelKind] = {
     for name, entry in CHANNEL_TABLE["channels"].items()
 }
 """Every channel that a recording may have, by its name."""
+
+
+def _units_by_spelling() -> dict[str, str]:
+    """Return the names of all units of the table by their letters, lower case and without blanks."""
+    units_by_spelling = {}
+    for units in CHANNEL_TABLE["units"].values():
+        for name in units:
+            units_by_spelling[name.lower().replace(" ", "")] = name
+    return units_by_spelling
+
+
+_BY_SPELLING = _units_by_spelling()
 
 
 def unit_named(spelling: str) -> str:
@@ -338,68 +340,61 @@ def split_at_gaps(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """Cut recordings into parts at their silences. Raises InvalidInput for one that has no part of
     `SHORTEST`.
     """
-    return tuple(part for recording in recordings for part in _parts(recording))
+    parts: list[Recording] = []
+    for recording in recordings:
+        parts += _parts(recording)
+    return tuple(parts)
 
 
-def _parts(recording: Recording) -> tuple[Recording, ...]:
-    # (n, 2) [s] from the last sample before each to the first after it.
-    t = np.unique(np.concatenate([channel.undelayed_t for channel in recording.channels.values()]))
-    last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
-    silences = np.column_stack([t[last], t[last + 1]])
-    (begin, end) = recording.span
-    if (
-        not len(silences) or begin >= end
-    ):  # channels without a time in common are no matter of silences
-        return (recording,)
-    ends = [-np.inf, *silences.ravel(), np.inf]
-    parts = [
-        part
-        for pair in zip(ends[::2], ends[1::2], strict=True)
-        if (part := _between(recording, *pair))
-    ]
-    longest = float(np.diff(silences).max())
+def _parts(recording: Recording) -> list[Recording]:
+    """Cut a recording at its silences; the first part says so. Channels without a time in common are
+    no matter of silences.
+    """
+    silences = _silences(recording)
+    begin, end = recording.span
+    if not len(silences) or begin >= end:
+        return [recording]
+    lengths = silences[:, 1] - silences[:, 0]
+    longest = int(np.argmax(lengths))
+    begins = [-np.inf, *silences[:, 1]]
+    ends = [*silences[:, 0], np.inf]
+    parts: list[Recording] = []
+    for begin, end in zip(begins, ends, strict=True):
+        part = _between(recording, begin, end)
+        if part is not None:
+            name = f"{recording.name} part {len(parts) + 1}"
+            parts.append(replace(part, name=name, whole=recording.name))
     if not parts:
         silence_text = (
-            f"{recording.name}: nothing is recorded for up to {longest:.3g} s, again and again"
+            f"{recording.name}: nothing is recorded for up to {lengths[longest]:.3g} s, again and"
+            " again"
         )
         raise InvalidInput(
             f"{silence_text}; allowed: {SHORTEST:g} s at least without {LONGEST_GAP:g} s of silence: look"
             " at its times"
         )
-    silence = (
-        f"nothing is recorded for {longest:.3g} s at"
-        f" {silences[int(np.argmax(np.diff(silences))), 0]:.3g} s"
-    )
-    issues = (
-        *recording.issues_in_file,
-        ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent"),
-    )
-    return tuple(
-        replace(
-            part,
-            name=f"{recording.name} part {k}",
-            whole=recording.name,
-            issues_in_file=issues if k == 1 else recording.issues_in_file,
-        )
-        for k, part in enumerate(parts, start=1)
-    )
+    silence = f"nothing is recorded for {lengths[longest]:.3g} s at {silences[longest, 0]:.3g} s"
+    issue = ("times", f"{silence}: lost, or a clock that was set? It is cut where it is silent")
+    parts[0] = replace(parts[0], issues_in_file=(*recording.issues_in_file, issue))
+    return parts
+
+
+def _silences(recording: Recording) -> np.ndarray:
+    """Return silences (n, 2) [s]: the last sample before each, and the first after it."""
+    t = np.unique(np.concatenate([channel.undelayed_t for channel in recording.channels.values()]))
+    last = np.flatnonzero(np.diff(t) > LONGEST_GAP)
+    return np.column_stack([t[last], t[last + 1]])
 
 
 def _between(recording: Recording, begin: float, end: float) -> Recording | None:
     """Cut a recording from one time [s] to another; `None` if that is too short."""
-    cut = {name: _cut(channel, begin, end) for name, channel in recording.channels.items()}
-    channels = {name: channel for name, channel in cut.items() if channel is not None}
-    if len(channels) == len(cut):
-        part = replace(recording, channels=channels)
-    else:
-        part = None
-    if part is None or part.span[1] - part.span[0] < SHORTEST:
+    channels = {}
+    for name, channel in recording.channels.items():
+        inside = (channel.undelayed_t >= begin) & (channel.undelayed_t <= end)
+        if inside.sum() < 2:
+            return None
+        channels[name] = replace(channel, t=channel.t[inside], values=channel.values[inside])
+    part = replace(recording, channels=channels)
+    if part.span[1] - part.span[0] < SHORTEST:
         return None
     return part
-
-
-def _cut(channel: Channel, begin: float, end: float) -> Channel | None:
-    inside = (channel.undelayed_t >= begin) & (channel.undelayed_t <= end)
-    if inside.sum() > 1:
-        return replace(channel, t=channel.t[inside], values=channel.values[inside])
-    return None

@@ -16,11 +16,11 @@ from uvms_ocp.identification import (
     experiment_design,
     parameters,
     report_prose,
-    settings,
     uncertainty,
 )
 from uvms_ocp.identification.advice import advice
 from uvms_ocp.identification.calibration import Calibration
+from uvms_ocp.identification.calibration_robot import SHAPE_SPREADS, shape_of
 from uvms_ocp.identification.fit_tables import fits, left_out_tables
 from uvms_ocp.identification.held_constants import HeldConstant
 from uvms_ocp.identification.prediction_text import (
@@ -129,10 +129,10 @@ def _number_table(calibration: Calibration) -> Iterator[str]:
     axes = calibration.subject.vehicle.axes
     if len(axes) < len(parameters.AXES):
         yield report_prose.AXES.format(axes=", ".join(parameters.AXES[k] for k in axes))
-    shape = settings.shape_of(calibration.subject.robot, calibration.subject.frame)
+    shape = shape_of(calibration.subject.robot, calibration.subject.frame)
     if shape:
         yield report_prose.SHAPE.format(
-            shape=shape, frame=calibration.subject.frame, **settings.SHAPE_SPREADS
+            shape=shape, frame=calibration.subject.frame, **SHAPE_SPREADS
         )
     yield report_prose.NUMBER_TABLE
     for number in calibration.numbers:

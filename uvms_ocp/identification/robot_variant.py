@@ -14,8 +14,8 @@ import casadi as ca
 import numpy as np
 import yaml
 
-from uvms_ocp.identification import settings
 from uvms_ocp.identification.calibration import Calibration
+from uvms_ocp.identification.calibration_robot import shape_of
 from uvms_ocp.identification.uncertainty import IdentifiedNumber
 from uvms_ocp.robot.description import read_description
 
@@ -27,7 +27,7 @@ def variant_text(calibration: Calibration, recordings: Sequence[str]) -> str:
     """Write the identified coefficients as a variant of the robot's file, in YAML. Raises
     InvalidInput, as `CalibratedRobot.coefficients`.
     """
-    shape = settings.shape_of(calibration.subject.robot, calibration.subject.frame)
+    shape = shape_of(calibration.subject.robot, calibration.subject.frame)
     lines = [f"# Identified from: {', '.join(recordings)}."]
     coefficient_lines = list(_lines(calibration, shape))
     if coefficient_lines:

@@ -9,11 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.identification.calibration_robot import CalibratedRobot
+from uvms_ocp.identification.data_quality import QualityIssue
 from uvms_ocp.identification.mixed_thrusters import mixed_thrusters
 from uvms_ocp.identification.recording import Channel, Recording
 from uvms_ocp.identification.rollout import POSE_INTERVAL
-from uvms_ocp.identification.sample_checks import QualityIssue
-from uvms_ocp.identification.settings import CalibratedRobot, CalibrationSettings
+from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot.thrusters import thrust_limits, thruster_matrix
 
 _FLOWS = 0.01  # [m/s] of a current that is told

@@ -38,11 +38,12 @@ from uvms_ocp.record.array_file import read_arrays
 from uvms_ocp.record.table_files import arrow, require_numbers
 from uvms_ocp.record.untrusted import as_input_errors
 
-_MOST_NUMBERS = 20 * MOST_ROWS
-_LARGEST_JSON = 1 << 25
-
+_MOST_NUMBERS = 20 * MOST_ROWS  # of a file of arrays
+_LARGEST_JSON = 1 << 25  # bytes that are read at once
 _TIME = "t [s]"
+"""Name of the column of times of a stored recording."""
 _COLUMN = re.compile(r"(\w+)\.(\w+)$")
+"""Name of any other column: channel and column."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -227,16 +228,8 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
     """Yield arrays of a structure and of those within it, by names with dots between them; a list
     of rows has columns.
     """
-    if (
-        isinstance(value, list)
-        and any(value)
-        and all(row is None or isinstance(row, dict) for row in value)
-    ):
-        rows = [row or {} for row in value]
-        value = {
-            name: [row.get(name) for row in rows]
-            for name in dict.fromkeys(chain.from_iterable(rows))
-        }
+    if isinstance(value, list) and _are_rows(value):
+        value = _by_column(value)
     elif isinstance(value, list):
         with suppress(TypeError, ValueError):  # words, and rows that are not alike
             value = np.array(value, dtype=float)
@@ -252,6 +245,20 @@ def _flat(prefix: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
         yield from _flat(prefix, value.item())
     elif isinstance(value, np.ndarray):
         yield prefix, value
+
+
+def _are_rows(values: list[Any]) -> bool:
+    """Check whether values are rows with names, some of which may be missing."""
+    return any(values) and all(row is None or isinstance(row, dict) for row in values)
+
+
+def _by_column(rows: list[dict[str, Any] | None]) -> dict[str, list[Any]]:
+    """Return columns by their names, of rows by theirs; None where a row has no such name."""
+    present = [row or {} for row in rows]
+    columns = {}
+    for name in dict.fromkeys(chain.from_iterable(present)):
+        columns[name] = [row.get(name) for row in present]
+    return columns
 
 
 def _hdf5_arrays(path: Path) -> Mapping[str, np.ndarray]:
@@ -280,9 +287,6 @@ def _require_few(shapes: Iterable[tuple[str, Sequence[int]]]) -> None:
             raise InvalidInput(
                 f"{name!r} holds {tuple(shape)} numbers; at most {_MOST_NUMBERS} are read"
             )
-
-
-# Parquet.
 
 
 def _from_parquet(path: Path, selection: Sequence[str]) -> np.ndarray:
@@ -341,13 +345,9 @@ def _opened_for_text(path: Path) -> IO[str]:
     return path.open("w", newline="")
 
 
-# A recording as one file, CSV or Parquet, by its ending: a row for every time, cells only for
-# channels that have a sample.
-
-
 def write_recording(recording: Recording, path: Path | str) -> None:
     """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes
-    without a mapping.
+    without a mapping: a row for every time, cells only for channels that have a sample.
 
     Raises NotInstalled where Parquet cannot be written.
     """
@@ -363,10 +363,10 @@ def write_recording(recording: Recording, path: Path | str) -> None:
 
 
 def _labels(name: str, channel: Channel) -> tuple[str, ...]:
-    column_names = CHANNEL_KINDS[name].columns or tuple(
-        str(k) for k in range(channel.values.shape[1])
-    )
-    return (*(f"{name}.{column}" for column in column_names), f"{name}.delay")
+    """Return the names of the columns of a channel: its values, then its delay."""
+    n_columns = channel.values.shape[1]
+    columns = CHANNEL_KINDS[name].columns or tuple(map(str, range(n_columns)))
+    return tuple(f"{name}.{column}" for column in (*columns, "delay"))
 
 
 def is_stored(names: Collection[str]) -> bool:
@@ -380,8 +380,10 @@ def stored_recording(path: Path) -> Recording:
     """
     names = column_names(path)
     columns_by_channel = defaultdict[str, list[str]](list)
-    for match in filter(None, map(_COLUMN.match, names)):
-        columns_by_channel[match[1]].append(match[0])
+    for name in names:
+        match = _COLUMN.match(name)
+        if match is not None:
+            columns_by_channel[match[1]].append(match[0])
     if not is_stored(names) or not columns_by_channel:
         raise InvalidInput(f"{path}: no recording of ours; give a mapping of its columns")
     channels = {}
@@ -392,6 +394,7 @@ def stored_recording(path: Path) -> Recording:
 
 
 def _channel(where: str, rows: np.ndarray) -> Channel:
+    """Return a channel of rows (n, k) of time, values and delay."""
     samples = rows[np.isfinite(rows).all(axis=1)]
     if len(samples) < 2:
         raise InvalidInput(

@@ -15,41 +15,46 @@ from matplotlib.figure import Figure
 from uvms_ocp.identification.calibration import Calibration, Comparison
 from uvms_ocp.identification.parameters import AXES
 from uvms_ocp.identification.uncertainty import CHANNELS, INTERVAL, LEAST_P, Whiteness
-from uvms_ocp.identification.validation import SCORED, HeldOutRecording, Profile, errors
+from uvms_ocp.identification.validation import (
+    SCORED,
+    HeldOutRecording,
+    HorizonPrediction,
+    Profile,
+    errors,
+)
 from uvms_ocp.viz import series, style
 
-# What speaks for and against a calibration: residuals and whether they are white, profiles,
-# recordings that were left out.
-
+_AXES_OF_SENSOR = 3
 _UNITS = ("m/s", "rad/s", "-")
-"""Units of what the three sensors show."""
-_COLUMNS = 4  # of profiles beside each other
-_PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
-_ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
-
+"""Units of what the three sensors show: linear and angular velocity, and the vertical."""
 _PARTS = ("linear", "angular")
 """Parts of the velocity, as the sensors measure them."""
+_VERTICAL = 2  # place of its sensor
+_COLUMNS = 4  # of profiles beside each other
+_PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
+"""Colours of the calibrated vehicle, the vehicle before, and those that know less."""
+_BAR_WIDTH = 0.2  # of the distance between horizons
+_ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
 _WIDEST = 100.0  # [%] of an interval that is drawn: beyond it nothing is known
 
 
 @style.styled
 def figure_residuals(comparison: Comparison) -> Figure:
     """Draw the residuals, simulated less measured, and their autocorrelation."""
+    residuals = comparison.residuals
     tests = {test.channel: test for test in comparison.whiteness}
-    title = (
-        f"{style.label_text(comparison.name)}: what the search has left, and its autocorrelation"
-    )
+    name = style.label_text(comparison.name)
+    title = f"{name}: what the search has left, and its autocorrelation"
     figure = style.titled(0.95 * len(CHANNELS) + 0.6, title)
     grid = figure.subplots(
         len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)}
     )
-    for i, (name, (over_time, over_lags)) in enumerate(zip(CHANNELS, grid, strict=True)):
-        sensor, column = divmod(i, 3)
-        residual = (
-            comparison.residuals.rows[sensor][:, column]
-            - comparison.residuals.measured[sensor][:, column]
-        )
-        over_time.plot(comparison.residuals.t[sensor], residual, color=style.BLUE, lw=0.6)
+    for i, name in enumerate(CHANNELS):
+        over_time, over_lags = grid[i]
+        sensor, column = divmod(i, _AXES_OF_SENSOR)
+        simulated = residuals.rows[sensor][:, column]
+        measured = residuals.measured[sensor][:, column]
+        over_time.plot(residuals.t[sensor], simulated - measured, color=style.BLUE, lw=0.6)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in tests:
             _correlation(over_lags, tests[name])
@@ -109,50 +114,41 @@ def figure_left_out(recordings: Sequence[HeldOutRecording]) -> Figure:
     """Draw errors of predictions of recordings that were not seen, medians over them, beside those
     that know less.
     """
-    horizons = sorted(
-        {prediction.asked for recording in recordings for prediction in recording.horizons}
-    )
+    predictions: list[HorizonPrediction] = []
+    for recording in recordings:
+        predictions += recording.horizons
     figure = style.titled(
         4.6, "Recordings that were not seen: errors by horizon; taller bars are cut"
     )
     axes = figure.subplots(2, 4).ravel()
-    for i, (axis, name) in enumerate(zip(axes, SCORED, strict=False)):
-        _bars(axis, recordings, horizons, i)
-        axis.set_title(name)
-        axis.set_ylabel("[deg]" if i == len(SCORED) - 1 else f"[{_UNITS[i // 3]}]")
+    for i, name in enumerate(SCORED):
+        unit = _UNITS[i // _AXES_OF_SENSOR] if name in AXES else "deg"
+        _bars(axes[i], predictions, i)
+        axes[i].set_title(name)
+        axes[i].set_ylabel(f"[{unit}]")
     axes[-1].set_axis_off()
     axes[-1].legend(*axes[0].get_legend_handles_labels(), loc="center", frameon=False)
     return figure
 
 
-def _bars(
-    axis: Axes, recordings: Sequence[HeldOutRecording], horizons: Sequence[float], i: int
-) -> None:
-    predictions = [prediction for recording in recordings for prediction in recording.horizons]
+def _bars(axis: Axes, predictions: Sequence[HorizonPrediction], i: int) -> None:
+    """Draw median errors of the i-th of `SCORED` by horizon, a bar for each predictor."""
     if not predictions or not predictions[0].by:
         return
     names = list(predictions[0].by)
+    horizons = sorted({prediction.asked for prediction in predictions})
+    places = np.arange(len(horizons))
     heights = np.empty((len(names), len(horizons)))
     for column, horizon in enumerate(horizons):
-        chosen = [prediction for prediction in predictions if prediction.asked == horizon]
+        of_horizon = [prediction for prediction in predictions if prediction.asked == horizon]
         for k, name in enumerate(names):
-            heights[k, column] = np.median(
-                [errors(prediction.by[name])[i] for prediction in chosen]
-            )
+            values = [errors(prediction.by[name])[i] for prediction in of_horizon]
+            heights[k, column] = np.median(values)
     for k, name in enumerate(names):
-        axis.bar(
-            np.arange(len(horizons)) + 0.2 * (k - 1.5),
-            heights[k],
-            0.2,
-            color=_PREDICTORS[k],
-            label=name,
-        )
+        offset = _BAR_WIDTH * (k - 1.5)
+        axis.bar(places + offset, heights[k], _BAR_WIDTH, color=_PREDICTORS[k], label=name)
     axis.set_ylim(0.0, _ROOM * max(heights[0].max(), heights[2:].max()))
-    axis.set_xticks(np.arange(len(horizons)), [f"{horizon:g} s" for horizon in horizons])
-
-
-# A calibration to look at: measured against predicted, what is left, how sure its numbers are, and
-# what others predict.
+    axis.set_xticks(places, [f"{horizon:g} s" for horizon in horizons])
 
 
 def write_identification_figures(calibration: Calibration, folder: Path | str) -> list[Path]:
@@ -160,67 +156,68 @@ def write_identification_figures(calibration: Calibration, folder: Path | str) -
     what was asked for besides.
     """
     folder = Path(folder)
-    paths = [style.save_figure(figure_intervals(calibration), folder / "intervals.png")]
-    kinds: dict[str, Callable[[Comparison], Figure]] = {
-        "predicted": figure_predicted,
-        "residuals": figure_residuals,
-    }
+    paths = []
+
+    def save(figure: Figure, name: str) -> None:
+        paths.append(style.save_figure(figure, folder / f"{name}.png"))
+
+    save(figure_intervals(calibration), "intervals")
     for k, comparison in enumerate(calibration.comparisons):
-        paths += [
-            style.save_figure(draw(comparison), folder / f"{kind}_{k}.png")
-            for kind, draw in kinds.items()
-        ]
+        save(figure_predicted(comparison), f"predicted_{k}")
+        save(figure_residuals(comparison), f"residuals_{k}")
     if calibration.profiles:
-        paths.append(
-            style.save_figure(figure_profiles(calibration.profiles), folder / "profiles.png")
-        )
+        save(figure_profiles(calibration.profiles), "profiles")
     for name, recordings in (
         ("left_out", calibration.left_out),
         ("predicted_others", calibration.predicted),
     ):
         long_enough = [recording for recording in recordings if recording.horizons]
         if long_enough:
-            paths.append(style.save_figure(figure_left_out(long_enough), folder / f"{name}.png"))
+            save(figure_left_out(long_enough), name)
     return paths
 
 
 @style.styled
 def figure_predicted(comparison: Comparison) -> Figure:
     """Draw velocities, roll and pitch, measured and predicted from commands alone."""
-    figure, axes = style.stacked(
-        len(AXES) + 2, 1.0, f"{style.label_text(comparison.name)}: measured and predicted"
-    )
-    for i, (axis, name) in enumerate(zip(axes, AXES, strict=False)):
-        sensor, column = divmod(i, 3)
-        axis.set_ylabel(series.axis_label(name, "v", _PARTS[sensor]))
-        _draw(axis, comparison, sensor, itemgetter((slice(None), column)))
-    roll = ("roll", lambda vertical: np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2])))
-    pitch = ("pitch", lambda vertical: np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))))
-    for axis, (name, angle) in zip(axes[len(AXES) :], (roll, pitch), strict=True):
+    title = f"{style.label_text(comparison.name)}: measured and predicted"
+    figure, axes = style.stacked(len(AXES) + 2, 1.0, title)
+    for i, name in enumerate(AXES):
+        sensor, column = divmod(i, _AXES_OF_SENSOR)
+        axes[i].set_ylabel(series.axis_label(name, "v", _PARTS[sensor]))
+        _draw(axes[i], comparison, sensor, itemgetter((slice(None), column)))
+    for axis, name, angle in ((axes[-2], "roll", _roll), (axes[-1], "pitch", _pitch)):
         axis.set_ylabel(f"{name} [deg]")
-        _draw(axis, comparison, 2, angle)
+        _draw(axis, comparison, _VERTICAL, angle)
     style.heading_legend(figure, axes[0].get_lines())
     return figure
+
+
+def _roll(vertical: np.ndarray) -> np.ndarray:
+    """Compute roll (n,) [deg] by W's vertical in B (n, 3)."""
+    return np.rad2deg(np.arctan2(vertical[:, 1], vertical[:, 2]))
+
+
+def _pitch(vertical: np.ndarray) -> np.ndarray:
+    """Compute pitch (n,) [deg] by W's vertical in B (n, 3)."""
+    return np.rad2deg(-np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0)))
 
 
 def _draw(
     axis: Axes, comparison: Comparison, sensor: int, column: Callable[[np.ndarray], np.ndarray]
 ) -> None:
-    last = comparison.calibrated
-    drawn = (
-        ("before", comparison.before),
-        ("at rest in balance", comparison.balance),
-        ("calibrated", last),
-    )
-    axis.plot(
-        last.t[sensor], column(last.measured[sensor]), color=style.BLACK, lw=0.7, label="measured"
-    )
-    for (name, predicted), color in zip(
-        drawn, (style.FADED, style.GREEN, style.VERMILLION), strict=True
+    """Draw a column of what a sensor shows, measured and predicted, over time."""
+    calibrated = comparison.calibrated
+    t = calibrated.t[sensor]
+    measured = column(calibrated.measured[sensor])
+    axis.plot(t, measured, color=style.BLACK, lw=0.7, label="measured")
+    for name, predicted, color in (
+        ("before", comparison.before, style.FADED),
+        ("at rest in balance", comparison.balance, style.GREEN),
+        ("calibrated", calibrated, style.VERMILLION),
     ):
-        axis.plot(
-            predicted.t[sensor], column(predicted.rows[sensor]), color=color, lw=0.9, label=name
-        )
+        t = predicted.t[sensor]
+        axis.plot(t, column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
 
 
 @style.styled
@@ -231,16 +228,15 @@ def figure_intervals(calibration: Calibration) -> Figure:
     numbers = calibration.numbers
     figure = style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
     axis = figure.subplots()
-    widths = [
-        min(100.0 * INTERVAL * number.sigma / max(number.size, 1e-300), _WIDEST)
-        for number in numbers
-    ]
-    axis.barh(
-        np.arange(len(numbers)),
-        widths,
-        color=[style.BLUE if number.determined else style.FADED for number in numbers],
-    )
-    axis.set_yticks(np.arange(len(numbers)), [style.label_text(number.name) for number in numbers])
+    places = np.arange(len(numbers))
+    widths = []
+    colors = []
+    for number in numbers:
+        width = 100.0 * INTERVAL * number.sigma / max(number.size, 1e-300)
+        widths.append(min(width, _WIDEST))
+        colors.append(style.BLUE if number.determined else style.FADED)
+    axis.barh(places, widths, color=colors)
+    axis.set_yticks(places, [style.label_text(number.name) for number in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
     return figure

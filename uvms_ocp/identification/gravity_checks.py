@@ -1,0 +1,102 @@
+"""Check which way is down: what an accelerometer feels at rest, how a vehicle lies, and on which
+side of the surface it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from uvms_ocp.identification.recording import Channel, Recording, rotations
+
+G = 9.81
+"""[m/s2] specific force at rest."""
+PRESSURE = 700.0
+"""[mbar] Pressure of air where people are; more than any height of a vehicle in water [m]."""
+
+_LIKE_G = (0.8, 1.2)  # shares of G that are gravity, or units of g
+_FREE = 0.3  # share of G below which gravity is not there
+_UPRIGHT = 0.7  # share of the mean force that stays along an axis which is vertical
+
+
+def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield channels and doubts about their vertical."""
+    force = recording.channels.get("specific_force")
+    attitude = recording.channels.get("attitude")
+    position = recording.channels.get("position")
+    is_proven = False
+    if force is not None:
+        for text in _of_force(force.values):
+            yield "specific_force", text
+    if attitude is not None:
+        for text in _of_attitude(attitude):
+            yield "attitude", text
+    if attitude is not None and force is not None:
+        up = _mean_in_world(attitude, force)
+        is_proven = bool(up[2] > _UPRIGHT * np.linalg.norm(up))
+        if not is_proven:
+            yield "attitude", _turned(up)
+    if position is not None and not is_proven:
+        for text in _of_height(position.values[:, 2]):
+            yield "position", text
+
+
+def _of_force(force: np.ndarray) -> Iterator[str]:
+    """Check the unit and the vertical axis of an accelerometer, by its samples (n, 3) [m/s2]: on
+    average, whichever way a vehicle tilts.
+    """
+    mean = force.mean(axis=0)
+    size = float(np.median(np.linalg.norm(force, axis=1)))  # [m/s2]
+    share = size / G
+    up = float(mean[2] / max(np.linalg.norm(mean), 1e-9))
+    if _LIKE_G[0] < share * G < _LIKE_G[1]:
+        yield "about 1 on average: in g, not in m/s2?"
+    elif share < _FREE:
+        yield f"{share * G:.2g} m/s2 on average, and at rest it is {G:g}: gravity taken out?"
+    elif not _LIKE_G[0] < share < _LIKE_G[1]:
+        yield f"{share * G:.3g} m/s2 on average, and at rest it is {G:g}: its units?"
+    if up < -_UPRIGHT:
+        yield "points down on average, and at rest it is up: z down (FRD), or its sign?"
+    elif up < _UPRIGHT and share > _FREE:
+        yield (
+            f"{np.array2string(mean, precision=1)} on average, and at rest it is along z: axes"
+            " swapped?"
+        )
+
+
+def _of_attitude(attitude: Channel) -> Iterator[str]:
+    up = rotations(attitude, attitude.undelayed_t)[:, 2, 2]
+    begins_upside_down = np.median(up[:3]) < 0.0  # not where it rolls over later
+    if up.mean() < 0.0 and begins_upside_down:
+        yield "the vehicle lies on its back: z down in one of its frames (NED, FRD)?"
+
+
+def _mean_in_world(attitude: Channel, force: Channel) -> np.ndarray:
+    """Compute the mean specific force (3,) [m/s2] in W."""
+    R = rotations(attitude, force.undelayed_t)
+    return np.asarray(np.einsum("nij,nj->ni", R, force.values).mean(axis=0))
+
+
+def _turned(up: np.ndarray) -> str:
+    """Describe a mean specific force (3,) [m/s2] in W that is not up."""
+    if up[2] < -_UPRIGHT * np.linalg.norm(up):
+        return "with it the vehicle is held up against gravity downwards: z down in W (NED)?"
+    return (
+        f"with it what holds the vehicle up is {np.array2string(up, precision=1)} m/s2 in W: axes or"
+        " format?"
+    )
+
+
+def _of_height(z: np.ndarray) -> Iterator[str]:
+    """Check heights (n,) [m] of a vehicle in water, below a surface at 0."""
+    if z.min() > PRESSURE:
+        yield (
+            f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give offset: [0, 0, -1013],"
+            " scale: [1, 1, -0.0102]"
+        )
+    elif z.min() > 0.0:
+        yield (
+            f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give"
+            " world: NED, or -NAME for z"
+        )

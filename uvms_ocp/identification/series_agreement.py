@@ -1,0 +1,167 @@
+"""Measure how well two series of a recording agree: in time, in size and in their axes.
+
+Rates of poses and measured velocities are such series. Axes are compared by the share of one series
+that the other explains; clocks and units by magnitudes, which have no axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import permutations, product
+
+import numpy as np
+
+WINDOW = 0.6
+"""[s] over which rates are taken."""
+DEAD = 1e-5
+"""[unit of the channel] range within which a sensor that measures anything does not stay."""
+MOVES = {"linear_velocity": 0.01, "angular_velocity": 0.01, "specific_force": 0.5}
+"""[m/s, rad/s, m/s2] size from which on a channel says something of the motion; of an acceleration,
+what tilt makes of gravity.
+"""
+EXPLAINED = 0.15
+"""Share of the motion, by which other axes must explain more."""
+WAYS = tuple(
+    np.diag(signs) @ np.eye(3)[[*axes]]
+    for axes in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+)
+"""(3, 3) each: all ways to swap and turn axes."""
+
+_SHIFTS = 0.05 * np.arange(-30, 31)  # [s] offsets of clocks that are tried
+_LARGEST_SHIFT = 1.5  # [s] of these
+_LEAST_SAMPLES = 20  # in each half of a series, to tell an offset
+_NOTABLE_DELAY = 0.175  # [s] offset from which on it is reported
+_JUMP = 0.3  # [s] between the offsets of the two halves that is a jump of a clock
+_AGREES = 0.6  # correlation from which on two magnitudes agree
+_BETTER = 0.01  # correlation by which an offset must be better than another
+_PARTED = 0.2  # correlation by which two halves must disagree
+_SCALE = 1.9  # factor from which on it is one of units: the smallest of these is that of knots
+_CLOSE = 1.25  # factor by which an observed one may differ from that of a unit
+_UNITS = {
+    180.0 / np.pi: ("deg/s", "deg"),
+    1e3: ("mm/s", "mm"),
+    1e2: ("cm/s", "cm"),
+    1.0 / 0.514444: ("kn", ""),
+}
+"""By the factor, the unit that a rate would be in, and the one that a pose would be in."""
+
+
+def explained(measured: np.ndarray, expected: np.ndarray) -> float:
+    """Compute the share of the squares of expected (m, 3) [any] that measured (m, 3) [any] has."""
+    return 1.0 - float(((measured - expected) ** 2).sum() / (expected**2).sum())
+
+
+def correlation(x: np.ndarray, y: np.ndarray) -> float:
+    """Correlate two series x (m,) [any] and y (m,) [any], from -1 to 1; 0 where either is
+    constant.
+    """
+    x = x - x.mean()
+    y = y - y.mean()
+    return float(x @ y / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300))
+
+
+def named(Q: np.ndarray) -> str:
+    """Name the axes as Q (3, 3) of `WAYS` turns them, such as (y, -x, z)."""
+    names = []
+    for row in Q:
+        sign = "-" if row.sum() < 0 else ""
+        names.append(sign + "xyz"[int(np.argmax(np.abs(row)))])
+    return f"({', '.join(names)})"
+
+
+def describe_factor(expected: np.ndarray, measured: np.ndarray) -> str:
+    """Describe how much larger measured (m, k) [any] is than expected (m, k) [any], and the unit
+    that would explain it; empty where they may be equal.
+
+    Whatever part of either is noise, the factor lies between the slopes of their magnitudes upon
+    each other.
+    """
+    x = np.linalg.norm(expected, axis=1)
+    y = np.linalg.norm(measured, axis=1)
+    low, high = _slopes(x - x.mean(), y - y.mean())
+    if low < _SCALE and high > 1 / _SCALE:
+        return ""
+    factor = float(np.sqrt(low * high))
+    cause = next(_units_of(factor), "its units?")
+    return f"{factor:.2g} times the rate of the {{}}: {cause}"
+
+
+def _slopes(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Compute the slope of y upon x, and the slope that x upon y implies; 0 and infinity where the
+    two have nothing in common.
+    """
+    if correlation(x, y) < _AGREES:
+        return 0.0, np.inf
+    common = float(x @ y)
+    return common / float(x @ x), float(y @ y) / common
+
+
+def _units_of(factor: float) -> Iterator[str]:
+    """Yield the units that would explain a factor, of the rate or of the pose."""
+    for unit_factor, (rate_unit, pose_unit) in _UNITS.items():
+        if 1 / _CLOSE < factor / unit_factor < _CLOSE:
+            yield f"in {rate_unit}?"
+        if pose_unit and 1 / _CLOSE < factor * unit_factor < _CLOSE:
+            yield f"is the other in {pose_unit}?"
+
+
+def describe_delay(delay: float) -> str:
+    """Describe by how much a channel is late [s], against the rate of another; empty where it is
+    little.
+    """
+    if abs(delay) <= _NOTABLE_DELAY:
+        return ""
+    direction = "late" if delay > 0 else "early"
+    return f"{abs(delay):.2f} s {direction} against the rate of the {{}}"
+
+
+def offset(
+    t: np.ndarray, expected: np.ndarray, t_measured: np.ndarray, measured: np.ndarray
+) -> tuple[float, bool]:
+    """Find by how much [s] measured comes after expected, 0 where they do not agree, and whether
+    both halves of the time have that offset.
+
+    Of expected (m, k) [any] at t (m,) [s] and measured (n, k) [any] at t_measured (n,) [s], by
+    magnitudes, which have no axes.
+    """
+    expected_size = np.linalg.norm(expected, axis=1)
+    measured_size = np.linalg.norm(measured, axis=1)
+    after_begin = t > t_measured[0] + _LARGEST_SHIFT
+    before_end = t < t_measured[-1] - _LARGEST_SHIFT
+    inside = np.flatnonzero(after_begin & before_end)
+    if len(inside) < 2 * _LEAST_SAMPLES:
+        return 0.0, True
+
+    def agreement(part: np.ndarray) -> np.ndarray:
+        """Correlate a part of the samples at each shift in `_SHIFTS`."""
+        by_shift = np.empty(len(_SHIFTS))
+        for k, shift in enumerate(_SHIFTS):
+            shifted = np.interp(t[part] + shift, t_measured, measured_size)
+            by_shift[k] = correlation(expected_size[part], shifted)
+        return by_shift
+
+    first_half, second_half = np.array_split(inside, 2)
+    is_constant = not _differ(agreement(first_half), agreement(second_half))
+    return float(_SHIFTS[_best(agreement(inside))]), is_constant
+
+
+def _best(agreement: np.ndarray) -> int:
+    """Find the index of the best agreement; the nearest of those that swings repeat a period later,
+    and no offset where that is as good.
+    """
+    middle = len(_SHIFTS) // 2
+    if agreement.max() < max(_AGREES, agreement[middle] + _BETTER):
+        return middle
+    is_peak = (agreement >= np.roll(agreement, 1)) & (agreement >= np.roll(agreement, -1))
+    peaks = np.flatnonzero(is_peak)
+    good = peaks[agreement[peaks] > agreement.max() - _BETTER]
+    return int(good[np.argmin(np.abs(_SHIFTS[good]))])
+
+
+def _differ(first: np.ndarray, second: np.ndarray) -> bool:
+    """Check whether either agreement is good at an offset at which the other is not."""
+    a = _best(first)
+    b = _best(second)
+    parted = min(first[a] - first[b], second[b] - second[a]) > _PARTED
+    return bool(parted and abs(_SHIFTS[a] - _SHIFTS[b]) > _JUMP)
