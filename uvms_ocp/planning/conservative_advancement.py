@@ -24,9 +24,12 @@ from uvms_ocp.robot.shapes.signed_distance import open_surfaces
 from uvms_ocp.trajectories.polynomial import PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Positive
 
-# [m] Error of distances by coal. Separated ones moved by up to 1e-8 m when its tolerance was
-# tightened tenfold (865,000 pairs).
 _DISTANCE_ERROR = 1e-7
+"""[m] Error of distances by coal. Those of shapes apart moved by up to 1e-8 m when its tolerance was
+tightened tenfold (865,000 pairs).
+"""
+_SHORTEST = 1e-5
+"""Share of the duration below which an interval is not halved."""
 
 
 class PairDistances(Protocol):
@@ -53,6 +56,7 @@ class ClearanceReport:
     nearest: NearestPair
     """The smallest distance at any sample; negative in collision."""
     n_samples: int
+    """Times at which distances were measured."""
     unshaped: tuple[str, ...] = ()
     """Links with a mass but no collision shape: nothing of this holds for them."""
     surfaces: tuple[str, ...] = ()
@@ -65,23 +69,33 @@ def check_clearance(
     trajectory: PiecewisePolynomial,
     *,
     per_piece: int = 16,
-    shortest: Positive = 1e-5,
+    shortest: Positive = _SHORTEST,
 ) -> ClearanceReport:
     """Check all pairs of a scene along a trajectory of its coordinates, until the first collision.
 
     `per_piece` intervals of each piece are checked to begin with; shortest is the share of the
     duration below which an interval is not halved.
     """
-    c = trajectory.derivative(2).coefficients
-    n = c.shape[0] - 1
-    to_bernstein = np.array(
-        [[comb(i, j) / comb(n, j) if j <= i else 0.0 for j in range(n + 1)] for i in range(n + 1)]
-    )
-    bound = np.abs(np.tensordot(to_bernstein, c, axes=1)).max(axis=0)
     curve = _Curve(
-        trajectory=trajectory, measure=distances, per_piece=per_piece, acceleration=bound
+        trajectory=trajectory,
+        measure=distances,
+        per_piece=per_piece,
+        acceleration=_acceleration_bounds(trajectory),
     )
     return check_motion(curve, distances.scene, shortest=shortest)
+
+
+def _acceleration_bounds(trajectory: PiecewisePolynomial) -> Array:
+    """Bound |acceleration| (n_pieces, n_axes) [m/s2, rad/s2]: a polynomial is within its Bernstein
+    coefficients.
+    """
+    coefficients = trajectory.derivative(2).coefficients
+    degree = coefficients.shape[0] - 1
+    to_bernstein = np.zeros((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for j in range(i + 1):
+            to_bernstein[i, j] = comb(i, j) / comb(degree, j)
+    return np.asarray(np.abs(np.tensordot(to_bernstein, coefficients, axes=1)).max(axis=0))
 
 
 class BoundedMotion(Protocol):
@@ -112,32 +126,36 @@ class BoundedMotion(Protocol):
 
 
 def check_motion(
-    motion: BoundedMotion, scene: CollisionScene, *, shortest: float = 1e-5
+    motion: BoundedMotion, scene: CollisionScene, *, shortest: float = _SHORTEST
 ) -> ClearanceReport:
-    """Check all pairs of a scene along a motion; see `check_clearance` for shortest."""
+    """Check all pairs of a scene along a motion, until the first collision.
+
+    shortest: share of the duration below which an interval is not halved.
+    """
     middle, half = motion.intervals()
-    worst = NearestPair(distance=np.inf, time=0.0, pair="")
+    nearest = NearestPair(distance=np.inf, time=0.0, pair="")
     n_samples = 0
-    undecided = False
+    has_undecided = False
     while middle.size:
-        d = motion.distances(middle)
+        distances = motion.distances(middle)
         n_samples += middle.size
-        worst = min(worst, scene.nearest(middle, d), key=lambda pair: (pair.distance, pair.time))
-        if worst.distance <= 0.0:
+        candidate = scene.nearest(middle, distances)
+        nearest = min(nearest, candidate, key=lambda pair: (pair.distance, pair.time))
+        if nearest.distance <= 0.0:
             break
-        open_ = ~(
-            d - largest_change(scene.reach, motion.bounds(middle, half)) > _DISTANCE_ERROR
-        ).all(axis=1)
-        short = open_ & (half < shortest * motion.duration)
-        undecided |= bool(short.any())
-        middle = middle[open_ & ~short]
-        half = half[open_ & ~short] / 2.0
-        middle = np.concatenate([middle - half, middle + half])
+        smallest = distances - largest_change(scene.reach, motion.bounds(middle, half))
+        is_clear = (smallest > _DISTANCE_ERROR).all(axis=1)
+        is_short = half < shortest * motion.duration
+        has_undecided |= bool((~is_clear & is_short).any())
+        is_halved = ~is_clear & ~is_short
+        half = half[is_halved] / 2.0
+        middle = np.concatenate([middle[is_halved] - half, middle[is_halved] + half])
         half = np.concatenate([half, half])
+    no_sample_collides = nearest.distance > 0.0
     return ClearanceReport(
-        collision_free=worst.distance > 0.0 and not undecided,
-        undecided=worst.distance > 0.0 and undecided,
-        nearest=worst,
+        collision_free=no_sample_collides and not has_undecided,
+        undecided=no_sample_collides and has_undecided,
+        nearest=nearest,
         n_samples=n_samples,
         unshaped=links_without_shape(scene.coordinates.robot),
         surfaces=open_surfaces(scene.geometry),
@@ -148,7 +166,7 @@ def check_motion(
 def clearance_along(
     distances: PairDistances, trajectory: PiecewisePolynomial, n_samples: Count = 500
 ) -> tuple[Array, Array]:
-    """Times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
+    """Return times (n,) [s] and the distance of every pair at them (n, n_pairs) [m], for figures."""
     times = np.linspace(trajectory.start, trajectory.end, n_samples)
     return times, distances.distances(trajectory.evaluate(times))
 
@@ -160,8 +178,9 @@ class _Curve:
     trajectory: PiecewisePolynomial
     measure: PairDistances
     per_piece: int
+    """Intervals of each piece that are looked at first."""
     acceleration: Array
-    """(n_pieces, n_axes) [m/s2, rad/s2]"""
+    """(n_pieces, n_axes) [m/s2, rad/s2] upper bounds of |acceleration|."""
 
     @property
     def duration(self) -> float:
@@ -169,9 +188,10 @@ class _Curve:
 
     def intervals(self) -> tuple[Array, Array]:
         offsets = (np.arange(self.per_piece) + 0.5) / self.per_piece
-        h = self.trajectory.durations[:, None]
-        middle = self.trajectory.breaks[:-1, None] + offsets * h
-        return middle.ravel(), np.broadcast_to(h / (2 * self.per_piece), middle.shape).ravel()
+        durations = self.trajectory.durations[:, None]
+        middle = self.trajectory.breaks[:-1, None] + offsets * durations
+        half = np.broadcast_to(durations / (2 * self.per_piece), middle.shape)
+        return middle.ravel(), half.ravel()
 
     def distances(self, t: Array) -> Array:
         return self.measure.distances(self.trajectory.evaluate(t))
@@ -180,7 +200,7 @@ class _Curve:
         breaks = self.trajectory.breaks
         last = self.trajectory.n_pieces - 1
         piece = np.clip(np.searchsorted(breaks, middle, side="right") - 1, 0, last)
-        return (
-            np.abs(self.trajectory.evaluate(middle, 1)) * half[:, None]
-            + 0.5 * self.acceleration[piece] * half[:, None] ** 2
-        )
+        speed = np.abs(self.trajectory.evaluate(middle, 1))
+        by_speed = speed * half[:, None]
+        by_acceleration = 0.5 * self.acceleration[piece] * half[:, None] ** 2
+        return by_speed + by_acceleration

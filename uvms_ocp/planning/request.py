@@ -34,15 +34,17 @@ from uvms_ocp.tasks import JointTracking, Task, ToolPose, ToolPosition, VehicleP
 from uvms_ocp.trajectories import MotionLimits, PiecewisePolynomial
 from uvms_ocp.types import Array, Count, Finite, Mask, Positive, Range, Shape
 
-Triple: TypeAlias = tuple[float, float, float]
-FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
-_SAME_PLACE = 1e-9  # [m or rad] difference between a goal and a start that is none
-_FARTHEST = 1e4  # [m] from the start that a goal may be
-_MOST_TURN = 4 * np.pi  # [rad]
 AXES = ("level", "all", "joints")
 """Planned axes: all but roll and pitch, all, or the joints alone."""
-# Velocities along a curve are sampled so often; their peak is 1e-4 higher at most.
+_SAME_PLACE = 1e-9  # [m or rad] difference between a goal and a start that is none
+_FARTHEST = 1e4  # [m] from the start that a goal may be
+_MOST_TURN = 4 * np.pi  # [rad] of an angle of a goal
 _VELOCITY_SAMPLES = 1000
+"""Samples of velocities along a curve, whose peak is 1e-4 higher at most."""
+_REGULAR = 1e-12  # added to the diagonal of the normal matrix, which is singular without
+
+Triple: TypeAlias = tuple[float, float, float]
+FiniteTriple: TypeAlias = tuple[Finite, Finite, Finite]
 
 
 @checked_dataclass()
@@ -52,8 +54,9 @@ class ToolGoalOptions:
     tolerance: float = 1e-6
     """[m, rad] error that counts as reached."""
     iterations: int = 100
+    """Steps of a search from one guess, at most."""
     attempts: int = 80
-    """The guess given, then random ones around it, farther and farther."""
+    """Guesses: the one of the caller, then random ones around it, farther and farther."""
     spread: float = 0.5
     """[m or rad] of the first random guesses; the last are five times as far, to come from another
     side.
@@ -65,6 +68,7 @@ class ToolGoalOptions:
     that is less than 1.
     """
     seed: Count = 0
+    """Seed of the random guesses."""
 
 
 @checked
@@ -75,70 +79,72 @@ def tool_goal(
     guess: ArrayLike,
     options: ToolGoalOptions | None = None,
 ) -> Array | None:
-    """Coordinates (n_axes,) [m, rad] within limits and clear of collision with the frame at its
-    goal, or None if none found.
+    """Find coordinates (n_axes,) [m, rad] within limits and clear of collision with the frame at its
+    goal; None where there are none.
 
     The goal is a pose X_WF, or a position p_WF (3,) [m] with any orientation; guess (n_axes,) [m,
     rad]: where the search begins. Plan without roll and pitch (``coordinates(robot, axes=...)``) to
     keep the vehicle level. Raises `FrameNotFound` where the robot has no such frame, `InvalidInput`
     for a guess or goal of the wrong shape or not finite.
     """
-    settings = options or ToolGoalOptions()
+    options = options or ToolGoalOptions()
     planned = distances.scene.coordinates
     frame_id = planned.robot.frame_id(frame)
-    first = finite_array("guess", guess, (planned.n_axes,))
+    start = finite_array("guess", guess, (planned.n_axes,))
     if isinstance(goal, pin.SE3):
         target = goal
     else:
         target = finite_array("goal, a pose (pin.SE3) or a position", goal, (3,))
-    rng = np.random.default_rng(settings.seed)
-    for attempt in range(settings.attempts):
-        spread = settings.spread * (1.0 + 4.0 * attempt / settings.attempts) if attempt else 0.0
-        x = _reached(
-            planned, frame_id, target, first + spread * rng.normal(size=first.size), settings
-        )
-        if x is not None and distances.distances(x[None]).min(initial=np.inf) > settings.clearance:
+    rng = np.random.default_rng(options.seed)
+    for attempt in range(options.attempts):
+        if attempt == 0:
+            spread = 0.0
+        else:
+            spread = options.spread * (1.0 + 4.0 * attempt / options.attempts)
+        random_start = start + spread * rng.normal(size=start.size)
+        x = _inverse_kinematics(planned, frame_id, target, random_start, options)
+        if x is not None and distances.distances(x[None]).min(initial=np.inf) > options.clearance:
             return x
     return None
 
 
-def _reached(
+def _inverse_kinematics(
     planned: Coordinates,
     frame_id: int,
     goal: pin.SE3 | Array,
     start: Array,
     options: ToolGoalOptions,
 ) -> Array | None:
-    """Damped Gauss-Newton on the logarithm of the error, clipped to the limits at every step."""
-    (lower, upper) = planned.limits()
+    """Reach the goal by damped Gauss-Newton on the logarithm of the error, clipped to the limits at
+    every step; None where it is not reached.
+    """
+    lower, upper = planned.limits()
     x = start
     for _ in range(options.iterations):
         x = np.clip(x, lower, upper)
         error, jacobian = _error(planned, frame_id, goal, x)
         if np.abs(error).max() <= options.tolerance:
             return x
-        normal = jacobian @ jacobian.T + options.damping * min(1.0, float(error @ error)) * np.eye(
-            error.size
-        )
-        x = x + jacobian.T @ np.linalg.solve(normal + 1e-12 * np.eye(error.size), error)
+        identity = np.eye(error.size)
+        damping = options.damping * min(1.0, float(error @ error))
+        normal = jacobian @ jacobian.T + damping * identity + _REGULAR * identity
+        x = x + jacobian.T @ np.linalg.solve(normal, error)
     return None
 
 
 def _error(
     planned: Coordinates, frame_id: int, goal: pin.SE3 | Array, x: Array
 ) -> tuple[Array, Array]:
-    """Twist (6,), or velocity (3,), that takes the frame to the goal in one second, and its
-    Jacobian, in the frame.
+    """Compute the twist (6,), or velocity (3,), that takes the frame to the goal in one second, and
+    its Jacobian, in the frame.
     """
     model = planned.robot.model
-    data = planned.robot.model.createData()
+    data = model.createData()
     q = planned.configurations(x[None])[0]
     pin.framesForwardKinematics(model, data, q)
-    jacobian: Array = (
-        pin.computeFrameJacobian(model, data, q, frame_id, pin.LOCAL)
-        @ planned.velocity_map(x[None])[0]
-    )
     X_WF = data.oMf[frame_id]
+    by_velocity = pin.computeFrameJacobian(model, data, q, frame_id, pin.LOCAL)
+    jacobian: Array = by_velocity @ planned.velocity_map(x[None])[0]
     if isinstance(goal, pin.SE3):
         return pin.log6(X_WF.actInv(goal)).vector, jacobian
     return X_WF.actInv(goal), jacobian[:3]
@@ -153,6 +159,7 @@ class ToolGoal:
     rpy: FiniteTriple | None = None
     """[rad] Roll, pitch, yaw of R_WF; None for any orientation."""
     frame: str = "tool"
+    """Name of the frame."""
 
     def __post_init__(self) -> None:
         _check_turn(self.rpy)
@@ -166,8 +173,8 @@ class ToolGoal:
         return pin.SE3(pin.rpy.rpyToMatrix(np.array(self.rpy)), p)
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array | None:
-        """Planned axes (n_axes,) [m, rad] with the frame at its goal and nothing touching, or None
-        where no posture was found.
+        """Find planned axes (n_axes,) [m, rad] with the frame at its goal and nothing touching; None
+        where no posture does.
 
         Raises `FrameNotFound` where the robot has no such frame.
         """
@@ -179,14 +186,15 @@ class ToolGoal:
         return planned.shortest_turn(goal, start)
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
-        """The task that has the goal as its own, wherever the start (n_q,) [m, rad] is.
+        """Return the task of the frame with this goal, wherever the start (n_q,) [m, rad] is.
 
         Raises `FrameNotFound` where the robot has no such frame.
         """
         robot.frame_id(self.frame)
-        if isinstance(self.target, pin.SE3):
-            return (ToolPose(frame=self.frame, goal=self.target),)
-        return (ToolPosition(frame=self.frame, goal=pin.SE3(np.eye(3), self.target)),)
+        target = self.target
+        if isinstance(target, pin.SE3):
+            return (ToolPose(frame=self.frame, goal=target),)
+        return (ToolPosition(frame=self.frame, goal=pin.SE3(np.eye(3), target)),)
 
 
 @checked_dataclass()
@@ -197,7 +205,7 @@ class PostureGoal:
     """
 
     position: FiniteTriple | None = None
-    """[m] of the vehicle."""
+    """[m] p_WB of the vehicle."""
     rpy: FiniteTriple | None = None
     """[rad] Roll, pitch, yaw of the vehicle."""
     joints: Mapping[str, float] = field(default_factory=dict)
@@ -207,7 +215,7 @@ class PostureGoal:
         _check_turn(self.rpy)
 
     def as_coordinates(self, distances: PairDistances, *, seed: int) -> Array:
-        """Planned axes (n_axes,) [m, rad] at the goal.
+        """Return planned axes (n_axes,) [m, rad] at the goal.
 
         Raises `NameNotFound` for an axis that the robot does not have, `InvalidInput` for a number
         that is not finite and for a goal away from the start on an axis that is not planned.
@@ -215,39 +223,37 @@ class PostureGoal:
         planned = distances.scene.coordinates
         all_axes = coordinates(planned.robot)
         goal = planned.reference.copy()
-        for name, value in self._axes(planned.robot).items():
+        for name, value in self._values(planned.robot).items():
             require_known("axis", name, all_axes.names)
             if not np.isfinite(value):
                 raise InvalidInput(f"the goal has {name} = {value}; give a finite number.")
             goal[all_axes.names.index(name)] = value
         goal = all_axes.shortest_turn(goal, planned.reference)
-        for name, was, value in zip(all_axes.names, planned.reference, goal, strict=True):
-            if name not in planned.names and abs(value - was) > _SAME_PLACE:
+        for name, begin, end in zip(all_axes.names, planned.reference, goal, strict=True):
+            if name not in planned.names and abs(end - begin) > _SAME_PLACE:
                 change = (
-                    f"the goal moves {name} from {was:.6g} to {value:.6g}, but the planned axes are"
+                    f"the goal moves {name} from {begin:.6g} to {end:.6g}, but the planned axes are"
                 )
                 raise InvalidInput(
                     f"{change} {', '.join(planned.names)}; leave it where it is, or plan all axes."
                 )
         return np.asarray(goal[planned.planned])
 
-    def _axes(self, robot: Robot) -> dict[str, float]:
-        """Values of the axes that the goal names; of an attitude those with a pitch within a
+    def _values(self, robot: Robot) -> dict[str, float]:
+        """Return values of the axes that the goal names; of an attitude those with a pitch within a
         quarter turn.
         """
-        place = dict(zip(VEHICLE_AXES[:3], self.position or (), strict=False))
+        values = dict(zip(VEHICLE_AXES[:3], self.position or (), strict=False))
         rpy = self.rpy
         if rpy is not None and np.isfinite(rpy).all():
             rpy = pin.rpy.matrixToRpy(pin.rpy.rpyToMatrix(np.array(rpy))).tolist()
-        attitude = dict(zip(VEHICLE_AXES[3:], rpy or (), strict=False))
-        return {
-            **place,
-            **attitude,
-            **{joint_axis(robot, name): value for name, value in self.joints.items()},
-        }
+        values |= zip(VEHICLE_AXES[3:], rpy or (), strict=False)
+        for name, value in self.joints.items():
+            values[joint_axis(robot, name)] = value
+        return values
 
     def as_tasks(self, robot: Robot, start: Array) -> tuple[Task, ...]:
-        """Tasks of the vehicle and of the joints that the goal names; start (n_q,) [m, rad]:
+        """Return tasks of the vehicle and of the joints that the goal names; start (n_q,) [m, rad]:
         configuration.
 
         Raises `NameNotFound` for a joint that the robot does not have, `InvalidInput` for values
@@ -259,15 +265,11 @@ class PostureGoal:
             start_pose = Kinematics(robot, start).pose("base_link")
             goal_pose = Kinematics(robot, q).pose("base_link")
             position = start_pose.translation if self.position is None else goal_pose.translation
-            tasks.append(
-                VehiclePose(
-                    goal=pin.SE3((start_pose if self.rpy is None else goal_pose).rotation, position)
-                )
-            )
+            rotation = start_pose.rotation if self.rpy is None else goal_pose.rotation
+            tasks.append(VehiclePose(goal=pin.SE3(rotation, position)))
         if self.joints:
-            tasks.append(
-                JointTracking(joints=tuple(self.joints), goal=np.array(list(self.joints.values())))
-            )
+            values = np.array(list(self.joints.values()))
+            tasks.append(JointTracking(joints=tuple(self.joints), goal=values))
         return tuple(tasks)
 
 
@@ -278,25 +280,26 @@ def check_goal_distance(robot: Robot, start: Array, goal: Goal) -> None:
     """Raise `InvalidInput` for a goal that is very far from the start (n_q,) [m, rad]: plans are
     sampled densely.
     """
+    # A number that is not finite is refused with its axis, where the goal is used.
     if goal.position is None or not np.isfinite(goal.position).all():
-        return  # said by others, with the axis
+        return
     if robot.n_vehicle:
         start_position = start[:3]
     else:
         start_position = np.zeros(3)
     # Within what can be squared.
-    way = float(
-        np.linalg.norm(np.clip(goal.position, -1e99, 1e99) - np.clip(start_position, -1e99, 1e99))
-    )
-    if way > _FARTHEST:
+    difference = np.clip(goal.position, -1e99, 1e99) - np.clip(start_position, -1e99, 1e99)
+    distance = float(np.linalg.norm(difference))
+    if distance > _FARTHEST:
         text = (
-            f"the goal {tuple(goal.position)} m is {way:.3g} m from the start; give one within"
+            f"the goal {tuple(goal.position)} m is {distance:.3g} m from the start; give one within"
             f" {_FARTHEST:g} m"
         )
         raise InvalidInput(f"{text}: a plan is proven clear every few centimetres, in memory")
 
 
 def _check_turn(rpy: Triple | None) -> None:
+    """Raise `InvalidInput` for roll, pitch or yaw [rad] beyond two turns."""
     if rpy is not None and np.isfinite(rpy).all() and np.abs(rpy).max() > _MOST_TURN:
         raise InvalidInput(
             f"roll, pitch and yaw of the goal are {rpy} rad; give angles within two turns,"
@@ -314,11 +317,13 @@ class PlanRequest:
     goal: Goal
     obstacles: tuple[Obstacle, ...] = ()
     axes: str = AXES[0]
+    """Planned axes, one of `AXES`."""
     clearance: Positive = 0.06
     """[m] wanted from obstacles, and between links; what is verified is that nothing touches."""
     link_clearance: Positive | None = None
     """[m] wanted between links instead."""
     seed: Count = 0
+    """Seed of random goals and samples."""
 
 
 @checked_dataclass(eq=False)
@@ -344,15 +349,15 @@ def plan_path(request: PlanRequest) -> PlanResult:
     """
     check_goal_distance(request.robot, request.start, request.goal)
     planned = _planned_axes(request)
-    if request.robot.n_vehicle and request.axes != AXES[2]:
+    if request.robot.n_vehicle and request.axes != "joints":
         yaw = float(planned.reference[5])
     else:
         yaw = 0.0
     if yaw == 0.0:
-        return _planned(request)
+        return _plan_in_world(request)
     # The optimiser and its random numbers know the axes of the world: in one that looks ahead with
     # the vehicle, north is nothing.
-    plan = _planned(_turned(request, yaw)).plan
+    plan = _plan_in_world(_turned(request, yaw)).plan
     scene = collision_scene(planned, request.obstacles)
     if plan is None:
         return PlanResult(request=request, scene=scene, plan=None)
@@ -367,27 +372,20 @@ def _turned(request: PlanRequest, yaw: float) -> PlanRequest:
     """Return the request in a world whose x axis is at that yaw."""
     X_NW = pin.SE3(pin.rpy.rpyToMatrix(0.0, 0.0, -yaw), np.zeros(3))
     start = request.start.copy()
-    goal = request.goal
     start[:7] = pin.SE3ToXYZQUAT(X_NW * pin.XYZQUATToSE3(start[:7]))
-    if goal.position is None:
-        position = None
-    else:
+    goal = request.goal
+    if goal.position is not None:
         position = X_NW.act(np.array(goal.position)).tolist()
-    if goal.rpy is None:
-        rpy = None
-    else:
-        rpy = (*goal.rpy[:2], remainder(goal.rpy[2] - yaw, 2.0 * np.pi))
-    obstacles = tuple(
-        replace(obstacle, X_WO=X_NW * obstacle.X_WO) for obstacle in request.obstacles
-    )
-    if position is None:
-        goal = replace(goal, rpy=rpy)
-    else:
-        goal = replace(goal, position=tuple(position), rpy=rpy)
-    return replace(request, start=start, goal=goal, obstacles=obstacles)
+        goal = replace(goal, position=tuple(position))
+    if goal.rpy is not None:
+        roll, pitch, goal_yaw = goal.rpy
+        goal = replace(goal, rpy=(roll, pitch, remainder(goal_yaw - yaw, 2.0 * np.pi)))
+    obstacles = [replace(obstacle, X_WO=X_NW * obstacle.X_WO) for obstacle in request.obstacles]
+    return replace(request, start=start, goal=goal, obstacles=tuple(obstacles))
 
 
-def _planned(request: PlanRequest) -> PlanResult:
+def _plan_in_world(request: PlanRequest) -> PlanResult:
+    """Plan along the axes of the world, whatever the vehicle's yaw."""
     planned = _planned_axes(request)
     scene = collision_scene(planned, request.obstacles)
     goal = request.goal.as_coordinates(CoalDistances(scene), seed=request.seed)
@@ -405,24 +403,24 @@ def _planned(request: PlanRequest) -> PlanResult:
 
 @checked_dataclass(eq=False)
 class _RobotLimits(MotionLimits):
-    """The robot's limits along the vehicle's own axes, checked over the whole curve; the optimiser
-    takes those of planned axes at the start.
+    """Limits of the robot along the vehicle's axes, checked over the whole curve; the optimiser takes
+    those of planned axes at the start.
     """
 
     planned: Coordinates
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
-        """(3, n_v) peaks of velocities and accelerations as shares of the robot's limits; jerks
-        have none.
+        """Return peaks (3, n_v) of velocities and accelerations as shares of the robot's limits;
+        jerks have none.
         """
         t = np.linspace(trajectory.start, trajectory.end, _VELOCITY_SAMPLES)
+        maps = self.planned.velocity_map(trajectory.evaluate(t))
+        v = (maps @ trajectory.evaluate(t, 1)[:, :, None])[:, :, 0]
+        a = np.gradient(v, t, axis=0)
         limits = self.planned.robot.limits
-        v = (
-            self.planned.velocity_map(trajectory.evaluate(t))
-            @ trajectory.evaluate(t, 1)[:, :, None]
-        )[:, :, 0]
-        peaks = [np.abs(rate).max(axis=0) for rate in (v, np.gradient(v, t, axis=0), 0.0 * v)]
-        return np.stack(peaks) / (limits.velocity, limits.acceleration, np.ones(v.shape[1]))
+        velocity_shares = np.abs(v).max(axis=0) / limits.velocity
+        acceleration_shares = np.abs(a).max(axis=0) / limits.acceleration
+        return np.stack([velocity_shares, acceleration_shares, np.zeros(v.shape[1])])
 
 
 def _differ(ends: Array) -> Mask:
@@ -435,33 +433,31 @@ def curve_limits(planned: Coordinates, ends: Array) -> MotionLimits:
     differ between the ends (2, n_axes) and have none.
     """
     velocity, acceleration = planned.rate_limits(ends[:1], shared=True)
-    endless = _differ(ends) & np.isinf(velocity) & np.isinf(acceleration)
-    if endless.any():
-        moving = ", ".join(
-            name for name, unlimited in zip(planned.names, endless, strict=True) if unlimited
-        )
+    is_unlimited = _differ(ends) & np.isinf(velocity) & np.isinf(acceleration)
+    if is_unlimited.any():
+        unlimited = [planned.names[k] for k in np.flatnonzero(is_unlimited)]
         advice = (
             "give vehicle_limits and joints in hydrodynamics.yaml, or velocity in <limit> of the"
             " URDF"
         )
         raise InvalidInput(
-            f"{moving}: no limit of velocity or acceleration, which a curve is as fast as; {advice}"
+            f"{', '.join(unlimited)}: no limit of velocity or acceleration, which a curve is as"
+            f" fast as; {advice}"
         )
     return _RobotLimits(velocity=velocity, acceleration=acceleration, planned=planned)
 
 
 def _planned_axes(request: PlanRequest) -> Coordinates:
+    """Return the coordinates of the axes of a request; joints without range stay where they are."""
     require_known("axes", request.axes, AXES)
     robot = request.robot
-    vehicle = VEHICLE_AXES if robot.n_vehicle else ()
-    vehicle_axes = {
-        "all": vehicle,
-        "joints": (),
-        "level": tuple(axis for axis in vehicle if axis not in ("roll", "pitch")),
-    }
-    joints = (
-        joint_axis(robot, name)
-        for name in robot.joint_names
-        if name not in held_joints(robot.model, robot.joints)
-    )
-    return coordinates(robot, reference=request.start, axes=(*vehicle_axes[request.axes], *joints))
+    axes = []
+    if robot.n_vehicle and request.axes != "joints":
+        for axis in VEHICLE_AXES:
+            if request.axes == "all" or axis not in ("roll", "pitch"):
+                axes.append(axis)
+    held = held_joints(robot.model, robot.joints)
+    for name in robot.joint_names:
+        if name not in held:
+            axes.append(joint_axis(robot, name))
+    return coordinates(robot, reference=request.start, axes=axes)
