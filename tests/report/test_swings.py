@@ -59,26 +59,26 @@ def watched(amplitude: float, period: float, *, phases: int = 1) -> list[tuple[f
     phases.
     """
     watch = SwingWatch(DT, floating=True)
-    told = []
+    swings = []
     for k in range(round(30.0 * phases / DT)):
         pitch = amplitude * np.sin(2 * np.pi * k * DT / period)
         q = np.array(
             [0.0, 0.0, 0.0, *pin.Quaternion(pin.rpy.rpyToMatrix(0.0, pitch, 0.4)).coeffs()]
         )
         errors = np.array([0.2 + pitch, np.nan])
-        told += [
+        swings += [
             (k * DT, swing.what)
             for swing in watch.after(k * DT // 30.0, q, errors, {0: ("PC.position_error", 0.1)})
         ]
-    return told
+    return swings
 
 
 @pytest.mark.parametrize("period", [1.5, 3.0])
 def test_a_swing_is_told_of_once_a_phase_within_four_of_its_periods(period: float) -> None:
-    told = watched(0.1, period, phases=2)
-    assert [channel for _, channel in told].count("pitch") == 2
-    assert [channel for _, channel in told].count("PC.position_error") == 2
-    assert told[0][0] <= 4 * period
+    swings = watched(0.1, period, phases=2)
+    assert [channel for _, channel in swings].count("pitch") == 2
+    assert [channel for _, channel in swings].count("PC.position_error") == 2
+    assert swings[0][0] <= 4 * period
     assert watched(0.01, period) == []
 
 
@@ -98,10 +98,10 @@ def test_an_error_that_only_falls_does_not_swing(
 def test_any_control_period_is_watched(dt: float) -> None:
     watch = SwingWatch(dt, floating=False)
     q = np.zeros(7)
-    told = []
+    swings = []
     for k in range(200):
-        told += watch.after(0, q, np.array([0.3 * (-1) ** (k // 2)]), {0: ("error", 0.1)})
-    assert all(swing.what == "error" for swing in told)
+        swings += watch.after(0, q, np.array([0.3 * (-1) ** (k // 2)]), {0: ("error", 0.1)})
+    assert all(swing.what == "error" for swing in swings)
 
 
 def swung(amplitude: float) -> Record:

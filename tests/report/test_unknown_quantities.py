@@ -46,8 +46,10 @@ def run(known: Callable[[str], bool], estimated: float = 0.1) -> Record:
         conditions=met,
         true_quantities=truth,
     )
-    told = meta.model_copy(update={"events": (first,), "true_quantities": truth, "completed": True})
-    return Record(series={**stored.series, "quantities": values}, meta=told)
+    meta_with_truth = meta.model_copy(
+        update={"events": (first,), "true_quantities": truth, "completed": True}
+    )
+    return Record(series={**stored.series, "quantities": values}, meta=meta_with_truth)
 
 
 @pytest.mark.parametrize("known", [lambda _: False, lambda name: not name.endswith("altitude")])

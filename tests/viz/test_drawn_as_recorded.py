@@ -71,10 +71,10 @@ def test_links_and_quantities_are_those_of_the_record(name: str) -> None:
                 abs(turn @ expected) / np.linalg.norm(turn), 1.0, atol=_MISSED**2
             )
     rows = np.searchsorted(t, np.array(details["times"]) - 1e-3)
-    told = {item["label"]: item["values"] for item in details["readouts"]}
+    readouts = {item["label"]: item["values"] for item in details["readouts"]}
     for k, quantity in enumerate(record.meta.quantities):
         task, _, kind = quantity.rpartition(".")
         values = record["quantities"][rows, k]
         if np.isfinite(values).any():
-            shown = np.array(told[f"{task} {kind.replace('_', ' ')}".strip()], dtype=float)
+            shown = np.array(readouts[f"{task} {kind.replace('_', ' ')}".strip()], dtype=float)
             np.testing.assert_allclose(shown, values, rtol=6e-3, atol=1e-12, err_msg=quantity)

@@ -325,8 +325,8 @@ def test_a_line_at_a_threshold_says_which_phase_waits_for_it_and_which_is_the_ab
     changed = {"thresholds": waits, "abort_phase": "climb", "phases": phases}
     figure = figure_errors(replace(record, meta=record.meta.model_copy(update=changed)))
     assert figure is not None
-    told = [text.get_text() for text in figure.axes[0].texts]
-    assert {"threshold 0.1, phase A", "threshold 0.3, abort"} <= set(told)
+    texts = [text.get_text() for text in figure.axes[0].texts]
+    assert {"threshold 0.1, phase A", "threshold 0.3, abort"} <= set(texts)
 
 
 def test_a_folder_that_is_a_file_is_an_output_error(record: Record, tmp_path: Path) -> None:
@@ -360,5 +360,5 @@ def test_every_panel_over_time_marks_where_something_went_wrong() -> None:
             assert {2.0, 3.0, 4.0} <= {
                 float(line.get_xdata()[0]) for line in after.lines if len(line.get_xdata()) == 2
             }
-        told = [text.get_text() for axis in marked.axes for text in axis.texts]
-        assert {"altimeter_range:frozen", "thruster3:dead"} <= set(told)
+        texts = [text.get_text() for axis in marked.axes for text in axis.texts]
+        assert {"altimeter_range:frozen", "thruster3:dead"} <= set(texts)

@@ -157,13 +157,13 @@ def test_the_panel_of_meshcat_is_out_of_the_way(sheet: Sheet) -> None:
 
 
 def test_what_a_sensor_is_and_what_was_said_is_read_out_while_it_holds(sheet: Sheet) -> None:
-    told = []
+    collected = []
     for t in (0.5, 1.3, 3.0):
         at(sheet.page, t)
-        told.append(sheet.page.locator("#readouts").inner_text())
-    assert "altimeter_range" not in told[0]
-    assert "altimeter_range suspect: the same value 4 times" in told[1]
-    assert re.search(r"altimeter_range lost\n", told[2])
+        collected.append(sheet.page.locator("#readouts").inner_text())
+    assert "altimeter_range" not in collected[0]
+    assert "altimeter_range suspect: the same value 4 times" in collected[1]
+    assert re.search(r"altimeter_range lost\n", collected[2])
 
 
 def test_sliders_move_the_links_as_pinocchio_does_and_say_how_in_python(

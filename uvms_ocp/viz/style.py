@@ -41,10 +41,13 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 DPI = 180
-WIDTH = 7.2  # [in] two columns of a journal page
+WIDTH = 7.2
+"""[in] Width of two columns of a journal page."""
+NARROW = 5.0
+"""[in] Width below which views stand one below the other."""
+VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
+"""Axes of W to the right and upwards in `abreast`."""
 _WIDTHS = {"page": WIDTH, "column": 3.5}
-NARROW = 5.0  # [in] below it views stand one below the other
-_FONT = 8.5  # [points] of the style, that sizes are given for
 
 Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0)]
 """Width of a figure that is not the caller's: of a page or a column of a journal, or a number
@@ -53,39 +56,47 @@ Width: TypeAlias = Literal["page", "column"] | Annotated[float, Range(1.0, 100.0
 Given: TypeAlias = Figure | SubFigure | None
 """A figure of the caller's, or a part of one, to draw on."""
 Page: TypeAlias = tuple[Given, Width]
+"""Where to draw: on a figure of the caller's, or on a page of a width."""
 Panels: TypeAlias = Any
 """Axes of the caller's, or several: a sequence, or an array as ``matplotlib.pyplot.subplots``
 gives.
 """
 
-# [Okabe2008], without the yellow that vanishes on white.
 LINES = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7", "#56B4E9", "#000000")
+"""Colours of lines [Okabe2008], without the yellow that vanishes on white."""
 BLUE, VERMILLION, GREEN, ORANGE, PINK, SKY, BLACK = LINES
 AXES_XYZ = (VERMILLION, GREEN, BLUE)
 THRESHOLD = "#555555"
 FADED = "#AEB4B9"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (4, 1.5, 1, 1.5)))
-_TALLEST = 9  # entries of a column of a legend
-# stays in phases that are each named, however short; and that no lines part, which were a grey page
-_FEW = 12
-_MANY = 60
-_LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
-_LETTER = 0.055  # [in] mean width of a letter in a phase's label
-_HANDLE = 5  # letters that the line before a legend's text takes
-_BANDS = (
-    (BLUE, 0.09),
-    (ORANGE, 0.12),
-    (GREEN, 0.1),
-    (PINK, 0.16),
-    ("#808080", 0.12),
-)  # on light and dark paper
-# least contrasts to the paper, those of the WCAG
-_TEXT = 4.5
-_LINE_ON_DARK = 3.0
+"""Dashes of lines, one after the other where the colours come again."""
+_BANDS = ((BLUE, 0.09), (ORANGE, 0.12), (GREEN, 0.1), (PINK, 0.16), ("#808080", 0.12))
+"""Colours of phases and how much they cover, on light and dark paper."""
 
+# Contrast to the paper, as WCAG 2 defines it.
+_TEXT_CONTRAST = 4.5  # of texts, at least
+_LINE_CONTRAST = 3.0  # of lines on dark paper, at least
+_MIDDLE = 0.18  # luminance that is as far from black as from white
+_GREY = 0.06  # by which the parts of a grey differ at most
+_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+# Letters and legends.
+_FONT = 8.5  # [points] of the style, that sizes are given for
+_TALLEST = 9  # entries of a column of a legend
+_HANDLE = 5  # letters that the line before a legend's text takes
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-# All of Matplotlib's settings: those of the caller's style would make some of ours unreadable.
+# Names of phases and moments above a panel.
+_FEW = 12  # stays in phases that are each named, however short
+_MANY = 60  # stays in phases that no lines part any more: they were a grey page
+_LEFT = 0.775  # share of a figure's width that one panel has before labels are laid out
+_LETTER = 0.055  # [in] mean width of a letter in a phase's label
+_ABOVE_PHASES = 13  # [points] height of the names of phases
+_LINE = 8  # [points] height of the name of a moment
+_LONGEST = 40  # letters of the name of a moment
+_IN_TIME: dict[str, Any] = {"xycoords": ("data", "axes fraction")}
+"""Coordinates of a note: a time, and a share of the panel's height."""
+
 _STYLE: list[Any] = [
     "default",
     Path(__file__).with_name("figures.mplstyle"),
@@ -95,22 +106,9 @@ _STYLE: list[Any] = [
         "svg.fonttype": "none",
     },
 ]
-
-_MIDDLE = 0.18  # luminance that is as far from black as from white
-_GREY = 0.06  # most that the parts of a grey differ by
-_TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-
-VIEWS = {"from above": (0, 1), "from the side": (0, 2)}
-"""Axes of W to the right and upwards in `abreast`."""
-
-_QUICKLY: dict[str, Any] = {
-    ".png": {"pil_kwargs": {"compress_level": 1}}
-}  # in a third of the time, a sixth larger
-
-# [points]
-_ABOVE_PHASES = 13
-_LINE = 8
-_LONGEST = 40  # letters of what one moment is marked with
+"""All of Matplotlib's settings: those of the caller's style would make some of ours unreadable."""
+_WRITING: dict[str, Any] = {".png": {"pil_kwargs": {"compress_level": 1}}}
+"""Options of files by suffix: PNG in a third of the time, a sixth larger."""
 
 
 class _PlainPowers(LogFormatterSciNotation):
@@ -156,11 +154,11 @@ class Figures(tuple[Figure, ...]):
     """Several figures; notebooks show them one below the other."""
 
     def _repr_html_(self) -> str:
-        pictures = (b64encode(png_of(figure)).decode("ascii") for figure in self)
-        return "".join(
-            f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>'
-            for picture in pictures
-        )
+        html = ""
+        for figure in self:
+            picture = b64encode(png_of(figure)).decode("ascii")
+            html += f'<img src="data:image/png;base64,{picture}" style="max-width:100%"><br>'
+        return html
 
 
 def png_of(figure: Figure, dpi: int = DPI) -> bytes:
@@ -185,10 +183,12 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
         if ax is not None and canvas is None:
             canvas = _flat(ax)[0].figure
         if canvas is None:
+            settings = _STYLE
             former_artists = set()
         else:
+            settings = []
             former_artists = set(_artists(canvas))
-        with context(_STYLE if canvas is None else {}):
+        with context(settings):
             figure: Any = draw(*args, **kwargs)
             if figure is not None:
                 _make_legible(figure, former_artists)
@@ -216,16 +216,11 @@ def _make_legible(figure: Figure, former_artists: set[Artist]) -> None:
         else:
             paper = _on(to_rgba(artist.axes.get_facecolor()), sheet)
         if isinstance(artist, Text):
+            papers = (paper,) if artist.get_bbox_patch() else (sheet, paper)
             artist.set_parse_math(False)
-            artist.set_color(
-                legible(
-                    artist.get_color(),
-                    (paper,) if artist.get_bbox_patch() else (sheet, paper),
-                    _TEXT,
-                )
-            )
+            artist.set_color(legible(artist.get_color(), papers, _TEXT_CONTRAST))
         elif _luminance(paper) < _MIDDLE:
-            artist.set_color(legible(artist.get_color(), (paper,), _LINE_ON_DARK))
+            artist.set_color(legible(artist.get_color(), (paper,), _LINE_CONTRAST))
 
 
 def _artists(parent: Artist) -> Iterator[Artist]:
@@ -240,14 +235,15 @@ def _artists(parent: Artist) -> Iterator[Artist]:
 
 
 def _on(color: tuple[float, float, float, float], paper: np.ndarray) -> np.ndarray:
-    return color[3] * np.array(color[:3]) + (1.0 - color[3]) * paper
+    """Return the colour (3,) of a colour that lets paper (3,) through."""
+    *rgb, opacity = color
+    return opacity * np.array(rgb) + (1.0 - opacity) * paper
 
 
 def _luminance(rgb: np.ndarray) -> float:
     """Return the relative luminance [-] of a colour in sRGB (3,), as WCAG 2 defines it."""
-    return float(
-        np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4) @ _TO_LUMINANCE
-    )
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return float(linear @ _TO_LUMINANCE)
 
 
 def contrast(color: np.ndarray, paper: np.ndarray) -> float:
@@ -264,21 +260,16 @@ def legible(color: Any, papers: Sequence[np.ndarray], lowest_contrast: float) ->
     stay so.
     """
     rgb = np.array(to_rgb(color))
-    end = np.full(3, float(_luminance(papers[0]) < _MIDDLE))
-    grey = [1.0 - rgb] if np.ptp(rgb) < _GREY else []
-    shades = [
-        rgb,
-        *grey,
-        *((1.0 - share) * rgb + share * end for share in np.linspace(0.05, 0.95, 19)),
-    ]
-    return next(
-        (
-            shade
-            for shade in shades
-            if min(contrast(shade, paper) for paper in papers) >= lowest_contrast
-        ),
-        end,
-    )
+    black_or_white = np.full(3, float(_luminance(papers[0]) < _MIDDLE))
+    shades = [rgb]
+    if np.ptp(rgb) < _GREY:
+        shades.append(1.0 - rgb)
+    for share in np.linspace(0.05, 0.95, 19):
+        shades.append((1.0 - share) * rgb + share * black_or_white)
+    for shade in shades:
+        if min(contrast(shade, paper) for paper in papers) >= lowest_contrast:
+            return shade
+    return black_or_white
 
 
 def points(size: float) -> float:
@@ -302,11 +293,13 @@ def titled(height: float, title: str, fig: Given = None, width: Width = "page") 
     """
     if fig is not None:
         page = fig.figure
-        margins = vars(page.subplotpars) != vars(type(page.subplotpars)())
-        if page.get_layout_engine() is None and not page.axes and not margins:
+        has_margins = vars(page.subplotpars) != vars(type(page.subplotpars)())
+        if page.get_layout_engine() is None and not page.axes and not has_margins:
             page.set_layout_engine("constrained")
         return cast(Figure, fig)
-    figure = RecordFigure(figsize=(_WIDTHS[width] if isinstance(width, str) else width, height))
+    if isinstance(width, str):
+        width = _WIDTHS[width]
+    figure = RecordFigure(figsize=(width, height))
     if title and inches(figure) > NARROW:
         figure.suptitle(title, fontsize=points(10), fontweight="bold", x=0.01, ha="left")
     return figure
@@ -321,16 +314,18 @@ def abreast(figure: Figure) -> list[Axes]:
         figure.set_figheight(1.6 * figure.get_figheight())
     n_rows = 1 if is_wide else 2
     axes = list(figure.subplots(n_rows, 2 // n_rows))
-    for axis, (title, view) in zip(axes, VIEWS.items(), strict=True):
-        x, y = (axis_label("xyz"[k], "q", "position") for k in view)
-        axis.set(xlabel=x, ylabel=y, title=title)
+    for axis, (title, (right, up)) in zip(axes, VIEWS.items(), strict=True):
+        axis.set_xlabel(axis_label("xyz"[right], "q", "position"))
+        axis.set_ylabel(axis_label("xyz"[up], "q", "position"))
+        axis.set_title(title)
         axis.set_aspect("equal", adjustable="datalim")
     return axes
 
 
 def line_style(k: int) -> dict[str, Any]:
-    """Colour of the k-th line of many, and dashes where the colours come again."""
-    return {"color": LINES[k % len(LINES)], "ls": DASHES[k // len(LINES) % len(DASHES)]}
+    """Return the colour of the k-th line of many, and dashes where the colours come again."""
+    n_before, color = divmod(k, len(LINES))
+    return {"color": LINES[color], "ls": DASHES[n_before % len(DASHES)]}
 
 
 def note(axis: Axes, text: str, place: Any, offset: tuple[float, float], **look: Any) -> None:
@@ -386,15 +381,15 @@ def save_figure(figure: Figure, path: Path) -> Path:
     Raises `OutputError`.
     """
     engine = figure.get_layout_engine()
+    options = _WRITING.get(path.suffix.lower(), {})
     try:
         with as_output_errors(path), context(_STYLE):
             path.parent.mkdir(parents=True, exist_ok=True)
-            if (
-                engine is not None
-            ):  # left to find the places of artists itself, Matplotlib draws all of it once more
+            # Left to find the places of artists itself, Matplotlib draws all of it once more.
+            if engine is not None:
                 engine.execute(figure)
             figure.set_layout_engine(None)
-            figure.savefig(path, dpi=DPI, **_QUICKLY.get(path.suffix.lower(), {}))
+            figure.savefig(path, dpi=DPI, **options)
     finally:
         figure.set_layout_engine(engine)
     return path
@@ -428,24 +423,30 @@ def shade_phases(
     """
     for axis in axes:
         for span in spans:
-            axis.axvspan(
-                span.start, span.end, color=_BANDS[span.index % len(_BANDS)], lw=0, zorder=-2
-            )
+            band = _BANDS[span.index % len(_BANDS)]
+            axis.axvspan(span.start, span.end, color=band, lw=0, zorder=-2)
         if len(spans) <= _MANY:
             for span in spans[1:]:
                 axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
         axis.set_xlim(spans[0].start, spans[-1].end)
-    if named:
-        # Share of the figure, with what is beside the panel, before all is laid out.
-        figure_share = axes[0].get_position().width / _LEFT
-        legends = [axis.get_legend() for axis in axes]
-        texts = []
-        for legend in legends:
-            if legend:
-                texts += [text.get_text() for text in legend.get_texts()]
-        letters_beside += max((len(text) + _HANDLE for text in texts), default=0)
-        width = 0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside
-        _name_phases(axes[0], spans, width)
+    if not named:
+        return
+    # Share of the figure, with what is beside the panel, before all is laid out.
+    figure_share = axes[0].get_position().width / _LEFT
+    letters_beside += _letters_of_legends(axes)
+    width = 0.88 * inches(axes[0].figure) * figure_share - points(_LETTER) * letters_beside
+    _name_phases(axes[0], spans, width)
+
+
+def _letters_of_legends(axes: Sequence[Axes]) -> int:
+    """Return the letters that the widest entry of the legends beside panels takes, with its line."""
+    widest = 0
+    for axis in axes:
+        legend = axis.get_legend()
+        if legend:
+            for text in legend.get_texts():
+                widest = max(widest, len(text.get_text()) + _HANDLE)
+    return widest
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
@@ -459,15 +460,9 @@ def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:
             text = span.label
         else:
             text = plain_line(span.name, max(2, int(room)))
+        middle = (span.start + span.end) / 2
         look = {"ha": "center", "va": "bottom", "fontsize": points(7.5), "color": "#333333"}
-        note(
-            axis,
-            text,
-            ((span.start + span.end) / 2, 1.0),
-            (0, 3),
-            xycoords=("data", "axes fraction"),
-            **look,
-        )
+        note(axis, text, (middle, 1.0), (0, 3), **_IN_TIME, **look)
 
 
 def logarithmic(axis: Axes) -> None:
@@ -482,18 +477,10 @@ def threshold(axis: Axes, value: float, text: str, place: float = 0.0) -> None:
     share of its length.
     """
     axis.axhline(value, color=THRESHOLD, lw=0.9, ls=(0, (5, 3)), zorder=1.5)
-    paper = {
-        "facecolor": axis.get_facecolor(),
-        "alpha": 0.8,
-        "lw": 0,
-        "pad": 0.6,
-    }  # over curves that run through the text
+    # Over curves that run through the text.
+    paper = {"facecolor": axis.get_facecolor(), "alpha": 0.8, "lw": 0, "pad": 0.6}
     look = {"ha": "left", "va": "bottom", "fontsize": points(7), "color": THRESHOLD, "bbox": paper}
     note(axis, text, (place, value), (4, 2), xycoords=("axes fraction", "data"), **look)
-
-
-# What lies behind the curves of every figure over time: the phases of the mission, and what went
-# wrong on purpose.
 
 
 def mark_time(
@@ -513,7 +500,7 @@ def mark_time(
     if not named:
         return
     for line, (start, names) in enumerate(names_by_start.items()):
-        _name(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
+        _name_moment(axes[0], start, plain_line(", ".join(names), _LONGEST), line)
 
 
 def space_above(record: Record) -> float:
@@ -521,7 +508,7 @@ def space_above(record: Record) -> float:
     return _ABOVE_PHASES + _LINE * len({fault.start for fault in fault_spans(record)})
 
 
-def _name(axis: Axes, start: float, text: str, line: int) -> None:
+def _name_moment(axis: Axes, start: float, text: str, line: int) -> None:
     """Name a moment above the names of the phases, from its onset on or up to it; each a line
     higher than the one before.
     """
@@ -534,4 +521,4 @@ def _name(axis: Axes, start: float, text: str, line: int) -> None:
         offset = (3, height)
         side = "left"
     look = {"ha": side, "va": "bottom", "fontsize": points(6.5), "color": VERMILLION}
-    note(axis, text, (start, 1.0), offset, xycoords=("data", "axes fraction"), **look)
+    note(axis, text, (start, 1.0), offset, **_IN_TIME, **look)

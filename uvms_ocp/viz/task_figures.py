@@ -16,17 +16,23 @@ from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.viz import series as recorded, style
 
-# Figures of what the tasks measure: errors, misalignment, altitude ([Gao2022] figures 5-9).
-
-_ELSEWHERE = (
+_PANEL_HEIGHT = 1.75  # [in]
+_TASK_HEIGHT = 0.56  # [in] of the activation of a task
+_ROW_HEIGHT = 0.5  # [in] of the activation of one row
+_MOST_PANELS = 12
+_LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
+_A_TABLE = 2  # axes of a series with columns
+_ALTITUDES = ("LA.altitude", "MAC.altitude")
+"""Quantities with the altitude of the altimeter, the first that was measured."""
+_TASKS_WITH_FIGURES = ("PC", "AT", "HA", "LA", "MAC")
+_QUANTITIES_WITH_FIGURES = (
     *("position_error", "orientation_error", "misalignment", "tilt", "altitude"),
     *("overhead", "horizontal_error"),  # of less use than those beside them
 )
-"""Last words of quantities that have a figure of their own."""
+"""Last words of quantities of these tasks, and of tools, that have a figure of their own."""
+
 _Panel = Callable[[Axes, Record, str, str], object]
-_MOST_PANELS = 12
-_A_TABLE = 2  # axes of a series with columns
-_LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
+"""Draws a quantity of a record, by its name, in a colour."""
 
 
 @style.styled
@@ -72,12 +78,11 @@ def _tool_tasks(record: Record) -> dict[str, str]:
 def _pose_error_figure(
     record: Record, tasks: Mapping[str, str], title: str, page: style.Page
 ) -> Figure | None:
-    colors = (("position", style.BLUE), ("orientation", style.VERMILLION))
-    rows = [
-        (f"{task}.{part}_error", f"{style.label_text(tool, 16)}\n{part} error".lstrip(), color)
-        for task, tool in tasks.items()
-        for part, color in colors
-    ]
+    rows = []
+    for task, tool in tasks.items():
+        for part, color in (("position", style.BLUE), ("orientation", style.VERMILLION)):
+            label = f"{style.label_text(tool, 16)}\n{part} error".lstrip()
+            rows.append((f"{task}.{part}_error", label, color))
     return _quantity_figure(record, rows, title, _logarithmic_panel, page)
 
 
@@ -92,17 +97,15 @@ def _quantity_figure(
     drawn_rows = [row for row in rows if quantity(record, row[0]) is not None]
     if not drawn_rows:
         return None
-    figure, axes = style.stacked(
-        len(drawn_rows), 1.75, title + recorded.estimate_suffix(record), *page
-    )
+    title += recorded.estimate_suffix(record)
+    figure, axes = style.stacked(len(drawn_rows), _PANEL_HEIGHT, title, *page)
     for axis, (name, label, color) in zip(axes, drawn_rows, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
     style.mark_time(axes, record)
     active = Line2D([], [], color=style.BLACK, label="task active")
-    style.heading_legend(
-        figure, [active, Line2D([], [], color=style.FADED, lw=0.9, label="task off")]
-    )
+    inactive = Line2D([], [], color=style.FADED, lw=0.9, label="task off")
+    style.heading_legend(figure, [active, inactive])
     return figure
 
 
@@ -113,13 +116,13 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
     gate = recorded.task_gate(record, name.rpartition(".")[0])
     values = _required(record, name)
     if gate is None:
-        on = np.ones(len(record), dtype=bool)
+        is_on = np.ones(len(record), dtype=bool)
     else:
-        on = gate > 0
+        is_on = gate > 0
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
-    axis.plot(record["t"], np.where(on, values, np.nan), color=color)
+    axis.plot(record["t"], np.where(is_on, values, np.nan), color=color)
     _mark_thresholds(axis, record, name)
-    return values[on]
+    return values[is_on]
 
 
 def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
@@ -134,13 +137,13 @@ def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> Non
     if not (_required(record, name) > 0.0).any():
         _linear_panel(axis, record, name, color)
         return
-    active = _panel(axis, record, name, color)
-    active = active[np.isfinite(active)]
+    values = _panel(axis, record, name, color)
+    values = values[np.isfinite(values)]
     style.logarithmic(axis)
-    if len(active):
-        lowest = min(
-            [*recorded.thresholds(record, name), float(np.percentile(active, 5)), float(active[-1])]
-        )
+    if len(values):
+        low = float(np.percentile(values, 5))
+        final = float(values[-1])
+        lowest = min(low, final, *recorded.thresholds(record, name))
         axis.set_ylim(bottom=max(lowest, _LOG_FLOOR) / 2)
 
 
@@ -150,6 +153,7 @@ def _linear_panel(axis: Axes, record: Record, name: str, color: str) -> None:
 
 
 def _required(record: Record, name: str) -> np.ndarray:
+    """Return the values (k,) of a quantity; not a number where the record has it not."""
     values = quantity(record, name)
     if values is None:
         return np.full(len(record), np.nan)
@@ -164,11 +168,10 @@ def figure_misalignment(
     and tilt (HA).
     """
     rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
-    title = (
-        "Vehicle: tilt"
-        if quantity(record, "AT.misalignment") is None
-        else "Vehicle: alignment with the target, and tilt"
-    )
+    if quantity(record, "AT.misalignment") is None:
+        title = "Vehicle: tilt"
+    else:
+        title = "Vehicle: alignment with the target, and tilt"
     return _quantity_figure(record, rows, title, _linear_panel, (fig, width))
 
 
@@ -179,41 +182,31 @@ def figure_altitude(
     """Draw the altitude above the floor with the thresholds on it, and a closer view where it comes
     near; `None` without an echo.
     """
-    name = next(
-        (n for n in ("LA.altitude", "MAC.altitude") if np.isfinite(_required(record, n)).any()),
-        None,
-    )
-    if name is None:
+    measured = [name for name in _ALTITUDES if np.isfinite(_required(record, name)).any()]
+    if not measured:
         return None
+    name = measured[0]
     t = record["t"]
     altitude = _required(record, name)
     altitude = np.where(np.isfinite(altitude), altitude, np.nan)
+    lowest = int(np.nanargmin(altitude))
     highest = float(np.nanmax(altitude))
     limits = recorded.thresholds(record, name)
-    closer_top = 2.5 * max([*limits, float(np.nanmin(altitude))])
-    figure, axes = style.stacked(
-        2 if closer_top < highest else 1,
-        1.75,
-        "Altitude of the altimeter above the floor",
-        fig,
-        width,
-    )
+    closer_top = 2.5 * max([*limits, float(altitude[lowest])])
+    n_panels = 2 if closer_top < highest else 1
+    title = "Altitude of the altimeter above the floor"
+    figure, axes = style.stacked(n_panels, _PANEL_HEIGHT, title, fig, width)
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in limits:
             style.threshold(axis, limit, f"landed below {limit:g} m")
-    lowest = int(np.nanargmin(altitude))
+    lowest_label = f"lowest: {altitude[lowest]:.3f} m"
     axes[-1].plot(
-        t[lowest],
-        altitude[lowest],
-        "v",
-        color=style.VERMILLION,
-        ms=5,
-        label=f"lowest: {altitude[lowest]:.3f} m",
+        t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=lowest_label
     )
     label = recorded.axis_label("altitude", name)
-    axes[0].set(ylabel=label, ylim=(0, 1.05 * max([*limits, highest, 0.1])))
-    if len(axes) > 1:
+    axes[0].set(ylabel=label, ylim=(0, 1.05 * max(highest, 0.1, *limits)))
+    if n_panels > 1:
         axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, closer_top))
     curve, *_, mark = axes[-1].get_lines()
     style.heading_legend(figure, [curve, mark])
@@ -228,15 +221,15 @@ def figure_quantities(
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there
     is nothing.
     """
-    tasks = (*_tool_tasks(record), "PC", "AT", "HA", "LA", "MAC")
-    rows = [
-        (name, f"{style.label_text(name, 24)}\n", style.BLUE)
-        for name in record.meta.quantities
-        if not (name.rpartition(".")[0] in tasks and name.rpartition(".")[2] in _ELSEWHERE)
-    ]
-    return _quantity_figure(
-        record, rows[:_MOST_PANELS], "Quantities of other tasks", _panel, (fig, width)
-    )
+    tasks = (*_tool_tasks(record), *_TASKS_WITH_FIGURES)
+    rows = []
+    for name in record.meta.quantities:
+        task, _, quantity_name = name.rpartition(".")
+        has_figure = task in tasks and quantity_name in _QUANTITIES_WITH_FIGURES
+        if not has_figure:
+            rows.append((name, f"{style.label_text(name, 24)}\n", style.BLUE))
+    title = "Quantities of other tasks"
+    return _quantity_figure(record, rows[:_MOST_PANELS], title, _panel, (fig, width))
 
 
 @style.styled
@@ -257,22 +250,16 @@ def figure_of(
     recorded.require_rows(record)
     names = (name, *names)
     curves = [_curves(record, name) for name in names]
-    title = ", ".join(style.label_text(name) for name in names[:4]) + recorded.estimate_suffix(
-        record
-    )
+    title = ", ".join(style.label_text(name) for name in names[:4])
+    title += recorded.estimate_suffix(record)
     if ax is None:
-        figure, axes = style.stacked(len(names), 1.75, title, fig, width)
+        figure, axes = style.stacked(len(names), _PANEL_HEIGHT, title, fig, width)
     else:
         figure, axes = style.panels(ax, len(names), fig)
     for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):
         for k, (label, values) in enumerate(lines.items()):
-            axis.plot(
-                record["t"],
-                values,
-                **style.line_style(k),
-                lw=1.1,
-                label=style.label_text(label, 20),
-            )
+            line_label = style.label_text(label, 20)
+            axis.plot(record["t"], values, **style.line_style(k), lw=1.1, label=line_label)
         _mark_thresholds(axis, record, curve_name)
         axis.set_ylabel(f"{style.label_text(curve_name, 24)}\n[{unit}]")
         if len(lines) > 1:
@@ -287,42 +274,31 @@ def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, tables.unit_of(name, meta=record.meta)
     if name in names:
-        labels = (
-            label.removeprefix(f"{name}.")
-            for label in tables.column_names(name, record[name].shape[1], record.meta)
-        )
-        return dict(zip(labels, record[name].T, strict=True)), tables.unit_of(
-            name, meta=record.meta
-        )
-    columns = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
-    if name not in columns:
-        of_series = (
-            column for column, (series, _, _) in columns.items() if series == name.partition(".")[0]
-        )
-        raise NameNotFound(
-            "quantity, series or column", name, [*record.meta.quantities, *names, *of_series]
-        )
-    series, column, unit = columns[name]
-    return {name: record[series][:, column]}, unit
+        series = record[name]
+        columns = tables.column_names(name, series.shape[1], record.meta)
+        labels = [column.removeprefix(f"{name}.") for column in columns]
+        unit = tables.unit_of(name, meta=record.meta)
+        return dict(zip(labels, series.T, strict=True)), unit
+    places = _columns(record, [key for key in names if record[key].ndim == _A_TABLE])
+    if name not in places:
+        series_name = name.partition(".")[0]
+        similar = [column for column, place in places.items() if place[0] == series_name]
+        allowed = [*record.meta.quantities, *names, *similar]
+        raise NameNotFound("quantity, series or column", name, allowed)
+    series_name, k, unit = places[name]
+    return {name: record[series_name][:, k]}, unit
 
 
 def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, str]]:
     """Return, by the name of a column, its series, its index there and its unit."""
-    widths = {name: record[name].shape[1] for name in names}
-    return {
-        label: (name, k, unit)
-        for name, width in widths.items()
-        for k, (label, unit) in enumerate(
-            zip(
-                tables.column_names(name, width, record.meta),
-                tables.column_units(name, width, record.meta),
-                strict=True,
-            )
-        )
-    }
-
-
-# Figures of which tasks are on, and how far ([Gao2022] figures 5-10).
+    places = {}
+    for name in names:
+        n_columns = record[name].shape[1]
+        columns = tables.column_names(name, n_columns, record.meta)
+        units = tables.column_units(name, n_columns, record.meta)
+        for k, (column, unit) in enumerate(zip(columns, units, strict=True)):
+            places[column] = (name, k, unit)
+    return places
 
 
 @style.styled
@@ -332,14 +308,14 @@ def figure_activations(
     """Draw one small panel per task: activation of its rows (internal bell x phase) under the
     phase's own activation.
     """
-    tasks = [
-        task for task in record.meta.tasks if recorded.task_activity(record, task.name) is not None
-    ]
+    tasks = []
+    for task in record.meta.tasks:
+        if recorded.task_activity(record, task.name) is not None:
+            tasks.append(task)
     if not tasks:
         return None
-    figure, axes = style.stacked(
-        len(tasks), 0.56, "Activation of the tasks, highest priority on top", fig, width
-    )
+    title = "Activation of the tasks, highest priority on top"
+    figure, axes = style.stacked(len(tasks), _TASK_HEIGHT, title, fig, width)
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
     style.mark_time(axes, record, letters_beside=9)
@@ -373,9 +349,8 @@ def figure_row_activations(
     if rows is None or not rows.shape[1]:
         return None
     n = rows.shape[1]
-    figure, axes = style.stacked(
-        n, 0.5, f"Activation of the rows of {style.label_text(task)}", fig, width
-    )
+    title = f"Activation of the rows of {style.label_text(task)}"
+    figure, axes = style.stacked(n, _ROW_HEIGHT, title, fig, width)
     if n == 1 and len(record.meta.joints) != 1:
         names = [task]
     else:
@@ -398,8 +373,7 @@ def _draw_activation(axis: Axes, t: np.ndarray, rows: np.ndarray, gate: np.ndarr
 
 
 def _legend(figure: Figure) -> None:
-    """Add the legend of the two lines of a panel of activations."""
+    """Add the legend of the two lines of every panel of activations."""
     rows = Line2D([], [], color=style.BLUE, lw=0.9, label="rows: own bell × phase")
-    style.heading_legend(
-        figure, [rows, Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")]
-    )
+    phase = Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")
+    style.heading_legend(figure, [rows, phase])
