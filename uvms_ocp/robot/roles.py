@@ -25,10 +25,12 @@ TOOL = "tool"
 ALTIMETER = "altimeter"
 DVL = "dvl"
 CHOOSE = "choose by `tool:` in hydrodynamics.yaml, or --tool LINK"
-
+"""Advice where there are several candidates for the tool."""
 _BALANCED = 0.1
 """Distance of a propeller's centre of mass from its axis, at most, over that from its joint."""
-
+_SHORT = 0.1
+"""[m] Distance of a centre of mass from the joint that is counted at least."""
+_LONG_WORD = 5  # letters above which a word counts in any part of a name
 _FINS = "rudder fin flap wheel"
 _SENSORS = (
     "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
@@ -45,12 +47,12 @@ def _words(text: str) -> re.Pattern[str]:
     any part of it where they are long.
     """
     words = text.split()
-    short_words = "|".join(word for word in words if len(word) <= 5)
-    long_words = "|".join(word for word in words if len(word) > 5)
+    short_words = "|".join(word for word in words if len(word) <= _LONG_WORD)
+    long_words = "|".join(word for word in words if len(word) > _LONG_WORD)
     return re.compile(rf"(?<![a-z])({short_words})s?(?![a-z])|{long_words}")
 
 
-_NAMES: Mapping[str, re.Pattern[str]] = {
+_PATTERNS: Mapping[str, re.Pattern[str]] = {
     "propeller": _words(f"prop propeller thruster rotor blade screw fan {_FINS}"),
     "fin": _words(_FINS),
     "sensor": _words(_SENSORS),
@@ -59,11 +61,12 @@ _NAMES: Mapping[str, re.Pattern[str]] = {
     "altimeter": _words("altimeter echosounder dva"),
     "dvl": _words("dvl doppler"),
 }
+"""Words in names of links and joints, by what they are."""
 
 
 def is_called(kind: str, *names: str) -> bool:
-    """Check whether any of the names is one of a link or joint of this kind of `_NAMES`."""
-    return any(_NAMES[kind].search(name.lower()) for name in names)
+    """Check whether any of the names is one of a link or joint of this kind of `_PATTERNS`."""
+    return any(_PATTERNS[kind].search(name.lower()) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -108,30 +111,32 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
     """Return the roles of the links of a model."""
     tree = _LinkTree(model, free_flyer)
     kinds = dict(_kinds(tree))
-    joints_by_kind: dict[str, list[str]] = {kind: [] for kind in _KINDS}
+    names_by_kind: dict[str, tuple[str, ...]] = dict.fromkeys(_KINDS, ())
     arm = list[int]()
     for joint in tree.moving:
         if joint in kinds:
-            joints_by_kind[kinds[joint]].append(model.names[joint])
+            names_by_kind[kinds[joint]] += (model.names[joint],)
         else:
             arm.append(joint)
     tools = list[tuple[str, ...]]()
     for joint in arm:
-        ends_chain = not any(child in arm for child in tree.children(joint))
-        tips = _tips(tree, joint) if ends_chain else ()
-        if tips:
+        ends_chain = set(arm).isdisjoint(tree.children(joint))
+        tips = _tips(tree, joint)
+        if ends_chain and tips:
             tools.append(tips)
+    return Roles(base=_base(tree), tools=tuple(tools), **names_by_kind)
+
+
+def _base(tree: _LinkTree) -> str:
+    """Return the link that stands for the vehicle; empty where nothing is fixed to the root."""
     links = [tree.name(i) for i in tree.bodies[tree.carrier]]
     if BASE in links:
-        base = BASE
-    else:
-        base = next(iter(links), "")
-    joints = {kind: tuple(names) for kind, names in joints_by_kind.items()}
-    return Roles(base=base, tools=tuple(tools), **joints)
+        return BASE
+    return next(iter(links), "")
 
 
 class _LinkTree:
-    """Links of a model by the joint that carries them."""
+    """Tree of links and joints: links of a model by the joint that carries them."""
 
     def __init__(self, model: pin.Model, free_flyer: bool) -> None:
         self.model = model
@@ -154,6 +159,7 @@ class _LinkTree:
         return int(self.model.frames[joint_frame].parentFrame)
 
     def name(self, frame: int) -> str:
+        """Return the name of a link by its frame."""
         return str(self.model.frames[frame].name)
 
     def names(self, joint: int) -> list[str]:
@@ -162,6 +168,7 @@ class _LinkTree:
         return [str(self.model.names[joint]), *link_names]
 
     def children(self, joint: int) -> list[int]:
+        """Return the joints that hang on a joint, without those that hang on them."""
         return [child for child in self.moving if self.model.parents[child] == joint]
 
     def below(self, joint: int) -> list[int]:
@@ -185,7 +192,9 @@ class _LinkTree:
             return True
         n_q = max(moving.nq, 1)  # of one that mimics, those of its leader
         q = slice(moving.idx_q, moving.idx_q + n_q)
-        return bool((self.model.lowerPositionLimit[q] < self.model.upperPositionLimit[q]).any())
+        lower = self.model.lowerPositionLimit[q]
+        upper = self.model.upperPositionLimit[q]
+        return bool((lower < upper).any())
 
     def is_no_tool(self, frame: int) -> bool:
         """Check whether a link is a sensor or a finger; the palm that carries fingers is
@@ -194,7 +203,8 @@ class _LinkTree:
         name = self.name(frame)
         if is_called("sensor", name):
             return True
-        return is_called("finger", name) and frame not in self.inner and not is_called("tip", name)
+        is_palm = frame in self.inner
+        return is_called("finger", name) and not is_palm and not is_called("tip", name)
 
     def is_end(self, frame: int) -> bool:
         """Check that no other link is fixed to the link further out, but sensors and fingers."""
@@ -227,11 +237,13 @@ def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
 
 
 def _carries_propellers_alone(tree: _LinkTree, joint: int) -> bool:
+    """Check whether all chains of joints from a joint on end in propellers."""
     last_joints = [k for k in tree.below(joint) if not tree.children(k)]
     return all(is_called("propeller", *tree.names(k)) for k in last_joints)
 
 
 def _carries_sensors_alone(tree: _LinkTree, joint: int) -> bool:
+    """Check whether all links that a joint moves are sensors."""
     links = list[int]()
     for k in tree.below(joint):
         links += tree.bodies[k]
@@ -251,8 +263,9 @@ def _whirls(tree: _LinkTree, index: int) -> bool:
         return False
     axis = np.array(joint.createData().S).ravel()[3:]
     lever = np.asarray(tree.model.inertias[index].lever)  # [m]
+    from_joint = float(np.linalg.norm(lever))  # [m]
     off_axis = float(np.linalg.norm(lever - axis * (axis @ lever)))  # [m]
-    return off_axis <= _BALANCED * max(float(np.linalg.norm(lever)), 0.1)
+    return off_axis <= _BALANCED * max(from_joint, _SHORT)
 
 
 def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
@@ -278,22 +291,22 @@ def with_roles(
     free_flyer = description.base == "free_flyer"
     roles = find_roles(model, free_flyer=free_flyer)
     frames = {frame.name for frame in model.frames[1:]}
+    faults = []
+    base = description.base_link
+    if base is not None and base not in frames:
+        faults.append(f"{BASE}: {base!r} is not in the URDF; the root is {roles.base}")
+    for tool in tools_of(description):
+        if tool not in frames:
+            candidates = ", ".join(roles.candidates) or "none"
+            faults.append(f"{TOOL}: {tool!r} is not in the URDF; candidates: {candidates}")
+    if faults:
+        raise RobotDataError(str(path), *faults)
     stated = {
-        BASE: description.base_link,
+        BASE: base,
         TOOL: next(iter(tools_of(description)), None),
         ALTIMETER: description.altimeter,
         DVL: description.dvl,
     }
-    faults = []
-    for key, names in ((BASE, [description.base_link]), (TOOL, tools_of(description))):
-        missing = [name for name in names if name is not None and name not in frames]
-        if key == TOOL:
-            advice = f"candidates: {', '.join(roles.candidates) or 'none'}"
-        else:
-            advice = f"the root is {roles.base}"
-        faults += [f"{key}: {name!r} is not in the URDF; {advice}" for name in missing]
-    if faults:
-        raise RobotDataError(str(path), *faults)
     if free_flyer and not description.base_link and BASE not in frames:
         stated[BASE] = roles.base
     if TOOL not in frames and not description.tool:

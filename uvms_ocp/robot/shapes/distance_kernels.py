@@ -32,21 +32,17 @@ from uvms_ocp.robot.shapes import gjk
 from uvms_ocp.robot.shapes.penetration import Hull, expand_polytope, try_axes, try_axis
 from uvms_ocp.robot.shapes.shape_pairs import shapes_in
 
-# The signed distance of two solids: apart, or overlapping.
-
 _SHIFT = 1e-3  # [m] that overlapping solids are taken apart by, for their nearest points
-_POLISH = 3  # of the direction that a polytope gives to 1e-7 m
-
+_POLISH = 3  # separations of solids whose direction a polytope gives to 1e-7 m only
 _NOTHING = 1e-5
-"""[-, m] rate of an axis that does not change a distance, but for what a search that ends leaves: a
+"""[-, m] Rate of an axis that does not change a distance, but for what a search that ends leaves: a
 hierarchy would heed it.
 """
-
 _STEP = 8  # sizes are multiples of it, so that models of about the same size share machine code
 
 
 def measure_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
-    """Distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
+    """Measure distance, normal and nearest point of A, balls included, in the frame of A. A kernel."""
     gjk.place_relative(m, a, b)
     if not gjk.search_apart(m, a, b):
         overlap_solids(m, hull, a, b)
@@ -56,7 +52,7 @@ def measure_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.So
 
 
 def overlap_solids(m: gjk.RelativePlacement, hull: Hull, a: gjk.Solid, b: gjk.Solid) -> None:
-    """The shallowest direction, and the points that part last along it. A kernel."""
+    """Find the shallowest direction, and the points that part last along it. A kernel."""
     try_axes(m, a, b)
     if is_curved(a, b):
         expand_polytope(hull, m, a, b)
@@ -70,7 +66,7 @@ def is_curved(a: gjk.Solid, b: gjk.Solid) -> bool:
 
 
 def is_ball(s: gjk.Solid) -> bool:
-    """A kernel."""
+    """Check that a solid is nothing but its ball. A kernel."""
     return s.disk == 0.0 and s.half[0] == 0.0 and s.half[1] == 0.0 and s.half[2] == 0.0
 
 
@@ -93,17 +89,15 @@ def separate_solids(m: gjk.RelativePlacement, a: gjk.Solid, b: gjk.Solid) -> Non
     try_axis(m, a, b, p)
 
 
-# Distances of all pairs of a collision model in machine code, for programs that embed them.
-
-
 class SolidPair(Layout):
     """Two solids, and what was found of them last."""
 
     first: int
     """Solid, by its index."""
     second: int
+    """Solid, by its index."""
     known: bool
-    """The distance of the pair has been measured."""
+    """True where the distance of the pair has been measured."""
     normal: Annotated[Vector, Sized(3)]
     """(3,) in W, from the first to the second."""
     at: Annotated[Vector, Sized(3)]
@@ -114,7 +108,7 @@ class DistanceMemory(Layout):
     """Solids of a robot and its obstacles, and their pairs."""
 
     places: FunctionField
-    """Q, to the placements of all joints and the twists of all axes."""
+    """q -> placements of all joints and twists of all axes."""
     placements: Annotated[Vector, Sized("n_placements")]
     """(12 n_joints,) R_WJ, row after row, and p_WJ [m] of each joint."""
     twists: Annotated[Vector, Sized("n_twists")]
@@ -124,41 +118,46 @@ class DistanceMemory(Layout):
     one.
     """
     n_solids: int
+    """Number of solids that are used."""
     solids: Annotated[list[gjk.Solid], Sized("n_solids")]
-    """(n_solids,)"""
+    """(n_solids,) convex shapes of links and obstacles."""
     moves: Annotated[list[list[int]], Sized("n_solids", "n_axes")]
-    """(n_solids, n_axes) whether the axis moves the solid."""
+    """(n_solids, n_axes) 1 where the axis moves the solid, else 0."""
     n_pairs: int
+    """Number of pairs that are used."""
     pairs: Annotated[list[SolidPair], Sized("n_pairs")]
-    """(n_pairs,)"""
+    """(n_pairs,) pairs of solids, by index."""
     value: Annotated[Vector, Sized("n_pairs")]
     """(n_pairs,) [m] signed distances as measured last."""
     gradient: Annotated[list[Vector], Sized("n_pairs", "n_v")]
-    """(n_pairs, n_v) [-, m] of the chosen ones, one after the other."""
+    """(n_pairs, n_v) [-, m] rates of the chosen distances per unit of each velocity, one after the
+    other.
+    """
     n_chosen: int
+    """Number of pairs that are chosen."""
     chosen: Annotated[list[int], Sized("n_pairs")]
     """(n_chosen,) pairs that `chosen_distances` measures."""
     meeting: gjk.RelativePlacement
     """Relative placement of the pair measured last, in the frame of its first solid."""
     hull: Hull
-    """Working memory."""
+    """Working memory of `expand_polytope`."""
 
 
 def chosen_distances(m: DistanceMemory, q: Vector) -> None:
-    """`value` of the chosen pairs, at their places, at q (n_q,) [m, rad]. A kernel."""
+    """Measure the `value` of the chosen pairs, at their places, at q (n_q,) [m, rad]. A kernel."""
     place_solids(m, q)
     for k in range(m.n_chosen):
         m.value[m.chosen[k]] = distance_of(m, m.chosen[k])
 
 
 def chosen_gradients(m: DistanceMemory) -> None:
-    """`gradient` of the chosen pairs, where they were measured last. A kernel."""
+    """Compute the `gradient` of the chosen pairs, where they were measured last. A kernel."""
     for k in range(m.n_chosen):
         pair_gradient(m, m.chosen[k], m.gradient[k])
 
 
 def place_solids(m: DistanceMemory, q: Vector) -> None:
-    """Everything that is not of a pair, at q (n_q,) [m, rad]. A kernel."""
+    """Place joints, axes and solids at q (n_q,) [m, rad]. A kernel."""
     m.places(q, m.placements, m.twists)
     for k in range(m.n_solids):
         if m.solids[k].joint >= 0:
@@ -166,7 +165,7 @@ def place_solids(m: DistanceMemory, q: Vector) -> None:
 
 
 def place_solid(s: gjk.Solid, placements: Vector) -> None:
-    """One of a joint. A kernel."""
+    """Place a solid that a joint carries. A kernel."""
     R = zeros(9)
     p = zeros(3)
     first = 12 * s.joint
@@ -182,7 +181,7 @@ def place_solid(s: gjk.Solid, placements: Vector) -> None:
 
 
 def distance_of(m: DistanceMemory, k: int) -> float:
-    """Signed distance [m] of pair k, as its solids are placed. A kernel."""
+    """Measure the signed distance [m] of pair k, as its solids are placed. A kernel."""
     pair = m.pairs[k]
     meeting = m.meeting
     a, b = m.solids[pair.first], m.solids[pair.second]
@@ -196,7 +195,7 @@ def distance_of(m: DistanceMemory, k: int) -> float:
 
 
 def distance_lower_bound(m: DistanceMemory, k: int) -> float:
-    """Lower bound [m] of the distance of pair k: along the direction of the last measurement, or of
+    """Bound the distance [m] of pair k from below: along the direction of the last measurement, or by
     the balls around. A kernel.
     """
     pair = m.pairs[k]
@@ -214,8 +213,8 @@ def distance_lower_bound(m: DistanceMemory, k: int) -> float:
 
 
 def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
-    """Rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it was measured
-    last. A kernel.
+    """Compute the rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it
+    was measured last. A kernel.
     """
     pair = m.pairs[k]
     moment = zeros(3)
@@ -236,16 +235,13 @@ def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
             row[i] = 0.0
 
 
-# Which shapes have a form in C, and a memory of their pairs that kernels work on.
-
-
 def has_kernel(shape: coal.CollisionGeometry) -> bool:
-    """True for a sphere, a capsule, a cylinder and a box."""
+    """Check for a shape with a form in C: a sphere, a capsule, a cylinder or a box."""
     return isinstance(shape, (coal.Sphere, coal.Capsule, coal.Cylinder, coal.Box))
 
 
 def distance_sizes(model: pin.Model, *, n_solids: int, n_pairs: int) -> dict[str, Any]:
-    """Sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and
+    """Return sizes for `structure_of` a layout with a `DistanceMemory` of at most that many solids and
     pairs.
     """
     places = _places(model)
@@ -266,11 +262,11 @@ def write_distances(
     shapes: Sequence[pin.GeometryObject],
     pairs: Sequence[tuple[int, int]],
 ) -> None:
-    """Into a `DistanceMemory`: pairs of the shapes, by index, which have a form in C as far as they
-    are used.
+    """Write pairs of shapes, by index, into a `DistanceMemory`; shapes that are used have a form in
+    C.
     """
     used = sorted(shapes_in(pairs))
-    places = {k: i for i, k in enumerate(used)}
+    places = {shape: solid for solid, shape in enumerate(used)}
     memory.n_solids = len(used)
     memory.n_pairs = len(pairs)
     axes = list[int]()  # of what mimics, its leader's
@@ -280,10 +276,10 @@ def write_distances(
             axes += range(joint.idx_v, joint.idx_v + joint.nvExtended)
             joint_of_axis += [index] * joint.nvExtended
     memory.axes[:] = axes
-    for k, i in places.items():
-        _write_solid(memory.solids[i], shapes[k])
-        carriers = list(model.supports[shapes[k].parentJoint])
-        memory.moves[i][:] = [int(index in carriers) for index in joint_of_axis]
+    for shape, solid in places.items():
+        _write_solid(memory.solids[solid], shapes[shape])
+        carriers = list(model.supports[shapes[shape].parentJoint])
+        memory.moves[solid][:] = [int(joint in carriers) for joint in joint_of_axis]
     for pair, (first, second) in zip(memory.pairs, pairs, strict=False):
         pair.first = places[first]
         pair.second = places[second]
@@ -291,6 +287,7 @@ def write_distances(
 
 
 def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
+    """Write a shape in the frame of its joint; one of the world is placed by it already."""
     half, disk, ball = _sums(shape.geometry)
     solid.half[:] = half
     solid.disk = disk
@@ -306,7 +303,9 @@ def _write_solid(solid: gjk.Solid, shape: pin.GeometryObject) -> None:
 
 
 def _sums(shape: Any) -> tuple[list[float], float, float]:
-    """Half sides of a box, radius of a disk, radius of a ball [m]."""
+    """Return the half sides of a box, the radius of a disk and the radius of a ball [m] whose sum a
+    shape is.
+    """
     swept = float(shape.getSweptSphereRadius())
     if isinstance(shape, coal.Box):
         return np.asarray(shape.halfSide).tolist(), 0.0, swept
@@ -319,8 +318,8 @@ def _sums(shape: Any) -> tuple[list[float], float, float]:
 
 @lru_cache(maxsize=8)
 def _places(model: pin.Model) -> ca.Function:
-    """Q -> placements of joints, row after row, and twists of axes at the origin of W, column after
-    column.
+    """Build ``q -> placements`` of joints, row after row, ``twists`` of axes at the origin of W,
+    column after column.
     """
     q = ca.SX.sym("q", model.nq)
     symbolic = symbolic_model.SymbolicModel(model)
@@ -335,6 +334,6 @@ def _places(model: pin.Model) -> ca.Function:
 
 
 def _twists(joint: symbolic_joints.SymbolicJoint, pose: symbolic_bodies.SymbolicPose) -> ca.SX:
-    """(6, n) of a joint's axes at unit speed."""
+    """Return twists (6, n) of a joint's axes at unit speed, linear rows first."""
     angular = pose.R @ joint.S_angular
     return ca.vertcat(pose.R @ joint.S_linear + spatial.skew(pose.p) @ angular, angular)
