@@ -490,7 +490,7 @@ class _StretchRun:
         m = len(self._p)
         results = _evaluated(self._rollout.many(name, function, 0, m), *arguments)
         blocks = [np.split(result, m, axis=1) for result in results]
-        return [[parts[k] for parts in blocks] for k in range(m)]
+        return [list(of_stretch) for of_stretch in zip(*blocks, strict=True)]
 
     def _sensitivities(self) -> np.ndarray:
         """Compute the slopes (m, n + 1, n_x, n_p + 9) of states with unknowns and starts."""

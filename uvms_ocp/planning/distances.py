@@ -142,14 +142,20 @@ class CoalDistances:
         """
         data = self._geometry_data
         n_pairs = self.scene.n_pairs
-        found = np.empty((len(q), n_pairs, 10))
+        contacts = np.empty((len(q), n_pairs, 10))
         for k, configuration in enumerate(q):
             self._place(configuration)
             for i in range(n_pairs):
                 contact = self._signed.contact(data, i)
-                found[k, i] = [contact.distance, *contact.normal, *contact.first, *contact.second]
-        sample, pair = np.nonzero((found[..., 0] > FAILED) & np.isfinite(found).all(axis=-1))
-        rows = found[sample, pair]
+                contacts[k, i] = [
+                    contact.distance,
+                    *contact.normal,
+                    *contact.first,
+                    *contact.second,
+                ]
+        is_known = (contacts[..., 0] > FAILED) & np.isfinite(contacts).all(axis=-1)
+        sample, pair = np.nonzero(is_known)
+        rows = contacts[sample, pair]
         parts = {
             "distance": rows[:, 0],
             "normal": rows[:, 1:4],

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Annotated
 
 import numpy as np
@@ -177,42 +178,47 @@ def collision_scene(
     n_links = robot.collision_model.ngeoms
     names = [shape.name for shape in geometry.geometryObjects]
     joints = [shape.parentJoint for shape in geometry.geometryObjects]
-    indices = [(o, i) for o in range(n_links, geometry.ngeoms) for i in range(n_links)]
+    indices = list(product(range(n_links, geometry.ngeoms), range(n_links)))
     if self_collision:
         indices += self_pairs(robot)
-    pairs = [
-        Pair(
-            first=a,
-            second=b,
-            first_joint=joints[a],
-            second_joint=joints[b],
-            name=f"{names[a]} - {names[b]}",
+    pairs = []
+    for first, second in indices:
+        pairs.append(
+            Pair(
+                first=first,
+                second=second,
+                first_joint=joints[first],
+                second_joint=joints[second],
+                name=f"{names[first]} - {names[second]}",
+            )
         )
-        for a, b in indices
-    ]
     return _with_moving_pairs(coordinates, geometry, pairs)
 
 
 def _with_moving_pairs(
     coordinates: Coordinates, geometry: pin.GeometryModel, candidates: Sequence[Pair]
 ) -> CollisionScene:
+    """Return the scene with those candidates between which a planned axis moves."""
     supports = _supports(coordinates)
     fold = coordinates.fold
-    reaches = [
-        shape_reach(coordinates.robot, shape)[coordinates.planned]
-        for shape in geometry.geometryObjects
-    ]
-    motions = [supports[pair.second_joint] - supports[pair.first_joint] for pair in candidates]
-    pairs = [pair for pair, motion in zip(candidates, motions, strict=True) if motion.any()]
-    shape = (len(pairs), len(fold))
-    moved = np.array([motion for motion in motions if motion.any()]).reshape(shape)
-    both = [(reaches[p.first], reaches[p.second]) for p in pairs]
-    led = fold.sum(axis=0) > 1.0
-    reach = np.array([np.where(led, a + b, np.maximum(a, b)) for a, b in both]).reshape(
-        len(pairs), coordinates.n_axes
-    )
-    carried = np.array([supports[p.second_joint] for p in pairs]).reshape(shape)
-    radii = np.array([geometry.geometryObjects[p.second].geometry.aabb_radius for p in pairs])
+    is_led = fold.sum(axis=0) > 1.0  # axes that other joints mimic
+    shapes = geometry.geometryObjects
+    reaches = [shape_reach(coordinates.robot, shape)[coordinates.planned] for shape in shapes]
+    pairs = []
+    motions = []
+    reach_of_pairs = []
+    for pair in candidates:
+        motion = supports[pair.second_joint] - supports[pair.first_joint]
+        if motion.any():
+            first = reaches[pair.first]
+            second = reaches[pair.second]
+            pairs.append(pair)
+            motions.append(motion)
+            reach_of_pairs.append(np.where(is_led, first + second, np.maximum(first, second)))
+    moved = np.array(motions).reshape(len(pairs), len(fold))
+    reach = np.array(reach_of_pairs).reshape(len(pairs), coordinates.n_axes)
+    carried = np.array([supports[pair.second_joint] for pair in pairs]).reshape(moved.shape)
+    radii = np.array([shapes[pair.second].geometry.aabb_radius for pair in pairs])
     geometry = with_pairs(geometry, ((pair.first, pair.second) for pair in pairs))
     return CollisionScene(
         coordinates=coordinates,
@@ -229,8 +235,11 @@ def _with_moving_pairs(
 
 
 def _room(robot: Robot, geometry: pin.GeometryModel, pairs: Sequence[Pair]) -> Array:
-    of_links = [pair.first_joint > 0 and pair.second_joint > 0 for pair in pairs]
-    return np.where(of_links, stowed_distances(robot, geometry) / 2.0, np.inf)
+    """Return (n_pairs,) [m] half the distance of two links at ``robot.home``; infinite for
+    obstacles.
+    """
+    is_of_links = [pair.first_joint > 0 and pair.second_joint > 0 for pair in pairs]
+    return np.where(is_of_links, stowed_distances(robot, geometry) / 2.0, np.inf)
 
 
 def _supports(coordinates: Coordinates) -> Array:

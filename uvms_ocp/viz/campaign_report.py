@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from html import escape
+from itertools import chain
 from pathlib import Path
 from string import Template
 from typing import Annotated, Any
@@ -190,7 +191,7 @@ def _table(rows: Sequence[Mapping[str, Any]], empty: str = "", code: Sequence[st
     """Return a table of HTML; empty: why there is no row."""
     if not rows:
         return f"<p>{escape(empty)}</p>"
-    columns = list(dict.fromkeys(name for row in rows for name in row))
+    columns = list(dict.fromkeys(chain.from_iterable(rows)))
     head = "".join(f"<th>{escape(name.replace('_', ' '))}</th>" for name in columns)
     lines = []
     for row in rows:

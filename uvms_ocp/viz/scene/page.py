@@ -213,7 +213,9 @@ def _still(lines: Sequence[np.ndarray], direction: Sequence[float]) -> str:
     projected = [line @ plane for line in lines]
     (x_min, y_min) = np.vstack(projected).min(axis=0) - 0.2
     (x_max, y_max) = np.vstack(projected).max(axis=0) + 0.2
-    path = "".join("M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line) for line in projected)
+    path = ""
+    for line in projected:
+        path += "M" + "L".join(f"{u:.2f} {v:.2f}" for u, v in line)
     width = x_max - x_min
     height = y_max - y_min
     style = (

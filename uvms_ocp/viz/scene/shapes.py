@@ -61,11 +61,10 @@ def _parts(shape: Any) -> Iterator[Part]:
     elif isinstance(shape, coal.Cone):
         yield mg.Cylinder(2 * shape.halfLength, radiusTop=0.0, radiusBottom=shape.radius), Y_TO_Z
     elif isinstance(shape, coal.BVHModelBase):
-        # triangles can be indexed but not iterated over
-        faces = [
-            [triangle[i] for i in range(3)]
-            for triangle in map(shape.tri_indices, range(shape.num_tris))
-        ]
+        faces = []
+        for k in range(shape.num_tris):
+            triangle = shape.tri_indices(k)  # which can be indexed but not iterated over
+            faces.append([triangle[0], triangle[1], triangle[2]])
         yield mg.TriangularMeshGeometry(shape.vertices(), faces), np.eye(4)
     elif isinstance(shape, coal.ConvexBase):  # of which coal gives the corners only
         from scipy.spatial import ConvexHull  # a quarter of a second, which few need

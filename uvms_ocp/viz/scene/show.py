@@ -276,14 +276,12 @@ def _page(
     root = log.visualizer()["scene"]
     root.set_transform(shapes.shifted(-centre))  # keeps 32-bit floats exact and the lights near
     trails, beam = _draw(log, root, record, robot, frames, ghosts, fps)
-    ghost_trails = [
-        trail
-        for ghost in ghosts
-        for trail in draw_trails(root[ghost.node]["trails"], robot, ghost.frames, ghost.rgb)
-    ]
-    details = (
-        page_details(record, robot, frames, centre) | time_line(record) | readouts(record, frames)
-    )
+    ghost_trails: list[dict[str, Any]] = []
+    for ghost in ghosts:
+        ghost_trails += draw_trails(root[ghost.node]["trails"], robot, ghost.frames, ghost.rgb)
+    details = page_details(record, robot, frames, centre)
+    details |= time_line(record)
+    details |= readouts(record, frames)
     details |= {
         "trails": trails + ghost_trails,
         "arrows": arrow_groups(record, robot, frames, details["size"]),
@@ -293,8 +291,9 @@ def _page(
     }
     details["duration"] = max(frames.t[-1], *(ghost.frames.t[-1] for ghost in ghosts), 0.0)
     path = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
-    places = frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]
-    lines = [path, *(line for moment in places for line in _links(robot, moment))]
+    lines = [path]
+    for places in frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]:
+        lines += _links(robot, places)
     return build_page(
         log,
         title=f"{record.meta.scenario}: {record.meta.robot}",

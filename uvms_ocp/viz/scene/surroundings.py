@@ -275,14 +275,13 @@ def witness_lines(
         return None
     n = max(2, min(len(frames.t), _MOST_LOOKS // (n_links * len(obstacles))))
     frame_indices = np.unique(np.linspace(0, len(frames.t) - 1, n).round().astype(int))
-    pairs = [(link, n_links + k) for k in range(len(obstacles)) for link in range(n_links)]
+    pairs: list[tuple[int, int]] = []
+    for k in range(len(obstacles)):
+        pairs += [(link, n_links + k) for link in range(n_links)]
     scene = pair_distances.CoalPairs(robot.model, shape_pairs.shapes_among(robot, obstacles), pairs)
-    witnesses = np.array(
-        [
-            _nearest(scene, q, (len(obstacles), n_links))
-            for q in record["q"][frames.row[frame_indices]]
-        ]
-    )
+    configurations = record["q"][frames.row[frame_indices]]
+    shape = (len(obstacles), n_links)
+    witnesses = np.array([_nearest(scene, q, shape) for q in configurations])
     witnesses[..., 1:] -= np.tile(centre, 2)
     lines = np.where(witnesses[..., :1] < NEAR, witnesses[..., 1:], 0.0)
     return {
