@@ -15,7 +15,7 @@ from uvms_ocp.control.force.allocation import (
     apply_effectiveness,
 )
 from uvms_ocp.control.force.minimum_power import majorizing_weight
-from uvms_ocp.control.force.thruster_lag import ThrusterLag
+from uvms_ocp.control.force.thruster_lag import ThrusterLag, thruster_lag
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.loading import list_robots, load_robot
 
@@ -305,6 +305,22 @@ def test_a_wrench_is_shared_out_by_the_same_bits_in_c_and_in_python(
         assert bool(memory.saturated) == result.saturated
 
 
+@pytest.mark.parametrize("dt", [0.005, 0.05, 0.5])
+def test_the_mean_thrust_of_a_tick_is_that_of_its_many_parts(dt: float) -> None:
+    robot = load_robot("bluerov2_alpha5")
+    n = len(robot.description.thrusters)
+    rng = np.random.default_rng(3)
+    thrust, command = rng.uniform(-30.0, 30.0, (2, n))
+    n_parts = 2000
+    part = thruster_lag(robot, lead=4.0, dt=dt / n_parts)
+    course = [thrust]
+    for _ in range(n_parts):
+        course.append(part.after(course[-1], command))
+    whole = thruster_lag(robot, lead=4.0, dt=dt)
+    mean = np.trapezoid(course, axis=0) / n_parts
+    np.testing.assert_allclose(whole.mean(thrust, command), mean, atol=1e-4)
+
+
 def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
     """And what is allocated is reached all the same."""
     rng = np.random.default_rng(0)
@@ -317,6 +333,7 @@ def test_the_lead_over_the_lag_asks_nothing_inside_a_dead_zone() -> None:
         upper=np.full(n, 40.0),
         lead=np.full(n, 4.0),
         decay=np.full(n, np.exp(-dt / late)),
+        mean_decay=np.full(n, -np.expm1(-dt / late) * late / dt),
         dead_zone=zone,
     )
     thrust = rng.uniform(-30.0, 40.0, n)

@@ -23,6 +23,8 @@ class ThrusterLag:
     """(n,) so many times faster than their lag they are driven."""
     decay: np.ndarray
     """(n,) share of the distance from its command that a thruster keeps over a tick."""
+    mean_decay: np.ndarray
+    """(n,) mean over a tick of the share of that distance."""
     dead_zone: np.ndarray
     """(n,) [N] smaller thrust cannot be commanded."""
 
@@ -40,6 +42,12 @@ class ThrusterLag:
         """Propagate a thrust (n,) [N] by one tick under a command (n,) [N]."""
         return command + (thrust - command) * self.decay
 
+    def mean(self, thrust: Array, command: Array) -> Array:
+        """Mean thrust (n,) [N] over the tick that begins with this thrust (n,) [N] and command (n,)
+        [N].
+        """
+        return command + (thrust - command) * self.mean_decay
+
 
 def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
     """Return the lag of a robot's thrusters; lead: driven so many times faster than their lag. dt
@@ -51,10 +59,12 @@ def thruster_lag(robot: Robot, *, lead: float, dt: float) -> ThrusterLag:
     lower, upper = thrust_limits(robot)
     # Faster than the control period would ring.
     largest_lead = np.maximum(time_constants / (2 * dt), 1.0)
+    ticks = dt / np.maximum(time_constants, 1e-9)  # in time constants
     return ThrusterLag(
         lower=lower,
         upper=upper,
         lead=np.clip(lead, 1.0, largest_lead),
-        decay=np.exp(-dt / np.maximum(time_constants, 1e-9)),
+        decay=np.exp(-ticks),
+        mean_decay=-np.expm1(-ticks) / ticks,
         dead_zone=dead_zones,
     )

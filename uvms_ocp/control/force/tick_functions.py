@@ -288,7 +288,10 @@ def control_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, observed -> desired``: the force for the reference."""
     x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
     trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
-    error = ca.if_else(trusted, inputs.reference - inputs.v, 0.0)
+    # Joints meet a reference in the tick that it is given for: now they are to be at the one before.
+    # Taken for an error, the difference would drive them beyond a reference that ends to grow.
+    due = _by_part(laws, inputs.reference, observed.before)
+    error = ca.if_else(trusted, due - inputs.v, 0.0)
     before = ca.if_else(
         _by_part(laws, ca.SX(1.0), inputs.joints), observed.before, inputs.reference
     )  # brakes stop at once
@@ -324,21 +327,24 @@ def command_function(laws: ForceLaws) -> ca.Function:
     kinds |= {"observed": ForceState, "desired": DesiredForce, "allocated": AllocatedThrust}
     x, (inputs, effectiveness, observed, desired, allocated) = _symbols(laws, **kinds)
     n = laws.robot.n_vehicle
-    reached = ca.vertcat(allocated.reached[:n], desired.torque)
     command = laws.lag.command(
         observed.thrust, effectiveness.asked(allocated.thrust), 1.0 - inputs.stop
     )
+    wanted_torque = _torque_beside_thrust(laws, inputs, effectiveness, observed, desired, command)
+    torque = limited(wanted_torque, laws.robot.limits.effort)
+    reached_torque = desired.force[n:, :] - (wanted_torque - torque)
+    reached = ca.vertcat(allocated.reached[:n], reached_torque)
     thrust = laws.lag.after(observed.thrust, command)
     power = thrusters.electrical_power(
         (observed.thrust + thrust) / 2.0, *thrusters.power_law(laws.robot)
     )
     drives = thrusters.joint_power(
-        desired.torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency
+        torque, inputs.reference[n:, :], laws.robot.description.joint_efficiency
     )
     state = replace(
         observed,
         thrust=thrust,
-        torque=desired.torque,
+        torque=torque,
         integral=laws.velocity.integrated(observed.integral, desired.error, desired.force, reached),
         before=inputs.reference,
         spent=observed.spent + laws.velocity.dt * (ca.sum1(power) + ca.sum1(drives)),
@@ -348,7 +354,7 @@ def command_function(laws: ForceLaws) -> ca.Function:
         push = ca.dot(_up(inputs.q), observed.estimate[:3]) / laws.lift
     outputs = ForceOutputs(
         command=command,
-        torque=desired.torque,
+        torque=torque,
         disturbance=observed.estimate,
         vehicle_force=desired.force[:n, :],
         unreachable=allocated.unreachable,
@@ -361,6 +367,33 @@ def command_function(laws: ForceLaws) -> ca.Function:
         list(x),
         ["state", "outputs"],
     )
+
+
+def _torque_beside_thrust(
+    laws: ForceLaws,
+    inputs: ForceInputs,
+    effectiveness: ThrusterEffectiveness,
+    observed: ForceState,
+    desired: DesiredForce,
+    command: ca.SX,
+) -> ca.SX:
+    """Return the torque (n_joints,) [N m or N] for the desired accelerations of the joints while
+    the vehicle accelerates as its thrusters do push it.
+
+    ``tau + M_jv M_vv^-1 (f - f_desired)``, with the mean f of what thrusters give in the tick that
+    begins. Motors act at once, thrusters later than asked and within their limits: an arm would
+    else be thrown by what the vehicle lacks.
+    """
+    n = laws.robot.n_vehicle
+    torque = desired.force[n:, :]
+    if not n or not laws.robot.n_joints:
+        return torque
+    mean_thrust = effectiveness.given(laws.lag.mean(observed.thrust, command))
+    excess = ca.mtimes(laws.matrix, mean_thrust)[:n] - desired.force[:n, :]
+    M = laws.velocity.dynamics.mass_matrix(inputs.q)
+    D, L_transposed, order = ca.ldl(M[:n, :n], False)
+    excess_acceleration = ca.ldl_solve(excess, D, L_transposed, order)
+    return torque + M[n:, :n] @ excess_acceleration
 
 
 def _observed(

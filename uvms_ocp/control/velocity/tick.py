@@ -39,6 +39,10 @@ _RISE_TIME = 0.04
 """[s] Time constant with which it is learnt that a joint goes faster than commanded."""
 _DECAY_TIME = 5.0
 """[s] Time constant with which that is forgotten."""
+_SHORT_PERIOD = 0.01
+"""[s] Control period up to which a joint is corrected before it is much faster than commanded."""
+_UNCORRECTED = 2.0
+"""[1/s] Share of its limit by which it gets faster than commanded in a longer period."""
 
 Solved = tuple[int, np.ndarray, np.ndarray, float]
 """Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
@@ -287,7 +291,8 @@ def _shorten(m: TickMemory) -> None:
 
     A joint that has lately been faster than commanded leaves that much of its limit, so that it
     keeps the limit itself: each joint by itself, or one that is driven by the vehicle's drag would
-    slow the whole mission. Its lag as it brakes does not count, nor what moves it at rest.
+    slow the whole mission. At long control periods a joint leaves some of its limit from the start.
+    Its lag as it brakes does not count, nor what moves it at rest.
     """
     excess = 1.0
     dt = m.rule.stop.dt
@@ -306,7 +311,10 @@ def _shorten(m: TickMemory) -> None:
             m.faster[i] += gain * (faster - m.faster[i])
         excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
     for i in range(len(m.solved)):
-        largest_speed = m.velocity_limit[i] - m.faster[i]
+        margin = m.faster[i]
+        if m.is_joint[i] != 0:
+            margin = max(margin, _UNCORRECTED * max(dt - _SHORT_PERIOD, 0.0) * m.velocity_limit[i])
+        largest_speed = m.velocity_limit[i] - margin
         m.wanted[i] = min(max(m.solved[i] / excess, -largest_speed), largest_speed)
 
 
