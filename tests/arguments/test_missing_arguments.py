@@ -4,14 +4,19 @@ of the class itself.
 
 from __future__ import annotations
 
+import inspect
+from pathlib import Path
+
 import numpy as np
 import pytest
 from public_surface import Call, inherited_methods, surface
 from valid_calls import STARRED, owner_of
 
+from uvms_ocp import identification
 from uvms_ocp.checks import checked_on_failure
 from uvms_ocp.errors import ArgumentMissing, InvalidInput, UvmsError
 from uvms_ocp.mission import Below
+from uvms_ocp.reference.cited_names import exported_names
 from uvms_ocp.sim import FlatSeafloor, UniformCurrent
 from uvms_ocp.solvers import Icat, LexicographicActiveSet, LexicographicQp
 
@@ -33,6 +38,20 @@ def test_a_call_without_arguments_names_the_first_that_it_needs(call: Call) -> N
         function = getattr(owner_of(call), function.__name__)
     with pytest.raises(UvmsError, match=" is missing; give "):
         function()
+
+
+@pytest.mark.parametrize("name", exported_names(Path(identification.__file__)))
+def test_functions_of_identification_name_what_is_missing_or_wrong(name: str) -> None:
+    function = getattr(identification, name)
+    if not inspect.isfunction(function):
+        return
+    parameters = inspect.signature(inspect.unwrap(function)).parameters.values()
+    required = [item.name for item in parameters if item.default is item.empty]
+    with pytest.raises(ArgumentMissing, match=f"{required[0]} is missing; give "):
+        function()
+    wrong = {name: object() for name in required}
+    with pytest.raises(InvalidInput, match=f": {required[0]} = <object"):
+        function(**wrong)
 
 
 def test_methods_of_a_base_look_at_their_arguments() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import model, parameters, uncertainty, validation
 from uvms_ocp.identification.calibration_robot import CalibratedRobot, with_delays
@@ -128,6 +129,7 @@ class Calibration(TableDisplay):
         )
 
 
+@checked
 @raised_outside_casadi()
 def calibrate(
     subject: CalibratedRobot,

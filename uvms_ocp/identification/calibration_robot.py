@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import parameters
 from uvms_ocp.identification.model import Vehicle
@@ -92,6 +93,7 @@ class CalibratedRobot:
         return nominal
 
 
+@checked
 def calibrated_robot(settings: CalibrationSettings, folder: Path | str) -> CalibratedRobot:
     """Load the robot of the settings and declare its unknowns; files are looked for in the
     settings' folder.

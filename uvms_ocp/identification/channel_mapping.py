@@ -33,6 +33,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.text_tables import TextFormat
@@ -119,6 +120,7 @@ class RecordingMapping(FileModel, use_attribute_docstrings=True):
     """folder with PACKAGE/msg/NAME.msg that a bag of ROS 2 lacks"""
 
 
+@checked
 def read_mapping(path: Path | str) -> RecordingMapping:
     """Read a mapping from its YAML file, beside which its folder of messages is.
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.identification.command_checks import of_commands
 from uvms_ocp.identification.gravity_checks import of_gravity
 from uvms_ocp.identification.joint_checks import of_joints
@@ -30,6 +30,7 @@ class QualityIssue:
         return f"{self.channel}: {self.problem}"
 
 
+@checked
 def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     """Check a recording for inconsistent clocks, frames, units and thrusters; returns one issue for
     each.

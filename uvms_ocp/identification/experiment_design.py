@@ -16,7 +16,7 @@ from typing import Annotated
 
 import numpy as np
 
-from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.checks import checked, checked_dataclass
 from uvms_ocp.errors import AdvisedStatus, InvalidInput, NameNotFound
 from uvms_ocp.identification import experiment
 from uvms_ocp.identification.model import N_Q, N_V, Vehicle
@@ -396,6 +396,7 @@ class DesignSettings:
     """Seed of the drawn sines."""
 
 
+@checked
 def design_experiment(
     task: ExperimentTask, rollout: Rollout, effort: DesignSettings | None = None
 ) -> Excitation:

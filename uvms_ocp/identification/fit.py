@@ -14,6 +14,7 @@ from operator import getitem
 
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.identification.model import Vehicle, stage_of
 from uvms_ocp.identification.output_error import (
     Estimate,
@@ -136,6 +137,7 @@ class Predictor:
         return Predicted.joined(parts)
 
 
+@checked
 def fit_percent(measured: np.ndarray, predicted: np.ndarray) -> float:
     """Compute the normalised fit [%], ``100 (1 - |error| / |measured - mean|)``, of measured and
     predicted (m,); 0: as good as the mean.

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import file_kinds, recording as recordings, tables
 from uvms_ocp.identification.channel_mapping import (
@@ -38,6 +39,7 @@ years.
 """
 
 
+@checked
 def mapped_recording(
     source: Path | str, mapping: RecordingMapping, name: str = ""
 ) -> recordings.Recording:

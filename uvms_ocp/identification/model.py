@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.identification.coordinates import spatial_inertia
 from uvms_ocp.identification.parameters import ActuatorModel, Unknowns
 from uvms_ocp.robot.spatial import cross, exp3, quaternion_to_matrix
@@ -118,6 +119,7 @@ class StageFunctions:
     n_p: int
 
 
+@checked
 def stage_of(vehicle: Vehicle, *, sharp: bool = False) -> StageFunctions:
     """Build the functions of one step of a vehicle: motion, what sensors show, and slopes.
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import file_kinds, recording as recordings, tables
 from uvms_ocp.identification.channel_mapping import RecordingMapping
@@ -26,6 +27,7 @@ _RECORDS: Mapping[str, Callable[[Path], Record]] = {
 }
 
 
+@checked
 def read_recording(
     path: Path | str, mapping: RecordingMapping | None = None
 ) -> recordings.Recording:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.identification import (
     coordinates,
     experiment_design,
@@ -37,6 +38,7 @@ _MOST_COMBINATIONS = 6  # combinations, the worst first
 _DECADES = 1e3  # between the ends of an interval that is called open, of what is positive
 
 
+@checked
 def report_text(calibration: Calibration) -> str:
     """Write the report of a calibration as Markdown: numbers, intervals, what stays open,
     predictions, doubts.
@@ -61,6 +63,7 @@ def report_text(calibration: Calibration) -> str:
     return "\n".join(parts) + "\n"
 
 
+@checked
 def report_data(calibration: Calibration) -> dict[str, Any]:
     """Return the numbers and verdicts of the report, for JSON; what is not finite is `None`."""
     shortfalls: list[dict[str, Any]] = []
@@ -256,6 +259,7 @@ def _white(calibration: Calibration) -> Iterator[str]:
         yield f"| {test.channel} | {test.size:.2g} | {test.inflation:.3g} | {p} | {word} |"
 
 
+@checked
 def excitation_text(excitation: experiment_design.Excitation, actuators: Sequence[str]) -> str:
     """Write the report of an excitation as Markdown. actuators: names, in the order of its
     commands.

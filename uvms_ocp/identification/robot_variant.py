@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 import yaml
 
+from uvms_ocp.checks import checked
 from uvms_ocp.identification.calibration import Calibration
 from uvms_ocp.identification.calibration_robot import shape_of
 from uvms_ocp.identification.uncertainty import IdentifiedNumber
@@ -23,6 +24,7 @@ IN_FILE = ("added_mass", "linear_drag", "quadratic_drag", "volume", "centre_of_b
 """Quantities that a robot file holds."""
 
 
+@checked
 def variant_text(calibration: Calibration, recordings: Sequence[str]) -> str:
     """Write the identified coefficients as a variant of the robot's file, in YAML. Raises
     InvalidInput, as `CalibratedRobot.coefficients`.
@@ -43,6 +45,7 @@ def variant_text(calibration: Calibration, recordings: Sequence[str]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@checked
 def whole_text(calibration: Calibration, variant: Path | str) -> str:
     """Write the robot's file with the entries of a variant in place of its own."""
     variant = Path(variant)

@@ -21,6 +21,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import fit, output_error, parameters
 from uvms_ocp.identification.parameters import ParameterStatus
@@ -110,6 +111,7 @@ class CalibrationSettings(_SettingsSection):
     """length of stretches [s]"""
 
 
+@checked
 def read_settings(path: Path | str) -> CalibrationSettings:
     """Read settings from a YAML file. Raises InvalidInput in one line for a malformed one."""
     return read_yaml_as(Path(path), CalibrationSettings)

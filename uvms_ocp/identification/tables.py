@@ -23,6 +23,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, optional_module
 from uvms_ocp.identification.array_orientation import OrientedArray, are_times, oriented
 from uvms_ocp.identification.file_kinds import kind_of
@@ -345,6 +346,7 @@ def _opened_for_text(path: Path) -> IO[str]:
     return path.open("w", newline="")
 
 
+@checked
 def write_recording(recording: Recording, path: Path | str) -> None:
     """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes
     without a mapping: a row for every time, cells only for channels that have a sample.

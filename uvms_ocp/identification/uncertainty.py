@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.checks import checked
 from uvms_ocp.identification import coordinates, parameters
 from uvms_ocp.identification.fit import Predicted
 from uvms_ocp.identification.model import Vehicle
@@ -294,6 +295,7 @@ def number_of(
     return evaluate
 
 
+@checked
 def values_of(vehicle: Vehicle, shared: np.ndarray) -> np.ndarray:
     """Compute values (m,) [units of `numbers`] of the same numbers at other unknowns shared (n,)
     [as `Unknowns.start`].
