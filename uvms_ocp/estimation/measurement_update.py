@@ -36,6 +36,10 @@ _MOST_ADAPTED = 20.0
 _SURPRISE = (
     0.05  # [s] for which the robot may have accelerated as it can before the process model notices
 )
+_LONGEST_UNSEEN = 0.07
+"""[s] by which a gyro's lateness widens gates at most: 50 ms and a tick of 20 ms. One that comes to be
+later is faulty, and no reason to believe attitudes that jump.
+"""
 
 
 def space_clones(filter: FilterMemory, first: int, last: int, slots: int) -> None:
@@ -181,11 +185,18 @@ def jolt_allowance(filter: FilterMemory, c: int) -> float:
     A jump that is larger is refused for as long as it lasts.
     """
     grown = _OUTGROWN * filter.surprise[c] * math.exp(-(filter.stamp[c] - filter.used[c]) / _FADING)
-    moved = max(
-        grown, _moved(c, filter.jolt[c], min(max(filter.dt, filter.period[c]), filtering.JOLT_TIME))
-    )
+    time = min(max(filter.dt, filter.period[c]), filtering.JOLT_TIME)
+    time += _unseen_turning_time(filter, c)
+    moved = max(grown, _moved(c, filter.jolt[c], time))
     if filter.jolt[c] > 0.0:
         return moved * moved / 25.0
+    return 0.0
+
+
+def _unseen_turning_time(filter: FilterMemory, c: int) -> float:
+    """Time [s] in which the vehicle can have begun to turn before a late gyro shows it."""
+    if c == ChannelIndex.ATTITUDE or c == ChannelIndex.ANGULAR_VELOCITY:
+        return min(filter.lag[ChannelIndex.ANGULAR_VELOCITY], _LONGEST_UNSEEN)
     return 0.0
 
 
@@ -546,7 +557,12 @@ def _inflate_surprised(filter: FilterMemory, c: int, squared: float) -> None:
     _inflate_own(
         filter, c, squared, 1.0 / time if _is_place(c) and _is_velocity_unseen(filter, c) else 0.0
     )
-    if c <= ChannelIndex.DEPTH:
+    unseen = _unseen_turning_time(filter, c)
+    if c == ChannelIndex.ATTITUDE and unseen > 0.0:
+        # A late gyro has not told of this turn yet: that is no bias of it.
+        for i in range(int(Part.SPIN), int(Part.SPIN) + 3):
+            filter.P[i][i] += squared / (unseen * unseen)
+    elif c <= ChannelIndex.DEPTH:
         for i in range(bias, bias + 3):
             filter.P[i][i] += squared / (time * time)
 

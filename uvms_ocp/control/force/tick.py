@@ -26,7 +26,7 @@ from uvms_ocp.control.faults.verdicts import (
     effective_thrust,
 )
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
-from uvms_ocp.control.velocity.tick import is_blind, is_stopped
+from uvms_ocp.control.velocity.tick import damps_turns, is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import CHANNELS, ENCODERS, JOINT_RATES
@@ -229,6 +229,7 @@ def ask_forces(c: TickMemory, m: ForceMemory) -> None:
     m.inputs.feedback[0] = less.feedback
     m.inputs.joint_feedback[0] = less.joint_feedback
     m.inputs.hold[0] = 1.0 if is_blind(c) else 0.0
+    m.inputs.turning[0] = 1.0 if damps_turns(c) else 0.0
     m.inputs.stop[0] = 1.0 if is_stopped(c) else 0.0
     m.brakes = less.joints_held
     m.t = c.t
@@ -283,12 +284,18 @@ class ForceTick:
         begin(self.memory)
 
     def give(
-        self, q: np.ndarray, v: np.ndarray, command: Command, feedback: tuple[float, float]
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        command: Command,
+        feedback: tuple[float, float],
+        *,
+        turning: bool = False,
     ) -> None:
         """Set the inputs: q (n_q,) [m, rad] and v (n_v,) [m/s, rad/s] as estimated, and the command
         of velocities.
 
-        feedback: of vehicle and joints, as in `ForceInputs`.
+        feedback: of vehicle and joints, and turning, as in `ForceInputs`.
         """
         inputs = self.inputs
         inputs.q[:] = q
@@ -297,6 +304,7 @@ class ForceTick:
         flags = self._flags
         flags.feedback[0], flags.joint_feedback[0] = feedback
         flags.hold[0] = command.hold
+        flags.turning[0] = turning
         flags.stop[0] = command.stop
         self.memory.brakes = command.brakes
 

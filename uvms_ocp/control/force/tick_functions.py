@@ -63,6 +63,8 @@ class ForceInputs(Layout):
     """(1,) the same of the joints."""
     hold: Annotated[Array, Sized(1)]
     """(1,) 1: the vehicle's velocity is not to be trusted."""
+    turning: Annotated[Array, Sized(1)]
+    """(1,) 1: its angular velocity is to be trusted all the same."""
     stop: Annotated[Array, Sized(1)]
     """(1,) 1: no thrust."""
     joints: Annotated[Array, Sized(1)]
@@ -287,7 +289,9 @@ def observe_function(laws: ForceLaws) -> ca.Function:
 def control_function(laws: ForceLaws) -> ca.Function:
     """Make ``inputs, observed -> desired``: the force for the reference."""
     x, (inputs, observed) = _symbols(laws, inputs=ForceInputs, observed=ForceState)
-    trusted = _by_part(laws, 1.0 - inputs.hold, inputs.joints)
+    moves = 1.0 - inputs.hold
+    turns = ca.fmax(moves, inputs.turning)
+    trusted = _by_part(laws, ca.vertcat(moves, moves, moves, turns, turns, turns), inputs.joints)
     # Joints meet a reference in the tick that it is given for: now they are to be at the one before.
     # Taken for an error, the difference would drive them beyond a reference that ends to grow.
     due = _by_part(laws, inputs.reference, observed.before)

@@ -16,7 +16,7 @@ from uvms_ocp.control.velocity import abort, ascent, braking, distances, speed_l
 from uvms_ocp.control.velocity.goals import load_goals
 from uvms_ocp.control.velocity.levels import LevelsProblem
 from uvms_ocp.control.velocity.tick_memory import TickMemory
-from uvms_ocp.estimation.degraded_modes import restrict
+from uvms_ocp.estimation.degraded_modes import CHANNELS, restrict
 from uvms_ocp.estimation.fallbacks import (
     Freshness,
     echo_range,
@@ -43,6 +43,8 @@ _SHORT_PERIOD = 0.01
 """[s] Control period up to which a joint is corrected before it is much faster than commanded."""
 _UNCORRECTED = 2.0
 """[1/s] Share of its limit by which it gets faster than commanded in a longer period."""
+
+_GYRO = CHANNELS.index("angular_velocity")
 
 Solved = tuple[int, np.ndarray, np.ndarray, float]
 """Code of the `Status`, residual (n_rows,) [m/s, rad/s], activity (n_activity,), time [s] of the
@@ -186,6 +188,15 @@ def _doubts_altimeter(m: TickMemory) -> bool:
 def is_blind(m: TickMemory) -> bool:
     """Evaluate the property of `TickInputs` of this name."""
     return m.freshness != Freshness.FRESH or m.restriction.blind
+
+
+def damps_turns(m: TickMemory) -> bool:
+    """Return whether the angular velocity is fed back although the robot is blind.
+
+    So while first readings are awaited and nothing speaks against the gyro: where it has not spoken
+    the filter knows of no turn.
+    """
+    return m.awaits_first and m.restriction.level[_GYRO] == Trust.GOOD
 
 
 def is_stopped(m: TickMemory) -> bool:

@@ -16,6 +16,7 @@ from uvms_ocp.estimation.health.floor import POSITION, init_floor
 from uvms_ocp.estimation.health.tuning import HealthTuning
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpec
+from uvms_ocp.robot.unasked_acceleration import unasked_acceleration
 from uvms_ocp.types import Array
 
 N_ESTIMATES = 1024
@@ -203,6 +204,8 @@ class _Allowed(NamedTuple):
     """Channels that support it."""
     pull: float = math.inf
     """Growth of the growth itself, where the rate of the value is known at first."""
+    unasked: float = 0.0
+    """Growth [1/s] that forces make which nobody asked for, before another channel shows it."""
 
 
 def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec]) -> float:
@@ -211,6 +214,8 @@ def _unforeseen(of: _Allowed, spec: SensorSpec, specs: Mapping[str, SensorSpec])
     A late reading meets an estimate of its time that had been carried on by itself for as long, at
     worst with full acceleration the other way.
     """
+    if of.unasked > 0.0:
+        return of.unasked * spec.delay
     blind = min([spec.delay, *(specs[name].delay for name in of.by if name in specs)])
     if of.pull < math.inf:
         moved = min(of.alone * blind, of.pull * blind**2)
@@ -227,9 +232,19 @@ def _vehicle_gates(robot: Robot, tuning: HealthTuning) -> dict[str, _Allowed]:
         "position": _Allowed(0, POSITION, _POSITION_DRIFT, v + tuning.current, fixes[1:], a),
         "depth": _Allowed(2, POSITION, _POSITION_DRIFT, v + tuning.current, fixes, a),
         "attitude": _Allowed(3, _ATTITUDE, _ATTITUDE_DRIFT, w, ("angular_velocity",), alpha),
-        "angular_velocity": _Allowed(3, _RATE, _RATE_DRIFT, alpha, ("attitude",)),
+        "angular_velocity": _Allowed(
+            3, _RATE, _RATE_DRIFT, alpha, ("attitude",), unasked=max(alpha, _unasked_turn(robot))
+        ),
         "linear_velocity": _Allowed(0, _VELOCITY, _VELOCITY_DRIFT, a, fixes[:1]),
     }
+
+
+def _unasked_turn(robot: Robot) -> float:
+    """Return the angular acceleration [rad/s2] that weight and one thruster can give, as far as
+    vehicles turn at all.
+    """
+    turn = float(unasked_acceleration(robot)[3:].max())
+    return min(turn, JOLTS[NUMBER["angular_velocity"]])
 
 
 def _brisk(limits: Array) -> tuple[float, float]:
