@@ -7,6 +7,7 @@ from __future__ import annotations
 from importlib.metadata import version
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -85,6 +86,16 @@ HARMLESS = {
         ),
         "<origin> stands there twice",
     ),
+    "another origin": (
+        robot(
+            "",
+            "<link name='eye'/>"
+            + FIXED.format(
+                name="m", child="eye", origin="<origin xyz='0 0 1'/><origin xyz='0 0 2'/>"
+            ),
+        ),
+        "the first counts",
+    ),
     "a world to float on": (
         robot(
             "",
@@ -94,6 +105,16 @@ HARMLESS = {
         "free base of the vehicle",
     ),
 }
+
+
+def test_a_capsule_is_as_large_as_its_straight_part_and_two_half_balls(tmp_path: Path) -> None:
+    shape = "<geometry><capsule radius='0.1' length='0.4'/></geometry>"
+    loaded = load_robot(
+        urdf=written(tmp_path, robot(f"<visual>{shape}</visual><collision>{shape}</collision>"))
+    )
+    capsules = [item.geometry for item in loaded.collision_model.geometryObjects]
+    (capsule,) = [item for item in capsules if isinstance(item, coal.Capsule)]
+    assert (capsule.radius, 2 * capsule.halfLength) == (0.1, 0.4)
 
 
 @pytest.fixture

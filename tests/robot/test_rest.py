@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.description import checked_copy
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.static_balance import up_at_rest, without_trim
+from uvms_ocp.robot.shapes.collision_model import CollisionModel
+from uvms_ocp.robot.static_balance import static_residual, up_at_rest, without_trim
 from uvms_ocp.robot.thrusters import unactuated_axes
 
 
@@ -57,3 +59,14 @@ def test_a_vehicle_comes_to_rest_where_weight_and_buoyancy_no_longer_turn_it(fre
 def test_a_vehicle_that_holds_every_axis_rests_level_however_it_is_trimmed() -> None:
     robot = without_trim(load_robot("girona_maris7_full"))
     assert up_at_rest(robot, robot.configuration()).tolist() == [0.0, 0.0, 1.0]
+
+
+def test_an_attitude_that_is_none_is_refused() -> None:
+    robot = load_robot("bluerov2_alpha5")
+    q = np.array(robot.configuration())
+    q[3:7] *= 0.5
+    with pytest.raises(InvalidInput, match="whose norm is not 1"):
+        static_residual(robot, q)
+    shapes = CollisionModel(robot, self_collision=True)
+    with pytest.raises(InvalidInput, match="whose norm is not 1"):
+        shapes.values(q)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from tiny_robots import OPEN, STANDING, TINY, WEIGHTLESS, Tiny, robot_of, scenario_of
 
@@ -39,6 +40,19 @@ def test_a_link_that_moves_without_inertia_is_refused_by_name() -> None:
     assert f"error: {text}" in _said(scenario_of(robot, "dynamic"))
     assert text not in _said(scenario_of(robot, "kinematic"))  # which moves nothing by forces
     assert any(text in finding.text for finding in check_robot(robot).findings)
+
+
+def test_an_inertia_of_no_body_is_refused_by_the_mission_as_by_the_check_of_the_robot() -> None:
+    robot = robot_of(TINY["one wet link"])
+    model = robot.model.copy()
+    model.inertias[1] = pin.Inertia(20.0, np.zeros(3), np.diag([1.0, 1.0, 5.0]))
+    robot = replace(robot, model=model)
+    assert not check_robot(robot).usable
+    scenario = scenario_of(robot, "dynamic")
+    assert "error: link" in _said(scenario)
+    assert "principal moments 1 1 5 kg m2" in _said(scenario)
+    assert not scenario.check().accepted
+    assert scenario_of(robot, "kinematic").check().of_check("inertia") == ()
 
 
 def test_joints_without_limits_are_given_those_of_a_published_arm_which_is_said_once() -> None:

@@ -15,7 +15,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import coefficients, thrusters
 from uvms_ocp.robot.description import RobotDescription, TrimBody, checked_copy
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.types import Range
 
 _FOAM = 200.0  # [kg/m3] syntactic foam
@@ -43,6 +43,7 @@ def lifts(robot: Robot, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     At q (n_q,) [m, rad]; weight lifts less than nothing.
     """
+    require_normalized(robot.model, q)
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, q)
     density = robot.description.water_density

@@ -98,6 +98,7 @@ def _prepare(
         _drop_meshes(findings, root)
     if free_flyer:
         _drop_floating_root(findings, root)
+    _settle_capsules(findings, root)
     unread = findings.attempt(unread_words, path, root)
     locked, groups = _locked(findings, root, reading)
     notes = findings.attempt(partial(check_urdf, locked=locked), path, root) or []
@@ -151,6 +152,31 @@ def _drop_meshes(findings: Findings, root: Element) -> None:
     if any(dropped.values()):
         counts = " and ".join(f"{n} {kind}" for kind, n in dropped.items())
         findings.notes.append(f"without meshes: {counts} shapes are left out")
+
+
+def _settle_capsules(findings: Findings, root: Element) -> None:
+    """Write ``<capsule>``, a word of some simulators, as a cylinder, whose ends Pinocchio rounds
+    where it may touch something. The length is that of the straight part.
+    """
+    names = list[str]()
+    for link, shape in _shapes_of(root):
+        capsule = shape.find("geometry/capsule")
+        if capsule is None:
+            continue
+        capsule.tag = "cylinder"
+        names.append(quoted(link.get("name", "")))
+        if shape.tag == "collision":
+            name = f"capsule_{len(names)}"
+            shape.set("name", name)
+            checking = link.find("collision_checking")
+            if checking is None:
+                checking = ElementTree.SubElement(link, "collision_checking")
+            ElementTree.SubElement(checking, "capsule", {"name": name})
+    if names:
+        findings.notes.append(
+            f"<capsule> of link {_first_of([*dict.fromkeys(names)])} is read with the length of its"
+            " straight part, and drawn without its ends"
+        )
 
 
 def _drop_floating_root(findings: Findings, root: Element) -> None:

@@ -139,8 +139,8 @@ def _check_repeats(findings: Findings, root: Element) -> None:
 
 
 def _drop_twins(findings: Findings, element: Element, where: str) -> None:
-    """Take out what stands twice and is equal. Raises ``RobotDataError`` where it is not: of two,
-    parsers take the first.
+    """Take out what stands twice and is equal, and a second ``<origin>``. Raises
+    ``RobotDataError`` where others differ: of two, parsers take the first.
     """
     first: dict[str, Element] = {}
     once = PLACES[element.tag].once if element.tag in PLACES else ()
@@ -148,13 +148,18 @@ def _drop_twins(findings: Findings, element: Element, where: str) -> None:
         twin = first.setdefault(child.tag, child)
         if twin is child:
             continue
-        if _canonical_text(twin) != _canonical_text(child):
+        are_equal = _canonical_text(twin) == _canonical_text(child)
+        if not are_equal and child.tag != "origin":
             times = len(element.findall(child.tag))
             raise RobotDataError(
                 findings.path, f"{where}: given <{child.tag}> {times} times; allowed: once"
             )
         element.remove(child)
-        findings.notes.append(f"{where}: <{child.tag}> stands there twice, and is the same")
+        if are_equal:
+            note = f"{where}: <{child.tag}> stands there twice, and is the same"
+        else:
+            note = f"{where}: <origin> stands there twice; the first counts, as for other readers"
+        findings.notes.append(note)
 
 
 def _canonical_text(element: Element) -> str:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.closed_mesh import closed_solid
 from uvms_ocp.robot.shapes.obstacles import mesh_shape
+from uvms_ocp.robot.shapes.shape_pairs import self_pairs
 from uvms_ocp.robot.shapes.signed_distance import Body, PairContact, signed_contact
 
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
@@ -144,3 +148,31 @@ def test_the_normal_of_two_meshes_is_the_slope_of_their_distance() -> None:
             ]
             slope = (moved[0] - moved[1]) / 2e-5
             assert slope == pytest.approx(mesh_contact.normal @ axis, abs=1e-3)
+
+
+@pytest.mark.parametrize(("radius", "are_apart"), [(0.1, False), (0.01, True)])
+def test_a_link_that_is_stowed_inside_a_closed_mesh_is_no_pair_of_it(
+    radius: float, are_apart: bool, tmp_path: Path
+) -> None:
+    """The hull is as large as the radius tells: around the last link, or far from it."""
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
+    faces = "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in FACES)
+    (tmp_path / "hull.obj").write_text(corners + faces, encoding="utf-8")
+    scale = 10.0 * radius
+    inertial = (
+        "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
+        "</inertial>"
+    )
+    hull = f"<geometry><mesh filename='hull.obj' scale='{scale} {scale} {scale}'/></geometry>"
+    ball = "<collision><geometry><sphere radius='0.05'/></geometry></collision>"
+    links = f"<link name='base_link'>{inertial}<collision>{hull}</collision></link>"
+    links += f"<link name='a'>{inertial}</link><link name='b'>{inertial}{ball}</link>"
+    joints = ""
+    for parent, child in (("base_link", "a"), ("a", "b")):
+        joints += (
+            f"<joint name='to_{child}' type='revolute'><parent link='{parent}'/>"
+            f"<child link='{child}'/><origin xyz='0.2 0 0'/><axis xyz='0 0 1'/>"
+            "<limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"
+        )
+    (tmp_path / "robot.urdf").write_text(f"<robot name='r'>{links}{joints}</robot>", "utf-8")
+    assert bool(self_pairs(load_robot(urdf=tmp_path / "robot.urdf"))) == are_apart

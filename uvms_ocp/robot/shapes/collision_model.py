@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot import kinematics
-from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.robot import Robot, require_normalized
 from uvms_ocp.robot.shapes import distance_kernels
 from uvms_ocp.robot.shapes.obstacles import Obstacle
 from uvms_ocp.robot.shapes.pair_distances import CoalPairs, CompiledPairs
@@ -121,6 +121,7 @@ class CollisionModel:
         """Return the distance (n_pairs,) [m] at q (n_q,) [m, rad] of all pairs, or (n,) of some, by
         their indices `pairs` (n,), each once.
         """
+        require_normalized(self._model, q)
         distances = np.empty(self.n_pairs if pairs is None else len(pairs))
         for engine, rows, places in self._shared(pairs):
             distances[rows] = engine.values(q, places)

@@ -11,6 +11,7 @@ import pinocchio as pin
 from uvms_ocp.robot import unknowns
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import Obstacle
+from uvms_ocp.robot.shapes.signed_distance import SignedDistances
 
 
 def shapes_among(robot: Robot, obstacles: Sequence[Obstacle]) -> pin.GeometryModel:
@@ -42,12 +43,13 @@ def shapes_in(pairs: Iterable[tuple[int, int]]) -> set[int]:
 
 
 def stowed_distances(robot: Robot, geometry: pin.GeometryModel) -> np.ndarray:
-    """Return the distance (n_pairs,) [m] of every pair of the shapes in the stowed posture."""
+    """Return the signed distance (n_pairs,) [m] of every pair of the shapes in the stowed posture."""
     data = geometry.createData()
-    pin.computeDistances(
+    pin.updateGeometryPlacements(
         robot.model, robot.model.createData(), geometry, data, robot.configuration()
     )
-    return np.array([result.min_distance for result in data.distanceResults])
+    signed = SignedDistances(geometry)
+    return np.array([signed.distance(data, k) for k in range(len(geometry.collisionPairs))])
 
 
 def with_pairs(shapes: pin.GeometryModel, pairs: Iterable[tuple[int, int]]) -> pin.GeometryModel:

@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import coal
 import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.shapes.closed_mesh import Solid, closed_solid, mesh_triangles
-from uvms_ocp.robot.shapes.shape_pairs import shapes_in
 
 _BESIDE = 1e-6  # [m] from a surface to where it is asked which side is inside
 _UNIT = 1e-6  # by which the length of a normal that coal has set may differ from 1
@@ -43,7 +43,8 @@ class SignedDistances:
     def __init__(self, geometry: pin.GeometryModel) -> None:
         self._geometry = geometry
         pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
-        bodies = {k: Body(geometry.geometryObjects[k].geometry) for k in shapes_in(pairs)}
+        indices = set(chain.from_iterable(pairs))
+        bodies = {k: Body(geometry.geometryObjects[k].geometry) for k in indices}
         self._bodies = bodies
         self._has_mesh = [bodies[a].is_mesh or bodies[b].is_mesh for a, b in pairs]
         self._pairs = pairs

@@ -15,8 +15,7 @@ from uvms_ocp.estimation.estimator import std_at_rest
 from uvms_ocp.mission import Above, Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, unknowns
-from uvms_ocp.robot.dynamics import cached_dynamics
-from uvms_ocp.scenario.preflight import forces, reachability, undriven_axes
+from uvms_ocp.scenario.preflight import forces, reachability, robot_check, undriven_axes
 from uvms_ocp.scenario.preflight.altitude import (
     check_altitude,
     check_echo,
@@ -288,15 +287,12 @@ def _shortest_stay(phase: Phase) -> float:
 
 
 def check_inertia(setup: Setup) -> Iterator[Finding]:
-    """Find joints that have nothing to move, whose acceleration under a force is not defined."""
+    """Find inertias of no body, and joints that have nothing to move: their acceleration under a
+    force is not defined. As `check_robot` does.
+    """
     if setup.with_forces and "plant" not in setup.own_parts:
-        for joint in unknowns.joints_without_inertia(
-            setup.robot.model, cached_dynamics(setup.robot).mass_matrix(setup.start)
-        ):
-            text = (
-                f"no inertia about its axis: {joint}; give an <inertial>, or make the joint fixed"
-            )
-            yield Severity.ERROR.finding("inertia", text)
+        for finding in robot_check.body_errors(setup.robot):
+            yield Severity.ERROR.finding("inertia", finding.text)
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:

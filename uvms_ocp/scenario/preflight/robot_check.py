@@ -136,6 +136,13 @@ def check_robot(robot: Robot) -> RobotReport:
     return RobotReport(name=robot.name, findings=findings)
 
 
+def body_errors(robot: Robot) -> Iterator[RobotFinding]:
+    """Yield what no mission may begin with: inertias of no body, and joints that move nothing."""
+    for finding in (*_inertias(robot), _mass_matrix(robot)):
+        if finding.verdict is RobotVerdict.ERROR:
+            yield finding
+
+
 def _good(subject: str, text: str) -> RobotFinding:
     return RobotFinding(subject=subject, verdict=RobotVerdict.GOOD, text=text)
 
