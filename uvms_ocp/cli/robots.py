@@ -163,6 +163,8 @@ def new_robot(
         for f in robot_check.check_robot(proposed.robot).findings
         if f.verdict is robot_check.RobotVerdict.ERROR
     )
+    for reason in proposed.reasons:
+        print_line(console_of(stderr=True), reason)
     _say([*proposed.questions, *(f"{finding.subject}: {finding.text}" for finding in errors)])
 
 

@@ -20,15 +20,16 @@ import pinocchio as pin
 from uvms_ocp.errors import InvalidInput, RobotDataError
 from uvms_ocp.robot.description import RobotDescription
 from uvms_ocp.robot.joining import assemble
+from uvms_ocp.robot.name_words import FIXED_ROOTS, NameWords
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
 from uvms_ocp.robot.proposal_text import proposal_lines
 from uvms_ocp.robot.proposed_water import hull_of, links_by_shape, trimmed
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import Roles, find_roles, is_called
+from uvms_ocp.robot.roles import Roles, find_roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
 from uvms_ocp.robot.urdf_elements import read_urdf_xml
 
-_FIXED_ROOTS = ("world", "map", "odom", "ground")  # names of roots that do not move
+_SAME_PLACE = 0.1  # [m] between a link called a thruster and the propeller that turns in it
 _MIN_VEHICLE_SHARE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
 
 
@@ -40,6 +41,8 @@ class RobotProposal:
     """The hydrodynamics.yaml."""
     questions: tuple[str, ...]
     """Questions that the URDF leaves open, one line each, with how to answer."""
+    reasons: tuple[str, ...]
+    """Which part of the mechanism has which role, and why, one line each."""
     robot: Robot
     """The robot that comes of both."""
 
@@ -83,10 +86,10 @@ def propose(
     followers = [joint.get("name", "") for joint in root.findall("joint[mimic]")]
     leaders = [mimic_element.get("joint", "") for mimic_element in root.findall("joint/mimic")]
     fingers = [name for name in roles.fingers if name not in leaders or mimic != "coupled"]
-    still = (*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held, *roles.gimbals)
-    still_at = {
-        name: _nearest_to_zero(models.model, name) for name in still if name not in followers
-    }
+    still = [*roles.propellers, *roles.sensors, *fingers, *roles.empty, *roles.held]
+    still += [*roles.gimbals, *roles.spinners, *roles.ballast]
+    moving = {*followers, *_joints_that_carry(models.model, tool)}
+    still_at = {name: _nearest_to_zero(models.model, name) for name in still if name not in moving}
     reading = replace(reading, mimic=mimic, lock={**still_at, **lock})
     draft = ProposalDraft(
         models=read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading),
@@ -121,13 +124,24 @@ def _floats(model: pin.Model) -> bool:
     """Check whether a model on a free-flyer is a vehicle, and not an arm that stands on
     something.
     """
-    if any(is_called("propeller", frame.name) for frame in model.frames):
+    words = NameWords(model)
+    if any(words.is_called("propeller", frame.name) for frame in model.frames):
         return True
     root = next(frame.name for frame in model.frames if frame.type == pin.FrameType.BODY)
     _, _, plain_name = root.rpartition("/")
     total_mass = sum(inertia.mass for inertia in model.inertias)
     is_heavy = model.inertias[1].mass > _MIN_VEHICLE_SHARE * total_mass
-    return plain_name.lower() not in _FIXED_ROOTS and is_heavy
+    return plain_name.lower() not in FIXED_ROOTS and is_heavy
+
+
+def _joints_that_carry(model: pin.Model, links: Sequence[str]) -> list[str]:
+    """Return the names of the joints that move any of these links, which may be missing."""
+    names = list[str]()
+    for link in links:
+        if model.existFrame(link):
+            carrier = model.frames[model.getFrameId(link)].parentJoint
+            names += [model.names[joint] for joint in model.supports[carrier]]
+    return names
 
 
 def _nearest_to_zero(model: pin.Model, name: str) -> float:
@@ -141,28 +155,28 @@ def _nearest_to_zero(model: pin.Model, name: str) -> float:
 
 
 def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[ProposedThruster]:
-    """Yield a thruster for each propeller's joint, or else for each link of such a name."""
+    """Yield a thruster for each joint of the vehicle that turns a propeller, and for each link fixed
+    to the vehicle that is called one, by itself or by its joint, and carries no such joint.
+    """
     model = models.model
+    words = NameWords(model)
     data = model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
-    pushing = [name for name in roles.propellers if not is_called("fin", name)]
-    for name in pushing:
+    places = list[np.ndarray]()  # (3,) [m] in B
+    for name in roles.propellers:
+        if words.is_called("fin", name):
+            continue
         index = model.getJointId(name)
         X = data.oMi[index]
+        places.append(X.translation)
         S = np.array(model.joints[index].createData().S)
         yield ProposedThruster(
             name=name, X=X, direction=X.rotation @ S.ravel()[3:], source="axis of the joint"
         )
-    if pushing:
-        return
-    for i, frame in enumerate(model.frames):
-        if frame.type != pin.FrameType.BODY or frame.parentJoint > 1:
-            continue
-        if not is_called("propeller", frame.name) or is_called("fin", frame.name):
-            continue
-        if _has_propeller_above(model, i):
-            continue
+    for i in _thruster_links(model, words):
         X = data.oMf[i]
+        if any(np.linalg.norm(X.translation - place) < _SAME_PLACE for place in places):
+            continue
         cylinder = _cylinder_of(models.visual, i)
         if cylinder is None:
             direction = X.rotation[:, 0]
@@ -170,7 +184,35 @@ def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[ProposedThruster]:
         else:
             direction = cylinder.placement.rotation[:, 2]
             source = "axis of its cylinder"
-        yield ProposedThruster(name=frame.name, X=X, direction=direction, source=source)
+        name = model.frames[i].name
+        yield ProposedThruster(name=name, X=X, direction=direction, source=source)
+
+
+def _thruster_links(model: pin.Model, words: NameWords) -> list[int]:
+    """Return frames of links fixed to the vehicle that are called thrusters, or whose joints are:
+    of those on one another the outermost that is no mount.
+    """
+    links = list[int]()
+    mounts = list[int]()
+    for i, frame in enumerate(model.frames):
+        if frame.type != pin.FrameType.BODY or frame.parentJoint > 1:
+            continue
+        joint_frame = model.frames[frame.parentFrame]
+        names = [frame.name]
+        if joint_frame.type == pin.FrameType.FIXED_JOINT:
+            names.append(joint_frame.name)
+        if not words.is_called("propeller", *names) or words.is_called("fin", *names):
+            continue
+        above = joint_frame.parentFrame
+        if above in links:
+            continue
+        if words.is_called("mount", frame.name):
+            mounts.append(i)
+        else:
+            links.append(i)
+    bearing = {model.frames[model.frames[i].parentFrame].parentFrame for i in links}
+    links += [i for i in mounts if i not in bearing]
+    return sorted(links)
 
 
 def _cylinder_of(visual: pin.GeometryModel, frame: int) -> pin.GeometryObject | None:
@@ -179,11 +221,6 @@ def _cylinder_of(visual: pin.GeometryModel, frame: int) -> pin.GeometryObject | 
         if shape.parentFrame == frame and isinstance(shape.geometry, coal.Cylinder):
             return shape
     return None
-
-
-def _has_propeller_above(model: pin.Model, index: int) -> bool:
-    above = model.frames[model.frames[index].parentFrame].parentFrame
-    return above > 0 and is_called("propeller", model.frames[above].name)
 
 
 def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:
@@ -197,7 +234,12 @@ def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:
     robot = assemble(draft.models, RobotDescription.model_validate(content), urdf)
     lines = proposal_lines(robot.description, draft, sources, hull)
     text = "".join(f"{line}\n" for line in lines)
-    return RobotProposal(text=text, questions=tuple(draft.questions()), robot=robot)
+    return RobotProposal(
+        text=text,
+        questions=tuple(draft.questions()),
+        reasons=tuple(draft.reasons()),
+        robot=robot,
+    )
 
 
 def find_urdf(place: Path) -> Path:

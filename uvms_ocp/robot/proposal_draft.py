@@ -12,8 +12,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot import limits
+from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
-from uvms_ocp.robot.roles import CHOOSE, Roles, is_called
+from uvms_ocp.robot.roles import CHOOSE, Roles
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 
 # Thrusters of vehicles of 10 to 160 kg have the larger of both.
@@ -31,6 +32,18 @@ _EMPTY = (
     "moves nothing that has a mass, and is held still; give its links <inertial>, and take it out"
     " of `lock`"
 )
+_SPINNERS = "spins a tool at the end of an arm, and is held still"
+_BALLAST = (
+    "slides a mass along the vehicle, taken for ballast and held still; --tool LINK makes an arm of"
+    " it"
+)
+_STILL_KINDS = {
+    "propellers": "turns a thruster or a fin",
+    "sensors": "moves sensors alone",
+    "held": "has no range",
+}
+"""Kinds of joints, as in `Roles`, that are held still without a question."""
+_SHOWN_NAMES = 3
 _DOWN = 0.9  # cosine to straight down, of a range sensor's -z
 
 
@@ -70,12 +83,19 @@ class ProposalDraft:
         if self.requested_tools:
             return self.requested_tools
         chains = self.roles.tools
-        has_tool_frame = any(frame.name == "tool" for frame in self.models.model.frames)
-        if has_tool_frame and len(chains) < 2:
+        if self._has_tool_frame() and len(chains) < 2:
             return ("tool",)
         if all(len(chain) == 1 for chain in chains):
             return tuple(chain[0] for chain in chains)
         return ()
+
+    def _has_tool_frame(self) -> bool:
+        """Check whether a frame is called ``tool`` and is moved by a joint, or no arm is there."""
+        for frame in self.models.model.frames:
+            if frame.name == "tool":
+                vehicle_joint = 1 if self.floats else 0
+                return frame.parentJoint > vehicle_joint or not self.roles.tools
+        return False
 
     @property
     def altimeter(self) -> str | None:
@@ -110,10 +130,37 @@ class ProposalDraft:
     def _links_called(self, kind: str) -> list[tuple[int, pin.Frame]]:
         """Return links whose name is of a kind, with their indices."""
         links = list[tuple[int, pin.Frame]]()
+        words = NameWords(self.models.model)
         for index, frame in enumerate(self.models.model.frames):
-            if frame.type == pin.FrameType.BODY and is_called(kind, frame.name):
+            if frame.type == pin.FrameType.BODY and words.is_called(kind, frame.name):
                 links.append((index, frame))
         return links
+
+    def reasons(self) -> Iterator[str]:
+        """Yield which part has which role, and why, one line for each role."""
+        model = self.models.model
+        if self.floats:
+            yield f"vehicle: {self.roles.base}, the root and all that is fixed to it"
+        for tool in self.tools:
+            if tool in self.requested_tools:
+                yield f"tool {tool}: as you said"
+                continue
+            carrier = model.frames[model.getFrameId(tool)].parentJoint
+            chain = [model.names[k] for k in model.supports[carrier]][2 if self.floats else 1 :]
+            if chain:
+                yield f"tool {tool}: on the last link of an arm of joint {', '.join(chain)}"
+        by_source = dict[str, list[str]]()
+        for thruster in self.thrusters:
+            by_source.setdefault(thruster.source, []).append(thruster.name)
+        for source, names in by_source.items():
+            shown = ", ".join(names[:_SHOWN_NAMES])
+            if len(names) > _SHOWN_NAMES:
+                shown += f" and {len(names) - _SHOWN_NAMES} more"
+            yield f"{len(names)} thrusters along the {source}: {shown}"
+        for kind, why in _STILL_KINDS.items():
+            still = [name for name in getattr(self.roles, kind) if name in self.reading.lock]
+            if still:
+                yield f"joint {', '.join(still)}: {why}, held still"
 
     def questions(self) -> Iterator[str]:
         """Yield the questions that are left open."""
@@ -133,7 +180,12 @@ class ProposalDraft:
             else:
                 choice = "no link of the vehicle is called one"
             yield f"dvl: {choice}; --dvl LINK, or `sensors: {{linear_velocity: null}}` for none"
-        for names, reason in ((self.roles.fingers, _FINGERS), (self.roles.empty, _EMPTY)):
+        for names, reason in (
+            (self.roles.fingers, _FINGERS),
+            (self.roles.empty, _EMPTY),
+            (self.roles.spinners, _SPINNERS),
+            (self.roles.ballast, _BALLAST),
+        ):
             still = [name for name in names if name in self.reading.lock]
             if still:
                 yield f"joint {', '.join(still)}: {reason}"
@@ -150,7 +202,8 @@ class ProposalDraft:
         return f"base: taken for {kind}; --base {alternative} if it is not"
 
     def _thruster_questions(self) -> Iterator[str]:
-        fins = [name for name in self.roles.propellers if is_called("fin", name)]
+        words = NameWords(self.models.model)
+        fins = [name for name in self.roles.propellers if words.is_called("fin", name)]
         steering = [*self.roles.gimbals, *fins]
         if steering:
             yield (
@@ -159,7 +212,9 @@ class ProposalDraft:
             )
         moving = list[str]()
         for _, link in self._links_called("propeller"):
-            if link.parentJoint > 1 and not is_called("fin", link.name):
+            joint = self.models.model.frames[link.parentFrame].name
+            is_moved = link.parentJoint > 1 and joint not in self.roles.spinners
+            if is_moved and not words.is_called("fin", link.name):
                 moving.append(link.name)
         if moving:
             yield (

@@ -8,8 +8,7 @@ hydrodynamics.yaml names, or to what is found here.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -19,6 +18,7 @@ import pinocchio as pin
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.description import LinkDescription, RobotDescription
+from uvms_ocp.robot.name_words import NameWords
 
 BASE = "base_link"
 TOOL = "tool"
@@ -30,43 +30,21 @@ _BALANCED = 0.1
 """Distance of a propeller's centre of mass from its axis, at most, over that from its joint."""
 _SHORT = 0.1
 """[m] Distance of a centre of mass from the joint that is counted at least."""
-_LONG_WORD = 5  # letters above which a word counts in any part of a name
-_FINS = "rudder fin flap wheel"
-_SENSORS = (
-    "cam camera sonar imu dvl gps usbl ins pressure depth altimeter sensor lidar laser echosounder"
-    " mbes fls beacon antenna optical light lamp led hydrophone magnetometer acoustic modem ping"
-    " inclinometer compass ctd gyro transducer pinger"
+_GIMBAL_JOINTS = 2  # between the vehicle and a thruster that they point, at most
+_ALONG = 0.99  # cosine to an axis of the vehicle, of what slides along it
+_SLIDING = ("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned")
+
+_KINDS = (
+    "propellers",
+    "sensors",
+    "fingers",
+    "empty",
+    "held",
+    "gimbals",
+    "spinners",
+    "ballast",
 )
-
-_KINDS = ("propellers", "sensors", "fingers", "empty", "held", "gimbals")
 """Fields of `Roles` that say of what kind joints are."""
-
-
-def _words(text: str) -> re.Pattern[str]:
-    """Return a pattern of words that stand alone in a name, such as ``dvl`` in ``dvl_link``, or in
-    any part of it where they are long.
-    """
-    words = text.split()
-    short_words = "|".join(word for word in words if len(word) <= _LONG_WORD)
-    long_words = "|".join(word for word in words if len(word) > _LONG_WORD)
-    return re.compile(rf"(?<![a-z])({short_words})s?(?![a-z])|{long_words}")
-
-
-_PATTERNS: Mapping[str, re.Pattern[str]] = {
-    "propeller": _words(f"prop propeller thruster rotor blade screw fan {_FINS}"),
-    "fin": _words(_FINS),
-    "sensor": _words(_SENSORS),
-    "finger": _words("finger jaw claw knuckle pincer thumb fingertip"),
-    "tip": _words("tool tcp tip ee eef tool0 endeffector end_effector grasp effector"),
-    "altimeter": _words("altimeter echosounder dva"),
-    "dvl": _words("dvl doppler"),
-}
-"""Words in names of links and joints, by what they are."""
-
-
-def is_called(kind: str, *names: str) -> bool:
-    """Check whether any of the names is one of a link or joint of this kind of `_PATTERNS`."""
-    return any(_PATTERNS[kind].search(name.lower()) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -91,8 +69,14 @@ class Roles:
     """
     gimbals: tuple[str, ...]
     """Joints that carry nothing but propellers."""
+    spinners: tuple[str, ...]
+    """Joints that spin a tool at the end of an arm, such as a cutter."""
+    ballast: tuple[str, ...]
+    """Joints that slide a mass along an axis of the vehicle."""
     tools: tuple[tuple[str, ...], ...]
-    """Candidates for the tool, by chain of joints; one where a chain leaves no doubt."""
+    """Candidates for the tool, by chain of joints, the longest first; one where a chain leaves no
+    doubt.
+    """
 
     @property
     def only_tool(self) -> str | None:
@@ -119,10 +103,11 @@ def find_roles(model: pin.Model, *, free_flyer: bool) -> Roles:
         else:
             arm.append(joint)
     tools = list[tuple[str, ...]]()
-    for joint in arm:
-        ends_chain = set(arm).isdisjoint(tree.children(joint))
+    ends = [joint for joint in arm if not any(child in arm for child in tree.children(joint))]
+    ends.sort(key=lambda joint: -len(tree.above(joint)))
+    for joint in ends:
         tips = _tips(tree, joint)
-        if ends_chain and tips:
+        if tips:
             tools.append(tips)
     return Roles(base=_base(tree), tools=tuple(tools), **names_by_kind)
 
@@ -140,6 +125,7 @@ class _LinkTree:
 
     def __init__(self, model: pin.Model, free_flyer: bool) -> None:
         self.model = model
+        self.words = NameWords(model)
         self.carrier = 1 if free_flyer else 0
         """Joint that carries the vehicle, or 0, the world."""
         self.moving = range(self.carrier + 1, model.njoints)
@@ -201,10 +187,11 @@ class _LinkTree:
         neither.
         """
         name = self.name(frame)
-        if is_called("sensor", name):
+        if self.words.is_called("sensor", name):
             return True
-        is_palm = frame in self.inner
-        return is_called("finger", name) and not is_palm and not is_called("tip", name)
+        if frame in self.inner or self.words.is_called("tip", name):
+            return False
+        return self.words.is_called("finger", name)
 
     def is_end(self, frame: int) -> bool:
         """Check that no other link is fixed to the link further out, but sensors and fingers."""
@@ -217,29 +204,102 @@ class _LinkTree:
 def _kinds(tree: _LinkTree) -> Iterator[tuple[int, str]]:
     """Yield joints that are no part of an arm, with what they do."""
     for joint in tree.moving:
-        names = tree.names(joint)
         below = tree.below(joint)
-        if is_called("propeller", *names) and not tree.children(joint):
-            yield joint, "propellers"
-        elif _carries_propellers_alone(tree, joint):
-            yield joint, "gimbals"
+        if _carries_propellers_alone(tree, joint):
+            yield joint, "gimbals" if tree.children(joint) else "propellers"
         elif not any(tree.model.inertias[k].mass for k in below):
             yield joint, "empty"
-        elif _whirls(tree, joint):
-            yield joint, "propellers"
         elif _carries_sensors_alone(tree, joint):
             yield joint, "sensors"
-        elif is_called("finger", *names):
+        elif _whirls(tree, joint):
+            yield joint, "propellers"
+        elif _spins_a_tool(tree, joint):
+            yield joint, "spinners"
+        elif _is_finger(tree, joint):
             for finger_joint in below:
                 yield finger_joint, "fingers"
+        elif _slides_ballast(tree, joint):
+            yield joint, "ballast"
         elif not any(tree.has_range(k) for k in (*tree.above(joint), *below)):
             yield joint, "held"
 
 
 def _carries_propellers_alone(tree: _LinkTree, joint: int) -> bool:
-    """Check whether all chains of joints from a joint on end in propellers."""
-    last_joints = [k for k in tree.below(joint) if not tree.children(k)]
-    return all(is_called("propeller", *tree.names(k)) for k in last_joints)
+    """Check whether a joint turns a propeller of the vehicle, or points some of them: what ends in
+    one after more joints, or holds a tool beside it, is an arm.
+    """
+    below = tree.below(joint)
+    for k in below:
+        links = [tree.name(i) for i in tree.bodies[k]]
+        if tree.words.is_called("tip", *links) or tree.words.is_called("finger", *links):
+            return False
+        if tree.children(k):
+            continue
+        if not tree.words.is_called("propeller", *tree.names(k)):
+            return False
+        if len(tree.above(k)) > _GIMBAL_JOINTS:
+            return False
+    return True
+
+
+def _spins_a_tool(tree: _LinkTree, joint: int) -> bool:
+    """Check whether a joint without end is the last of an arm, and is called a blade or alike."""
+    turns_without_end = tree.model.joints[joint].nq != tree.model.joints[joint].nv
+    is_last = not tree.children(joint)
+    if not (turns_without_end and is_last and tree.above(joint)):
+        return False
+    names = tree.names(joint)
+    return tree.words.is_called("spinner", *names) or tree.words.is_called("propeller", *names)
+
+
+def _is_finger(tree: _LinkTree, joint: int) -> bool:
+    """Check whether a joint closes a gripper: by its name, beside another last joint on an arm's
+    link, or below a frame of that link which is called the tool.
+    """
+    if tree.words.is_called("finger", *tree.names(joint)):
+        return True
+    palm = int(tree.model.parents[joint])
+    if palm <= tree.carrier or tree.children(joint):
+        return False
+    last_joints = list[int]()
+    for sibling in tree.children(palm):
+        is_other = _carries_sensors_alone(tree, sibling) or _spins_a_tool(tree, sibling)
+        if not tree.children(sibling) and not is_other:
+            last_joints.append(sibling)
+    holds_tool = False
+    for i in tree.bodies[palm]:
+        if i not in tree.inner and tree.words.is_called("tip", tree.name(i)):
+            holds_tool = True
+    return len(last_joints) > 1 or holds_tool
+
+
+def _slides_ballast(tree: _LinkTree, joint: int) -> bool:
+    """Check whether a joint slides a mass along an axis of the vehicle: called so, or one of
+    several, or beside an arm.
+    """
+    if not _is_slider(tree, joint):
+        return False
+    if tree.words.is_called("ballast", *tree.names(joint)):
+        return True
+    others = [k for k in tree.moving if k != joint and tree.model.parents[k] == tree.carrier]
+    return any(_is_slider(tree, k) or len(tree.below(k)) > 1 for k in others)
+
+
+def _is_slider(tree: _LinkTree, joint: int) -> bool:
+    """Check whether a joint of the vehicle slides one link, which is no tool, along one of its
+    axes.
+    """
+    if tree.carrier == 0 or tree.model.parents[joint] != tree.carrier or tree.children(joint):
+        return False
+    moving = tree.model.joints[joint]
+    if moving.shortname() not in _SLIDING:
+        return False
+    links = [tree.name(i) for i in tree.bodies[joint]]
+    if tree.words.is_called("tip", *links) or tree.words.is_called("finger", *links):
+        return False
+    direction = np.array(moving.createData().S).ravel()[:3]
+    along = tree.model.jointPlacements[joint].rotation @ direction
+    return bool(np.abs(along).max() > _ALONG)
 
 
 def _carries_sensors_alone(tree: _LinkTree, joint: int) -> bool:
@@ -247,7 +307,7 @@ def _carries_sensors_alone(tree: _LinkTree, joint: int) -> bool:
     links = list[int]()
     for k in tree.below(joint):
         links += tree.bodies[k]
-    return bool(links) and all(is_called("sensor", tree.name(i)) for i in links)
+    return bool(links) and all(tree.words.is_called("sensor", tree.name(i)) for i in links)
 
 
 def _whirls(tree: _LinkTree, index: int) -> bool:
@@ -274,7 +334,7 @@ def _tips(tree: _LinkTree, joint: int) -> tuple[str, ...]:
     for i in tree.bodies[joint]:
         if not tree.is_no_tool(i) and tree.is_end(i):
             ends.append(tree.name(i))
-    called_tips = [name for name in ends if is_called("tip", name)]
+    called_tips = [name for name in ends if tree.words.is_called("tip", name)]
     if len(called_tips) == 1:
         return tuple(called_tips)
     return tuple(ends)
@@ -309,13 +369,23 @@ def with_roles(
     }
     if free_flyer and not description.base_link and BASE not in frames:
         stated[BASE] = roles.base
-    if TOOL not in frames and not description.tool:
+    if not description.tool and not _is_on_arm(model, TOOL, free_flyer=free_flyer):
         stated[TOOL] = roles.only_tool
     model = model.copy()
     for role, name in stated.items():
         if name and name != role and name in frames:
             description = _placed(model, description, role, name)
     return model, description
+
+
+def _is_on_arm(model: pin.Model, frame: str, *, free_flyer: bool) -> bool:
+    """Check whether a frame is there and is moved by a joint: a rack for tools on the hull is
+    none.
+    """
+    if not model.existFrame(frame):
+        return False
+    carrier = 1 if free_flyer else 0
+    return bool(model.frames[model.getFrameId(frame)].parentJoint > carrier)
 
 
 def tools_of(description: RobotDescription) -> tuple[str, ...]:
@@ -380,8 +450,11 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     roles = find_roles(model, free_flyer=free_flyer)
     if free_flyer:
         yield True, f"base_link: {description.base_link or roles.base}"
-    if TOOL in frames:
-        is_added = model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
+    is_added = TOOL in frames and (
+        model.frames[model.getFrameId(TOOL)].type == pin.FrameType.OP_FRAME
+    )
+    is_held = is_added or _is_on_arm(model, TOOL, free_flyer=free_flyer)
+    if is_held or (TOOL in frames and not roles.candidates):
         tool = ", ".join(tools_of(description))
         if not tool and is_added:
             tool = roles.only_tool or ""
@@ -393,7 +466,8 @@ def role_notes(model: pin.Model, description: RobotDescription) -> Iterator[tupl
     if free_flyer and description.altimeter:
         yield True, f"altimeter: {description.altimeter}"
     elif free_flyer:
-        candidates = [name for name in frames if is_called("altimeter", name)]
+        words = NameWords(model)
+        candidates = [name for name in frames if words.is_called("altimeter", name)]
         if candidates:
             hint = f"`altimeter: {candidates[0]}` takes that link"
         else:
