@@ -23,9 +23,10 @@ from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.name_words import FIXED_ROOTS, NameWords
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
 from uvms_ocp.robot.proposal_text import proposal_lines
-from uvms_ocp.robot.proposed_water import hull_of, links_by_shape, trimmed
+from uvms_ocp.robot.proposed_water import hull_of, proposed_links, trimmed
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import Roles, find_roles
+from uvms_ocp.robot.simulator_water import simulator_blocks
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
 from uvms_ocp.robot.urdf_elements import read_urdf_xml
 
@@ -100,6 +101,7 @@ def propose(
         requested_altimeter=altimeter,
         requested_dvl=dvl,
         thrusters=list(_thrusters(models, roles)) if floats else [],
+        simulator=simulator_blocks(root),
     )
     return _proposal_of(draft, urdf)
 
@@ -225,10 +227,11 @@ def _cylinder_of(visual: pin.GeometryModel, frame: int) -> pin.GeometryObject | 
 
 def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:
     """Write a draft down, with coefficients in water by shapes, and trimmed where it floats."""
-    links, sources = links_by_shape(draft.models, floats=draft.floats)
-    hull = hull_of(draft.models.model, floats=draft.floats)
+    stated = draft.simulator.links
+    links, sources = proposed_links(draft.models, stated, floats=draft.floats)
+    hull = hull_of(draft.models.model, stated, floats=draft.floats)
     content = draft.content(links)
-    if draft.floats:
+    if draft.floats and "volume" not in draft.stated_of(hull):
         untrimmed = assemble(draft.models, RobotDescription.model_validate(content), urdf)
         content["links"] = trimmed(untrimmed, links, hull)
     robot = assemble(draft.models, RobotDescription.model_validate(content), urdf)

@@ -4,7 +4,7 @@ and axes tell, and the questions that are left open.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from uvms_ocp.robot import limits
 from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
 from uvms_ocp.robot.roles import CHOOSE, Roles
+from uvms_ocp.robot.simulator_water import SimulatorBlocks, unread_lines
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 
 # Thrusters of vehicles of 10 to 160 kg have the larger of both.
@@ -76,6 +77,19 @@ class ProposalDraft:
     requested_dvl: str | None
     """Frame that the user named."""
     thrusters: list[ProposedThruster]
+    simulator: SimulatorBlocks
+    """What the file states of water for simulators."""
+
+    def stated_of(self, link: str) -> Mapping[str, Any]:
+        """Return the coefficients of a link that the file states, none for another link."""
+        if link not in self.simulator.links:
+            return {}
+        return self.simulator.links[link].coefficients
+
+    @property
+    def water_density(self) -> float:
+        """[kg/m3] as the file states it, or of the sea."""
+        return self.simulator.density or WATER_DENSITY
 
     @property
     def tools(self) -> tuple[str, ...]:
@@ -161,6 +175,7 @@ class ProposalDraft:
             still = [name for name in getattr(self.roles, kind) if name in self.reading.lock]
             if still:
                 yield f"joint {', '.join(still)}: {why}, held still"
+        yield from unread_lines(self.simulator)
 
     def questions(self) -> Iterator[str]:
         """Yield the questions that are left open."""
@@ -230,7 +245,7 @@ class ProposalDraft:
     def content(self, links: dict[str, Any]) -> dict[str, Any]:
         """Return the values of the file, with these of `links`."""
         content: dict[str, Any] = {"base": "free_flyer" if self.floats else "fixed"}
-        content["water_density"] = WATER_DENSITY
+        content["water_density"] = self.water_density
         if self.floats and self.roles.base != "base_link":
             content["base_link"] = self.roles.base
         if len(self.tools) == 1:

@@ -45,7 +45,8 @@ def proposal_lines(
         )
         for name, entry in values["joints"].items():
             yield f"  {_flow(name)}: {_flow(entry)}"
-    yield from _link_lines(values["links"], sources, hull)
+    trimmed_link = "" if "volume" in draft.stated_of(hull) else hull
+    yield from _link_lines(values["links"], sources, trimmed_link)
     if description.thrusters:
         yield (
             "thrusters: # proposed: places and directions of the URDF; limits as vehicles of this"
@@ -61,7 +62,10 @@ def _role_lines(
     """Yield base, water, tools, open questions and sensors."""
     kind = "what floats" if draft.floats else "an arm that stands on something"
     yield f"base: {values['base']} # proposed: {kind}"
-    yield f"water_density: {description.water_density} # proposed: the sea; fresh water has 998"
+    density_source = "proposed: the sea; fresh water has 998"
+    if draft.simulator.density:
+        density_source = "as the file states for a simulator"
+    yield f"water_density: {description.water_density} # {density_source}"
     if description.base_link:
         yield (
             f"base_link: {_flow(description.base_link)} # proposed: the root, which stands for the"
@@ -92,7 +96,9 @@ def _loading_lines(loading: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {key}: {_flow(value)} # {_LOADING_SOURCES[key]}"
 
 
-def _link_lines(links: Mapping[str, Any], sources: Mapping[str, str], hull: str) -> Iterator[str]:
+def _link_lines(
+    links: Mapping[str, Any], sources: Mapping[str, str], trimmed_link: str
+) -> Iterator[str]:
     yield (
         "links: # proposed by shapes: added mass may be 0.5 to 1.5 times as large, drag 0.5 to 2"
         " times"
@@ -102,7 +108,7 @@ def _link_lines(links: Mapping[str, Any], sources: Mapping[str, str], hull: str)
         coefficients = link["coefficients"]
         yield f"    coefficients:{'' if coefficients else ' {}'}"
         for key, value in coefficients.items():
-            is_trim = key == "volume" and name == hull
+            is_trim = key == "volume" and name == trimmed_link
             source = " # proposed: so that it floats level" if is_trim else ""
             yield f"      {key}: {_flow(value)}{source}"
 

@@ -1,9 +1,10 @@
-"""Propose the coefficients in water of the links of a URDF by their shapes, and a volume of the hull
-with which the vehicle floats level.
+"""Propose the coefficients in water of the links of a URDF, as the file states them or by their
+shapes, and a volume of the hull with which the vehicle floats level.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from uvms_ocp.robot import hydrodynamics, link_boxes, static_balance
 from uvms_ocp.robot.coefficients import links_in_water
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.simulator_water import SimulatorWater
 from uvms_ocp.robot.unknowns import link_masses
 from uvms_ocp.robot.urdf import UrdfModels
 
@@ -27,15 +29,42 @@ are no hull, or in millimetres.
 _MIN_SIDE = 1e-3  # [m] of a box
 
 
-def links_by_shape(models: UrdfModels, *, floats: bool) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return coefficients by link, and where they come from: of the vehicle those of a box around
-    all that is fixed to it.
+def proposed_links(
+    models: UrdfModels, stated: Mapping[str, SimulatorWater], *, floats: bool
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return coefficients by link, and where they come from: those that the file states, and others
+    by shapes, of the vehicle those of a box around all that is fixed to it.
     """
+    links, sources = _links_by_shape(models, stated, floats=floats)
+    for name, water in stated.items():
+        if name not in links:
+            continue
+        coefficients = {**links[name]["coefficients"], **water.coefficients}
+        if water.coefficients.keys() & {"added_mass", "linear_drag", "quadratic_drag"}:
+            coefficients.pop("pose", None)  # at the link's origin, as they are stated
+        if "quadratic_drag" in water.coefficients:
+            coefficients["drag_by"] = "axes"
+        rest = coefficients.keys() - water.coefficients.keys() - {"pose", "drag_by"}
+        source = water.source
+        if rest:
+            source += f"; the rest: {sources[name]}"
+        links[name] = {"coefficients": coefficients}
+        sources[name] = source
+    return links, sources
+
+
+def _links_by_shape(
+    models: UrdfModels, stated: Mapping[str, SimulatorWater], *, floats: bool
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return coefficients by link by shapes alone, and where they come from."""
     descriptions = dict[str, Any]()
     sources = dict[str, str]()
-    hull = hull_of(models.model, floats=floats)
+    hull = hull_of(models.model, stated, floats=floats)
     vehicle_joint = 1 if floats else 0
-    for name, mass in link_masses(models.model).items():
+    for name, link_mass in link_masses(models.model).items():
+        mass = link_mass
+        if name == hull and mass <= 0.0:
+            mass = models.model.inertias[1].mass
         if mass <= 0.0:
             continue
         on_vehicle = _carrier(models.model, name) <= vehicle_joint
@@ -44,7 +73,7 @@ def links_by_shape(models: UrdfModels, *, floats: bool) -> tuple[dict[str, Any],
             sources[name] = "does not move"
         elif on_vehicle and name != hull:
             descriptions[name] = {"coefficients": {}}
-            sources[name] = f"in the box around {hull}"
+            sources[name] = f"in the water of {hull}"
         else:
             coefficients, source = _by_shape(models, name, mass, is_hull=name == hull)
             descriptions[name] = {"coefficients": coefficients}
@@ -52,17 +81,19 @@ def links_by_shape(models: UrdfModels, *, floats: bool) -> tuple[dict[str, Any],
     return descriptions, sources
 
 
-def hull_of(model: pin.Model, *, floats: bool) -> str:
-    """Return the link of the vehicle that has the coefficients: the heaviest; "" for none."""
+def hull_of(model: pin.Model, stated: Mapping[str, SimulatorWater], *, floats: bool) -> str:
+    """Return the link of the vehicle that has the coefficients: the one of which the file states
+    some, else the heaviest; "" for none.
+    """
     if not floats:
         return ""
     masses_on_vehicle = dict[str, float]()
     for name, mass in link_masses(model).items():
-        if mass > 0.0 and _carrier(model, name) == 1:
+        if _carrier(model, name) == 1 and (mass > 0.0 or name in stated):
             masses_on_vehicle[name] = mass
-    if not masses_on_vehicle:
-        return ""
-    return max(masses_on_vehicle, key=lambda name: masses_on_vehicle[name])
+    with_water = [name for name in masses_on_vehicle if name in stated]
+    candidates = with_water or [*masses_on_vehicle]
+    return max(candidates, key=lambda name: masses_on_vehicle[name], default="")
 
 
 def _carrier(model: pin.Model, link: str) -> int:
@@ -177,6 +208,6 @@ def trimmed(robot: Robot, links: dict[str, Any], hull: str) -> dict[str, Any]:
     centre[2] = robot.model.inertias[1].lever[2] + _LIFT
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     X_BF = robot.model.frames[robot.frame_id(hull)].placement
-    coefficients["volume"] = float(f"{total / (gravity * WATER_DENSITY):.6g}")
+    coefficients["volume"] = float(f"{total / (gravity * robot.description.water_density):.6g}")
     coefficients["centre_of_buoyancy"] = [float(f"{value:.6g}") for value in X_BF.actInv(centre)]
     return trimmed_links

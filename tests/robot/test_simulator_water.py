@@ -1,0 +1,138 @@
+"""Water that a URDF states for simulators is the robot's water, in its conventions; what is not used
+is named.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uvms_ocp.robot.proposal import RobotProposal, propose
+from uvms_ocp.robot.static_balance import static_residual
+
+ADDED = np.diag([12.0, 18.0, 25.0, 0.6, 1.1, 0.9])
+COUPLED = ADDED.copy()
+COUPLED[0, 4] = COUPLED[4, 0] = 0.5
+COUPLED[1, 3] = COUPLED[3, 1] = -0.3
+LINEAR = "-14 -16 -20 -1.5 -2 -1.8"
+QUADRATIC = "-55 -80 -120 -2 -3 -2.5"
+TO_STARBOARD_DOWN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
+
+
+def words(matrix: np.ndarray) -> str:
+    return "\n".join(" ".join(map(str, row)) for row in matrix.tolist())
+
+
+def uuv(
+    added: str = words(ADDED),
+    linear: str = LINEAR,
+    volume: str = "<volume>0.0335</volume><center_of_buoyancy>0.02 0 0.08</center_of_buoyancy>",
+    more: str = "",
+    link: str = "hull",
+    kind: str = "fossen",
+) -> str:
+    model = f"<type>{kind}</type><added_mass>{added}</added_mass>"
+    model += f"<linear_damping>{linear}</linear_damping>" if linear else ""
+    model += f"<quadratic_damping>{QUADRATIC}</quadratic_damping>{more}"
+    return (
+        "<gazebo><plugin name='uuv_plugin' filename='libuuv_underwater_object_ros_plugin.so'>"
+        f"<fluid_density>1028</fluid_density><link name='{link}'>{volume}"
+        f"<hydrodynamic_model>{model}</hydrodynamic_model></link></plugin></gazebo>"
+    )
+
+
+def gazebo(sign: float = -1.0, more: str = "") -> str:
+    names = ("xDotU", "yDotV", "zDotW", "kDotP", "mDotQ", "nDotR")
+    added = "".join(f"<{n}>{sign * m}</{n}>" for n, m in zip(names, np.diag(ADDED), strict=True))
+    return (
+        "<gazebo><plugin filename='gz-sim-hydrodynamics-system'"
+        " name='gz::sim::systems::Hydrodynamics'><link_name>hull</link_name>"
+        f"<water_density>1000</water_density>{added}<xU>-14</xU><xUabsU>-55</xUabsU><yVV>-80</yVV>"
+        f"{more}</plugin></gazebo>"
+    )
+
+
+def proposed(folder: Path, blocks: str) -> RobotProposal:
+    inertia = "<inertia ixx='0.6' iyy='1.1' izz='1.3' ixy='0' ixz='0' iyz='0'/>"
+    (folder / "robot.urdf").write_text(
+        "<robot name='r'><link name='hull'><inertial><mass value='30'/>"
+        f"{inertia}</inertial><collision><geometry><box size='0.6 0.4 0.3'/></geometry></collision>"
+        "</link><link name='skid'/><joint name='s' type='fixed'><parent link='hull'/>"
+        f"<child link='skid'/><origin xyz='0 0 -0.2'/></joint>{blocks}</robot>",
+        encoding="utf-8",
+    )
+    return propose(folder / "robot.urdf", base="free_flyer")
+
+
+def test_all_that_uuv_simulator_states_is_taken(tmp_path: Path) -> None:
+    proposal = proposed(tmp_path, uuv())
+    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    np.testing.assert_allclose(water.added_mass, ADDED)
+    np.testing.assert_allclose(np.diag(water.linear_drag), [14, 16, 20, 1.5, 2, 1.8])
+    np.testing.assert_allclose(np.diag(water.quadratic_drag), [55, 80, 120, 2, 3, 2.5])
+    assert water.volume == 0.0335
+    np.testing.assert_allclose(water.centre_of_buoyancy, [0.02, 0.0, 0.08])
+    assert proposal.robot.description.water_density == 1028.0
+    assert any(
+        line.startswith("water of hull: added mass, linear drag") for line in proposal.reasons
+    )
+    assert "as the file states for a simulator" in proposal.text
+
+
+def test_coupled_terms_are_turned_from_starboard_and_down(tmp_path: Path) -> None:
+    (water,) = [
+        w for w in proposed(tmp_path, uuv(words(COUPLED))).robot.hydrodynamics if w.frame == "hull"
+    ]
+    v = np.random.default_rng(3).normal(size=6)
+    theirs = TO_STARBOARD_DOWN * v
+    assert v @ water.added_mass @ v == pytest.approx(theirs @ COUPLED @ theirs)
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Path) -> None:
+    proposal = proposed(tmp_path, gazebo(sign))
+    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    np.testing.assert_allclose(water.added_mass, ADDED)
+    np.testing.assert_allclose(np.diag(water.linear_drag), [14, 0, 0, 0, 0, 0])
+    np.testing.assert_allclose(np.diag(water.quadratic_drag), [55, 80, 0, 0, 0, 0])
+    force, moment = static_residual(proposal.robot, proposal.robot.configuration())
+    assert abs(force) < 0.05  # the plugin has no volume: it is proposed
+    assert np.abs(moment).max() < 0.05
+
+
+@pytest.mark.parametrize(
+    ("blocks", "said"),
+    [
+        (uuv(link="keel"), "no such link"),
+        (uuv(kind="cylinder"), "type 'cylinder' is not read"),
+        (
+            uuv(more="<linear_damping_forward_speed>1</linear_damping_forward_speed>"),
+            "not modelled",
+        ),
+        (uuv(linear="14 16 20 1 2 1"), "linear drag is not used"),
+        (uuv(added="1 2 3"), "added mass is not used"),
+        (gazebo(more="<xUabsV>3</xUabsV>"), "<xUabsV> is not modelled"),
+        ("<gazebo><plugin name='t' filename='libuuv_thruster_ros_plugin.so'/></gazebo>", "curves"),
+    ],
+)
+def test_what_is_not_used_is_named(blocks: str, said: str, tmp_path: Path) -> None:
+    reasons = proposed(tmp_path, blocks).reasons
+    assert any(line.startswith("not read: ") and said in line for line in reasons)
+
+
+def test_what_is_not_stated_is_proposed(tmp_path: Path) -> None:
+    by_shape = proposed(tmp_path, "").robot.hydrodynamics[0]
+    proposal = proposed(tmp_path, uuv(linear=""))
+    (water,) = [w for w in proposal.robot.hydrodynamics if w.frame == "hull"]
+    np.testing.assert_allclose(water.linear_drag, by_shape.linear_drag)
+    assert "; the rest: box around its shapes" in proposal.text
+
+
+def test_water_of_a_link_without_mass_is_the_hulls(tmp_path: Path) -> None:
+    robot = proposed(tmp_path, uuv(link="skid")).robot
+    wet = {w.frame: w for w in robot.hydrodynamics}
+    np.testing.assert_allclose(wet["skid"].added_mass, ADDED)
+    assert not np.any(wet["hull"].added_mass)
+    assert wet["hull"].volume == 0.0
