@@ -65,17 +65,31 @@ def test_rotors_come_along_with_an_arm_that_is_mounted(bare: Robot) -> None:
     assert mounted.model.armature.sum() == ROTOR
 
 
-@pytest.mark.parametrize("gear", [1.0, 50.0])
-def test_full_effort_brings_a_proposed_rotor_to_full_speed_in_a_time_that_no_gear_changes(
-    gear: float, tmp_path: Path
-) -> None:
+def ur5_with_gear(folder: Path, gear: float) -> Robot:
     plain = example_robot_data() / "robots/ur_description/urdf/ur5_robot.urdf"
     text = plain.read_text(encoding="utf-8")
     effort = re.compile(r'effort="([^"]+)" (.*?)velocity="([^"]+)"')
     geared = effort.sub(
         lambda m: f'effort="{float(m[1]) * gear}" {m[2]}velocity="{float(m[3]) / gear}"', text
     )
-    (tmp_path / "ur5.urdf").write_text(geared, encoding="utf-8")
-    robot = propose(tmp_path / "ur5.urdf", loading={"meshes": "no"}).robot
-    time = robot.model.armature[robot.joint_v] * robot.limits.velocity / robot.limits.effort
-    np.testing.assert_allclose(time, 0.03, rtol=0.01)
+    (folder / "ur5.urdf").write_text(geared, encoding="utf-8")
+    return propose(folder / "ur5.urdf", loading={"meshes": "no"}).robot
+
+
+@pytest.mark.parametrize("gear", [0.5, 1.0, 50.0])
+def test_full_effort_brings_a_proposed_rotor_to_full_speed_in_a_time_that_no_gear_changes(
+    gear: float, tmp_path: Path
+) -> None:
+    robot = ur5_with_gear(tmp_path, gear)
+    M = pin.crba(robot.model, robot.model.createData(), pin.neutral(robot.model))
+    moved = np.diag(M)[robot.joint_v] - robot.model.armature[robot.joint_v]
+    by_motor = 0.03 * robot.limits.effort / robot.limits.velocity
+    rotors = robot.model.armature[robot.joint_v]
+    np.testing.assert_allclose(rotors, np.minimum(by_motor, np.maximum(moved, 0.01)), rtol=0.01)
+
+
+def test_a_proposed_rotor_does_not_hide_the_arm_that_it_moves(tmp_path: Path) -> None:
+    robot = ur5_with_gear(tmp_path, 50.0)
+    M = pin.crba(robot.model, robot.model.createData(), pin.neutral(robot.model))
+    rotors = robot.model.armature[robot.joint_v]
+    assert (rotors <= np.maximum(0.5 * np.diag(M)[robot.joint_v], 0.01) * 1.01).all()

@@ -25,6 +25,8 @@ SPIN_UP = 0.03
 """[s] in which full effort brings the rotor of a joint alone to full speed: mechanical time
 constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit.
 """
+_SMALLEST_ROTOR = 0.01  # [kg m2] up to which a geared motor may exceed what it moves
+_SMALLEST_SLIDE = 1.0  # [kg] likewise of a joint that slides
 _FINGERS = (
     "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock`"
     " each is its own"
@@ -264,7 +266,8 @@ class ProposalDraft:
             }
         model = self.models.model
         joints = limits.joints_of(model, free_flyer=self.floats)
-        content["joints"] = {joint.name: _motor(model, joint) for joint in joints}
+        moved = _moved_inertias(model)
+        content["joints"] = {joint.name: _motor(model, joint, moved) for joint in joints}
         content["links"] = links
         if self.thrusters:
             content["thrusters"] = self._thruster_entries()
@@ -304,9 +307,15 @@ class ProposalDraft:
         return entries
 
 
-def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
+def _moved_inertias(model: pin.Model) -> np.ndarray:
+    """Return the inertia (n_v,) [kg, kg m2] that each joint alone moves, in the neutral posture."""
+    M = pin.crba(model, model.createData(), pin.neutral(model))
+    return np.asarray(np.diag(M))
+
+
+def _motor(model: pin.Model, joint: limits.Joint, moved: np.ndarray) -> dict[str, float]:
     """Return half a second to full speed, and the rotor that full effort brings there in `SPIN_UP`,
-    whatever the gear.
+    whatever the gear, but no larger than what it moves: it would hide the arm and its load.
     """
     speed = float(model.upperVelocityLimit[joint.idx_v])
     effort = float(model.upperEffortLimit[joint.idx_v])
@@ -314,5 +323,8 @@ def _motor(model: pin.Model, joint: limits.Joint) -> dict[str, float]:
         return {"acceleration": 1.0}
     motor = {"acceleration": float(f"{2.0 * speed:.3g}")}
     if 0.0 < effort < 1e4:
-        motor["rotor_inertia"] = float(f"{SPIN_UP * effort / speed:.3g}")
+        smallest = _SMALLEST_SLIDE if joint.slides else _SMALLEST_ROTOR
+        largest = max(float(moved[joint.idx_v]), smallest)
+        rotor = min(SPIN_UP * effort / speed, largest)
+        motor["rotor_inertia"] = float(f"{rotor:.3g}")
     return motor

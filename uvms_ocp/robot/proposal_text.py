@@ -38,7 +38,9 @@ def proposal_lines(
         for key, row in values["vehicle_limits"].items():
             yield f"  {key}: {_flow(row)}"
     if description.joints:
-        rotors = f"rotors that full effort alone brings there in {SPIN_UP:g} s"
+        rotors = (
+            f"rotors that full effort alone brings there in {SPIN_UP:g} s, or as heavy as the arm"
+        )
         yield (
             "joints: # proposed: half a second to full speed, or 1 where the URDF has no limit of"
             f" it; {rotors}"
