@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot import hydrodynamics, link_boxes, static_balance
-from uvms_ocp.robot.coefficients import links_in_water
+from uvms_ocp.robot.coefficients import links_in_water, placement_of
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.simulator_water import SimulatorWater
-from uvms_ocp.robot.unknowns import link_masses
+from uvms_ocp.robot.unknowns import link_inertia, link_masses
 from uvms_ocp.robot.urdf import UrdfModels
 
 WATER_DENSITY = 1025.0
@@ -110,32 +110,37 @@ def _by_shape(
     model = models.model
     if is_hull:
         joint = _carrier(model, name)
+        inertia = model.frames[model.getFrameId(name)].placement.actInv(model.inertias[joint])
         source = "box around its shapes"
     else:
         joint = None
+        inertia = link_inertia(model, name)
         source = "cylinder around its shapes"
-    corners = link_boxes.box_around(model, models.collision, name, joint=joint)
-    if np.isnan(corners).any():
-        corners = link_boxes.box_around(model, models.visual, name, joint=joint)
-    if np.isnan(corners).any() or _is_too_large(np.ptp(corners, axis=0), mass):
-        corners = _box_by_inertia(model, name, mass)
+    box = link_boxes.smallest_box(model, models.collision, name, joint=joint)
+    if box is None:
+        box = link_boxes.smallest_box(model, models.visual, name, joint=joint)
+    if box is None or _is_too_large(box.size, mass):
+        box = _box_by_inertia(inertia, mass)
         source = "box with its mass and inertia, as it has no fitting shapes"
-    size = np.ptp(corners, axis=0)
-    centre = corners.mean(axis=0)
-    cylinder = None if is_hull else link_boxes.cylinder_in(corners)
+    cylinder = None if is_hull else link_boxes.cylinder_in(box.corners)
     if cylinder is None:
-        box = Box(
-            size=tuple(np.maximum(size, _MIN_SIDE).tolist()),
-            pose=Pose(position=tuple(centre.tolist())),
-            drag_by="flow",
-        )
-        link = LinkDescription(box=box)
+        sides = np.maximum(box.size, _MIN_SIDE).tolist()
+        pose = _pose(box.rotation, box.centre)
+        link = LinkDescription(box=Box(size=tuple(sides), pose=pose, drag_by="flow"))
     else:
-        link = LinkDescription(cylinder=cylinder)
+        X_BC = placement_of(cylinder.pose)
+        pose = _pose(box.rotation @ X_BC.rotation, box.centre)
+        link = LinkDescription(cylinder=cylinder.model_copy(update={"pose": pose}))
     description = RobotDescription(links={name: link}, water_density=WATER_DENSITY)
     (water,) = links_in_water(description)
-    sides = " x ".join(f"{side:.3g}" for side in size)
-    return _coefficients(water, mass), f"{source}, {sides} m"
+    sides_text = " x ".join(f"{side:.3g}" for side in box.size)
+    return _coefficients(water, mass), f"{source}, {sides_text} m"
+
+
+def _pose(rotation: np.ndarray, position: np.ndarray) -> Pose:
+    return Pose(
+        position=tuple(position.tolist()), rpy=tuple(pin.rpy.matrixToRpy(rotation).tolist())
+    )
 
 
 def _is_too_large(size: np.ndarray, mass: float) -> bool:
@@ -143,19 +148,21 @@ def _is_too_large(size: np.ndarray, mass: float) -> bool:
     return bool(np.prod(size) * WATER_DENSITY > _MAX_DENSITY_RATIO * max(mass, 1.0))
 
 
-def _box_by_inertia(model: pin.Model, name: str, mass: float) -> np.ndarray:
-    """Return corners (2, 3) [m] of a box that has the moments of a link, or of one as heavy as
-    water where it has none.
+def _box_by_inertia(inertia: pin.Inertia, mass: float) -> link_boxes.TurnedBox:
+    """Return a box that has the principal moments of a link, along their axes, or a cube as heavy as
+    water where no box has them.
     """
-    frame = model.frames[model.getFrameId(name)]
-    inertia = frame.placement.actInv(model.inertias[frame.parentJoint])
-    a, b, c = np.diag(inertia.inertia)
+    _, principal_axes = np.linalg.eigh(inertia.inertia)
+    rotation = link_boxes.nearest_axes(principal_axes)
+    a, b, c = np.diag(rotation.T @ inertia.inertia @ rotation)
     squared_sides = 6.0 / max(inertia.mass, 1e-9) * np.array([b + c - a, c + a - b, a + b - c])
     cube = np.full(3, (mass / WATER_DENSITY) ** (1 / 3))
     size = np.sqrt(squared_sides) if (squared_sides > 0.0).all() else cube
     if _is_too_large(size, mass):
         size = cube
-    return np.array([inertia.lever - size / 2, inertia.lever + size / 2])
+    middle = rotation.T @ inertia.lever
+    corners = np.array([middle - size / 2, middle + size / 2])
+    return link_boxes.TurnedBox(rotation=rotation, corners=corners)
 
 
 def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[str, Any]:

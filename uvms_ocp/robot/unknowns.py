@@ -86,6 +86,23 @@ def link_masses(model: pin.Model) -> dict[str, float]:
     return masses
 
 
+def link_inertia(model: pin.Model, link: str) -> pin.Inertia:
+    """Return the inertia of a link alone, in its frame, without what is fixed to it; see
+    `link_masses`.
+    """
+    frame = model.frames[model.getFrameId(link)]
+    above = model.frames[frame.parentFrame]
+    if frame.inertia.mass:
+        return frame.inertia
+    if above.type == pin.FrameType.FIXED_JOINT:
+        return frame.placement.actInv(above.placement.act(above.inertia))
+    own = model.inertias[frame.parentJoint].toDynamicParameters()
+    for other in model.frames:
+        if other.parentJoint == frame.parentJoint and other.inertia.mass:
+            own -= other.placement.act(other.inertia).toDynamicParameters()
+    return frame.placement.actInv(pin.Inertia.FromDynamicParameters(own))
+
+
 def joints_without_inertia(model: pin.Model, M: np.ndarray) -> Iterator[str]:
     """Yield, for each joint that a mass matrix M (n_v, n_v) [kg, kg m2] gives nothing to move,
     which links are behind it.
