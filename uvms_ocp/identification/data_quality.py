@@ -14,6 +14,7 @@ from uvms_ocp.identification.rate_checks import PARTNER, of_rates
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
 from uvms_ocp.identification.sample_checks import has_times, of_poses, of_samples
 from uvms_ocp.identification.stuck_checks import of_stuck
+from uvms_ocp.identification.stuck_column_checks import of_stuck_columns
 from uvms_ocp.record.row_files import forget
 
 
@@ -47,9 +48,10 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
         forget(channel.values for channel in sound.values())
-    # By other axes no vehicle follows its commands.
+    # By other axes no vehicle follows its commands, and no column is that of its axis.
     has_other_axes = any(name in PARTNER and "its axes fit" in text for name, text in issues)
     if not has_other_axes:
+        issues += of_stuck_columns(remaining)
         issues += of_commands(remaining)
         forget(channel.values for channel in sound.values())
     return tuple(QualityIssue(channel=name, problem=text) for name, text in issues)
