@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import linear_problem
 import numpy as np
 import pytest
 from driven import drive, known, vehicle_of
 
 from uvms_ocp.identification.fit import Search, _some, resumed_search, search_fit
 from uvms_ocp.identification.model import Vehicle, stage_of
-from uvms_ocp.identification.output_error import FitStatus, Noise, OutputErrorProblem
+from uvms_ocp.identification.output_error import (
+    FitStatus,
+    Noise,
+    NormalEquations,
+    OutputErrorProblem,
+    SearchPoint,
+)
 from uvms_ocp.identification.parameters import Free
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
 
@@ -108,3 +115,17 @@ def test_long_recordings_are_searched_along_some_minutes_first_and_give_the_same
     )
     assert fitted.own.keys() == wanted.own.keys()
     assert len(fitted.starts) == len(wanted.starts)
+
+
+def test_equations_that_have_no_solution_end_as_a_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = linear_problem.problem()
+    error = found.problem()
+    blocks = OutputErrorProblem.blocks
+
+    def indefinite(problem: OutputErrorProblem, point: SearchPoint) -> list[NormalEquations]:
+        return [replace(one, H_starts=-one.H_starts) for one in blocks(problem, point)]
+
+    monkeypatch.setattr(OutputErrorProblem, "blocks", indefinite)
+    estimate = error.solve(error.start())
+    assert estimate.status is FitStatus.STALLED
+    assert np.isfinite(estimate.information).all()

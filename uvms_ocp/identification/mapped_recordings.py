@@ -376,6 +376,11 @@ def _samples(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> r
     else:
         send_times = even_send_times(times, mapping.sent_every)
     t, first = np.unique(send_times, return_index=True)
+    if len(t) < 2:
+        raise InvalidInput(
+            f"{key}: all {n_valid} samples have the time {t[0]:g} s; give as time another column or"
+            " field that rises, or the period [s] of rows"
+        )
     return recordings.Channel(
         t=t,
         values=_converted(key, mapping, rows[first, 1:]),

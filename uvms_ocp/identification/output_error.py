@@ -362,6 +362,8 @@ class OutputErrorProblem:
         """
         if not self._n:
             return 0.0
+        if not self._is_solvable(point, blocks):
+            return np.inf
         H, g, _ = self._reduced(point, blocks, 0.0)
         if self._pull is not None:
             stiff, force = self._pull.normal(point.shared)
@@ -384,7 +386,11 @@ class OutputErrorProblem:
         """
         present_cost = self._total(point, [block.cost for block in blocks])
         for _ in range(8):
-            next_point = self._moved(point, blocks, damping, frozen)
+            try:
+                next_point = self._moved(point, blocks, damping, frozen)
+            except np.linalg.LinAlgError:  # rounding has left no positive definite matrix
+                damping *= 8.0
+                continue
             next_blocks = self.blocks(next_point)  # with slopes, as most steps are taken
             cost = self._total(next_point, [block.cost for block in next_blocks])
             if np.isfinite(cost) and cost < present_cost and finite(next_blocks):
@@ -436,10 +442,20 @@ class OutputErrorProblem:
         eliminations = [part[2] for part in parts]
         return H, g, eliminations
 
+    def _is_solvable(self, point: SearchPoint, blocks: list[NormalEquations]) -> bool:
+        """Check whether the undamped normal equations have a solution."""
+        try:
+            self._reduced(point, blocks, 0.0)
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
     def _estimate(
         self, point: SearchPoint, blocks: list[NormalEquations], status: FitStatus, iterations: int
     ) -> Estimate:
-        informative = [] if status is FitStatus.RUNS_AWAY else blocks  # of which nothing is learnt
+        informative = blocks
+        if status is FitStatus.RUNS_AWAY or not self._is_solvable(point, blocks):
+            informative = []  # of which nothing is learnt
         names = [group[0].recording for group in self._recordings]
         return Estimate(
             shared=point.shared,

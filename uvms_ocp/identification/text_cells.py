@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from datetime import datetime, timezone
 
 from uvms_ocp.errors import InvalidInput
@@ -42,6 +43,11 @@ def is_number(cell: str, decimal: str) -> bool:
     return any(pattern.fullmatch(cell) for pattern in patterns)
 
 
+def is_grouped(cell: str) -> bool:
+    """Recognise a number whose digits stand in groups of three, such as 1,234; none begins by 0."""
+    return bool(_GROUPED.fullmatch(cell)) and not cell.lstrip("+-").startswith("0")
+
+
 def decimal_sign(cells: Iterable[str]) -> str:
     """Return the sign before decimals that more of the cells have, ``.`` where none decides."""
     n_commas = 0
@@ -69,7 +75,7 @@ def read_unusual_cell(cell: str, column: str, row: int, time_format: str) -> flo
     if _GROUPED.fullmatch(cell):
         return float(cell.replace(",", ""))
     if time_format:
-        return datetime.strptime(cell, time_format).replace(tzinfo=timezone.utc).timestamp()
+        return _given_time(cell, column, row, time_format)
     time = _TIME.fullmatch(cell)
     if not time:
         cell_text = f"row {row}, column {column!r}: {cell[:40]!r} is no number"
@@ -79,6 +85,19 @@ def read_unusual_cell(cell: str, column: str, row: int, time_format: str) -> flo
             " like"
         )
     return _seconds(time)
+
+
+def _given_time(cell: str, column: str, row: int, time_format: str) -> float:
+    """Read a time [s] of a given form, in which whole seconds may lack their fraction. Raises
+    InvalidInput.
+    """
+    for form in (time_format, re.sub(r"[.,]?%f", "", time_format)):
+        with suppress(ValueError):
+            return datetime.strptime(cell, form).replace(tzinfo=timezone.utc).timestamp()
+    raise InvalidInput(
+        f"row {row}, column {column!r}: {cell[:40]!r} is no time of the form {time_format!r}; give"
+        " table: {time: FORM} as its times have it"
+    )
 
 
 def _seconds(time: re.Match[str]) -> float:

@@ -29,6 +29,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound, optional_module, require
 from uvms_ocp.identification.recording import unit_named
 from uvms_ocp.identification.text_cells import (
     decimal_sign,
+    is_grouped,
     is_missing,
     is_number,
     read_unusual_cell,
@@ -346,9 +347,11 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _decimal(table: Sequence[_Row], delimiter: str) -> str:
+    cells = chain.from_iterable(row.cells for row in table)
     if delimiter == ",":
-        return "."
-    return decimal_sign(chain.from_iterable(row.cells for row in table))
+        # Only a cell in quotes has a comma, which may also stand between groups of digits.
+        return decimal_sign(cell for cell in cells if not is_grouped(cell))
+    return decimal_sign(cells)
 
 
 def _first_row(table: Sequence[_Row], decimal: str) -> int:
