@@ -33,6 +33,8 @@ _FOREIGN = 0.5  # of all rows, above which those without any cell are of other c
 _LARGEST_ANGLE = 2.5 * np.pi
 # of the usual interval, within which a message that says the same again is the same message
 _AT_ONCE = 0.05
+_NORM_ERROR = 0.05  # of a quaternion, beyond what few digits make of it
+_OFTEN = 0.01  # of all samples, from which on such norms are no outliers
 _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 """Least number of a time since 1970 in each unit: read as seconds it would be some thousand
 years.
@@ -308,6 +310,8 @@ def _doubts(
         if recordings.CHANNEL_KINDS[key].command:
             text += ", and a fit takes the command before them for what was asked"
         yield key, text
+    if key == "attitude" and mapping.format != "rpy":
+        yield from (("attitude", text) for text in _norm_doubts(rows[:, 1:]))
     geographic = [name for name in mapping.fields if _is_geographic(name)]
     if key == "position" and geographic:
         yield (
@@ -325,6 +329,21 @@ def _doubts(
                 f"yaw up to {np.nanmax(np.abs(rows[:, 3])):.4g} rad: in deg? give its unit, deg, or"
                 " rad where it is so"
             ),
+        )
+
+
+def _norm_doubts(quaternions: np.ndarray) -> Iterator[str]:
+    """Yield a doubt about quaternions (n, 4) of which some are far from norm 1; NaN and zeros are
+    none.
+    """
+    norms = np.linalg.norm(quaternions, axis=1)
+    norms = norms[np.isfinite(norms) & (norms > 0.0)]
+    is_far = np.abs(norms - 1.0) > _NORM_ERROR
+    if is_far.sum() > _OFTEN * len(norms):
+        yield (
+            f"{is_far.sum()} of {len(norms)} quaternions have a norm of {norms[is_far].min():.3g} to"
+            f" {norms[is_far].max():.3g}, and those of attitudes have 1: other columns, another format"
+            " or scale?"
         )
 
 
