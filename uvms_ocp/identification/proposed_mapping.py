@@ -36,6 +36,8 @@ _SUFFIX = re.compile(_TABLE["unit"])
 _NOTHING = re.compile("$.")
 _JOINT_STATE = {"name", "position", "velocity", "effort"}
 """Fields of a message about joints, as in ROS: names beside arrays."""
+_MIXED_UNITS = ("position",)
+"""Channels whose columns may have a unit each: a depth is of another sensor than x and y."""
 _COPIED_KEYS = ("format", "frame", "world", "body", "offset", "scale")
 """Keys of a mapping that a form may say."""
 
@@ -171,10 +173,14 @@ def _keys_of(
 ) -> dict[str, Any]:
     """Return what a form, and units in the names of columns, say of a channel."""
     keys = {key: form[key] for key in _COPIED_KEYS if key in form}
-    units = {_unit_of(name) for name in columns if isinstance(name, str)}
-    allowed_units = channel_mapping.units_of(form["channel"], form.get("format")).keys()
-    if len(units) == 1 and units <= allowed_units:
-        keys["unit"] = units.pop()
+    units = [_unit_of(name) if isinstance(name, str) else "" for name in columns]
+    measured_units = {unit for name, unit in zip(columns, units, strict=True) if name != 0.0}
+    known_units = measured_units - {""}
+    factors = channel_mapping.units_of(form["channel"], form.get("format"))
+    if len(measured_units) == 1 and measured_units <= factors.keys():
+        keys["unit"] = measured_units.pop()
+    elif form["channel"] in _MIXED_UNITS and known_units and known_units <= factors.keys():
+        keys["scale"] = [factors.get(unit, 1.0) for unit in units]
     rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
     if rows:
         keys["rows"] = rows
