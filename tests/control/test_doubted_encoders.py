@@ -1,5 +1,5 @@
-"""Whatever becomes of an encoder of a robot that has sensors of its joint rates too, the arm does not
-fall, and stays within its velocity limits.
+"""Whatever becomes of an encoder, the arm does not fall: with sensors of joint rates it stays within
+its velocity limits, without them brakes lock it before it is much beyond.
 """
 
 from __future__ import annotations
@@ -41,8 +41,10 @@ FAULTS = (
 QUICK = {(ROBOTS[0], "joint3_position:bias=0.3", 0.02)}
 
 
-def hover(name: str, dt: float, faults: str) -> Scenario:
-    """A robot that keeps its place and its arm at home until the end."""
+def hover(name: str, dt: float, faults: str, rates: SensorSpec | None = RATES) -> Scenario:
+    """A robot that keeps its place and its arm at home until the end; rates: sensor of its joint
+    rates.
+    """
     robot = load_robot(name)
     tasks = [
         JointLimits(),
@@ -64,7 +66,7 @@ def hover(name: str, dt: float, faults: str) -> Scenario:
         start=run.start(pose_at((0.0, 0.0, -15.0))),
         markers={},
     )
-    return replace(scenario, sensors=replace(scenario.specs, joint_velocities=RATES))
+    return replace(scenario, sensors=replace(scenario.specs, joint_velocities=rates))
 
 
 def runs() -> list[object]:
@@ -88,3 +90,19 @@ def test_no_fault_of_an_encoder_makes_the_arm_whip(name: str, faults: str, dt: f
     soon = (record["t"] >= ONSET) & (record["t"] <= ONSET + 0.5)
     assert rates[soon].max() <= 1.2
     assert rates[~soon].max() <= 1.02
+
+
+@pytest.mark.slow
+@long_without_compiler
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+@pytest.mark.parametrize("faults", ["joint2_position:bias=-0.5", "joint2_position:bias=0.3"])
+def test_brakes_lock_an_arm_that_falls_from_a_posture_that_nothing_else_tells(
+    faults: str, dt: float
+) -> None:
+    """A jump of 0.5 rad at 20 Hz was followed by 21 times the velocity limit, stop to stop."""
+    scenario = hover(ROBOTS[0], dt, faults, rates=None)
+    record = scenario.run()
+    rates = np.abs(record["v"][:, 6:]) / scenario.robot.limits.velocity[6:]
+    assert rates.max() <= 1.25
+    home = record["q"][0, 7:]
+    assert np.abs(record["q"][:, 7:] - home).max() <= 0.35

@@ -255,7 +255,7 @@ def command_plant(
             )
     loop.braked = force.locks
     _end_tick(loop, tick)
-    if force.detection.changed or not force.possible:
+    if force.detection.changed or force.overspeed.joint >= 0 or not force.possible:
         loop.stop = LOOK
 
 

@@ -145,8 +145,7 @@ class DynamicController(TableDisplay):
         encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_JOINT_CHANNELS)
         joint_rates_lost = any(item.channel == JOINT_RATES for item in bounds.lost)
         outputs = self._ticked(sound, tick.t, encoders_trusted, joint_rates_lost)
-        if self._detection.changed and self.monitor is not None:
-            self._update_monitor(self.monitor, tick.t)
+        self._report(tick.t)
         return self._to_command(command, outputs)
 
     @property
@@ -167,6 +166,16 @@ class DynamicController(TableDisplay):
         distress = self.kinematic.memory.distress  # of the force layer in the tick before
         feedback = self._feedback(bool(distress.short), distress.push, distress.spent)
         self.kinematic.catch_up(estimate, t, ticks, feedback)
+        self._report(t)
+
+    def _report(self, t: float) -> None:
+        """Log what was found out at time t [s]."""
+        joint = self.memory.overspeed.joint
+        if joint >= 0:
+            lock = self.memory.overspeed.lock
+            name = self._robot.joint_names[joint]
+            alarm = f"{name} about to be faster than it may, unasked: brakes locked for {lock:g} s"
+            self.kinematic.watchdog.alarms.append((t, alarm))
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)
 

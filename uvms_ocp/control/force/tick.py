@@ -26,6 +26,11 @@ from uvms_ocp.control.faults.verdicts import (
     effective_thrust,
 )
 from uvms_ocp.control.force import allocation as thrust_allocation, tick_functions
+from uvms_ocp.control.force.overspeed import (
+    OverspeedMemory,
+    locks_at_overspeed,
+    start_overspeed,
+)
 from uvms_ocp.control.velocity.tick import damps_turns, is_blind, is_stopped
 from uvms_ocp.control.velocity.tick_memory import TickMemory
 from uvms_ocp.errors import InvalidInput
@@ -79,6 +84,7 @@ class ForceMemory(Layout):
     """Effectiveness of the thrusters that commands reckon with."""
     state: tick_functions.ForceState
     detection: FaultDetection
+    overspeed: OverspeedMemory
     allocation: thrust_allocation.AllocationMemory
     # found
     transferred: tick_functions.ForceState
@@ -105,6 +111,7 @@ def begin_force(m: ForceMemory) -> None:
     for i in range(m.allocation.count):
         m.detection.effectiveness.share[i] = 1.0
     apply_detected_effectiveness(m)
+    start_overspeed(m.overspeed)
 
 
 def force_step(m: ForceMemory) -> bool:
@@ -119,7 +126,15 @@ def force_step(m: ForceMemory) -> bool:
         # Whatever is wrong with positions, the rates that are fed back are in time.
         m.inputs.joint_feedback[0] = 1.0
     m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
-    if m.brakes or m.joint_age > _ENCODER_SILENCE + m.joints_late:
+    too_fast = locks_at_overspeed(
+        m.overspeed,
+        m.detection.n_vehicle,
+        m.inputs.v,
+        m.inputs.reference,
+        not m.encoders_trusted,
+        m.t,
+    )
+    if m.brakes or too_fast or m.joint_age > _ENCODER_SILENCE + m.joints_late:
         m.inputs.joints[0] = 0.0
     else:
         m.inputs.joints[0] = 1.0
@@ -370,6 +385,9 @@ class ForceTick:
         thrust_allocation.allocation_of(robot).write(memory.allocation)
         memory.detection.n_vehicle = robot.n_vehicle
         memory.detection.joints.count = robot.n_joints
+        memory.overspeed.count = robot.n_joints
+        joint_limits = robot.limits.velocity[robot.joint_v].tolist()
+        memory.overspeed.limit[: robot.n_joints] = joint_limits
         if (
             laws.search is not None
             and laws.residual_filter is not None

@@ -409,6 +409,8 @@ def _observed(
 ) -> ForceState:
     """Update the observer; where the velocity is not trusted, keep the estimate, or zero it where
     the robot is stopped.
+
+    Of joints that brakes lock it is kept too: what the brakes bear is no disturbance.
     """
     wrench = ca.mtimes(laws.matrix, effectiveness.given(observed.thrust))
     force = ca.vertcat(wrench[: laws.robot.n_vehicle], observed.torque)
@@ -421,11 +423,15 @@ def _observed(
     updated = law.after(before, laws.velocity.dynamics, inputs.q, inputs.v, force, observed.share)
     choose = partial(ca.if_else, inputs.hold)
     kept_estimate = ca.if_else(inputs.stop, 0.0, observed.estimate)
+    estimate = choose(kept_estimate, updated.estimate)
+    lead = choose(observed.lead, updated.lead)
+    v_hat = choose(observed.v_hat, updated.v_hat)
+    unless_locked = partial(ca.if_else, inputs.joints)
     return replace(
         observed,
-        estimate=choose(kept_estimate, updated.estimate),
-        lead=choose(observed.lead, updated.lead),
-        v_hat=choose(observed.v_hat, updated.v_hat),
+        estimate=_by_part(laws, estimate, unless_locked(estimate, kept_estimate)),
+        lead=_by_part(laws, lead, unless_locked(lead, observed.lead)),
+        v_hat=_by_part(laws, v_hat, unless_locked(v_hat, inputs.v)),
         follows=choose(0.0, updated.follows),
     )
 

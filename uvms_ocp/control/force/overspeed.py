@@ -1,0 +1,86 @@
+"""Lock the brakes where a joint whose position was doubted is about to outrun its velocity limit, and
+nobody asked it to: an arm whose weight is made up for in another posture than its own falls, however
+it is fed back.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+
+_TICKS_TO_ACT = 2.0  # until brakes act on what is seen
+_UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
+_DOUBTFUL = 10.0  # [s] after a doubt for which a posture may be another one
+_SHORTEST_LOCK = 0.5  # [s]
+_LONGEST_LOCK = 64.0  # [s]
+_LONGER = 8.0  # times the lock before it is the lock of a joint that falls again
+
+
+class OverspeedMemory(Layout):
+    """Velocity limits of the joints, and until when brakes are locked."""
+
+    count: int
+    """Joints."""
+    limit: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] largest velocities."""
+    before: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad/s or m/s] velocities of the tick before."""
+    doubted_until: float
+    """[s]"""
+    locked_until: float
+    """[s]"""
+    lock: float
+    """[s] duration of the last lock, 0 before the first since the posture was sound."""
+    joint: int
+    """Joint that locked the brakes in this tick, -1 for none."""
+
+
+def start_overspeed(w: OverspeedMemory) -> None:
+    """Initialise the memory: no posture is doubtful."""
+    w.doubted_until = -math.inf
+    w.locked_until = -math.inf
+    w.joint = -1
+
+
+def locks_at_overspeed(
+    w: OverspeedMemory, first: int, v: Vector, reference: Vector, doubted: bool, t: float
+) -> bool:
+    """Return whether brakes are to be locked at time t [s].
+
+    first: index of the first joint in v (n_v,) [m/s, rad/s] as estimated, and in the reference
+    (n_v,). doubted: encoders are, or rates of joints. Every lock is longer than the one before it.
+    """
+    if doubted:
+        w.doubted_until = t + _DOUBTFUL
+    w.joint = _fastest_unasked(w, first, v, reference)
+    if t < w.locked_until:
+        w.joint = -1
+        return True
+    if t > w.doubted_until:
+        w.joint = -1
+        w.lock = 0.0
+        return False
+    if w.joint < 0:
+        return False
+    w.lock = min(max(_SHORTEST_LOCK, _LONGER * w.lock), _LONGEST_LOCK)
+    w.locked_until = t + w.lock
+    w.doubted_until = max(w.doubted_until, w.locked_until + _DOUBTFUL)
+    return True
+
+
+def _fastest_unasked(w: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
+    """Return the joint that is about to be the farthest beyond its limit, -1 for none."""
+    joint = -1
+    largest_excess = 0.0
+    for j in range(w.count):
+        rate = v[first + j]
+        expected = rate + _TICKS_TO_ACT * (rate - w.before[j])
+        excess = max(abs(rate), abs(expected)) - w.limit[j]
+        w.before[j] = rate
+        is_unasked = abs(rate - reference[first + j]) > _UNASKED * w.limit[j]
+        if is_unasked and excess > largest_excess:
+            largest_excess = excess
+            joint = j
+    return joint
