@@ -160,52 +160,56 @@ class RestrictionMemory(Layout):
     """(n_channels,) which channels that is due to."""
 
 
-def restrict(r: RestrictionMemory, t: float, altitude_matters: bool) -> None:
+def restrict(restriction: RestrictionMemory, t: float, altitude_matters: bool) -> None:
     """Combine all modes that apply at t [s] to the channels in the memory. A kernel."""
-    _nothing(r)
-    for c in range(len(r.level)):
-        r.at_fault[c] = False
-        r.any_bad = r.any_bad or r.level[c] != Trust.GOOD
-        r.any_lost = r.any_lost or r.level[c] == Trust.LOST
-    for k in range(len(r.trust)):
-        if r.any_bad and _applies(r, k):
-            _apply(r, k, t, altitude_matters)
+    _nothing(restriction)
+    for c in range(len(restriction.level)):
+        restriction.at_fault[c] = False
+        restriction.any_bad = restriction.any_bad or restriction.level[c] != Trust.GOOD
+        restriction.any_lost = restriction.any_lost or restriction.level[c] == Trust.LOST
+    for k in range(len(restriction.trust)):
+        if restriction.any_bad and _applies(restriction, k):
+            _apply(restriction, k, t, altitude_matters)
 
 
-def _nothing(r: RestrictionMemory) -> None:
-    r.speed = r.feedback = r.joint_feedback = 1.0
-    r.can_ascend = True
-    r.no_descent = r.joints_held = r.hold = r.blind = r.ended = r.any_bad = r.any_lost = False
+def _nothing(restriction: RestrictionMemory) -> None:
+    restriction.speed = restriction.feedback = restriction.joint_feedback = 1.0
+    restriction.can_ascend = True
+    restriction.no_descent = restriction.joints_held = restriction.hold = restriction.blind = (
+        restriction.ended
+    ) = restriction.any_bad = restriction.any_lost = False
 
 
-def _applies(r: RestrictionMemory, k: int) -> bool:
-    needs = r.needs[k]
+def _applies(restriction: RestrictionMemory, k: int) -> bool:
+    needs = restriction.needs[k]
     applies = True
-    for c in range(len(r.level)):
-        applies = applies and (needs[c] == 0 or r.level[c] >= r.trust[k])
+    for c in range(len(restriction.level)):
+        applies = applies and (needs[c] == 0 or restriction.level[c] >= restriction.trust[k])
     return applies
 
 
-def _apply(r: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> None:
-    needs = r.needs[k]
-    flags = r.flags[k]
+def _apply(restriction: RestrictionMemory, k: int, t: float, altitude_matters: bool) -> None:
+    needs = restriction.needs[k]
+    flags = restriction.flags[k]
     since = -math.inf
-    r.speed = min(r.speed, r.mode_speed[k])
-    r.feedback = min(r.feedback, r.mode_feedback[k])
-    r.joint_feedback = min(r.joint_feedback, r.mode_joint_feedback[k])
-    r.no_descent = r.no_descent or flags[0] != 0
-    r.joints_held = r.joints_held or flags[1] != 0
-    r.hold = r.hold or flags[2] != 0
-    r.blind = r.blind or flags[3] != 0
-    r.can_ascend = r.can_ascend and flags[4] != 0
-    for c in range(len(r.level)):
+    restriction.speed = min(restriction.speed, restriction.mode_speed[k])
+    restriction.feedback = min(restriction.feedback, restriction.mode_feedback[k])
+    restriction.joint_feedback = min(restriction.joint_feedback, restriction.mode_joint_feedback[k])
+    restriction.no_descent = restriction.no_descent or flags[0] != 0
+    restriction.joints_held = restriction.joints_held or flags[1] != 0
+    restriction.hold = restriction.hold or flags[2] != 0
+    restriction.blind = restriction.blind or flags[3] != 0
+    restriction.can_ascend = restriction.can_ascend and flags[4] != 0
+    for c in range(len(restriction.level)):
         if needs[c] != 0:
-            since = max(since, r.since[c])
-    if t - since > r.max_duration[k] and (altitude_matters or r.of_altitude[k] == 0):
-        r.ended = True
-        for c in range(len(r.level)):
+            since = max(since, restriction.since[c])
+    if t - since > restriction.max_duration[k] and (
+        altitude_matters or restriction.of_altitude[k] == 0
+    ):
+        restriction.ended = True
+        for c in range(len(restriction.level)):
             if needs[c] != 0:
-                r.at_fault[c] = True
+                restriction.at_fault[c] = True
 
 
 def write_modes(memory: RestrictionMemory) -> None:

@@ -158,38 +158,38 @@ class LastValidMemory(Layout):
 
 
 def hold_last_valid(
-    m: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float
+    last_valid: LastValidMemory, t: float, q: Vector, v: Vector, age: float, joint_age: float
 ) -> None:
     """A measurement of q [m, rad] and v [m/s, rad/s] at t [s], or where it is not sound, the last
     in its place. A kernel.
 
     age, joint_age [s]: as those of `StateEstimate`; the memory holds those that hold true.
     """
-    m.is_valid = _is_sound(m, q, v)
-    if m.is_valid:
-        m.q[:] = q
-        m.v[:] = v
-        m.since = t
-        m.was[0] = age
-        m.was[1] = joint_age
-        m.age = age
-        m.joint_age = joint_age
+    last_valid.is_valid = _is_sound(last_valid, q, v)
+    if last_valid.is_valid:
+        last_valid.q[:] = q
+        last_valid.v[:] = v
+        last_valid.since = t
+        last_valid.was[0] = age
+        last_valid.was[1] = joint_age
+        last_valid.age = age
+        last_valid.joint_age = joint_age
         return
-    q[: len(m.q)] = m.q[: len(m.q)]
-    v[: len(m.v)] = m.v[: len(m.v)]
-    m.age = max(age, m.was[0] + t - m.since)
-    m.joint_age = max(joint_age, m.was[1] + t - m.since)
+    q[: len(last_valid.q)] = last_valid.q[: len(last_valid.q)]
+    v[: len(last_valid.v)] = last_valid.v[: len(last_valid.v)]
+    last_valid.age = max(age, last_valid.was[0] + t - last_valid.since)
+    last_valid.joint_age = max(joint_age, last_valid.was[1] + t - last_valid.since)
 
 
-def _is_sound(m: LastValidMemory, q: Vector, v: Vector) -> bool:
+def _is_sound(last_valid: LastValidMemory, q: Vector, v: Vector) -> bool:
     """All numbers are finite, and what should have norm 1 does."""
     sound = True
-    for i in range(len(m.q)):
+    for i in range(len(last_valid.q)):
         sound = sound and math.isfinite(q[i])
-    for i in range(len(m.v)):
+    for i in range(len(last_valid.v)):
         sound = sound and math.isfinite(v[i])
-    for k in range(m.n_units):
-        unit = m.unit[k]
+    for k in range(last_valid.n_units):
+        unit = last_valid.unit[k]
         square = 0.0
         for i in range(unit[0], unit[1]):
             square += q[i] * q[i]
@@ -281,56 +281,56 @@ class AltimeterMemory(Layout):
     """[s] time of the last echo, 0 before the first."""
 
 
-def point_altimeter(m: AltimeterMemory, q: Vector) -> None:
+def point_altimeter(altimeter: AltimeterMemory, q: Vector) -> None:
     """Point the beam of the altimeter at q [m, rad]. A kernel."""
-    if m.exists:
-        m.look(q, m.beam, m.height_jacobian)
+    if altimeter.exists:
+        altimeter.look(q, altimeter.beam, altimeter.height_jacobian)
 
 
 def echo_range(
-    m: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool
+    altimeter: AltimeterMemory, t: float, echo: float, unknown: float, distrusted: bool
 ) -> float:
     """Compute the range to the floor at t [s], of the echo [m] along the beam in memory, or
     `unknown` [m]. A kernel.
     """
-    if distrusted and m.exists:
-        x = m.beam[0] - m.place[0]
-        y = m.beam[1] - m.place[1]
-        m.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
-        m.floor = m.highest
-        m.place[0] = m.beam[0]
-        m.place[1] = m.beam[1]
-    if distrusted or not has_altitude(m, echo):
-        return range_to_last_floor(m, unknown)
-    floor = m.beam[2] - m.beam[3] * echo
-    faded = m.highest - _FORGETTING * (t - m.since)
-    m.since = t
-    m.floor = floor
-    m.place[0] = m.beam[0]
-    m.place[1] = m.beam[1]
+    if distrusted and altimeter.exists:
+        x = altimeter.beam[0] - altimeter.place[0]
+        y = altimeter.beam[1] - altimeter.place[1]
+        altimeter.highest += UNSEEN_SLOPE * math.sqrt(x * x + y * y)
+        altimeter.floor = altimeter.highest
+        altimeter.place[0] = altimeter.beam[0]
+        altimeter.place[1] = altimeter.beam[1]
+    if distrusted or not has_altitude(altimeter, echo):
+        return range_to_last_floor(altimeter, unknown)
+    floor = altimeter.beam[2] - altimeter.beam[3] * echo
+    faded = altimeter.highest - _FORGETTING * (t - altimeter.since)
+    altimeter.since = t
+    altimeter.floor = floor
+    altimeter.place[0] = altimeter.beam[0]
+    altimeter.place[1] = altimeter.beam[1]
     if math.isfinite(faded):
-        m.highest = max(floor, faded)
+        altimeter.highest = max(floor, faded)
     else:
-        m.highest = floor
+        altimeter.highest = floor
     return echo
 
 
-def has_altitude(m: AltimeterMemory, echo: float) -> bool:
+def has_altitude(altimeter: AltimeterMemory, echo: float) -> bool:
     """Return whether an echo [m] along the beam stands for a height. A kernel."""
-    return m.exists and math.isfinite(echo) and m.beam[3] > STEEP
+    return altimeter.exists and math.isfinite(echo) and altimeter.beam[3] > STEEP
 
 
-def range_to_last_floor(m: AltimeterMemory, unknown: float) -> float:
+def range_to_last_floor(altimeter: AltimeterMemory, unknown: float) -> float:
     """Range [m] to the floor of the last echo; before the first one, to an altitude of `unknown`
     [m]. A kernel.
     """
-    if not m.exists:
+    if not altimeter.exists:
         return 0.0
-    if math.isfinite(m.floor):
-        height = max(0.0, m.beam[2] - m.floor)
+    if math.isfinite(altimeter.floor):
+        height = max(0.0, altimeter.beam[2] - altimeter.floor)
     else:
         height = unknown
-    return height / math.copysign(max(abs(m.beam[3]), _LEVEL), m.beam[3])
+    return height / math.copysign(max(abs(altimeter.beam[3]), _LEVEL), altimeter.beam[3])
 
 
 class LastFloorRange:

@@ -99,94 +99,101 @@ class MissionMemory(Layout):
     """[J] energy used before the phase."""
 
 
-def start_at_first_tick(m: MissionMemory, t: float) -> None:
+def start_at_first_tick(mission: MissionMemory, t: float) -> None:
     """Let the mission begin at t [s], whatever clock that is of, where it has not begun."""
-    if not m.started:
-        m.started = True
-        m.began = t
-        m.since = t
+    if not mission.started:
+        mission.started = True
+        mission.began = t
+        mission.since = t
 
 
-def activations_at(m: MissionMemory, t: float, activations: Vector) -> None:
+def activations_at(mission: MissionMemory, t: float, activations: Vector) -> None:
     """External activation of each task at time t [s] ([Gao2022] eq. 22 in time)."""
-    target = m.targets[m.phase]
-    passed = t - m.since
+    target = mission.targets[mission.phase]
+    passed = t - mission.since
     blend = 0.0
-    if 0.0 < passed < m.ramp:
-        blend = 0.5 - 0.5 * math.cos(math.pi * (passed / m.ramp))
-    for i in range(len(m.activations_before)):
-        if passed >= m.ramp:
+    if 0.0 < passed < mission.ramp:
+        blend = 0.5 - 0.5 * math.cos(math.pi * (passed / mission.ramp))
+    for i in range(len(mission.activations_before)):
+        if passed >= mission.ramp:
             activations[i] = target[i]
         else:
-            activations[i] = (1.0 - blend) * m.activations_before[i] + blend * target[i]
+            activations[i] = (1.0 - blend) * mission.activations_before[i] + blend * target[i]
 
 
-def measure_own(m: MissionMemory, t: float, load: float, spent: float, quantities: Vector) -> None:
+def measure_own(
+    mission: MissionMemory, t: float, load: float, spent: float, quantities: Vector
+) -> None:
     """Write those of `OWN_QUANTITIES` that conditions read, at t [s], with a load [N] and energy
     spent so far [J].
     """
-    m.spent = spent
-    if m.own[0] != NONE:
-        quantities[m.own[0]] = t - m.began
-    if m.own[1] != NONE:
-        quantities[m.own[1]] = t - m.since
-    if m.own[2] != NONE:
-        if m.phase == 0 or m.given_up:
+    mission.spent = spent
+    if mission.own[0] != NONE:
+        quantities[mission.own[0]] = t - mission.began
+    if mission.own[1] != NONE:
+        quantities[mission.own[1]] = t - mission.since
+    if mission.own[2] != NONE:
+        if mission.phase == 0 or mission.given_up:
             visits = 1.0
         else:
             visits = 0.0
-        for i in range(len(m.to)):
-            visits += m.fired[i] if m.to[i] == m.phase else 0.0
-        quantities[m.own[2]] = visits
-    if m.own[3] != NONE:
-        quantities[m.own[3]] = load
-    if m.own[4] != NONE:
-        quantities[m.own[4]] = spent
-    if m.own[5] != NONE:
-        quantities[m.own[5]] = spent - m.spent_before
+        for i in range(len(mission.to)):
+            visits += mission.fired[i] if mission.to[i] == mission.phase else 0.0
+        quantities[mission.own[2]] = visits
+    if mission.own[3] != NONE:
+        quantities[mission.own[3]] = load
+    if mission.own[4] != NONE:
+        quantities[mission.own[4]] = spent
+    if mission.own[5] != NONE:
+        quantities[mission.own[5]] = spent - mission.spent_before
 
 
-def always_grows(m: MissionMemory, quantity: int) -> bool:
+def always_grows(mission: MissionMemory, quantity: int) -> bool:
     """Return whether a quantity, by its index, grows whatever the robot does: time and energy. A
     kernel.
     """
     return (
-        quantity == m.own[0] or quantity == m.own[1] or quantity == m.own[4] or quantity == m.own[5]
+        quantity == mission.own[0]
+        or quantity == mission.own[1]
+        or quantity == mission.own[4]
+        or quantity == mission.own[5]
     )
 
 
-def transition_due(m: MissionMemory, t: float, quantities: Vector) -> int:
+def transition_due(mission: MissionMemory, t: float, quantities: Vector) -> int:
     """The transition of the phase that fires at t [s], or `NONE`; notes since when each of them
     holds.
     """
     due = NONE
-    first = m.first[m.phase]
-    m.changed = False
-    for i in range(first, m.end[m.phase]):
-        held = not math.isnan(m.held_since[i])
+    first = mission.first[mission.phase]
+    mission.changed = False
+    for i in range(first, mission.end[mission.phase]):
+        held = not math.isnan(mission.held_since[i])
         holds = True
-        for k in range(m.first_condition[i], m.end_condition[i]):
+        for k in range(mission.first_condition[i], mission.end_condition[i]):
             met = is_met(
-                quantities[m.quantity[k]], m.release[k] if held else m.limit[k], m.below[k] != 0
+                quantities[mission.quantity[k]],
+                mission.release[k] if held else mission.limit[k],
+                mission.below[k] != 0,
             )
             holds = holds and met
         if holds != held:
-            m.held_since[i] = t if holds else math.nan
-            m.changed = True
-        if holds and due == NONE and t - m.held_since[i] >= m.hold[i] - _SAME_TIME:
+            mission.held_since[i] = t if holds else math.nan
+            mission.changed = True
+        if holds and due == NONE and t - mission.held_since[i] >= mission.hold[i] - _SAME_TIME:
             due = i - first
     return due
 
 
-def take_transition(m: MissionMemory, t: float, due: int) -> None:
+def take_transition(mission: MissionMemory, t: float, due: int) -> None:
     """Take a transition of the phase at t [s], or end where it has no retries left."""
-    i = m.first[m.phase] + due
-    to = Terminal.ABORT if is_used_up(m.fired[i], m.retries[i]) else m.to[i]
-    m.completed = to == Terminal.DONE
-    m.aborted = to == Terminal.ABORT
+    i = mission.first[mission.phase] + due
+    to = Terminal.ABORT if is_used_up(mission.fired[i], mission.retries[i]) else mission.to[i]
+    mission.completed = to == Terminal.DONE
+    mission.aborted = to == Terminal.ABORT
     if to >= 0:
-        m.fired[i] += 1
-        _enter(m, to, t)
+        mission.fired[i] += 1
+        _enter(mission, to, t)
 
 
 def is_used_up(fired: int, retries: int) -> bool:
@@ -194,28 +201,28 @@ def is_used_up(fired: int, retries: int) -> bool:
     return 0 <= retries <= fired
 
 
-def abort_mission(m: MissionMemory, t: float, climbs: bool) -> None:
+def abort_mission(mission: MissionMemory, t: float, climbs: bool) -> None:
     """Give the mission up at t [s]: the abort phase begins, or where there is none, or nothing to
     climb to, all ends.
     """
-    m.aborted = not climbs or m.given_up or m.abort_phase == NONE
-    if not m.aborted:
-        _enter(m, m.abort_phase, t)
-        m.given_up = True
+    mission.aborted = not climbs or mission.given_up or mission.abort_phase == NONE
+    if not mission.aborted:
+        _enter(mission, mission.abort_phase, t)
+        mission.given_up = True
 
 
-def is_over(m: MissionMemory) -> bool:
+def is_over(mission: MissionMemory) -> bool:
     """It has ended, one way or the other. A kernel."""
-    return m.completed or m.aborted
+    return mission.completed or mission.aborted
 
 
-def _enter(m: MissionMemory, phase: int, t: float) -> None:
-    activations_at(m, t, m.activations_before)
-    m.phase = phase
-    m.since = t
-    m.spent_before = m.spent
-    for i in range(len(m.held_since)):
-        m.held_since[i] = math.nan
+def _enter(mission: MissionMemory, phase: int, t: float) -> None:
+    activations_at(mission, t, mission.activations_before)
+    mission.phase = phase
+    mission.since = t
+    mission.spent_before = mission.spent
+    for i in range(len(mission.held_since)):
+        mission.held_since[i] = math.nan
 
 
 def sizes_of(phases: Sequence[Phase]) -> dict[str, int]:

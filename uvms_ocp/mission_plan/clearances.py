@@ -87,10 +87,12 @@ def _rims(shape: pin.GeometryObject) -> list[Rim]:
     """Return the ends of a shape: of a box its corners."""
     geometry = shape.geometry
     joint = shape.parentJoint
-    X = shape.placement
+    placement = shape.placement
     no_axis = np.zeros(3)
     if isinstance(geometry, coal.Sphere):
-        return [Rim(joint=joint, centre=X.translation, axis=no_axis, rounding=geometry.radius)]
+        return [
+            Rim(joint=joint, centre=placement.translation, axis=no_axis, rounding=geometry.radius)
+        ]
     rims = []
     if isinstance(geometry, coal.Cylinder | coal.Capsule):
         if isinstance(geometry, coal.Capsule):
@@ -100,14 +102,14 @@ def _rims(shape: pin.GeometryObject) -> list[Rim]:
             radius = geometry.radius
             rounding = 0.0
         for side in (-1, 1):
-            centre = X.act(np.array([0.0, 0.0, side * geometry.halfLength]))
-            axis = X.rotation[:, 2]
+            centre = placement.act(np.array([0.0, 0.0, side * geometry.halfLength]))
+            axis = placement.rotation[:, 2]
             rims.append(
                 Rim(joint=joint, centre=centre, axis=axis, radius=radius, rounding=rounding)
             )
         return rims
     for corner in box_corners(geometry):
-        rims.append(Rim(joint=joint, centre=X.act(corner), axis=no_axis))
+        rims.append(Rim(joint=joint, centre=placement.act(corner), axis=no_axis))
     return rims
 
 

@@ -102,109 +102,113 @@ class FaultDetection(Layout):
     """Any of that, or another thruster is suspect."""
 
 
-def pause_detection(m: FaultDetection) -> None:
+def pause_detection(detection: FaultDetection) -> None:
     """Pause detection while the estimate is not trusted."""
-    if not m.paused:
-        m.paused = True
-        m.thrusters.started = False
-        reset_joints(m.joints)
-        begin_wrench_balance(m.wrench_balance, math.inf)
+    if not detection.paused:
+        detection.paused = True
+        detection.thrusters.started = False
+        reset_joints(detection.joints)
+        begin_wrench_balance(detection.wrench_balance, math.inf)
 
 
-def detect_faults(m: FaultDetection, t: float) -> bool:
+def detect_faults(detection: FaultDetection, t: float) -> bool:
     """At time t [s]; whether anything was found faulty."""
-    m.paused = False
-    _go_on(m)
-    if not m.encoders_trusted:
-        reset_joints(m.joints)
-    m.jam = m.encoders_trusted and detect_joint_faults(
-        m.joints, m.asked_way, m.gone, m.resistance, t
+    detection.paused = False
+    _go_on(detection)
+    if not detection.encoders_trusted:
+        reset_joints(detection.joints)
+    detection.jam = detection.encoders_trusted and detect_joint_faults(
+        detection.joints, detection.asked_way, detection.gone, detection.resistance, t
     )
-    suspect = m.thrusters.suspect
-    m.thruster = detect_thruster_faults(m.thrusters, m.effectiveness, m.residual, m.asked, t)
-    m.judgement = _judge(m, t)
-    m.judged = m.judged or m.judgement
-    is_found = m.jam or m.thruster >= 0
-    m.changed = is_found or m.judgement or m.thrusters.suspect != suspect
+    suspect = detection.thrusters.suspect
+    detection.thruster = detect_thruster_faults(
+        detection.thrusters, detection.effectiveness, detection.residual, detection.asked, t
+    )
+    detection.judgement = _judge(detection, t)
+    detection.judged = detection.judged or detection.judgement
+    is_found = detection.jam or detection.thruster >= 0
+    detection.changed = is_found or detection.judgement or detection.thrusters.suspect != suspect
     return is_found
 
 
-def _go_on(m: FaultDetection) -> None:
+def _go_on(detection: FaultDetection) -> None:
     """Remember the positions of the joints, and what they were asked for."""
-    if m.started:
-        m.joint_way(m.before, m.q, m.step)
-    m.started = True
-    for j in range(m.joints.count):
-        m.gone[j] += m.step[j]
-        m.asked_way[j] = m.way[m.n_vehicle + j] * m.dt
-        m.resistance[j] = m.residual[m.n_vehicle + j]
-    m.before[:] = m.q
+    if detection.started:
+        detection.joint_way(detection.before, detection.q, detection.step)
+    detection.started = True
+    for j in range(detection.joints.count):
+        detection.gone[j] += detection.step[j]
+        detection.asked_way[j] = detection.way[detection.n_vehicle + j] * detection.dt
+        detection.resistance[j] = detection.residual[detection.n_vehicle + j]
+    detection.before[:] = detection.q
 
 
-def _judge(m: FaultDetection, t: float) -> bool:
+def _judge(detection: FaultDetection, t: float) -> bool:
     """Judge the authority once the robot has settled after a verdict; return whether it was judged
     now.
     """
-    if m.thruster >= 0:
-        begin_wrench_balance(m.wrench_balance, t)
-        m.wrench_balance.runs = True
-    elif m.wrench_balance.runs:
-        m.weight(m.q, m.wrench)
+    if detection.thruster >= 0:
+        begin_wrench_balance(detection.wrench_balance, t)
+        detection.wrench_balance.runs = True
+    elif detection.wrench_balance.runs:
+        detection.weight(detection.q, detection.wrench)
         for k in range(6):
-            m.wrench[k] -= m.disturbance[k]
-        if update_wrench_balance(m.wrench_balance, m.wrench, t):
-            _find_trim(m)
-            judge_authority(m.authority, m.effectiveness)
+            detection.wrench[k] -= detection.disturbance[k]
+        if update_wrench_balance(detection.wrench_balance, detection.wrench, t):
+            _find_trim(detection)
+            judge_authority(detection.authority, detection.effectiveness)
             return True
     return False
 
 
-def begin_wrench_balance(b: WrenchBalance, t: float) -> None:
+def begin_wrench_balance(balance: WrenchBalance, t: float) -> None:
     """Begin to wait at time t [s]; at infinity where the last samples are not to be trusted: then
     the wait begins with the next.
     """
-    b.began = t
-    b.count = 0
+    balance.began = t
+    balance.count = 0
     for k in range(6):
-        b.total[k] = 0.0
+        balance.total[k] = 0.0
 
 
-def update_wrench_balance(b: WrenchBalance, wrench: Vector, t: float) -> bool:
+def update_wrench_balance(balance: WrenchBalance, wrench: Vector, t: float) -> bool:
     """Add a wrench (6,) [N, N m] at time t [s]; return whether it is time to judge."""
-    b.began = min(b.began, t)
-    if t - b.began > 0.5 * _SETTLING_TIME:
-        b.count += 1
+    balance.began = min(balance.began, t)
+    if t - balance.began > 0.5 * _SETTLING_TIME:
+        balance.count += 1
         for k in range(6):
-            b.total[k] += wrench[k]
-    if t - b.began < _SETTLING_TIME or b.count == 0:
+            balance.total[k] += wrench[k]
+    if t - balance.began < _SETTLING_TIME or balance.count == 0:
         return False
     for k in range(6):
-        b.mean[k] = b.total[k] / b.count
-    b.runs = False
+        balance.mean[k] = balance.total[k] / balance.count
+    balance.runs = False
     return True
 
 
-def _find_trim(m: FaultDetection) -> None:
+def _find_trim(detection: FaultDetection) -> None:
     """The wrench that holds the robot still, and moments of weight and buoyancy within the allowed
     tilt from level.
     """
-    m.tilted[: len(m.q)] = m.q[: len(m.q)]
-    _tilt(m, 0, 0.0)
-    m.weight(m.tilted, m.upright)
+    detection.tilted[: len(detection.q)] = detection.q[: len(detection.q)]
+    _tilt(detection, 0, 0.0)
+    detection.weight(detection.tilted, detection.upright)
     for axis in range(6):
-        m.authority.trim[axis] = m.wrench_balance.mean[axis]
-        m.authority.righting[axis] = 0.0
+        detection.authority.trim[axis] = detection.wrench_balance.mean[axis]
+        detection.authority.righting[axis] = 0.0
         if 3 <= axis <= 4:
-            _tilt(m, axis - 3, _TILT)
-            m.weight(m.tilted, m.wrench)
-            m.authority.righting[axis] = max(m.wrench[axis] - m.upright[axis], 0.0)
+            _tilt(detection, axis - 3, _TILT)
+            detection.weight(detection.tilted, detection.wrench)
+            detection.authority.righting[axis] = max(
+                detection.wrench[axis] - detection.upright[axis], 0.0
+            )
 
 
-def _tilt(m: FaultDetection, axis: int, angle: float) -> None:
+def _tilt(detection: FaultDetection, axis: int, angle: float) -> None:
     """The quaternion xyzw, from level."""
     for k in range(3):
         if k == axis:
-            m.tilted[3 + k] = math.sin(0.5 * angle)
+            detection.tilted[3 + k] = math.sin(0.5 * angle)
         else:
-            m.tilted[3 + k] = 0.0
-    m.tilted[6] = math.cos(0.5 * angle)
+            detection.tilted[3 + k] = 0.0
+    detection.tilted[6] = math.cos(0.5 * angle)

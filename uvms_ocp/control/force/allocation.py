@@ -94,67 +94,71 @@ class AllocationMemory(Layout):
     saturated: bool
 
 
-def apply_effectiveness(a: AllocationMemory) -> None:
+def apply_effectiveness(allocation: AllocationMemory) -> None:
     """Apply the effectiveness, share and constant, from now on."""
     n = 0
-    for i in range(a.count):
-        if a.share[i] != 0.0:
-            _keep(a, i, n)
+    for i in range(allocation.count):
+        if allocation.share[i] != 0.0:
+            _keep(allocation, i, n)
             n += 1
-    a.left.powers.count = n
-    a.left.problem.rows = len(a.matrix)
-    a.left.problem.columns = n
-    for k in range(len(a.matrix)):
-        a.left.powers.wrench_weight[k] = a.wrench_weight[k]
-        a.stuck_wrench[k] = dot(a.matrix[k], a.constant, a.count)
-    prepare_minimum_power(a.left.powers)
+    allocation.left.powers.count = n
+    allocation.left.problem.rows = len(allocation.matrix)
+    allocation.left.problem.columns = n
+    for k in range(len(allocation.matrix)):
+        allocation.left.powers.wrench_weight[k] = allocation.wrench_weight[k]
+        allocation.stuck_wrench[k] = dot(
+            allocation.matrix[k], allocation.constant, allocation.count
+        )
+    prepare_minimum_power(allocation.left.powers)
 
 
-def allocate_thrust(a: AllocationMemory) -> bool:
+def allocate_thrust(allocation: AllocationMemory) -> bool:
     """Find the thrust for the wrench; whether that is a number, and one whose square is: if not,
     there is none.
     """
     finite = True
-    for k in range(len(a.matrix)):
-        finite = finite and abs(a.wrench[k]) < LARGEST_WRENCH
-        a.left.wrench[k] = a.wrench[k] - a.stuck_wrench[k]
+    for k in range(len(allocation.matrix)):
+        finite = finite and abs(allocation.wrench[k]) < LARGEST_WRENCH
+        allocation.left.wrench[k] = allocation.wrench[k] - allocation.stuck_wrench[k]
     if finite:
-        minimum_power(a.left.powers, a.left.wrench, a.left.unbounded)
-        a.saturated = limited_thrust(a.left)
-        _to_all(a)
+        minimum_power(allocation.left.powers, allocation.left.wrench, allocation.left.unbounded)
+        allocation.saturated = limited_thrust(allocation.left)
+        _to_all(allocation)
     return finite
 
 
-def _keep(a: AllocationMemory, i: int, to: int) -> None:
+def _keep(allocation: AllocationMemory, i: int, to: int) -> None:
     """Thruster i, which follows."""
-    remaining = a.left
-    share = a.share[i]
-    size = abs(a.share[i])
-    a.place[to] = i
-    for k in range(len(a.matrix)):
-        remaining.powers.matrix[k][to] = a.matrix[k][i]
-    remaining.lower[to] = min(share * a.lower[i], share * a.upper[i])
-    remaining.upper[to] = max(share * a.lower[i], share * a.upper[i])
-    remaining.dead_zone[to] = a.dead_zone[i] * size
+    remaining = allocation.left
+    share = allocation.share[i]
+    size = abs(allocation.share[i])
+    allocation.place[to] = i
+    for k in range(len(allocation.matrix)):
+        remaining.powers.matrix[k][to] = allocation.matrix[k][i]
+    remaining.lower[to] = min(share * allocation.lower[i], share * allocation.upper[i])
+    remaining.upper[to] = max(share * allocation.lower[i], share * allocation.upper[i])
+    remaining.dead_zone[to] = allocation.dead_zone[i] * size
     remaining.powers.largest[to] = max(remaining.upper[to], -remaining.lower[to])
-    remaining.powers.factor[to] = a.power_factor[i] / math.exp(a.power_exponent[i] * math.log(size))
-    remaining.powers.exponent[to] = a.power_exponent[i]
+    remaining.powers.factor[to] = allocation.power_factor[i] / math.exp(
+        allocation.power_exponent[i] * math.log(size)
+    )
+    remaining.powers.exponent[to] = allocation.power_exponent[i]
 
 
-def _to_all(a: AllocationMemory) -> None:
+def _to_all(allocation: AllocationMemory) -> None:
     """Copy the solution to all thrusters."""
-    a.thrust[: a.count] = a.constant[: a.count]
-    for j in range(a.left.powers.count):
-        a.thrust[a.place[j]] += a.left.thrust[j]
-    for k in range(len(a.matrix)):
+    allocation.thrust[: allocation.count] = allocation.constant[: allocation.count]
+    for j in range(allocation.left.powers.count):
+        allocation.thrust[allocation.place[j]] += allocation.left.thrust[j]
+    for k in range(len(allocation.matrix)):
         reached = 0.0
         within = 0.0
-        for j in range(a.left.powers.count):
-            reached += a.left.powers.matrix[k][j] * a.left.thrust[j]
-            within += a.left.powers.matrix[k][j] * a.left.within[j]
-        a.reached[k] = reached + a.stuck_wrench[k]
-        a.within[k] = within + a.stuck_wrench[k]
-        a.unreachable[k] = a.left.wrench[k] - reached
+        for j in range(allocation.left.powers.count):
+            reached += allocation.left.powers.matrix[k][j] * allocation.left.thrust[j]
+            within += allocation.left.powers.matrix[k][j] * allocation.left.within[j]
+        allocation.reached[k] = reached + allocation.stuck_wrench[k]
+        allocation.within[k] = within + allocation.stuck_wrench[k]
+        allocation.unreachable[k] = allocation.left.wrench[k] - reached
 
 
 # Allocation: from the wrench a controller asks for to thrust inside the limits of every thruster.

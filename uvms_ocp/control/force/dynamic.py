@@ -225,11 +225,15 @@ class DynamicController(TableDisplay):
         met.
         """
         thrust, torque, disturbance, wrench, unreachable, push = outputs
-        a = self._allocation
+        allocation = self._allocation
         short = bool(self._allocation.saturated)
         if short:
             self._name_thrusters(
-                tuple(i for i in range(a.count) if is_at_limit(thrust[i], a.lower[i], a.upper[i]))
+                tuple(
+                    i
+                    for i in range(allocation.count)
+                    if is_at_limit(thrust[i], allocation.lower[i], allocation.upper[i])
+                )
             )
         spent = self._tick.state.spent.item()
         self.kinematic.on_actuation_feedback(self._feedback(short, push.item(), spent))

@@ -102,166 +102,188 @@ class ForceMemory(Layout):
     """The remaining authority is not enough for a mission."""
 
 
-def begin_force(m: ForceMemory) -> None:
+def begin_force(force: ForceMemory) -> None:
     """Initialise the memory: all thrusters are sound."""
-    for i in range(len(m.state.share)):
-        m.state.share[i] = (
-            m.bandwidth_share if i < m.detection.n_vehicle else m.joint_bandwidth_share
+    for i in range(len(force.state.share)):
+        force.state.share[i] = (
+            force.bandwidth_share if i < force.detection.n_vehicle else force.joint_bandwidth_share
         )
-    for i in range(m.allocation.count):
-        m.detection.effectiveness.share[i] = 1.0
-    apply_detected_effectiveness(m)
-    start_overspeed(m.overspeed)
+    for i in range(force.allocation.count):
+        force.detection.effectiveness.share[i] = 1.0
+    apply_detected_effectiveness(force)
+    start_overspeed(force.overspeed)
 
 
-def force_step(m: ForceMemory) -> bool:
+def force_step(force: ForceMemory) -> bool:
     """Run one tick and return whether its force is finite and below `LARGEST_WRENCH`; if not,
     outputs and state stay.
 
     On an axis that is not to be trusted feed-forward goes on alone: feedback from a frozen velocity
     would accelerate the robot without end.
     """
-    m.inputs.feedback[0] = min(m.inputs.feedback[0], m.bandwidth_share)
-    if m.measures_joint_rates and not m.joint_rates_lost:
+    force.inputs.feedback[0] = min(force.inputs.feedback[0], force.bandwidth_share)
+    if force.measures_joint_rates and not force.joint_rates_lost:
         # Whatever is wrong with positions, the rates that are fed back are in time.
-        m.inputs.joint_feedback[0] = 1.0
-    m.inputs.joint_feedback[0] = min(m.inputs.joint_feedback[0], m.joint_bandwidth_share)
-    too_fast = locks_at_overspeed(
-        m.overspeed,
-        m.detection.n_vehicle,
-        m.inputs.v,
-        m.inputs.reference,
-        not m.encoders_trusted,
-        m.t,
+        force.inputs.joint_feedback[0] = 1.0
+    force.inputs.joint_feedback[0] = min(
+        force.inputs.joint_feedback[0], force.joint_bandwidth_share
     )
-    if m.brakes or too_fast or m.joint_age > _ENCODER_SILENCE + m.joints_late:
-        m.inputs.joints[0] = 0.0
+    too_fast = locks_at_overspeed(
+        force.overspeed,
+        force.detection.n_vehicle,
+        force.inputs.v,
+        force.inputs.reference,
+        not force.encoders_trusted,
+        force.t,
+    )
+    if force.brakes or too_fast or force.joint_age > _ENCODER_SILENCE + force.joints_late:
+        force.inputs.joints[0] = 0.0
     else:
-        m.inputs.joints[0] = 1.0
-    m.locks = m.inputs.joints[0] == 0.0 if m.detection.joints.count > 0 else m.inputs.hold[0] != 0.0
-    if _share_changes(m):
-        m.transfer(m.inputs, m.state, m.transferred)
-        m.observe(m.inputs, m.effectiveness, m.transferred, m.observed)
+        force.inputs.joints[0] = 1.0
+    force.locks = (
+        force.inputs.joints[0] == 0.0
+        if force.detection.joints.count > 0
+        else force.inputs.hold[0] != 0.0
+    )
+    if _share_changes(force):
+        force.transfer(force.inputs, force.state, force.transferred)
+        force.observe(force.inputs, force.effectiveness, force.transferred, force.observed)
     else:
-        m.observe(m.inputs, m.effectiveness, m.state, m.observed)
-    m.detection.changed = False
-    if m.watched:
-        _detect_faults(m)
-    m.control(m.inputs, m.observed, m.desired)
-    m.possible = _is_possible(m) and thrust_allocation.allocate_thrust(m.allocation)
-    if m.possible:
-        n = m.allocation.count
-        m.allocated.thrust[:n] = m.allocation.thrust[:n]
-        m.allocated.reached[:] = m.allocation.within
-        m.allocated.unreachable[:] = m.allocation.unreachable
-        m.command(m.inputs, m.effectiveness, m.observed, m.desired, m.allocated, m.state, m.outputs)
-    return m.possible
+        force.observe(force.inputs, force.effectiveness, force.state, force.observed)
+    force.detection.changed = False
+    if force.watched:
+        _detect_faults(force)
+    force.control(force.inputs, force.observed, force.desired)
+    force.possible = _is_possible(force) and thrust_allocation.allocate_thrust(force.allocation)
+    if force.possible:
+        n = force.allocation.count
+        force.allocated.thrust[:n] = force.allocation.thrust[:n]
+        force.allocated.reached[:] = force.allocation.within
+        force.allocated.unreachable[:] = force.allocation.unreachable
+        force.command(
+            force.inputs,
+            force.effectiveness,
+            force.observed,
+            force.desired,
+            force.allocated,
+            force.state,
+            force.outputs,
+        )
+    return force.possible
 
 
-def apply_detected_effectiveness(m: ForceMemory) -> None:
+def apply_detected_effectiveness(force: ForceMemory) -> None:
     """Adopt the effectiveness that fault detection found: thrust that was missing has been taken
     for water so far.
     """
-    for i in range(m.allocation.count):
-        thrust = m.observed.thrust[i]
-        lost = effective_thrust(m.effectiveness, i, thrust) - effective_thrust(
-            m.detection.effectiveness, i, thrust
+    for i in range(force.allocation.count):
+        thrust = force.observed.thrust[i]
+        lost = effective_thrust(force.effectiveness, i, thrust) - effective_thrust(
+            force.detection.effectiveness, i, thrust
         )
-        for k in range(m.detection.n_vehicle):
-            m.observed.estimate[k] += m.allocation.matrix[k][i] * lost
-        m.effectiveness.share[i] = m.detection.effectiveness.share[i]
-        m.effectiveness.constant[i] = m.detection.effectiveness.constant[i]
-        m.allocation.share[i] = m.effectiveness.share[i]
-        m.allocation.constant[i] = m.effectiveness.constant[i]
-    thrust_allocation.apply_effectiveness(m.allocation)
+        for k in range(force.detection.n_vehicle):
+            force.observed.estimate[k] += force.allocation.matrix[k][i] * lost
+        force.effectiveness.share[i] = force.detection.effectiveness.share[i]
+        force.effectiveness.constant[i] = force.detection.effectiveness.constant[i]
+        force.allocation.share[i] = force.effectiveness.share[i]
+        force.allocation.constant[i] = force.effectiveness.constant[i]
+    thrust_allocation.apply_effectiveness(force.allocation)
     # Jammed joints are left to their brakes: nothing is compensated on axes that do not move, and
     # they have not been moving.
-    for j in range(m.detection.joints.count):
-        if m.detection.joints.jammed[j]:
-            k = m.detection.n_vehicle + j
-            m.observed.estimate[k] = 0.0
-            m.observed.integral[k] = 0.0
-            m.observed.before[k] = 0.0
-            m.inputs.reference[k] = 0.0
+    for j in range(force.detection.joints.count):
+        if force.detection.joints.jammed[j]:
+            k = force.detection.n_vehicle + j
+            force.observed.estimate[k] = 0.0
+            force.observed.integral[k] = 0.0
+            force.observed.before[k] = 0.0
+            force.inputs.reference[k] = 0.0
 
 
-def _share_changes(m: ForceMemory) -> bool:
+def _share_changes(force: ForceMemory) -> bool:
     changes = False
-    for i in range(len(m.state.share)):
-        required = m.inputs.feedback[0] if i < m.detection.n_vehicle else m.inputs.joint_feedback[0]
-        changes = changes or m.state.share[i] != required
+    for i in range(len(force.state.share)):
+        required = (
+            force.inputs.feedback[0]
+            if i < force.detection.n_vehicle
+            else force.inputs.joint_feedback[0]
+        )
+        changes = changes or force.state.share[i] != required
     return changes
 
 
-def _detect_faults(m: ForceMemory) -> None:
+def _detect_faults(force: ForceMemory) -> None:
     """Detect faults of thrusters and joints, and do without what is faulty from now on."""
-    if m.observed.watch[0] == tick_functions.MonitorStep.PAUSED:
-        pause_detection(m.detection)
-    elif m.observed.watch[0] == tick_functions.MonitorStep.DUE and _write_observation(m):
-        if detect_faults(m.detection, m.t):
-            apply_detected_effectiveness(m)
-        m.gives_up = m.detection.judged and not m.detection.authority.can_go_on
+    if force.observed.watch[0] == tick_functions.MonitorStep.PAUSED:
+        pause_detection(force.detection)
+    elif force.observed.watch[0] == tick_functions.MonitorStep.DUE and _write_observation(force):
+        if detect_faults(force.detection, force.t):
+            apply_detected_effectiveness(force)
+        force.gives_up = force.detection.judged and not force.detection.authority.can_go_on
 
 
-def _write_observation(m: ForceMemory) -> bool:
+def _write_observation(force: ForceMemory) -> bool:
     """Write the observation for fault detection; return whether it is finite: a nan would never
     leave its filters.
     """
     finite = True
-    m.detection.encoders_trusted = m.encoders_trusted
-    for k in range(len(m.inputs.q)):
-        m.detection.q[k] = m.inputs.q[k]
-        finite = finite and math.isfinite(m.inputs.q[k])
-    for k in range(len(m.observed.estimate)):
-        m.detection.residual[k] = m.observed.estimate[k] + m.observed.lead[k]
-        m.detection.disturbance[k] = m.observed.estimate[k]
-        m.detection.way[k] = m.observed.way[k]
+    force.detection.encoders_trusted = force.encoders_trusted
+    for k in range(len(force.inputs.q)):
+        force.detection.q[k] = force.inputs.q[k]
+        finite = finite and math.isfinite(force.inputs.q[k])
+    for k in range(len(force.observed.estimate)):
+        force.detection.residual[k] = force.observed.estimate[k] + force.observed.lead[k]
+        force.detection.disturbance[k] = force.observed.estimate[k]
+        force.detection.way[k] = force.observed.way[k]
         finite = (
-            finite and math.isfinite(m.detection.residual[k]) and math.isfinite(m.detection.way[k])
+            finite
+            and math.isfinite(force.detection.residual[k])
+            and math.isfinite(force.detection.way[k])
         )
-    n = m.allocation.count
-    m.detection.asked[:n] = m.observed.asked[:n]
+    n = force.allocation.count
+    force.detection.asked[:n] = force.observed.asked[:n]
     return finite
 
 
-def _is_possible(m: ForceMemory) -> bool:
+def _is_possible(force: ForceMemory) -> bool:
     possible = True
-    for k in range(len(m.desired.force)):
-        possible = possible and abs(m.desired.force[k]) < thrust_allocation.LARGEST_WRENCH
-    m.allocation.wrench[:] = m.desired.wrench
+    for k in range(len(force.desired.force)):
+        possible = possible and abs(force.desired.force[k]) < thrust_allocation.LARGEST_WRENCH
+    force.allocation.wrench[:] = force.desired.wrench
     return possible
 
 
 # Between the layers of velocities and of forces.
 
 
-def ask_forces(c: TickMemory, m: ForceMemory) -> None:
+def ask_forces(tick: TickMemory, force: ForceMemory) -> None:
     """Give the force layer the velocity to track. A kernel, as the next."""
-    less = c.restriction
-    m.inputs.q[:] = c.q
-    m.inputs.v[:] = c.v
-    m.inputs.reference[:] = c.command
-    m.inputs.feedback[0] = less.feedback
-    m.inputs.joint_feedback[0] = less.joint_feedback
-    m.inputs.hold[0] = 1.0 if is_blind(c) else 0.0
-    m.inputs.turning[0] = 1.0 if damps_turns(c) else 0.0
-    m.inputs.stop[0] = 1.0 if is_stopped(c) else 0.0
-    m.brakes = less.joints_held
-    m.t = c.t
-    m.joint_age = c.joint_age
-    m.encoders_trusted = less.level[_POSITIONS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
-    m.joint_rates_lost = less.level[_RATES] == Trust.LOST
+    less = tick.restriction
+    force.inputs.q[:] = tick.q
+    force.inputs.v[:] = tick.v
+    force.inputs.reference[:] = tick.command
+    force.inputs.feedback[0] = less.feedback
+    force.inputs.joint_feedback[0] = less.joint_feedback
+    force.inputs.hold[0] = 1.0 if is_blind(tick) else 0.0
+    force.inputs.turning[0] = 1.0 if damps_turns(tick) else 0.0
+    force.inputs.stop[0] = 1.0 if is_stopped(tick) else 0.0
+    force.brakes = less.joints_held
+    force.t = tick.t
+    force.joint_age = tick.joint_age
+    force.encoders_trusted = (
+        less.level[_POSITIONS] == Trust.GOOD and less.level[_RATES] == Trust.GOOD
+    )
+    force.joint_rates_lost = less.level[_RATES] == Trust.LOST
 
 
-def hear_forces(c: TickMemory, m: ForceMemory) -> None:
+def hear_forces(tick: TickMemory, force: ForceMemory) -> None:
     """Tell the layer of velocities what the force layer met in the last tick."""
-    c.distress.short = m.allocation.saturated
-    c.distress.push = m.outputs.push[0]
-    c.distress.spent = m.state.spent[0]
-    if m.detection.changed:
-        c.distress.fault = m.gives_up
-        for j in range(m.detection.joints.count):
-            c.jammed[m.detection.n_vehicle + j] = m.detection.joints.jammed[j]
+    tick.distress.short = force.allocation.saturated
+    tick.distress.push = force.outputs.push[0]
+    tick.distress.spent = force.state.spent[0]
+    if force.detection.changed:
+        tick.distress.fault = force.gives_up
+        for j in range(force.detection.joints.count):
+            tick.jammed[force.detection.n_vehicle + j] = force.detection.joints.jammed[j]
 
 
 class ForceTick:

@@ -124,8 +124,8 @@ class AbortMemory(Layout):
 
 
 def abort_reason(
-    d: AbortMemory,
-    m: MissionMemory,
+    abort: AbortMemory,
+    mission: MissionMemory,
     t: float,
     gates: Vector,
     quantities: Vector,
@@ -139,37 +139,37 @@ def abort_reason(
     gates, quantities [in their units], NaN where not known. hopeless: the thrust is cut, and
     somebody has judged why. ended: by what the sensors told.
     """
-    d.pushed = d.aborts and d.push > d.contact and _is_high(d, gates)
-    if not d.aborts:
-        if d.fault:
+    abort.pushed = abort.aborts and abort.push > abort.contact and _is_high(abort, gates)
+    if not abort.aborts:
+        if abort.fault:
             return AbortReason.FAULT
         return AbortReason.NOTHING
-    if m.given_up:
-        if t - m.since > d.time_limit:
+    if mission.given_up:
+        if t - mission.since > abort.time_limit:
             return AbortReason.LATE
         if hopeless:
             return AbortReason.HOPELESS
         return AbortReason.NOTHING
-    if hopeless or ended or d.fault:
+    if hopeless or ended or abort.fault:
         if hopeless:
             return AbortReason.HOPELESS
         if ended:
             return AbortReason.ENDED
         return AbortReason.FAULT
-    d.sunk_since = _since(clearance < -d.sunk, d.sunk_since, t)
-    if t - d.sunk_since > _SUNK_AFTER:
+    abort.sunk_since = _since(clearance < -abort.sunk, abort.sunk_since, t)
+    if t - abort.sunk_since > _SUNK_AFTER:
         return AbortReason.FLOOR
-    d.contact_since = _since(d.pushed, d.contact_since, t)
-    if t - d.contact_since > d.contact_after:
+    abort.contact_since = _since(abort.pushed, abort.contact_since, t)
+    if t - abort.contact_since > abort.contact_after:
         return AbortReason.CONTACT
-    d.thrust_since = _since(d.short, d.thrust_since, t)
-    if t - d.thrust_since > d.thrust_after:
+    abort.thrust_since = _since(abort.short, abort.thrust_since, t)
+    if t - abort.thrust_since > abort.thrust_after:
         return AbortReason.THRUST
-    if _runs_away(d, m, t, quantities):
+    if _runs_away(abort, mission, t, quantities):
         return AbortReason.RUNAWAY
-    waits = not _progresses(d, m, quantities)
-    d.stall_since = _since(waits, d.stall_since, t)
-    if t - d.stall_since > d.stall_after:
+    waits = not _progresses(abort, mission, quantities)
+    abort.stall_since = _since(waits, abort.stall_since, t)
+    if t - abort.stall_since > abort.stall_after:
         return AbortReason.STALL
     return AbortReason.NOTHING
 
@@ -181,86 +181,86 @@ def _since(so: bool, since: float, t: float) -> float:
     return t
 
 
-def _is_high(d: AbortMemory, gates: Vector) -> bool:
+def _is_high(abort: AbortMemory, gates: Vector) -> bool:
     """Return whether the robot should be well above the floor."""
     is_high = False
-    for i in range(len(d.high)):
-        is_high = is_high or (d.high[i] != 0 and gates[i] != 0.0)
+    for i in range(len(abort.high)):
+        is_high = is_high or (abort.high[i] != 0 and gates[i] != 0.0)
     return is_high
 
 
-def _runs_away(d: AbortMemory, m: MissionMemory, t: float, quantities: Vector) -> bool:
+def _runs_away(abort: AbortMemory, mission: MissionMemory, t: float, quantities: Vector) -> bool:
     """Return whether an error that the phase waits for has grown for too long, and none fallen, at
     the thrusters' limits.
 
     An error that swings grows from every trough. It has grown where it exceeds its crests: those of
     a swing that lasts or dies away are no farther than the ones before.
     """
-    is_new = m.since != d.began or math.isnan(d.runaway_since)
-    _remember_crests(d, t, quantities, is_new)
+    is_new = mission.since != abort.began or math.isnan(abort.runaway_since)
+    _remember_crests(abort, t, quantities, is_new)
     grown = False
     fallen = is_new
-    for i in range(m.first[m.phase], m.end[m.phase]):
-        for k in range(m.first_condition[i], m.end_condition[i]):
-            quantity = quantities[m.quantity[k]]
-            held = d.held[m.quantity[k]]
-            crest = d.crest[m.quantity[k]]
-            if m.below[k] != 0 and not quantity < m.limit[k]:
+    for i in range(mission.first[mission.phase], mission.end[mission.phase]):
+        for k in range(mission.first_condition[i], mission.end_condition[i]):
+            quantity = quantities[mission.quantity[k]]
+            held = abort.held[mission.quantity[k]]
+            crest = abort.crest[mission.quantity[k]]
+            if mission.below[k] != 0 and not quantity < mission.limit[k]:
                 grown = grown or quantity > (1.0 + _GROWTH) * crest
                 fallen = fallen or not quantity >= (1.0 - _PROGRESS) * held
-    d.ticks += 1
-    d.short_ticks += 1 if d.short else 0
-    late = not fallen and t - d.runaway_since > d.runaway_after
-    if late and grown and 2 * d.short_ticks > d.ticks:
+    abort.ticks += 1
+    abort.short_ticks += 1 if abort.short else 0
+    late = not fallen and t - abort.runaway_since > abort.runaway_after
+    if late and grown and 2 * abort.short_ticks > abort.ticks:
         return True
     if late or fallen:
-        d.runaway_since = t
-        d.ticks = 0
-        d.short_ticks = 0
-        d.held[:] = quantities
-        for i in range(len(d.crest)):
-            d.crest[i] = d.span_crest[i]
-            if d.last_crest[i] > d.crest[i]:
-                d.crest[i] = d.last_crest[i]
+        abort.runaway_since = t
+        abort.ticks = 0
+        abort.short_ticks = 0
+        abort.held[:] = quantities
+        for i in range(len(abort.crest)):
+            abort.crest[i] = abort.span_crest[i]
+            if abort.last_crest[i] > abort.crest[i]:
+                abort.crest[i] = abort.last_crest[i]
     return False
 
 
-def _remember_crests(d: AbortMemory, t: float, quantities: Vector, is_new: bool) -> None:
+def _remember_crests(abort: AbortMemory, t: float, quantities: Vector, is_new: bool) -> None:
     """Update the largest quantities of the present span and of the one before."""
     if is_new:
-        d.last_crest[:] = quantities
-    elif t - d.span_since > _CREST_SPAN:
-        d.last_crest[:] = d.span_crest
-    if is_new or t - d.span_since > _CREST_SPAN:
-        d.span_since = t
-        d.span_crest[:] = quantities
-    for i in range(len(d.span_crest)):
-        if not quantities[i] <= d.span_crest[i]:
-            d.span_crest[i] = quantities[i]
+        abort.last_crest[:] = quantities
+    elif t - abort.span_since > _CREST_SPAN:
+        abort.last_crest[:] = abort.span_crest
+    if is_new or t - abort.span_since > _CREST_SPAN:
+        abort.span_since = t
+        abort.span_crest[:] = quantities
+    for i in range(len(abort.span_crest)):
+        if not quantities[i] <= abort.span_crest[i]:
+            abort.span_crest[i] = quantities[i]
 
 
-def _progresses(d: AbortMemory, m: MissionMemory, quantities: Vector) -> bool:
+def _progresses(abort: AbortMemory, mission: MissionMemory, quantities: Vector) -> bool:
     """Return whether something that the phase waits for to fall has come nearer to its limit, or
     nothing is missing.
 
     A phase that time or energy alone ends, wherever that leads, does not stall.
     """
-    if m.since != d.began:
-        d.began = m.since
-        d.stall_since = math.nan
-        for i in range(len(d.best)):
-            d.best[i] = math.inf
+    if mission.since != abort.began:
+        abort.began = mission.since
+        abort.stall_since = math.nan
+        for i in range(len(abort.best)):
+            abort.best[i] = math.inf
     waiting = False
     nearer = False
-    for i in range(m.first[m.phase], m.end[m.phase]):
+    for i in range(mission.first[mission.phase], mission.end[mission.phase]):
         timed = True
-        for k in range(m.first_condition[i], m.end_condition[i]):
-            gap = quantities[m.quantity[k]] - m.limit[k]
-            timed = timed and m.below[k] == 0 and always_grows(m, m.quantity[k])
-            if m.below[k] != 0 and not gap < 0.0:
+        for k in range(mission.first_condition[i], mission.end_condition[i]):
+            gap = quantities[mission.quantity[k]] - mission.limit[k]
+            timed = timed and mission.below[k] == 0 and always_grows(mission, mission.quantity[k])
+            if mission.below[k] != 0 and not gap < 0.0:
                 waiting = True
-                if gap < (1.0 - _PROGRESS) * d.best[m.quantity[k]]:
-                    d.best[m.quantity[k]] = gap
+                if gap < (1.0 - _PROGRESS) * abort.best[mission.quantity[k]]:
+                    abort.best[mission.quantity[k]] = gap
                     nearer = True
         nearer = nearer or timed
     return nearer or not waiting

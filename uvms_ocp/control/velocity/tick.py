@@ -53,163 +53,180 @@ solver or of both.
 _STATUS_CODE = {status: code for code, status in enumerate(Status)}
 
 
-def prepare_tick(m: TickMemory) -> None:
+def prepare_tick(tick: TickMemory) -> None:
     """Prepare a tick: replace what is missing of the estimate, and evaluate restriction, quantities
     and gates.
     """
-    hold_last_valid(m.sound, m.t, m.q, m.v, m.age, m.joint_age)
-    m.age = m.sound.age
-    m.joint_age = m.sound.joint_age
-    _follow_swing(m)
-    point_altimeter(m.beam, m.q)
-    _begin(m)
-    load_goals(m.goals, m.mission, m.ascent, m.t)
-    restrict(m.restriction, m.t, m.altitude_matters)
-    distrusted = _doubts_altimeter(m)
+    hold_last_valid(tick.sound, tick.t, tick.q, tick.v, tick.age, tick.joint_age)
+    tick.age = tick.sound.age
+    tick.joint_age = tick.sound.joint_age
+    _follow_swing(tick)
+    point_altimeter(tick.beam, tick.q)
+    _begin(tick)
+    load_goals(tick.goals, tick.mission, tick.ascent, tick.t)
+    restrict(tick.restriction, tick.t, tick.altitude_matters)
+    distrusted = _doubts_altimeter(tick)
     lowest = 0.0
     lower = False
-    for i in range(len(m.gates)):
-        if m.restriction.no_descent and m.lands[i] != 0:
-            m.gates[i] = 0.0
+    for i in range(len(tick.gates)):
+        if tick.restriction.no_descent and tick.lands[i] != 0:
+            tick.gates[i] = 0.0
         if (
-            m.reads_altitude[i] != 0
-            and m.gates[i] > 0.0
-            and (not lower or m.rest_altitude[i] < lowest)
+            tick.reads_altitude[i] != 0
+            and tick.gates[i] > 0.0
+            and (not lower or tick.rest_altitude[i] < lowest)
         ):
-            lowest = m.rest_altitude[i]
+            lowest = tick.rest_altitude[i]
             lower = True
-    m.echo[0] = echo_range(m.beam, m.t, m.altimeter_range, lowest, distrusted)
-    m.altitude_valid = math.isfinite(m.beam.floor) and m.t - m.beam.since <= m.hold_after
+    tick.echo[0] = echo_range(tick.beam, tick.t, tick.altimeter_range, lowest, distrusted)
+    tick.altitude_valid = (
+        math.isfinite(tick.beam.floor) and tick.t - tick.beam.since <= tick.hold_after
+    )
     # Joints that brakes hold are where they were.
-    braked = m.restriction.joints_held and math.isfinite(m.age) and m.joint_age >= m.age
-    age = 0.0 if braked else m.age
-    if m.altitude_matters and not distrusted:
-        echo_age = m.t - m.beam.since
+    braked = tick.restriction.joints_held and math.isfinite(tick.age) and tick.joint_age >= tick.age
+    age = 0.0 if braked else tick.age
+    if tick.altitude_matters and not distrusted:
+        echo_age = tick.t - tick.beam.since
     else:
         echo_age = 0.0
-    m.echo_is_oldest = echo_age > age
-    m.oldest = max(age, echo_age)
-    m.freshness = freshness_of(m.oldest, m.hold_after, m.stop_after)
-    m.awaits_first = m.awaits_first and m.age == math.inf
-    if m.awaits_first and is_under_way(m.t - m.mission.began, m.stop_after):
+    tick.echo_is_oldest = echo_age > age
+    tick.oldest = max(age, echo_age)
+    tick.freshness = freshness_of(tick.oldest, tick.hold_after, tick.stop_after)
+    tick.awaits_first = tick.awaits_first and tick.age == math.inf
+    if tick.awaits_first and is_under_way(tick.t - tick.mission.began, tick.stop_after):
         # Weight and buoyancy are carried meanwhile, or the vehicle would fall.
-        m.freshness = int(Freshness.STALE)
-    m.holds = is_blind(m) or m.restriction.hold or (m.restriction.ended and not m.distress.aborts)
-    for i in range(len(m.previous)):
-        m.previous[i] = m.command[i] / m.pace
-    _measure_distances(m)
+        tick.freshness = int(Freshness.STALE)
+    tick.holds = (
+        is_blind(tick)
+        or tick.restriction.hold
+        or (tick.restriction.ended and not tick.distress.aborts)
+    )
+    for i in range(len(tick.previous)):
+        tick.previous[i] = tick.command[i] / tick.pace
+    _measure_distances(tick)
 
 
-def _follow_swing(m: TickMemory) -> None:
+def _follow_swing(tick: TickMemory) -> None:
     """Separate what swings from its mean, and smooth the weight that the force layer finds at the
     tool.
     """
-    gain = m.rule.stop.dt / m.swing_memory
+    gain = tick.rule.stop.dt / tick.swing_memory
     for k in range(3):
-        if m.swings[k] != 0:
-            m.passive[k] += m.rule.stop.dt * m.v[3 + k] - gain * m.passive[k]
-    m.passive[3] -= gain * (m.distress.push * m.lift + m.passive[3])
+        if tick.swings[k] != 0:
+            tick.passive[k] += tick.rule.stop.dt * tick.v[3 + k] - gain * tick.passive[k]
+    tick.passive[3] -= gain * (tick.distress.push * tick.lift + tick.passive[3])
 
 
-def _begin(m: TickMemory) -> None:
+def _begin(tick: TickMemory) -> None:
     """Evaluate the external activations, which tell whether the altitude matters."""
-    progress.start_at_first_tick(m.mission, m.t)
-    progress.activations_at(m.mission, m.t, m.gates)
-    m.altitude_matters = False
-    for i in range(len(m.gates)):
-        m.altitude_matters = m.altitude_matters or (m.reads_altitude[i] != 0 and m.gates[i] != 0.0)
+    progress.start_at_first_tick(tick.mission, tick.t)
+    progress.activations_at(tick.mission, tick.t, tick.gates)
+    tick.altitude_matters = False
+    for i in range(len(tick.gates)):
+        tick.altitude_matters = tick.altitude_matters or (
+            tick.reads_altitude[i] != 0 and tick.gates[i] != 0.0
+        )
 
 
-def _measure_distances(m: TickMemory) -> None:
+def _measure_distances(tick: TickMemory) -> None:
     """Measure the distances that tasks ask for which are on or begin; on the way to rest where that
     could come near a limit.
     """
-    target = m.mission.targets[m.mission.phase]
+    target = tick.mission.targets[tick.mission.phase]
     looked = False
-    for k in range(m.nearest.n_asking):
-        i = m.nearest.pairs[k].task
-        if target[i] != 0.0 or m.gates[i] != 0.0:
+    for k in range(tick.nearest.n_asking):
+        i = tick.nearest.pairs[k].task
+        if target[i] != 0.0 or tick.gates[i] != 0.0:
             if not looked:
-                first_step = m.rule.stop.dt if m.near else math.inf
+                first_step = tick.rule.stop.dt if tick.near else math.inf
                 distances.place_along_stop(
-                    m.nearest, m.q, m.command, m.rule.stop.acceleration, first_step
+                    tick.nearest, tick.q, tick.command, tick.rule.stop.acceleration, first_step
                 )
                 looked = True
-            distances.measure_pairs(m.nearest, k, m.goals.values)
+            distances.measure_pairs(tick.nearest, k, tick.goals.values)
 
 
-def finish_tick(m: TickMemory) -> None:
+def finish_tick(tick: TickMemory) -> None:
     """Finish a tick once the hierarchy is solved: outputs, velocity, and the mission's next
     state.
     """
-    _report(m)
-    if m.holds:
-        _come_to_rest(m)
+    _report(tick)
+    if tick.holds:
+        _come_to_rest(tick)
     else:
-        _choose(m)
-    m.why = abort.AbortReason.NOTHING
-    m.due = progress.NONE
-    m.eventful = False
-    if not progress.is_over(m.mission):
-        _check_mission(m)
+        _choose(tick)
+    tick.why = abort.AbortReason.NOTHING
+    tick.due = progress.NONE
+    tick.eventful = False
+    if not progress.is_over(tick.mission):
+        _check_mission(tick)
 
 
-def _check_mission(m: TickMemory) -> None:
+def _check_mission(tick: TickMemory) -> None:
     """Take the transition that is due, or give the mission up."""
-    less = m.restriction
-    stopped = is_stopped(m)
+    less = tick.restriction
+    stopped = is_stopped(tick)
     hopeless = stopped and (less.ended or less.any_lost)
     clearance = math.nan
-    if m.distress.aborts:  # nothing else asks for it
-        m.lowest(m.q, m.height)
-        unseen = m.holds or _doubts_altimeter(m) or not m.altitude_valid
-        clearance = math.nan if unseen else m.height[0] - m.beam.floor
-    m.why = abort.abort_reason(
-        m.distress, m.mission, m.t, m.gates, m.phase_quantities, hopeless, less.ended, clearance
+    if tick.distress.aborts:  # nothing else asks for it
+        tick.lowest(tick.q, tick.height)
+        unseen = tick.holds or _doubts_altimeter(tick) or not tick.altitude_valid
+        clearance = math.nan if unseen else tick.height[0] - tick.beam.floor
+    tick.why = abort.abort_reason(
+        tick.distress,
+        tick.mission,
+        tick.t,
+        tick.gates,
+        tick.phase_quantities,
+        hopeless,
+        less.ended,
+        clearance,
     )
-    if m.why != abort.AbortReason.NOTHING:
-        m.eventful = True
-        if not m.mission.given_up:
-            believed = not (m.distress.pushed or _doubts_altimeter(m))
-            ascent.aim_ascent(m.ascent, m.q, m.beam.highest if believed else math.nan)
-        progress.abort_mission(m.mission, m.t, not stopped)
-    elif not m.holds:
-        m.due = progress.transition_due(m.mission, m.t, m.phase_quantities)
-        m.eventful = m.due != progress.NONE or m.mission.changed
-        if m.due != progress.NONE:
-            progress.take_transition(m.mission, m.t, m.due)
+    if tick.why != abort.AbortReason.NOTHING:
+        tick.eventful = True
+        if not tick.mission.given_up:
+            believed = not (tick.distress.pushed or _doubts_altimeter(tick))
+            ascent.aim_ascent(tick.ascent, tick.q, tick.beam.highest if believed else math.nan)
+        progress.abort_mission(tick.mission, tick.t, not stopped)
+    elif not tick.holds:
+        tick.due = progress.transition_due(tick.mission, tick.t, tick.phase_quantities)
+        tick.eventful = tick.due != progress.NONE or tick.mission.changed
+        if tick.due != progress.NONE:
+            progress.take_transition(tick.mission, tick.t, tick.due)
 
 
-def _doubts_altimeter(m: TickMemory) -> bool:
+def _doubts_altimeter(tick: TickMemory) -> bool:
     """Return whether the altimeter is not to be trusted."""
-    return m.restriction.level[m.channel[m.altimeter]] != Trust.GOOD
+    return tick.restriction.level[tick.channel[tick.altimeter]] != Trust.GOOD
 
 
-def is_blind(m: TickMemory) -> bool:
+def is_blind(tick: TickMemory) -> bool:
     """Evaluate the property of `TickInputs` of this name."""
-    return m.freshness != Freshness.FRESH or m.restriction.blind
+    return tick.freshness != Freshness.FRESH or tick.restriction.blind
 
 
-def damps_turns(m: TickMemory) -> bool:
+def damps_turns(tick: TickMemory) -> bool:
     """Return whether the angular velocity is fed back although the robot is blind.
 
     So while first readings are awaited and nothing speaks against the gyro: where it has not spoken
     the filter knows of no turn.
     """
-    return m.awaits_first and m.restriction.level[_GYRO] == Trust.GOOD
+    return tick.awaits_first and tick.restriction.level[_GYRO] == Trust.GOOD
 
 
-def is_stopped(m: TickMemory) -> bool:
+def is_stopped(tick: TickMemory) -> bool:
     """Evaluate the property of `TickInputs` of this name."""
-    return m.freshness == Freshness.LOST or (m.restriction.ended and not m.restriction.can_ascend)
+    return tick.freshness == Freshness.LOST or (
+        tick.restriction.ended and not tick.restriction.can_ascend
+    )
 
 
-def commit_velocity(m: TickMemory) -> None:
+def commit_velocity(tick: TickMemory) -> None:
     """Command the velocity that is wanted."""
-    for i in range(len(m.command)):
-        m.change[i] = m.wanted[i] / m.wanted_pace - m.previous[i]
-        m.command[i] = m.wanted[i]
-    m.pace = m.wanted_pace
+    for i in range(len(tick.command)):
+        tick.change[i] = tick.wanted[i] / tick.wanted_pace - tick.previous[i]
+        tick.command[i] = tick.wanted[i]
+    tick.pace = tick.wanted_pace
 
 
 def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
@@ -221,83 +238,93 @@ def is_unknown(age: float, of_altitude: bool, altitude_valid: bool) -> bool:
     return age == math.inf or (of_altitude and not altitude_valid)
 
 
-def _report(m: TickMemory) -> None:
+def _report(tick: TickMemory) -> None:
     """Update the quantities that are reported, and those that phases read.
 
     Phases read no quantity that rests on a channel that is not good, but in the abort phase all.
     """
     progress.measure_own(
-        m.mission, m.t, 0.0 - m.distress.push * m.lift, m.distress.spent, m.quantities
+        tick.mission,
+        tick.t,
+        0.0 - tick.distress.push * tick.lift,
+        tick.distress.spent,
+        tick.quantities,
     )
-    of_altitude = m.rests_on[m.altimeter]
-    for i in range(len(m.quantities)):
-        unknown = is_unknown(m.age, of_altitude[i] != 0, m.altitude_valid)
-        m.reported[i] = math.nan if unknown else m.quantities[i]
-        m.phase_quantities[i] = m.reported[i]
-    for k in range(len(m.channel)):
-        channel = m.rests_on[k]
-        for i in range(len(m.quantities)):
+    of_altitude = tick.rests_on[tick.altimeter]
+    for i in range(len(tick.quantities)):
+        unknown = is_unknown(tick.age, of_altitude[i] != 0, tick.altitude_valid)
+        tick.reported[i] = math.nan if unknown else tick.quantities[i]
+        tick.phase_quantities[i] = tick.reported[i]
+    for k in range(len(tick.channel)):
+        channel = tick.rests_on[k]
+        for i in range(len(tick.quantities)):
             if (
-                m.restriction.level[m.channel[k]] != Trust.GOOD
+                tick.restriction.level[tick.channel[k]] != Trust.GOOD
                 and channel[i] != 0
-                and not m.mission.given_up
+                and not tick.mission.given_up
             ):
-                m.phase_quantities[i] = math.nan
-    for i in range(len(m.quantities)):
-        if not m.holds:
-            m.last_phase_quantities[i] = m.phase_quantities[i]
+                tick.phase_quantities[i] = math.nan
+    for i in range(len(tick.quantities)):
+        if not tick.holds:
+            tick.last_phase_quantities[i] = tick.phase_quantities[i]
 
 
-def _come_to_rest(m: TickMemory) -> None:
+def _come_to_rest(tick: TickMemory) -> None:
     """Go on along the stop that the last tick with a measurement has found clear."""
-    way = m.rule.stop
-    braking.begin_stop(way, m.place, m.command)
+    way = tick.rule.stop
+    braking.begin_stop(way, tick.place, tick.command)
     braking.step_stop(way)
-    m.place[:] = way.q
-    for i in range(len(m.command)):
-        m.change[i] = (way.v[i] - m.command[i]) / m.pace
-        m.command[i] = way.v[i]
-    m.share = 0.0
+    tick.place[:] = way.q
+    for i in range(len(tick.command)):
+        tick.change[i] = (way.v[i] - tick.command[i]) / tick.pace
+        tick.command[i] = way.v[i]
+    tick.share = 0.0
 
 
-def _choose(m: TickMemory) -> None:
+def _choose(tick: TickMemory) -> None:
     """Command the velocity that is wanted, as far as the limits on positions let it be taken."""
-    m.place[:] = m.q
-    _wanted_velocity(m)
-    m.near = viability.may_reach_limit(m.rule, m.wanted, m.gates, m.quantities)
-    if m.near:
-        m.share = viability.enforce_viability(
-            m.rule, m.q, m.command, m.wanted, m.gates, m.quantities
+    tick.place[:] = tick.q
+    _wanted_velocity(tick)
+    tick.near = viability.may_reach_limit(tick.rule, tick.wanted, tick.gates, tick.quantities)
+    if tick.near:
+        tick.share = viability.enforce_viability(
+            tick.rule, tick.q, tick.command, tick.wanted, tick.gates, tick.quantities
         )
     else:
-        m.share = 1.0
-    commit_velocity(m)
+        tick.share = 1.0
+    commit_velocity(tick)
 
 
-def _wanted_velocity(m: TickMemory) -> None:
+def _wanted_velocity(tick: TickMemory) -> None:
     """Find the velocity that the tasks ask for, within what the limits of each axis and the
     restrictions leave.
     """
-    m.wanted_pace = m.pace
-    if m.usable:
-        _shorten(m)
-        if m.restriction.any_bad or m.pace != 1.0:
-            m.wanted_pace = speed_limit.limit_speed(
-                m.speed_limit, m.restriction, m.beam, m.q, m.command, m.pace, m.wanted
+    tick.wanted_pace = tick.pace
+    if tick.usable:
+        _shorten(tick)
+        if tick.restriction.any_bad or tick.pace != 1.0:
+            tick.wanted_pace = speed_limit.limit_speed(
+                tick.speed_limit,
+                tick.restriction,
+                tick.beam,
+                tick.q,
+                tick.command,
+                tick.pace,
+                tick.wanted,
             )
     else:
-        for i in range(len(m.wanted)):  # one tick nearer to rest
-            m.wanted[i] = m.command[i] - min(
-                max(m.command[i], -m.speed_limit.step[i]), m.speed_limit.step[i]
+        for i in range(len(tick.wanted)):  # one tick nearer to rest
+            tick.wanted[i] = tick.command[i] - min(
+                max(tick.command[i], -tick.speed_limit.step[i]), tick.speed_limit.step[i]
             )
-    for i in range(len(m.wanted)):
+    for i in range(len(tick.wanted)):
         # From rest at every tick: the hierarchy counts on no more than one tick's acceleration of
         # such a joint.
-        if m.jammed[i] != 0:
-            m.wanted[i] = 0.0
+        if tick.jammed[i] != 0:
+            tick.wanted[i] = 0.0
 
 
-def _shorten(m: TickMemory) -> None:
+def _shorten(tick: TickMemory) -> None:
     """Shorten the solver's velocity to the velocity limits, with its direction kept.
 
     A joint that has lately been faster than commanded leaves that much of its limit, so that it
@@ -306,27 +333,30 @@ def _shorten(m: TickMemory) -> None:
     Its lag as it brakes does not count, nor what moves it at rest.
     """
     excess = 1.0
-    dt = m.rule.stop.dt
-    for i in range(len(m.solved)):
-        if m.is_joint[i] != 0:
-            ahead = m.command[i] * (m.v[i] - m.command[i]) > 0.0
+    dt = tick.rule.stop.dt
+    for i in range(len(tick.solved)):
+        if tick.is_joint[i] != 0:
+            ahead = tick.command[i] * (tick.v[i] - tick.command[i]) > 0.0
             if ahead:
                 faster = min(
-                    _EXCESS_GAIN * abs(m.v[i] - m.command[i]), _LARGEST_EXCESS * m.velocity_limit[i]
+                    _EXCESS_GAIN * abs(tick.v[i] - tick.command[i]),
+                    _LARGEST_EXCESS * tick.velocity_limit[i],
                 )
             else:
                 faster = 0.0
-            if m.command[i] * m.change[i] < 0.0:
-                faster = min(faster, m.faster[i])
-            gain = min(1.0, dt / (_RISE_TIME if faster > m.faster[i] else _DECAY_TIME))
-            m.faster[i] += gain * (faster - m.faster[i])
-        excess = max(excess, abs(m.solved[i]) / m.velocity_limit[i])
-    for i in range(len(m.solved)):
-        margin = m.faster[i]
-        if m.is_joint[i] != 0:
-            margin = max(margin, _UNCORRECTED * max(dt - _SHORT_PERIOD, 0.0) * m.velocity_limit[i])
-        largest_speed = m.velocity_limit[i] - margin
-        m.wanted[i] = min(max(m.solved[i] / excess, -largest_speed), largest_speed)
+            if tick.command[i] * tick.change[i] < 0.0:
+                faster = min(faster, tick.faster[i])
+            gain = min(1.0, dt / (_RISE_TIME if faster > tick.faster[i] else _DECAY_TIME))
+            tick.faster[i] += gain * (faster - tick.faster[i])
+        excess = max(excess, abs(tick.solved[i]) / tick.velocity_limit[i])
+    for i in range(len(tick.solved)):
+        margin = tick.faster[i]
+        if tick.is_joint[i] != 0:
+            margin = max(
+                margin, _UNCORRECTED * max(dt - _SHORT_PERIOD, 0.0) * tick.velocity_limit[i]
+            )
+        largest_speed = tick.velocity_limit[i] - margin
+        tick.wanted[i] = min(max(tick.solved[i] / excess, -largest_speed), largest_speed)
 
 
 # The hierarchy solved between `before` and `after`, in machine code: levels, solver, and what comes
@@ -368,45 +398,57 @@ class VelocityController(Layout):
     """(n_statuses,) whether a solution of each status has a velocity to use."""
 
 
-def solve(c: VelocityController) -> int:
+def solve(controller: VelocityController) -> int:
     """Solve the hierarchy; return the code of the `Status`. A kernel."""
-    m = c.tick
-    J = c.jacobian
-    low = c.lower
-    up = c.upper
-    rate = c.rate
-    on = c.activation
-    gate = c.gate
-    goals = m.goals.values
-    c.levels(
-        m.q,
-        m.v,
-        m.passive,
-        m.previous,
-        m.change,
-        m.echo,
+    tick = controller.tick
+    J = controller.jacobian
+    low = controller.lower
+    up = controller.upper
+    rate = controller.rate
+    on = controller.activation
+    gate = controller.gate
+    goals = tick.goals.values
+    controller.levels(
+        tick.q,
+        tick.v,
+        tick.passive,
+        tick.previous,
+        tick.change,
+        tick.echo,
         goals,
-        m.gates,
+        tick.gates,
         J,
         low,
         up,
         rate,
         on,
         gate,
-        m.quantities,
-        c.activity,
+        tick.quantities,
+        controller.activity,
     )
-    c.solver(J, low, up, rate, on, gate, c.state, m.solved, c.new_state, c.report, c.residual)
-    c.state[:] = c.new_state
-    status = int(c.report[0])
-    m.usable = c.usable[status] != 0
+    controller.solver(
+        J,
+        low,
+        up,
+        rate,
+        on,
+        gate,
+        controller.state,
+        tick.solved,
+        controller.new_state,
+        controller.report,
+        controller.residual,
+    )
+    controller.state[:] = controller.new_state
+    status = int(controller.report[0])
+    tick.usable = controller.usable[status] != 0
     return status
 
 
-def solve_and_finish(c: VelocityController) -> int:
+def solve_and_finish(controller: VelocityController) -> int:
     """Solve the hierarchy and finish the tick; return the code of the `Status`. A kernel."""
-    status = solve(c)
-    finish_tick(c.tick)
+    status = solve(controller)
+    finish_tick(controller.tick)
     return status
 
 

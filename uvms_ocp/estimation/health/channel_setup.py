@@ -73,20 +73,20 @@ def health_memory(
     memory.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     memory.history.spacing = memory.history.length / (N_ESTIMATES - 2)
     for number in range(N_CHANNELS):
-        c = memory.channels[number]
-        c.number = number
-        c.rival = -1
-        c.other_rival = -1
-        c.gate.by = -1
-        c.gate.or_by = -1
-        c.used = -math.inf
-        c.refused_at = -math.inf
-        c.impossible_at = -math.inf
-        c.bad_at = -math.inf
-        c.excluded_until = -math.inf
-        c.compared_at = -math.inf
-        c.taken = math.nan
-        c.used_at = math.nan
+        channel = memory.channels[number]
+        channel.number = number
+        channel.rival = -1
+        channel.other_rival = -1
+        channel.gate.by = -1
+        channel.gate.or_by = -1
+        channel.used = -math.inf
+        channel.refused_at = -math.inf
+        channel.impossible_at = -math.inf
+        channel.bad_at = -math.inf
+        channel.excluded_until = -math.inf
+        channel.compared_at = -math.inf
+        channel.taken = math.nan
+        channel.used_at = math.nan
     for name, spec in specs.items():
         _set_channel(memory.channels[NUMBER[name]], robot, name, spec)
     _set_gates(memory, robot, specs, tuning)
@@ -132,18 +132,18 @@ def _largest_bias(spec: SensorSpec) -> float:
     return max(abs(bias) for bias in spec.biases)
 
 
-def _set_channel(c: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
-    c.present = True
-    c.size = math.prod(sizes_of(robot)[name])
-    c.delay = spec.delay
-    c.period = 1.0 / spec.rate
-    c.losses = math.inf if spec.dropout >= 1.0 else 0.0
+def _set_channel(channel: ChannelMemory, robot: Robot, name: str, spec: SensorSpec) -> None:
+    channel.present = True
+    channel.size = math.prod(sizes_of(robot)[name])
+    channel.delay = spec.delay
+    channel.period = 1.0 / spec.rate
+    channel.losses = math.inf if spec.dropout >= 1.0 else 0.0
     if 0.0 < spec.dropout < 1.0:  # so many readings in a row such a sensor loses by chance
-        c.losses = math.log(plausibility.CHANCE) / math.log(spec.dropout)
-    c.rival, c.other_rival = _two(_RIVALS.get(name, ()))
+        channel.losses = math.log(plausibility.CHANCE) / math.log(spec.dropout)
+    channel.rival, channel.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or _is_plain(robot)
     plausibility.init_repetitions(
-        c.repeats, spec.sigma, size=c.size, each=plain and name not in _WHOLE
+        channel.repeats, spec.sigma, size=channel.size, each=plain and name not in _WHOLE
     )
 
 

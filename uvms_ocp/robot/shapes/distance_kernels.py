@@ -143,25 +143,25 @@ class DistanceMemory(Layout):
     """Working memory of `expand_polytope`."""
 
 
-def chosen_distances(m: DistanceMemory, q: Vector) -> None:
+def chosen_distances(distances: DistanceMemory, q: Vector) -> None:
     """Measure the `value` of the chosen pairs, at their places, at q (n_q,) [m, rad]. A kernel."""
-    place_solids(m, q)
-    for k in range(m.n_chosen):
-        m.value[m.chosen[k]] = distance_of(m, m.chosen[k])
+    place_solids(distances, q)
+    for k in range(distances.n_chosen):
+        distances.value[distances.chosen[k]] = distance_of(distances, distances.chosen[k])
 
 
-def chosen_gradients(m: DistanceMemory) -> None:
+def chosen_gradients(distances: DistanceMemory) -> None:
     """Compute the `gradient` of the chosen pairs, where they were measured last. A kernel."""
-    for k in range(m.n_chosen):
-        pair_gradient(m, m.chosen[k], m.gradient[k])
+    for k in range(distances.n_chosen):
+        pair_gradient(distances, distances.chosen[k], distances.gradient[k])
 
 
-def place_solids(m: DistanceMemory, q: Vector) -> None:
+def place_solids(distances: DistanceMemory, q: Vector) -> None:
     """Place joints, axes and solids at q (n_q,) [m, rad]. A kernel."""
-    m.places(q, m.placements, m.twists)
-    for k in range(m.n_solids):
-        if m.solids[k].joint >= 0:
-            place_solid(m.solids[k], m.placements)
+    distances.places(q, distances.placements, distances.twists)
+    for k in range(distances.n_solids):
+        if distances.solids[k].joint >= 0:
+            place_solid(distances.solids[k], distances.placements)
 
 
 def place_solid(s: gjk.Solid, placements: Vector) -> None:
@@ -180,12 +180,12 @@ def place_solid(s: gjk.Solid, placements: Vector) -> None:
             )
 
 
-def distance_of(m: DistanceMemory, k: int) -> float:
+def distance_of(distances: DistanceMemory, k: int) -> float:
     """Measure the signed distance [m] of pair k, as its solids are placed. A kernel."""
-    pair = m.pairs[k]
-    meeting = m.meeting
-    a, b = m.solids[pair.first], m.solids[pair.second]
-    measure_solids(meeting, m.hull, a, b)
+    pair = distances.pairs[k]
+    meeting = distances.meeting
+    a, b = distances.solids[pair.first], distances.solids[pair.second]
+    measure_solids(meeting, distances.hull, a, b)
     gjk.rotated(a.R, meeting.normal, pair.normal)
     gjk.rotated(a.R, meeting.at, pair.at)
     for i in range(3):
@@ -194,14 +194,14 @@ def distance_of(m: DistanceMemory, k: int) -> float:
     return meeting.distance
 
 
-def distance_lower_bound(m: DistanceMemory, k: int) -> float:
+def distance_lower_bound(distances: DistanceMemory, k: int) -> float:
     """Bound the distance [m] of pair k from below: along the direction of the last measurement, or by
     the balls around. A kernel.
     """
-    pair = m.pairs[k]
+    pair = distances.pairs[k]
     way = zeros(3)
     turned = zeros(3)
-    a, b = m.solids[pair.first], m.solids[pair.second]
+    a, b = distances.solids[pair.first], distances.solids[pair.second]
     gjk.subtract(b.p, a.p, way)
     bound = math.sqrt(gjk.dot(way, way)) - a.size - b.size
     if pair.known:
@@ -212,23 +212,24 @@ def distance_lower_bound(m: DistanceMemory, k: int) -> float:
     return bound
 
 
-def pair_gradient(m: DistanceMemory, k: int, row: Vector) -> None:
+def pair_gradient(distances: DistanceMemory, k: int, row: Vector) -> None:
     """Compute the rate (n_v,) [-, m] of the distance of pair k per unit of each velocity, where it
     was measured last. A kernel.
     """
-    pair = m.pairs[k]
+    pair = distances.pairs[k]
     moment = zeros(3)
-    n_v = len(m.gradient[0])
+    n_v = len(distances.gradient[0])
     n, x = pair.normal, pair.at
     gjk.cross(x, n, moment)
     for i in range(n_v):
         row[i] = 0.0
-    for k_axis in range(len(m.axes)):
-        sign = m.moves[pair.second][k_axis] - m.moves[pair.first][k_axis]
-        i = m.axes[k_axis]
+    for k_axis in range(len(distances.axes)):
+        sign = distances.moves[pair.second][k_axis] - distances.moves[pair.first][k_axis]
+        i = distances.axes[k_axis]
         for c in range(3):
             row[i] += sign * (
-                n[c] * m.twists[6 * k_axis + c] + moment[c] * m.twists[6 * k_axis + 3 + c]
+                n[c] * distances.twists[6 * k_axis + c]
+                + moment[c] * distances.twists[6 * k_axis + 3 + c]
             )
     for i in range(n_v):
         if abs(row[i]) < _NOTHING:
