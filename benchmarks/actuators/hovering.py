@@ -119,6 +119,7 @@ class WayPoints(KinematicController):
         self.watchdog = Watchdog()
         self.given_up = ""
         self.restriction = FREE
+        self.damps_turns = False
         self.guide = None
         self._rng = np.random.default_rng(hover.seed + 1000)
         self._moves = hover.moves

@@ -173,7 +173,7 @@ class Asking(KinematicController):
         self.guide = None
 
     def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
-        return SimpleNamespace(measurement=measurement, t=t, restriction=FREE)
+        return SimpleNamespace(measurement=measurement, t=t, restriction=FREE, damps_turns=False)
 
     def command(self, tick: SimpleNamespace) -> Command:
         return Command(v=self.v0 + self.a * tick.t)

@@ -25,7 +25,6 @@ from uvms_ocp.control.load_filter import LoadLearning
 from uvms_ocp.control.payload import LoadLearner, require_learnable
 from uvms_ocp.control.velocity.abort import ActuationFeedback
 from uvms_ocp.control.velocity.kinematic import KinematicController
-from uvms_ocp.control.velocity.tick import damps_turns
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.estimation.degraded_modes import ENCODERS, JOINT_RATES
 from uvms_ocp.record.display import SmallTable, TableDisplay, rows_of
@@ -140,8 +139,7 @@ class DynamicController(TableDisplay):
         bounds = tick.restriction
         share = 1.0 if self.kinematic.guide is None else self.kinematic.guide.bandwidth
         feedback = (share * bounds.feedback, bounds.joint_feedback)
-        turning = damps_turns(self.kinematic.memory)
-        self._tick.give(sound.q, sound.v, command, feedback, turning=turning)
+        self._tick.give(sound.q, sound.v, command, feedback, turning=tick.damps_turns)
         encoders_trusted = not bounds.distrusted or bounds.distrusted.isdisjoint(_JOINT_CHANNELS)
         joint_rates_lost = any(item.channel == JOINT_RATES for item in bounds.lost)
         outputs = self._ticked(sound, tick.t, encoders_trusted, joint_rates_lost)

@@ -247,6 +247,7 @@ class KinematicController(TableDisplay):
             gates=arrays.gates.copy(),
             freshness=freshness,
             restriction=restriction,
+            damps_turns=velocity_tick.damps_turns(memory),
         )
 
     @checked_on_failure

@@ -38,6 +38,8 @@ class TickInputs:
     """Degree to which the estimate can be trusted."""
     restriction: Restriction = FREE
     """Restriction by channels that cannot be trusted."""
+    damps_turns: bool = False
+    """True where the angular velocity is fed back although the robot is blind."""
 
     @property
     def blind(self) -> bool:
