@@ -89,9 +89,9 @@ class Uniform(Distribution):
                 " bound"
             )
 
-    def quantile(self, share: Share) -> float:
+    def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
-        return self.lower + share * (self.upper - self.lower)
+        return self.lower + u * (self.upper - self.lower)
 
 
 @checked_dataclass(kw_only=False)
@@ -105,9 +105,9 @@ class Normal(Distribution):
     sigma: Positive
     """[unit of the parameter] standard deviation."""
 
-    def quantile(self, share: Share) -> float:
+    def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
-        return self.mean + self.sigma * _standard_normal(share)
+        return self.mean + self.sigma * _standard_normal(u)
 
 
 @checked_dataclass(kw_only=False)
@@ -119,9 +119,9 @@ class LogNormal(Distribution):
     sigma: Positive = 0.2
     """Standard deviation of the natural logarithm; while small, a relative error."""
 
-    def quantile(self, share: Share) -> float:
+    def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
-        return self.median * math.exp(self.sigma * _standard_normal(share))
+        return self.median * math.exp(self.sigma * _standard_normal(u))
 
 
 @checked_dataclass(kw_only=False)
@@ -142,13 +142,13 @@ class Triangular(Distribution):
             text = f"Triangular({self.lower:g}, {self.mode:g}, {self.upper:g})"
             raise InvalidInput(f"{text}; give lower bound, mode and upper bound in this order")
 
-    def quantile(self, share: Share) -> float:
+    def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] below which a share u lies."""
         width = self.upper - self.lower
         rise = self.mode - self.lower
-        if share * width <= rise:
-            return self.lower + math.sqrt(share * width * rise)
-        return self.upper - math.sqrt((1.0 - share) * width * (self.upper - self.mode))
+        if u * width <= rise:
+            return self.lower + math.sqrt(u * width * rise)
+        return self.upper - math.sqrt((1.0 - u) * width * (self.upper - self.mode))
 
 
 @checked_dataclass(kw_only=False)
@@ -163,9 +163,9 @@ class Choice(Distribution):
         if not self.values:
             raise InvalidInput("Choice of no values; give one or more")
 
-    def quantile(self, share: Share) -> float:
+    def quantile(self, u: Share) -> float:
         """The value [unit of the parameter] that a number u stands for."""
-        return float(self.values[min(int(share * len(self.values)), len(self.values) - 1)])
+        return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
 
 
 @dataclass(frozen=True, slots=True)

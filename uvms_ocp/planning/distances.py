@@ -110,11 +110,11 @@ class CoalDistances:
         object.__setattr__(self, "_signed", SignedDistances(self.scene.geometry))
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
-    def distances(self, samples: Samples) -> Array:
+    def distances(self, x: Samples) -> Array:
         """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose
         depth coal cannot tell.
         """
-        return self.distances_at(self.scene.coordinates.configurations(samples))
+        return self.distances_at(self.scene.coordinates.configurations(x))
 
     def distances_at(self, q: Configurations, chosen: ChosenPairs | None = None) -> Array:
         """Signed distances (n, n_pairs) [m] at configurations q (n, n_q) [m, rad]; infinite for
@@ -165,7 +165,7 @@ class CoalDistances:
         return Contacts(sample=sample, pair=pair, **parts)
 
     def near(
-        self, samples_memory: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]
+        self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]
     ) -> NearPairs:
         """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
 
@@ -174,12 +174,10 @@ class CoalDistances:
         shapes, in penetration too.
         """
         near_contacts: list[_Contact] = []
-        jacobians = np.zeros(
-            (samples_memory.shape[0], 6, self.scene.coordinates.robot.model.nvExtended)
-        )
-        self._bounds.moved_to(samples_memory, self.scene)
+        jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
+        self._bounds.moved_to(x, self.scene)
         candidates = self._bounds.lower < thresholds
-        configurations = self.scene.coordinates.configurations(samples_memory)
+        configurations = self.scene.coordinates.configurations(x)
         limits = thresholds.tolist()
         for sample, chosen in _grouped(candidates):
             self._place(configurations[sample])
@@ -192,7 +190,7 @@ class CoalDistances:
         samples, pairs, distances, normals, points, centres = map(
             np.array, zip(*near_contacts, strict=True)
         )
-        screws = (jacobians @ self.scene.coordinates.column_map(samples_memory))[samples]
+        screws = (jacobians @ self.scene.coordinates.column_map(x))[samples]
         wrench = np.concatenate([normals, np.cross(points, normals)], axis=1)
         gradient = ((wrench[:, None, :] @ screws)[:, 0] * self.scene.moved[pairs]) @ self.scene.fold
         return NearPairs(
