@@ -13,6 +13,7 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt for which a posture may be another one
+_ROUNDING = 1e-4  # [s] by which times of a clock that counts from long ago may be off
 _SHORTEST_LOCK = 0.5  # [s]
 _LONGEST_LOCK = 64.0  # [s]
 _LONGER = 8.0  # times the lock before it is the lock of a joint that falls again
@@ -55,10 +56,10 @@ def locks_at_overspeed(
     if doubted:
         w.doubted_until = t + _DOUBTFUL
     w.joint = _fastest_unasked(w, first, v, reference)
-    if t < w.locked_until:
+    if t < w.locked_until - _ROUNDING:
         w.joint = -1
         return True
-    if t > w.doubted_until:
+    if t > w.doubted_until + _ROUNDING:
         w.joint = -1
         w.lock = 0.0
         return False
