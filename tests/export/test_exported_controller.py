@@ -147,8 +147,8 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
         pytest.param(
             "faulty",
             marks=pytest.mark.xfail(
-                reason="known fault: from the first fault of a sensor on some time is compared at the"
-                " end of a tick, where the rounding of the clock decides"
+                reason="known fault since motors act for what thrusters give: after 9 s the rounding of"
+                " the clock changes forces"
             ),
         ),
         "patrol",
