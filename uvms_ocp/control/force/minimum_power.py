@@ -201,119 +201,114 @@ class LimitedThrustMemory(Layout):
     """(n,) [N] the answer."""
 
 
-def limited_thrust(limited_thrust: LimitedThrustMemory) -> bool:
+def limited_thrust(allocation: LimitedThrustMemory) -> bool:
     """Find the thrust; whether the limits keep the wrench from being reached."""
-    n = limited_thrust.problem.columns
+    n = allocation.problem.columns
     inside = True
     for i in range(n):
-        limited_thrust.thrust[i] = limited_thrust.unbounded[i]
-        inside = (
-            inside
-            and limited_thrust.lower[i] <= limited_thrust.unbounded[i] <= limited_thrust.upper[i]
-        )
+        allocation.thrust[i] = allocation.unbounded[i]
+        inside = inside and allocation.lower[i] <= allocation.unbounded[i] <= allocation.upper[i]
     if not inside:
-        _bounded(limited_thrust)
-    saturated = not inside and _loses(limited_thrust)
-    limited_thrust.within[:n] = limited_thrust.thrust[:n]
-    _leave_dead_zones(limited_thrust)
+        _bounded(allocation)
+    saturated = not inside and _loses(allocation)
+    allocation.within[:n] = allocation.thrust[:n]
+    _leave_dead_zones(allocation)
     return saturated
 
 
-def _bounded(limited_thrust: LimitedThrustMemory) -> None:
+def _bounded(allocation: LimitedThrustMemory) -> None:
     """Inside the limits: of least quadratic power, then step by step of least power."""
-    n = limited_thrust.problem.columns
-    before = zeros(len(limited_thrust.thrust))
-    limited_thrust.problem.weight[:n] = limited_thrust.powers.quadratic[:n]
-    limited_thrust.problem.lower[:n] = limited_thrust.lower[:n]
-    limited_thrust.problem.upper[:n] = limited_thrust.upper[:n]
-    _solve(limited_thrust, False)
-    for _ in range(_REWEIGHTINGS if limited_thrust.powers.n_spare > 0 else 0):
-        before[:n] = limited_thrust.thrust[:n]
-        _touch(limited_thrust)
-        _solve(limited_thrust, True)
+    n = allocation.problem.columns
+    before = zeros(len(allocation.thrust))
+    allocation.problem.weight[:n] = allocation.powers.quadratic[:n]
+    allocation.problem.lower[:n] = allocation.lower[:n]
+    allocation.problem.upper[:n] = allocation.upper[:n]
+    _solve(allocation, False)
+    for _ in range(_REWEIGHTINGS if allocation.powers.n_spare > 0 else 0):
+        before[:n] = allocation.thrust[:n]
+        _touch(allocation)
+        _solve(allocation, True)
         moved = 0.0
         largest_thrust = 0.0
         for i in range(n):
-            moved = max(moved, abs(limited_thrust.thrust[i] - before[i]))
-            largest_thrust = max(largest_thrust, limited_thrust.powers.largest[i])
+            moved = max(moved, abs(allocation.thrust[i] - before[i]))
+            largest_thrust = max(largest_thrust, allocation.powers.largest[i])
         if moved < _SETTLED * largest_thrust:
             break
 
 
-def _touch(limited_thrust: LimitedThrustMemory) -> None:
-    for i in range(limited_thrust.problem.columns):
-        limited_thrust.problem.weight[i] = majorizing_weight(
-            limited_thrust.powers.factor[i],
-            limited_thrust.powers.exponent[i],
-            limited_thrust.powers.largest[i],
-            limited_thrust.thrust[i],
+def _touch(allocation: LimitedThrustMemory) -> None:
+    for i in range(allocation.problem.columns):
+        allocation.problem.weight[i] = majorizing_weight(
+            allocation.powers.factor[i],
+            allocation.powers.exponent[i],
+            allocation.powers.largest[i],
+            allocation.thrust[i],
         )
 
 
-def _solve(limited_thrust: LimitedThrustMemory, started: bool) -> None:
+def _solve(allocation: LimitedThrustMemory, started: bool) -> None:
     """The thrust for the weights and limits in the problem; started: from the thrust that there
     is.
     """
-    n = limited_thrust.problem.columns
-    for k in range(limited_thrust.problem.rows):
-        limited_thrust.problem.b[k] = (
-            limited_thrust.powers.wrench_weight[k] * limited_thrust.wrench[k]
-        )
+    n = allocation.problem.columns
+    for k in range(allocation.problem.rows):
+        allocation.problem.b[k] = allocation.powers.wrench_weight[k] * allocation.wrench[k]
         for i in range(n):
-            limited_thrust.problem.A[k][i] = (
-                limited_thrust.powers.wrench_weight[k] * limited_thrust.powers.matrix[k][i]
+            allocation.problem.A[k][i] = (
+                allocation.powers.wrench_weight[k] * allocation.powers.matrix[k][i]
             )
-    limited_thrust.problem.x[:n] = limited_thrust.thrust[:n]
-    limited_thrust.problem.started = started
-    bounded_least_squares.solve_bounded(limited_thrust.problem)
-    limited_thrust.thrust[:n] = limited_thrust.problem.x[:n]
+    allocation.problem.x[:n] = allocation.thrust[:n]
+    allocation.problem.started = started
+    bounded_least_squares.solve_bounded(allocation.problem)
+    allocation.thrust[:n] = allocation.problem.x[:n]
 
 
-def _loses(limited_thrust: LimitedThrustMemory) -> bool:
+def _loses(allocation: LimitedThrustMemory) -> bool:
     """Return whether the wrench is another one than that of the unbounded thrust."""
     lost = 0.0
     required = 0.0
-    for k in range(limited_thrust.problem.rows):
+    for k in range(allocation.problem.rows):
         difference = 0.0
         total = 0.0
-        for i in range(limited_thrust.problem.columns):
-            difference += limited_thrust.powers.matrix[k][i] * (
-                limited_thrust.thrust[i] - limited_thrust.unbounded[i]
+        for i in range(allocation.problem.columns):
+            difference += allocation.powers.matrix[k][i] * (
+                allocation.thrust[i] - allocation.unbounded[i]
             )
-            total += limited_thrust.powers.matrix[k][i] * limited_thrust.unbounded[i]
-        difference *= limited_thrust.powers.wrench_weight[k]
-        total *= limited_thrust.powers.wrench_weight[k]
+            total += allocation.powers.matrix[k][i] * allocation.unbounded[i]
+        difference *= allocation.powers.wrench_weight[k]
+        total *= allocation.powers.wrench_weight[k]
         lost += difference * difference
         required += total * total
     return math.sqrt(lost) > _EXACT * math.sqrt(required)
 
 
-def _leave_dead_zones(limited_thrust: LimitedThrustMemory) -> None:
+def _leave_dead_zones(allocation: LimitedThrustMemory) -> None:
     """Round what lies inside a dead zone, and let the other thrusters make up for it."""
-    n = limited_thrust.problem.columns
-    limited_thrust.problem.lower[:n] = limited_thrust.lower[:n]
-    limited_thrust.problem.upper[:n] = limited_thrust.upper[:n]
-    while _fix_inside_dead_zones(limited_thrust):
-        _touch(limited_thrust)
-        _solve(limited_thrust, False)
+    n = allocation.problem.columns
+    allocation.problem.lower[:n] = allocation.lower[:n]
+    allocation.problem.upper[:n] = allocation.upper[:n]
+    while _fix_inside_dead_zones(allocation):
+        _touch(allocation)
+        _solve(allocation, False)
 
 
-def _fix_inside_dead_zones(limited_thrust: LimitedThrustMemory) -> bool:
+def _fix_inside_dead_zones(allocation: LimitedThrustMemory) -> bool:
     """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
     is_inside = False
-    for i in range(limited_thrust.problem.columns):
-        size = abs(limited_thrust.thrust[i])
-        edge = limited_thrust.dead_zone[i]
-        if 0.0 < size < edge and limited_thrust.problem.lower[i] < limited_thrust.problem.upper[i]:
+    for i in range(allocation.problem.columns):
+        size = abs(allocation.thrust[i])
+        edge = allocation.dead_zone[i]
+        if 0.0 < size < edge and allocation.problem.lower[i] < allocation.problem.upper[i]:
             nearest = min(
-                max(math.copysign(edge, limited_thrust.thrust[i]), limited_thrust.lower[i]),
-                limited_thrust.upper[i],
+                max(math.copysign(edge, allocation.thrust[i]), allocation.lower[i]),
+                allocation.upper[i],
             )
             if size > 0.5 * edge and abs(nearest) >= edge:
                 rounded = nearest
             else:
                 rounded = 0.0
-            limited_thrust.problem.lower[i] = rounded
-            limited_thrust.problem.upper[i] = rounded
+            allocation.problem.lower[i] = rounded
+            allocation.problem.upper[i] = rounded
             is_inside = True
     return is_inside
