@@ -140,20 +140,7 @@ def test_fed_with_the_recorded_measurements_it_gives_the_recorded_commands(name:
 
 
 @pytest.mark.parametrize("began", [1e3, 1.76e9])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "kinematic",
-        pytest.param(
-            "faulty",
-            marks=pytest.mark.xfail(
-                reason="known fault since motors act for what thrusters give: after 9 s the rounding of"
-                " the clock changes forces"
-            ),
-        ),
-        "patrol",
-    ],
-)
+@pytest.mark.parametrize("name", ["kinematic", "faulty", "patrol"])
 def test_in_c_commands_are_the_same_whatever_the_clock_shows(
     name: str, began: float, tmp_path: Path
 ) -> None:

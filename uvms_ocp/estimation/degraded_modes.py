@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import tomllib
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
-from uvms_ocp.robot.signals import ChannelHealth, Readings, Trust
+from uvms_ocp.robot.signals import SAME_TIME, ChannelHealth, Readings, Trust
 
 ALTIMETER = "altimeter_range"
 ENCODERS = "joint_positions"
@@ -203,7 +203,7 @@ def _apply(restriction: RestrictionMemory, k: int, t: float, altitude_matters: b
     for c in range(len(restriction.level)):
         if needs[c] != 0:
             since = max(since, restriction.since[c])
-    if t - since > restriction.max_duration[k] and (
+    if t - since > restriction.max_duration[k] + SAME_TIME and (
         altitude_matters or restriction.of_altitude[k] == 0
     ):
         restriction.ended = True

@@ -25,8 +25,8 @@ from uvms_ocp.mission.phase import (
     is_met,
 )
 from uvms_ocp.record.meta_values import ABORT, DONE, OWN_QUANTITIES
+from uvms_ocp.robot.signals import SAME_TIME
 
-_SAME_TIME = 1e-6  # [s] rounding of times since 1970
 NONE = -1
 """Instead of the index of a transition, phase or quantity."""
 
@@ -180,7 +180,7 @@ def transition_due(mission: MissionMemory, t: float, quantities: Vector) -> int:
         if holds != held:
             mission.held_since[i] = t if holds else math.nan
             mission.changed = True
-        if holds and due == NONE and t - mission.held_since[i] >= mission.hold[i] - _SAME_TIME:
+        if holds and due == NONE and t - mission.held_since[i] >= mission.hold[i] - SAME_TIME:
             due = i - first
     return due
 

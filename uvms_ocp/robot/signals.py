@@ -27,6 +27,8 @@ _Quaternion: TypeAlias = Annotated[np.ndarray, Shape(4)]
 _JointPositions: TypeAlias = Annotated[np.ndarray, Shape("n_joint_q")]
 _JointVelocities: TypeAlias = Annotated[np.ndarray, Shape("n_joints")]
 
+SAME_TIME = 1e-6  # [s] rounding of times since 1970
+
 UNITS: Mapping[str, str] = {
     "position": "m",
     "depth": "m",

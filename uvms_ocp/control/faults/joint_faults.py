@@ -6,6 +6,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.robot.signals import SAME_TIME
 
 _MEMORY = 2.0  # [s] of the way that a joint was asked to go
 _MOVED = 0.1  # share of that way which counts as having moved
@@ -92,5 +93,5 @@ def _look_at_joint(joint_faults: JointFaultMemory, j: int, resistance: float, t:
         joint_faults.since[j] = min(joint_faults.since[j], t)
     else:
         joint_faults.since[j] = math.inf
-    joint_faults.found[j] = t - joint_faults.since[j] >= _JAM_TIME - 1e-9
+    joint_faults.found[j] = t - joint_faults.since[j] >= _JAM_TIME - SAME_TIME
     joint_faults.jammed[j] = joint_faults.found[j]

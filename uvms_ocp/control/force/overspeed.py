@@ -9,11 +9,11 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
+from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt for which a posture may be another one
-_ROUNDING = 1e-4  # [s] by which times of a clock that counts from long ago may be off
 _SHORTEST_LOCK = 0.5  # [s]
 _LONGEST_LOCK = 64.0  # [s]
 _LONGER = 8.0  # times the lock before it is the lock of a joint that falls again
@@ -38,15 +38,15 @@ class OverspeedMemory(Layout):
     """Joint that locked the brakes in this tick, -1 for none."""
 
 
-def start_overspeed(w: OverspeedMemory) -> None:
+def start_overspeed(overspeed: OverspeedMemory) -> None:
     """Initialise the memory: no posture is doubtful."""
-    w.doubted_until = -math.inf
-    w.locked_until = -math.inf
-    w.joint = -1
+    overspeed.doubted_until = -math.inf
+    overspeed.locked_until = -math.inf
+    overspeed.joint = -1
 
 
 def locks_at_overspeed(
-    w: OverspeedMemory, first: int, v: Vector, reference: Vector, doubted: bool, t: float
+    overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector, doubted: bool, t: float
 ) -> bool:
     """Return whether brakes are to be locked at time t [s].
 
@@ -54,33 +54,33 @@ def locks_at_overspeed(
     (n_v,). doubted: encoders are, or rates of joints. Every lock is longer than the one before it.
     """
     if doubted:
-        w.doubted_until = t + _DOUBTFUL
-    w.joint = _fastest_unasked(w, first, v, reference)
-    if t < w.locked_until - _ROUNDING:
-        w.joint = -1
+        overspeed.doubted_until = t + _DOUBTFUL
+    overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
+    if t < overspeed.locked_until - SAME_TIME:
+        overspeed.joint = -1
         return True
-    if t > w.doubted_until + _ROUNDING:
-        w.joint = -1
-        w.lock = 0.0
+    if t > overspeed.doubted_until + SAME_TIME:
+        overspeed.joint = -1
+        overspeed.lock = 0.0
         return False
-    if w.joint < 0:
+    if overspeed.joint < 0:
         return False
-    w.lock = min(max(_SHORTEST_LOCK, _LONGER * w.lock), _LONGEST_LOCK)
-    w.locked_until = t + w.lock
-    w.doubted_until = max(w.doubted_until, w.locked_until + _DOUBTFUL)
+    overspeed.lock = min(max(_SHORTEST_LOCK, _LONGER * overspeed.lock), _LONGEST_LOCK)
+    overspeed.locked_until = t + overspeed.lock
+    overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
     return True
 
 
-def _fastest_unasked(w: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
+def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:
     """Return the joint that is about to be the farthest beyond its limit, -1 for none."""
     joint = -1
     largest_excess = 0.0
-    for j in range(w.count):
+    for j in range(overspeed.count):
         rate = v[first + j]
-        expected = rate + _TICKS_TO_ACT * (rate - w.before[j])
-        excess = max(abs(rate), abs(expected)) - w.limit[j]
-        w.before[j] = rate
-        is_unasked = abs(rate - reference[first + j]) > _UNASKED * w.limit[j]
+        expected = rate + _TICKS_TO_ACT * (rate - overspeed.before[j])
+        excess = max(abs(rate), abs(expected)) - overspeed.limit[j]
+        overspeed.before[j] = rate
+        is_unasked = abs(rate - reference[first + j]) > _UNASKED * overspeed.limit[j]
         if is_unasked and excess > largest_excess:
             largest_excess = excess
             joint = j

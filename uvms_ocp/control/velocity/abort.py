@@ -14,6 +14,7 @@ from uvms_ocp.estimation import degraded_modes
 from uvms_ocp.mission import Mission
 from uvms_ocp.mission.progress import MissionMemory, always_grows
 from uvms_ocp.robot import signals
+from uvms_ocp.robot.signals import SAME_TIME
 from uvms_ocp.tasks.altitude import MinimumAltitude
 
 _PROGRESS = 0.02  # share of what is missing to a limit that counts as progress
@@ -145,7 +146,7 @@ def abort_reason(
             return AbortReason.FAULT
         return AbortReason.NOTHING
     if mission.given_up:
-        if t - mission.since > abort.time_limit:
+        if t - mission.since > abort.time_limit + SAME_TIME:
             return AbortReason.LATE
         if hopeless:
             return AbortReason.HOPELESS
@@ -157,19 +158,19 @@ def abort_reason(
             return AbortReason.ENDED
         return AbortReason.FAULT
     abort.sunk_since = _since(clearance < -abort.sunk, abort.sunk_since, t)
-    if t - abort.sunk_since > _SUNK_AFTER:
+    if t - abort.sunk_since > _SUNK_AFTER + SAME_TIME:
         return AbortReason.FLOOR
     abort.contact_since = _since(abort.pushed, abort.contact_since, t)
-    if t - abort.contact_since > abort.contact_after:
+    if t - abort.contact_since > abort.contact_after + SAME_TIME:
         return AbortReason.CONTACT
     abort.thrust_since = _since(abort.short, abort.thrust_since, t)
-    if t - abort.thrust_since > abort.thrust_after:
+    if t - abort.thrust_since > abort.thrust_after + SAME_TIME:
         return AbortReason.THRUST
     if _runs_away(abort, mission, t, quantities):
         return AbortReason.RUNAWAY
     waits = not _progresses(abort, mission, quantities)
     abort.stall_since = _since(waits, abort.stall_since, t)
-    if t - abort.stall_since > abort.stall_after:
+    if t - abort.stall_since > abort.stall_after + SAME_TIME:
         return AbortReason.STALL
     return AbortReason.NOTHING
 
@@ -210,7 +211,7 @@ def _runs_away(abort: AbortMemory, mission: MissionMemory, t: float, quantities:
                 fallen = fallen or not quantity >= (1.0 - _PROGRESS) * held
     abort.ticks += 1
     abort.short_ticks += 1 if abort.short else 0
-    late = not fallen and t - abort.runaway_since > abort.runaway_after
+    late = not fallen and t - abort.runaway_since > abort.runaway_after + SAME_TIME
     if late and grown and 2 * abort.short_ticks > abort.ticks:
         return True
     if late or fallen:
@@ -229,9 +230,9 @@ def _remember_crests(abort: AbortMemory, t: float, quantities: Vector, is_new: b
     """Update the largest quantities of the present span and of the one before."""
     if is_new:
         abort.last_crest[:] = quantities
-    elif t - abort.span_since > _CREST_SPAN:
+    elif t - abort.span_since > _CREST_SPAN + SAME_TIME:
         abort.last_crest[:] = abort.span_crest
-    if is_new or t - abort.span_since > _CREST_SPAN:
+    if is_new or t - abort.span_since > _CREST_SPAN + SAME_TIME:
         abort.span_since = t
         abort.span_crest[:] = quantities
     for i in range(len(abort.span_crest)):
