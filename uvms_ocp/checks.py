@@ -170,7 +170,7 @@ class _Arguments:
 
     @cached_property
     def _kinds(self) -> dict[str, Kind]:
-        """What each parameter takes, by its name; nothing for those with stars."""
+        """Kinds of values that parameters accept, by name; those with stars have none."""
         kinds = {}
         for name, kind in kinds_of(self._function, self._class).items():
             parameter = self._parameters[name]

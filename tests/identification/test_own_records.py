@@ -241,7 +241,8 @@ def test_thrusters_go_by_their_names() -> None:
 
 
 def also_told(record: Record, **changed: object) -> str:
-    (subject_of_run, settings), recording = subject(), run_recording(record, "run")
+    subject_of_run, settings = subject()
+    recording = run_recording(record, "run")
     changed_settings = CalibrationSettings.model_validate(settings.model_dump() | changed)
     return "; ".join(
         map(

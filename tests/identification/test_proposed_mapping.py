@@ -125,7 +125,8 @@ def test_what_values_say_is_cured_and_its_evidence_stands_beside_it(
         },
     )
     text = propose_mapping(tmp_path / "dive.csv")
-    (name,), channel = names, next(iter(read_as_proposed(tmp_path / "dive.csv").channels.values()))
+    (name,) = names
+    channel = next(iter(read_as_proposed(tmp_path / "dive.csv").channels.values()))
     assert said in text
     assert f"{name}: {{" in text
     assert "    # by names: " in text

@@ -58,7 +58,8 @@ def _negate_joint(joint: ET.Element) -> None:
     axis.attrib["xyz"] = " ".join(map(repr, components))
     limit = joint.find("limit")
     if limit is not None and "lower" in limit.attrib:
-        lower, upper = float(limit.attrib["lower"]), float(limit.attrib["upper"])
+        lower = float(limit.attrib["lower"])
+        upper = float(limit.attrib["upper"])
         limit.attrib.update(lower=repr(-upper), upper=repr(-lower))
 
 

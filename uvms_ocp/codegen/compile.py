@@ -106,10 +106,10 @@ _LONG = 2.0
 _MAX_OUTPUT = 2000
 """[bytes] of what a compiler writes that are kept."""
 _SLOWER = "everything works, only slower"
-"""What a missing compiler means, in a warning."""
+"""Consequence of a missing compiler, in a warning."""
 _NO_NUMBERS = np.zeros(0)
 _WAITS = ContextVar("waits", default=True)
-"""Whether machine code is waited for, see `compiling_beside`."""
+"""True where a call waits for its machine code; false inside `compiling_beside`."""
 _HUNG: set[str] = set()
 """Compilers that have hung, which are not called again."""
 _SAID: set[str] = set()

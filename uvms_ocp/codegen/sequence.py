@@ -23,16 +23,16 @@ _MEMORIES = 4
 """Largest number of memories that a kernel works on."""
 # How numbers get into a row, as sequence.c counts the ways.
 _SAME = 0
-"""As they are."""
+"""Code of a copy without conversion."""
 _CONVERSIONS = {
     ("int32", "int64"): 1,
     ("int32", "int8"): 2,
     ("int32", "bool"): 2,
     ("float64", "int64"): 3,
 }
-"""As numbers of another type."""
+"""Codes of conversions, by the types from and to."""
 _DIFFERENCE = 4
-"""As the time between two steps."""
+"""Code of the difference from the value of the step before, for a time."""
 
 
 class _Step(ctypes.Structure):

@@ -311,7 +311,7 @@ class Objective:
     """
 
     aim: experiment.InformationCriterion
-    """What is left unknown, as one figure."""
+    """Figure of merit of the information: how much of the parameters is left unknown."""
     limits: experiment.ExperimentLimits
     """Limits that penalties keep: slew, pool and tilt."""
     history: experiment.KnotCommands

@@ -16,7 +16,7 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.identification.message_fields import steps_of, value_at
 
 Identity = Mapping[str, float | str]
-"""What names a sender, such as ``{system: 1, component: 1}``."""
+"""Fields and values that identify a sender, such as ``{system: 1, component: 1}``."""
 
 _FRAMES = ("header.frame_id", "child_frame_id", "frame_id")
 """Fields in which messages of ROS and Foxglove say what they are about."""

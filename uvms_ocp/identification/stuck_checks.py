@@ -10,15 +10,14 @@ import numpy as np
 
 from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
-    Channel,
     Recording,
     angular_rate,
     smoothed,
 )
 from uvms_ocp.identification.series_agreement import WINDOW
 
-_LONG = 2.0  # [s] for which no sensor of what moves repeats itself
-_DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
+LONG = 2.0  # [s] for which no sensor of what moves repeats itself
+DIFFER = 0.05  # [m/s, rad/s] root mean square by which a velocity and the rate of a pose then do
 _DRIVEN = 0.05  # [m/s] standard deviation of a velocity that does not come to rest
 _PAIRS = (("position", "linear_velocity"), ("attitude", "angular_velocity"))
 """Poses and the velocities that are their rates."""
@@ -49,9 +48,9 @@ def _stopped(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[s
         (pose, velocity, pose_channel),
         (velocity, pose, velocity_channel),
     ):
-        begin, end = _longest_repetition(channel)
+        begin, end = longest_rest(channel.undelayed_t, channel.values)
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
-        if end - begin > _LONG and np.sqrt((excess[inside] ** 2).mean()) > _DIFFER:
+        if end - begin > LONG and np.sqrt((excess[inside] ** 2).mean()) > DIFFER:
             yield (
                 name,
                 (
@@ -61,15 +60,16 @@ def _stopped(recording: Recording, pose: str, velocity: str) -> Iterator[tuple[s
             )
 
 
-def _longest_repetition(channel: Channel) -> tuple[float, float]:
-    """Return from when to when [s] the samples of a channel are the same for longest."""
-    changes = (np.diff(channel.values, axis=0) != 0.0).any(axis=1)
+def longest_rest(t: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Return from when to when [s] values (n, n_columns) at times t (n,) [s] are the same for
+    longest.
+    """
+    changes = (np.diff(values, axis=0) != 0.0).any(axis=1)
     new = np.flatnonzero(changes) + 1
     first = np.r_[0, new]
-    last = np.r_[new - 1, len(channel.t) - 1]
-    durations = channel.undelayed_t[last] - channel.undelayed_t[first]
-    k = int(np.argmax(durations))
-    return float(channel.undelayed_t[first[k]]), float(channel.undelayed_t[last[k]])
+    last = np.r_[new - 1, len(t) - 1]
+    k = int(np.argmax(t[last] - t[first]))
+    return float(t[first[k]]), float(t[last[k]])
 
 
 def _unrecorded(recording: Recording) -> Iterator[tuple[str, str]]:

@@ -17,9 +17,8 @@ from uvms_ocp.identification.recording import (
     smoothed,
 )
 from uvms_ocp.identification.series_agreement import WINDOW
+from uvms_ocp.identification.stuck_checks import DIFFER, LONG, longest_rest
 
-_LONG = 2.0  # [s] for which no sensor of what moves repeats itself
-_DIFFER = 0.05  # [m/s, rad/s] root mean square of the motion that a column misses
 _STEPS = 5.0  # of the column's own, that the motion goes beyond meanwhile
 _WHOLE = 0.9  # of a recording: a column that never changes is said to be dead
 
@@ -54,12 +53,12 @@ def _frozen(
     """
     is_rate = name != "position"
     times = channel.undelayed_t
-    spans = [_longest_rest(times, column) for column in channel.values.T]
+    spans = [longest_rest(times, column[:, None]) for column in channel.values.T]
     labels = CHANNEL_KINDS[name].columns
     stopped = []
     for k, (begin, end) in enumerate(spans):
         duration = end - begin
-        if k in channel.constants or not _LONG < duration < _WHOLE * (times[-1] - times[0]):
+        if k in channel.constants or not LONG < duration < _WHOLE * (times[-1] - times[0]):
             continue
         inside = (t > begin + WINDOW) & (t < end - WINDOW)
         if not inside.any():
@@ -74,7 +73,7 @@ def _frozen(
         else:
             missed = expected
             reach = float(np.ptp(np.cumsum(expected))) * float(t[1] - t[0])
-        if np.sqrt((missed**2).mean()) > _DIFFER and reach > _STEPS * usual_step:
+        if np.sqrt((missed**2).mean()) > DIFFER and reach > _STEPS * usual_step:
             stopped.append(k)
     if len(stopped) == len(labels):  # which is said of the channel
         return
@@ -85,12 +84,3 @@ def _frozen(
             f" {partner} says otherwise: stopped?"
         )
         yield name, problem
-
-
-def _longest_rest(t: np.ndarray, column: np.ndarray) -> tuple[float, float]:
-    """Return from when to when [s] a column (n,) at times t (n,) [s] is the same for longest."""
-    changes = np.flatnonzero(np.diff(column) != 0.0) + 1
-    first = np.r_[0, changes]
-    last = np.r_[changes - 1, len(t) - 1]
-    k = int(np.argmax(t[last] - t[first]))
-    return float(t[first[k]]), float(t[last[k]])
