@@ -14,8 +14,8 @@ import pytest
 
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.loading import example_robot_data, load_robot
+from uvms_ocp.robot.own_meshes import with_own_meshes
 from uvms_ocp.robot.urdf import UrdfReading, read_urdf
-from uvms_ocp.robot.urdf_meshes import with_own_meshes
 from uvms_ocp.scenario.preflight.robot_check import RobotVerdict, check_robot_files
 
 INERTIAL = (

@@ -22,7 +22,7 @@ from uvms_ocp.record.meta_values import PLANTS
 from uvms_ocp.record.output import as_output_errors
 from uvms_ocp.robot import description, list_robots, proposal, robot_folder
 from uvms_ocp.robot.loading import robot_called
-from uvms_ocp.robot.urdf_meshes import with_own_meshes
+from uvms_ocp.robot.own_meshes import with_own_meshes
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.preflight import robot_check
 

@@ -36,6 +36,7 @@ from uvms_ocp.record.output import RECORD, RUNNING, claim_folder, recover_folder
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
 from uvms_ocp.robot import Robot, list_robots, loading
+from uvms_ocp.robot.dialects.robot_xml import ROBOT_SUFFIXES, robot_file_in
 from uvms_ocp.scenario.cases import SCENARIOS
 from uvms_ocp.scenario.own_code import own_code, with_robot
 from uvms_ocp.scenario.scenario import Scenario
@@ -296,7 +297,7 @@ def _page(
     from uvms_ocp.viz.scene.show import robot_of as recorded, show
 
     is_name = what in list_robots() and not Path(what).exists()
-    if is_name or (Path(what) / "robot.urdf").is_file() or what.endswith(".urdf"):
+    if is_name or robot_file_in(Path(what)).is_file() or Path(what).suffix in ROBOT_SUFFIXES:
         return show(loading.robot_called(what, files.hydrodynamics, files.loading))
     used_robot = with_robot(opt.given_options(robot=robot, **files.options)).get("robot")
     ghost_motions = {_name_of(path): _motion(path, used_robot) for path in ghosts}

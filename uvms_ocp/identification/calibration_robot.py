@@ -27,6 +27,7 @@ from uvms_ocp.identification.settings import CalibrationSettings
 from uvms_ocp.robot import assembly, loading, symbolic_dynamics
 from uvms_ocp.robot.coefficients import coefficients_of, links_in_water
 from uvms_ocp.robot.description import LinkCoefficients, RobotDescription
+from uvms_ocp.robot.dialects.robot_xml import ROBOT_SUFFIXES, robot_file_in
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.thrusters import thruster_matrix
@@ -168,9 +169,9 @@ def _files(settings: CalibrationSettings, folder: Path) -> tuple[Path, Path | No
     these.
     """
     urdf = folder / settings.robot
-    if urdf.suffix != ".urdf":
+    if not urdf.is_file() and urdf.suffix not in ROBOT_SUFFIXES:
         robot_folder = urdf if urdf.is_dir() else loading.robot_folder(settings.robot)
-        urdf = robot_folder / "robot.urdf"
+        urdf = robot_file_in(robot_folder)
     if settings.hydrodynamics is not None:
         return urdf, folder / settings.hydrodynamics
     file = urdf.parent / "hydrodynamics.yaml"

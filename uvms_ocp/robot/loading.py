@@ -23,6 +23,7 @@ from uvms_ocp.errors import InvalidInput, RobotDataError, UvmsError, require_kno
 from uvms_ocp.record.untrusted import note_file_read
 from uvms_ocp.robot import coefficients, description as descriptions
 from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.dialects.robot_xml import robot_file_in
 from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.robot import Robot, with_moved_frame
 from uvms_ocp.robot.unknowns import unknowns
@@ -66,14 +67,17 @@ def load_robot(
     altimeter: str | None = None,
     dvl: str | None = None,
 ) -> Robot:
-    """Load a robot by name, or from a URDF file and, if there is one, its hydrodynamics file, or
+    """Load a robot by name, or from a robot file and, if there is one, its hydrodynamics file, or
     what stands in it.
 
-    In place of the name, a folder with robot.urdf, or a URDF: with the hydrodynamics.yaml beside it
-    where there is one. ``variant`` is another published data set of a named robot, see
-    ``list_variants``. The others take the place of what the hydrodynamics file says, which is what
-    they are by default: ``base`` is ``free_flyer`` or ``fixed``; ``package_dirs`` are searched for
-    ``package://`` meshes, besides those of the file; ``meshes=False`` leaves out shapes that are
+    Robot files are URDF, SDF, MJCF, and xacro with the extra ``xacro``; what of the others has no
+    place in a URDF is a warning. In place of the name, a folder with robot.urdf, or with a file of
+    another format alone, or such a file: with the hydrodynamics.yaml beside it where there is one.
+
+    ``variant`` is another published data set of a named robot, see ``list_variants``. The others
+    take the place of what the hydrodynamics file says, which is what they are by default: ``base``
+    is ``free_flyer`` or ``fixed``; ``package_dirs`` are searched for ``package://`` meshes, besides
+    those of the file; ``meshes=False`` leaves out shapes that are
     meshes. Joints that ``<mimic>`` another one are ``"coupled"``, one joint with it;
     ``mimic="free"`` makes them joints of their own, with the limits the URDF gives them,
     ``"fixed"`` keeps them where their leader's lock, or its home, puts them. ``lock`` fixes joints
@@ -132,7 +136,8 @@ def load_robot(
     for _, text in unknowns(models.model, description):
         warnings.append(f"{files.describing}: {text}")
     _as_read[robot] = _AsRead(content=_copied_content_of(robot), warnings=tuple(warnings))
-    if not notes:  # such as of a mesh that is missing, and may be there the next time
+    is_alone = files.urdf.suffix == ".urdf"  # files of other formats may include others
+    if is_alone and not notes:  # such as of a mesh that is missing, and may be there the next time
         _read[read_key] = robot
     return _warned(robot)
 
@@ -357,10 +362,10 @@ def robot_called(
 
 
 def files_of(path: Path, hydrodynamics: Path | str | None = None) -> dict[str, Any]:
-    """Return arguments of `load_robot` for a URDF or a folder with robot.urdf, and
+    """Return arguments of `load_robot` for a robot file or a folder with one, and
     hydrodynamics.yaml beside it if it is there.
     """
-    urdf = path / "robot.urdf" if path.is_dir() else path
+    urdf = robot_file_in(path) if path.is_dir() else path
     beside = urdf.with_name("hydrodynamics.yaml")
     if not hydrodynamics:
         hydrodynamics = beside if beside.is_file() else None

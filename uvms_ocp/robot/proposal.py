@@ -18,7 +18,9 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.record.xml_file import read_xml
 from uvms_ocp.robot.description import RobotDescription
+from uvms_ocp.robot.dialects.robot_xml import ROBOT_SUFFIXES, read_robot_xml
 from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.name_words import FIXED_ROOTS, NameWords
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
@@ -28,7 +30,6 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.roles import Roles, find_roles
 from uvms_ocp.robot.simulator_water import simulator_blocks
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
-from uvms_ocp.robot.urdf_elements import read_urdf_xml
 
 _SAME_PLACE = 0.1  # [m] between a link called a thruster and the propeller that turns in it
 _MIN_VEHICLE_SHARE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
@@ -64,7 +65,7 @@ def propose(
     is wrong with the file.
     """
     settings = dict(loading or {})
-    root = read_urdf_xml(urdf)
+    root = read_robot_xml(urdf, package_dirs).root
     lock = dict[str, float]()
     for joint in root.findall("joint"):
         if joint.get("type") in ("revolute", "prismatic") and joint.find("limit") is None:
@@ -246,19 +247,30 @@ def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:
 
 
 def find_urdf(place: Path) -> Path:
-    """Return the URDF that is meant by a file or a folder. Raises `InvalidInput` for none or
-    several.
+    """Return the robot file that is meant by a file or a folder: its only URDF, or else its only
+    file of another format. Raises `InvalidInput` for none or several.
     """
     if not place.is_dir():
         return place
-    urdfs = sorted(path for path in place.rglob("*.urdf") if path.is_file())
-    if len(urdfs) == 1:
-        return urdfs[0]
-    if not urdfs:
-        raise InvalidInput(
-            f"{place}: holds no .urdf; of a .xacro file give what `xacro FILE.xacro > robot.urdf`"
-            " writes"
-        )
-    raise InvalidInput(
-        f"{place}: holds {len(urdfs)} URDFs; give one of {', '.join(map(str, urdfs[:30]))}"
-    )
+    for suffix in ROBOT_SUFFIXES:
+        files = sorted(path for path in place.rglob(f"*{suffix}") if _is_robot(path))
+        if len(files) == 1:
+            return files[0]
+        if files:
+            raise InvalidInput(
+                f"{place}: holds {len(files)} files {suffix}; give one of"
+                f" {', '.join(map(str, files[:30]))}"
+            )
+    raise InvalidInput(f"{place}: holds no robot file; allowed: {', '.join(ROBOT_SUFFIXES)}")
+
+
+def _is_robot(path: Path) -> bool:
+    """Check for a file that is a robot's by its root element, where its name does not say so."""
+    if not path.is_file():
+        return False
+    if path.suffix != ".xml":
+        return True
+    try:
+        return read_xml(path).tag == "mujoco"
+    except (OSError, InvalidInput):
+        return False

@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.errors import RobotDataError
+from uvms_ocp.robot.dialects.robot_xml import read_robot_xml
 from uvms_ocp.robot.mimic import Groups, coupled, leader_of, position_of
 from uvms_ocp.robot.urdf_agreement import check_agreement
 from uvms_ocp.robot.urdf_checks import check_urdf
@@ -32,7 +33,6 @@ from uvms_ocp.robot.urdf_elements import (
     read_axis,
     read_origin,
     read_sizes,
-    read_urdf_xml,
 )
 from uvms_ocp.robot.urdf_findings import Findings
 from uvms_ocp.robot.urdf_meshes import collada_asset, find_mesh, mesh_problem
@@ -258,8 +258,9 @@ def _words(values: np.ndarray) -> str:
 def read_urdf(
     path: Path, *, free_flyer: bool, reading: UrdfReading = PLAIN, package_dirs: Sequence[Path] = ()
 ) -> UrdfModels:
-    """Read a URDF file; all mistakes in it are one ``RobotDataError``, and so are numbers that get
-    lost.
+    """Read a URDF file, or one of another format as the URDF that says the same.
+
+    All mistakes in it are one ``RobotDataError``, and so are numbers that get lost.
 
     What is left out without harm, such as a picture that is missing, is a warning each, and what
     the file holds beside a URDF one more, see `uvms_ocp.robot.urdf_words`.
@@ -281,7 +282,8 @@ def models_and_notes(
     """Read a URDF as `read_urdf` does, and return its warnings as well. Raises `RobotDataError`, as
     it does.
     """
-    root = read_urdf_xml(path)
+    robot_xml = read_robot_xml(path, package_dirs)
+    root = robot_xml.root
     links = {link.get("name", "") for link in root.findall("link")}
     joints = {joint.get("name", "") for joint in moving_joints(root)}
     notes, groups = _prepare(path, root, reading, free_flyer=free_flyer)
@@ -300,7 +302,7 @@ def models_and_notes(
         no_joints=frozenset(joints - moving),
         joint_groups=groups,
     )
-    return models, _shortened([*notes, *findings.notes])
+    return models, _shortened([*robot_xml.notes, *notes, *findings.notes])
 
 
 def _resolve_meshes(findings: Findings, root: Element, folders: Sequence[Path]) -> None:

@@ -16,9 +16,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from uvms_ocp.errors import InvalidInput, RobotDataError
+from uvms_ocp.errors import RobotDataError
 from uvms_ocp.record.meta_values import LARGEST
-from uvms_ocp.record.xml_file import read_xml
 
 Element = ElementTree.Element
 
@@ -30,21 +29,6 @@ DRAWN = ("visual", "collision")
 _DECIMAL = re.compile(r"[ \t\n\v\f\r]*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LIMITS = ("lower", "upper", "velocity", "effort")  # where a huge number says that there is none
 _MAX_QUOTED = 60  # characters of a mistake that a message repeats
-
-
-def read_urdf_xml(path: Path) -> Element:
-    """Return the <robot> of a file. Raises ``RobotDataError`` for what is none."""
-    try:
-        root = read_xml(path)
-    except OSError as error:
-        raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
-    except InvalidInput as error:
-        raise RobotDataError(path, f"not a URDF, {error}") from None
-    if root.tag != "robot":
-        raise RobotDataError(
-            path, f"not a URDF, the root element is <{root.tag}>; allowed: <robot>"
-        )
-    return root
 
 
 def to_float(text: str | None) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.untrusted import note_file_read
-from uvms_ocp.record.xml_file import read_xml, read_xml_text
-from uvms_ocp.robot.urdf_elements import read_urdf_xml, to_float
+from uvms_ocp.record.xml_file import read_xml
+from uvms_ocp.robot.urdf_elements import to_float
 
 _LFS = b"version https://git-lfs"
 """First bytes of a file that Git LFS has not fetched."""
@@ -23,7 +23,6 @@ _COLLADA_HEAD = 65536  # bytes within which a Collada file states its unit and a
 _UNITS = (1e-6, 1e6)  # [m] what a unit of length may be
 _COLLADA_METRE = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']\s*([^"'\s]+)\s*["']""")
 _COLLADA_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ]_UP)\s*</up_axis>")
-_DECLARED_ENCODING = re.compile(r"""(<\?xml[^>]*\sencoding\s*=\s*)["'][^"'>]*["']""")
 
 
 def find_mesh(path: Path, filename: str, folders: Sequence[Path]) -> Path | None:
@@ -48,6 +47,17 @@ def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list
         return candidates
     plain = Path(filename.removeprefix("file://"))
     return [path.resolve().parent / plain, *(folder / plain for folder in folders)]
+
+
+def find_package(package: str, folders: Sequence[Path]) -> Path | None:
+    """Find the folder of a package in, or among, these folders; `None` where it is not there."""
+    for folder in folders:
+        if _is_package(folder, package):
+            return folder
+        inside = folder / package
+        if os.path.isdir(inside):
+            return inside
+    return None
 
 
 def _is_package(folder: Path, package: str) -> bool:
@@ -97,25 +107,3 @@ def mesh_problem(file: Path, loader: coal.MeshLoader) -> str:
     except (ValueError, RuntimeError):
         return f"mesh {file.name!r} cannot be read; allowed: STL, DAE or OBJ with triangles"
     return ""
-
-
-def with_own_meshes(path: Path, package_dirs: Sequence[Path] = ()) -> tuple[str, dict[str, Path]]:
-    """Return the text of a URDF, for UTF-8, whose meshes stand in ``meshes`` beside it, and which
-    files these are copies of.
-
-    What is not found is named as it was.
-    """
-    text = _DECLARED_ENCODING.sub(r'\1"utf-8"', read_xml_text(path), count=1)
-    folders = (*(folder.resolve() for folder in package_dirs), *path.resolve().parents)
-    meshes = read_urdf_xml(path).iter("mesh")
-    copies: dict[str, Path] = {}
-    for filename in dict.fromkeys(mesh.get("filename", "") for mesh in meshes):
-        mesh_file = find_mesh(path, filename, folders)
-        if mesh_file is None:
-            continue
-        name = f"meshes/{mesh_file.name}"
-        while copies.get(name, mesh_file) != mesh_file:
-            name = name.replace("meshes/", "meshes/_", 1)
-        copies[name] = mesh_file
-        text = text.replace(f'"{filename}"', f'"{name}"').replace(f"'{filename}'", f"'{name}'")
-    return text, copies
