@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from uvms_ocp.codegen.cache import cache_folder
-from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.codegen.libraries import compile_library
 
 
 def _compiler() -> str:

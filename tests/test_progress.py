@@ -68,7 +68,7 @@ def test_it_is_shown_how_many_functions_are_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(building, "_LONG", 0.0)
+    monkeypatch.setattr(building, "LONG", 0.0)
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
     x = ca.SX.sym("x")
     with redirect_stderr(Terminal()) as terminal:

@@ -38,7 +38,7 @@ def check(rows: list[Row]) -> None:
 @pytest.fixture
 def not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     """What runs for two seconds is not worth compiling."""
-    monkeypatch.setattr("uvms_ocp.codegen.compile._compiler", lambda: None)
+    monkeypatch.setattr("uvms_ocp.codegen.c_compiler.find_compiler", lambda: None)
 
 
 @pytest.mark.usefixtures("not_compiled")

@@ -63,7 +63,7 @@ def test_a_drawn_robot_is_accepted_or_refused_with_a_reason(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # what runs once is not worth compiling
-    monkeypatch.setattr("uvms_ocp.codegen.compile._compiler", lambda: None)
+    monkeypatch.setattr("uvms_ocp.codegen.c_compiler.find_compiler", lambda: None)
     check(rows_of(range(seed, seed + 1), flies=False))
 
 

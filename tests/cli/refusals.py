@@ -344,9 +344,9 @@ def _compiles() -> None:
 
 def call(commands: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Each of them where to look for a compiler is an error, in the working directory."""
-    from uvms_ocp.codegen import compile as building
+    from uvms_ocp.codegen import c_compiler
 
-    building._compiler = _compiles  # type: ignore[assignment]
+    c_compiler.find_compiler = _compiles  # type: ignore[assignment]
     furnish(Path.cwd())
     refusals = {}
     before = _files()

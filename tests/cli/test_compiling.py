@@ -12,7 +12,8 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.cli.compilation import cache, show_compilation, warned_behind_errors
-from uvms_ocp.codegen.compile import PROGRESS, compile_library
+from uvms_ocp.codegen.compiler_log import PROGRESS
+from uvms_ocp.codegen.libraries import compile_library
 
 LOGGER = logging.getLogger("uvms_ocp.codegen.compile")
 

@@ -10,7 +10,7 @@ import pytest
 from compiler import needs_compiler
 
 from uvms_ocp.codegen.buffered import BufferedFunction, buffer_on
-from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.codegen.libraries import compile_library
 from uvms_ocp.errors import InvalidInput
 
 

@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import bound_calls, compile
+from uvms_ocp.codegen import bound_calls, c_text
 from uvms_ocp.codegen.bound_calls import BoundCalls
 from uvms_ocp.codegen.casadi_code import in_parts
-from uvms_ocp.codegen.compile import compile_function, compile_library, compiled_symbol, two_calls
+from uvms_ocp.codegen.compile import compile_function, compiled_symbol, two_calls
+from uvms_ocp.codegen.libraries import compile_library
 
 LONG = 1500
 KINDS = (
@@ -153,7 +154,7 @@ def results_of(
 def has_pairs() -> bool:
     """Check whether the compiler here knows vectors of numbers."""
     path = compile_library(
-        f"{compile.PARTS}\nint size(void) {{ return sizeof(pair) / sizeof(double); }}\n"
+        f"{c_text.PARTS}\nint size(void) {{ return sizeof(pair) / sizeof(double); }}\n"
     )
     return path is not None and ctypes.CDLL(str(path)).size() == 2
 

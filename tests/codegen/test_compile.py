@@ -27,10 +27,16 @@ import pytest
 from compiler import COMPILER, needs_compiler
 from pressed import PYTHON_MAY_LOSE_IT, pressed_after
 
-from uvms_ocp.codegen import compile as building
+from uvms_ocp.codegen import background, c_compiler, compile as building, compiler_log, libraries
 from uvms_ocp.codegen.bound_calls import BoundCalls
-from uvms_ocp.codegen.cache import HALF_MADE, cache_folder, cached_libraries, shrink_cache
-from uvms_ocp.codegen.compile import compile_timeout
+from uvms_ocp.codegen.c_compiler import compile_timeout
+from uvms_ocp.codegen.cache import (
+    HALF_MADE,
+    cache_folder,
+    cached_libraries,
+    digest,
+    shrink_cache,
+)
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.interrupts import raised_outside_casadi
 
@@ -51,7 +57,7 @@ def _answer(path: Path | None) -> float:
 
 
 def _compile_visible(source: str = SOURCE) -> Path | None:
-    return building.compile_library(source)
+    return libraries.compile_library(source)
 
 
 def _worker(source: str, results: multiprocessing.Queue) -> None:
@@ -80,7 +86,7 @@ def test_the_cache_keeps_what_was_used_last(
     for path in (used, unused):
         os.utime(path, (1.0, 1.0))
     assert _compile_visible(SOURCE + "/* 0 */") == used
-    monkeypatch.setattr(building, "MOST_CACHED", 2.5 * used.stat().st_size)
+    monkeypatch.setattr(libraries, "MOST_CACHED", 2.5 * used.stat().st_size)
     foreign = tmp_path / "cache" / "my_driver.so"
     foreign.touch()
     last = _compile_visible(SOURCE + "/* 2 */")
@@ -153,7 +159,7 @@ def test_a_cache_that_others_can_write_is_refused(
 ) -> None:
     (tmp_path / "cache").mkdir()
     (tmp_path / "cache").chmod(0o777)
-    building._SAID.clear()
+    compiler_log._SAID.clear()
     with caplog.at_level(logging.WARNING):
         assert _compile_visible() is None
     assert "can be written by others" in caplog.text
@@ -164,11 +170,11 @@ def test_without_a_compiler_it_says_so_once(
 ) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    building._compiler.cache_clear()
+    c_compiler.find_compiler.cache_clear()
     with caplog.at_level(logging.WARNING):
         assert _compile_visible() is None
         assert _compile_visible() is None
-    building._compiler.cache_clear()
+    c_compiler.find_compiler.cache_clear()
     assert caplog.text.count("no C compiler found") == 1
 
 
@@ -187,7 +193,7 @@ def _stderr_of(program: str, **environment: str) -> list[str]:
 
 
 TWO_LIBRARIES = """
-from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.codegen.libraries import compile_library
 for number in (1, 2, 2):
     compile_library(f"int f(void) {{ return {number}; }}")
 """
@@ -217,13 +223,13 @@ def pretend(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callabl
         compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo 1 && exit 0\n{script}\n')
         compiler.chmod(0o755)
         monkeypatch.setenv("CC", str(compiler))
-        building._compiler.cache_clear()
-        building._SAID.clear()
+        c_compiler.find_compiler.cache_clear()
+        compiler_log._SAID.clear()
         return compiler
 
     yield write
-    building._HUNG.clear()
-    building._compiler.cache_clear()
+    c_compiler.HUNG.clear()
+    c_compiler.find_compiler.cache_clear()
 
 
 BAD_COMPILERS = {
@@ -295,7 +301,7 @@ def test_a_compiler_that_hangs_is_stopped_with_its_children_and_not_called_again
 def test_functions_that_are_begun_are_compiled_side_by_side(
     pretend: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(building, "_workers", lambda process: workers)
+    monkeypatch.setattr(background, "_workers", lambda process: workers)
     calls = f"'{tmp_path}/calls'"
     # Each ends when it has seen the other, or after ten seconds without.
     wait = (
@@ -445,7 +451,7 @@ def test_a_program_that_python_is_part_of_is_not_started_again(
     begun: list[object] = []
     monkeypatch.setattr(sys, "executable", executable)
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
-    building._hand_over([])
+    background._hand_over([])
     assert not begun
 
 
@@ -457,10 +463,10 @@ def test_what_no_other_process_finds_by_its_name_is_left_without_a_word(
     """
     begun: list[object] = []
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **named: begun.append(words))
-    building._hand_over([lambda: None])
-    work = partial(building.compile_library, SOURCE)
-    monkeypatch.setattr(building, "compile_library", None)
-    building._hand_over([work])
+    background._hand_over([lambda: None])
+    work = partial(libraries.compile_library, SOURCE)
+    monkeypatch.setattr(libraries, "compile_library", None)
+    background._hand_over([work])
     assert not begun
 
 
@@ -501,7 +507,7 @@ def test_a_fork_begun_while_a_library_is_made_finds_it_too(
 
 FORK_OF_A_START = """
 import os, subprocess, sys, threading, time
-from uvms_ocp.codegen import compile as building
+from uvms_ocp.codegen import c_compiler
 begins, ends = os.pipe()
 begun, start = threading.Event(), subprocess.Popen
 def slowly(*words, **named):
@@ -510,7 +516,7 @@ def slowly(*words, **named):
     os.close(ends)
     return start(*words, **named)
 subprocess.Popen = slowly
-starting = threading.Thread(target=building.run_compiler, args=([sys.executable, "-c", ""], 60.0))
+starting = threading.Thread(target=c_compiler.run_compiler, args=([sys.executable, "-c", ""], 60.0))
 starting.start()
 begun.wait()
 child = os.fork()
@@ -556,7 +562,7 @@ def test_nobody_waits_for_longer_than_a_compiler_may_take_and_who_works_behind_a
     assert library is not None
     library.unlink()
     if behind:
-        monkeypatch.setattr(building._BEHIND, "is_set", lambda: True)
+        monkeypatch.setattr(libraries.BEHIND_OTHERS, "is_set", lambda: True)
     monkeypatch.setenv("UVMS_OCP_COMPILE_TIMEOUT", "30" if behind else "3")
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, str(library)], stdout=subprocess.PIPE
@@ -625,11 +631,11 @@ def test_ctrl_c_ends_what_is_waited_for_and_nobody_goes_on_with_it(
 
     function = ca.Function("f", [], [])
     begun = Never(), lambda: None
-    monkeypatch.setattr(building, "_BEGUN", [begun])
+    monkeypatch.setattr(background, "_BEGUN", [begun])
     monkeypatch.setitem(building._BESIDE, function, (begun[0], np.zeros(0)))
     with pytest.raises(KeyboardInterrupt):
         building.compile_function(function)
-    assert not building._BEGUN
+    assert not background._BEGUN
 
 
 @pytest.mark.slow
@@ -663,7 +669,7 @@ def test_whenever_it_is_pressed_nothing_half_made_is_left(
             except KeyboardInterrupt:
                 assert perf_counter() - begin < lasts + 1.0
         for library in cached_libraries(tmp_path):
-            assert building._is_usable(library)
+            assert libraries.is_usable(library)
         assert not list(tmp_path.glob(f"{HALF_MADE}*"))
     assert building.compile_function(again := function(51)) is not again
 
@@ -672,12 +678,12 @@ def test_whenever_it_is_pressed_nothing_half_made_is_left(
 def test_it_is_said_of_long_code_how_long_it_takes(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(building, "_PACE", 3.0 / len(SOURCE))
+    monkeypatch.setattr(compiler_log, "_PACE", 3.0 / len(SOURCE))
     for _ in range(2):
-        building.compile_library(SOURCE, name="the answer")
+        libraries.compile_library(SOURCE, name="the answer")
     (record,) = (record for record in caplog.records if "about" in record.getMessage())
     assert record.getMessage() == "compiling the answer, which takes about 3 s"
-    assert getattr(record, building.PROGRESS)
+    assert getattr(record, compiler_log.PROGRESS)
 
 
 def test_a_time_limit_that_is_none_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -694,13 +700,13 @@ def test_an_intact_library_that_cannot_be_loaded_is_compiled_anew() -> None:
     path = _compile_visible()
     assert path is not None
     path.write_bytes(b"of another machine")
-    path.with_suffix(".sha256").write_text(building._digest(path.read_bytes()), encoding="ascii")
+    path.with_suffix(".sha256").write_text(digest(path.read_bytes()), encoding="ascii")
     assert _answer(_compile_visible()) == 42.0
 
 
 @needs_compiler
 def test_a_library_without_the_function_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
-    building._SAID.clear()
+    compiler_log._SAID.clear()
     with caplog.at_level(logging.WARNING):
         assert building.external_function("missing", SOURCE) is None
         assert building.external_function("missing", SOURCE) is None
@@ -728,7 +734,7 @@ def test_without_a_home_or_with_one_that_is_read_only_the_cache_is_among_the_tem
 def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    building._SAID.clear()
+    compiler_log._SAID.clear()
     flags = types.SimpleNamespace(f_flag=getattr(os, "ST_NOEXEC", 8))
     monkeypatch.setattr(os, "statvfs", lambda path: flags)
     with caplog.at_level(logging.WARNING):
@@ -741,9 +747,9 @@ def test_a_cache_on_a_disk_that_runs_no_programs_is_said_and_not_compiled_to(
 def test_source_that_does_not_compile_gives_nothing_but_a_warning(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    building._SAID.clear()
+    compiler_log._SAID.clear()
     with caplog.at_level(logging.WARNING):
-        assert building.compile_library("this is not C") is None
+        assert libraries.compile_library("this is not C") is None
     assert "failed" in caplog.text
 
 
@@ -766,5 +772,5 @@ def test_without_a_compiler_a_function_is_returned_as_it_is(
 ) -> None:
     x = ca.SX.sym("x")
     function = ca.Function("f", [x], [x])
-    monkeypatch.setattr(building, "_compiler", lambda: None)
+    monkeypatch.setattr(c_compiler, "find_compiler", lambda: None)
     assert building.compile_function(function) is function

@@ -10,7 +10,7 @@ import sys
 import pytest
 from compiler import long_without_compiler, needs_compiler
 
-from uvms_ocp.codegen import compile as codegen
+from uvms_ocp.codegen import loading
 from uvms_ocp.scenario.cases import case1
 
 
@@ -26,10 +26,10 @@ def _run() -> None:
 def test_machine_code_is_taken_up_once() -> None:
     """Before, 19 functions and 0.7 MB a run were kept for ever."""
     _run()
-    before = len(codegen._ADDRESSES), _pointers()
+    before = len(loading.ADDRESSES), _pointers()
     for _ in range(3):
         _run()
-    assert (len(codegen._ADDRESSES), _pointers()) == before
+    assert (len(loading.ADDRESSES), _pointers()) == before
 
 
 CHANGED = """

@@ -17,7 +17,7 @@ from compiler import needs_compiler
 from uvms_ocp import scenarios
 from uvms_ocp.campaign import vary
 from uvms_ocp.campaign.variations import available_parameters
-from uvms_ocp.codegen import compile as compiling
+from uvms_ocp.codegen import libraries, loading
 from uvms_ocp.codegen.casadi_code import without_numbers
 from uvms_ocp.codegen.compile import compile_function, compiled_symbol
 from uvms_ocp.errors import InvalidInput
@@ -89,10 +89,10 @@ def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
     run = make_scenario(duration=0.02)
     run.run()
     begun = list[str]()
-    build = compiling._build
+    build = libraries._build
     tried = 0
     monkeypatch.setattr(
-        compiling, "_build", lambda *arguments: begun.append(arguments[-1]) or build(*arguments)
+        libraries, "_build", lambda *arguments: begun.append(arguments[-1]) or build(*arguments)
     )
     for name in available_parameters(run):
         # The lead is that of another law, and an observer without bandwidth is none.
@@ -114,9 +114,7 @@ def test_numbers_of_tasks_and_gains_compile_nothing_whatever_they_are(
 def test_machine_code_is_there_as_long_as_its_function_and_no_longer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(
-        compiling, "_external", lru_cache(maxsize=2)(compiling._external.__wrapped__)
-    )
+    monkeypatch.setattr(loading, "_external", lru_cache(maxsize=2)(loading._external.__wrapped__))
 
     def loaded() -> int:
         gc.collect()

@@ -13,7 +13,8 @@ from compiler import needs_compiler
 
 from uvms_ocp.codegen import bound_calls, compile_function
 from uvms_ocp.codegen.bound_calls import BoundCalls
-from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.codegen.libraries import compile_library
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.errors import InvalidInput
 
 

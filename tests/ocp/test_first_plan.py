@@ -16,7 +16,7 @@ import pytest
 from compiler import needs_compiler
 from reaches import reach
 
-from uvms_ocp.codegen import bound_calls, compile as building
+from uvms_ocp.codegen import background, bound_calls
 from uvms_ocp.ocp import planner as planning
 from uvms_ocp.ocp.diagnosis import Diagnosis
 from uvms_ocp.ocp.plan import OcpStatus, Plan
@@ -66,8 +66,8 @@ def later(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Later:
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
     monkeypatch.delenv("UVMS_OCP_WAIT_FOR_COMPILER", raising=False)
     workers = Later()
-    monkeypatch.setattr(building, "_workers", lambda process: workers)
-    monkeypatch.setattr(building, "_BEGUN", [])
+    monkeypatch.setattr(background, "_workers", lambda process: workers)
+    monkeypatch.setattr(background, "_BEGUN", [])
     return workers
 
 

@@ -14,7 +14,13 @@ import numpy as np
 import pytest
 from compiler import needs_compiler
 
-from uvms_ocp.codegen import bound_calls, compile as building
+from uvms_ocp.codegen import (
+    bound_calls,
+    c_compiler,
+    cache_entries,
+    casadi_code,
+    compile as building,
+)
 from uvms_ocp.codegen.compile import _compilation
 from uvms_ocp.ocp.plan import OcpStatus
 from uvms_ocp.ocp.planner import Planner
@@ -207,11 +213,20 @@ def test_a_diagnosis_of_a_plan_by_stages_waits_for_no_compiler(
     assert "for any motion near to keep them all" in plan.reason
 
 
-@pytest.mark.parametrize("module", [building.__file__, stage.__file__], ids=["compile", "stage"])
+MAKERS = (
+    building.__file__,
+    casadi_code.__file__,
+    str(Path(building.__file__).with_name("parts.c")),
+    stage.__file__,
+)
+"""Files that decide what machine code a function becomes."""
+
+
+@pytest.mark.parametrize("module", MAKERS, ids=lambda file: Path(file).stem)
 def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code_of = building._code_of
+    code_of = cache_entries.code_of
     entries = dict[str, set[Path]]()
 
     def begin(function: ca.Function, entry: Path) -> ca.Function:
@@ -219,12 +234,14 @@ def test_another_text_of_the_code_that_makes_functions_makes_them_anew(
         return function
 
     monkeypatch.setenv("UVMS_OCP_CACHE", str(tmp_path))
-    monkeypatch.setattr(building, "_compiler", lambda: "cc")
-    monkeypatch.setattr(building, "_version", lambda compiler: "1")
+    monkeypatch.setattr(c_compiler, "find_compiler", lambda: "cc")
+    monkeypatch.setattr(c_compiler, "_version", lambda compiler: "1")
     monkeypatch.setattr(building, "start_compiling", begin)
     for text in (code_of(module), "another text"):
         monkeypatch.setattr(
-            building, "_code_of", lambda path, text=text: text if path == module else code_of(path)
+            cache_entries,
+            "code_of",
+            lambda path, text=text: text if path == module else code_of(path),
         )
         model = stage.StageModel(_problem(Effort()), eliminated=True)
         tangent = functions.Tangent(model=model)

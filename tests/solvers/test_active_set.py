@@ -15,7 +15,7 @@ from compiler import IN_C_AND_PYTHON, needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 from test_hierarchy import _arguments, _tick_function
 
-from uvms_ocp.codegen.compile import constants_of
+from uvms_ocp.codegen.c_text import constants_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source

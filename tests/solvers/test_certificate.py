@@ -13,7 +13,7 @@ import pytest
 from compiler import MISSING, needs_compiler
 from hierarchies import _optimum, distance, random_hierarchy
 
-from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.codegen.libraries import compile_library
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source

@@ -14,7 +14,7 @@ import pytest
 from compiler import needs_compiler
 from hierarchies import dependent_hierarchy, random_hierarchy, reference
 
-from uvms_ocp.codegen.compile import compile_library
+from uvms_ocp.codegen.libraries import compile_library
 from uvms_ocp.solvers.hierarchy import active_set_numpy as fallbacks, tolerances
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet, core_source
 from uvms_ocp.solvers.hierarchy.active_set_numpy import SolvedRows, solve_levels

@@ -10,7 +10,7 @@ from hierarchies import random_hierarchy, reference
 from hierarchy_solvers.daqp_hierarchy import Daqp
 from test_hierarchy import _arguments, _tick_function
 
-from uvms_ocp.codegen.compile import has_compiler
+from uvms_ocp.codegen.c_compiler import has_compiler
 from uvms_ocp.solvers.hierarchy.active_set import LexicographicActiveSet
 from uvms_ocp.solvers.hierarchy.cascade import LexicographicQp
 from uvms_ocp.solvers.hierarchy.certificate import level_excesses

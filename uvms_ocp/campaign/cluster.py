@@ -18,7 +18,8 @@ import numpy as np
 from uvms_ocp.campaign.jobs import CampaignJob
 from uvms_ocp.campaign.manifest import CampaignManifest
 from uvms_ocp.campaign.store import arrow, opened
-from uvms_ocp.codegen.compile import n_processors, warn_if_slower
+from uvms_ocp.codegen.background import n_processors
+from uvms_ocp.codegen.c_compiler import warn_if_slower
 from uvms_ocp.errors import (
     InvalidInput,
     OutputError,

@@ -41,7 +41,7 @@ def show_compilation(show: Callable[[str], None]) -> Iterator[None]:
 
 
 def _warns(record: logging.LogRecord) -> bool:
-    from uvms_ocp.codegen.compile import PROGRESS  # which has logged it
+    from uvms_ocp.codegen.compiler_log import PROGRESS  # which has logged it
 
     return not getattr(record, PROGRESS, False)
 

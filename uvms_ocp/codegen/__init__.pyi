@@ -1,7 +1,7 @@
 from .buffered import BufferedFunction as BufferedFunction
+from .c_compiler import has_compiler as has_compiler
 from .compile import (
     compile_function as compile_function,
-    compile_library as compile_library,
     external_function as external_function,
-    has_compiler as has_compiler,
 )
+from .libraries import compile_library as compile_library

@@ -18,14 +18,10 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.buffered import buffer_on
-from uvms_ocp.codegen.compile import (
-    compile_library,
-    compiled_symbol,
-    has_compiler,
-    is_being_compiled,
-    loaded_library,
-    two_calls,
-)
+from uvms_ocp.codegen.c_compiler import has_compiler
+from uvms_ocp.codegen.compile import compiled_symbol, is_being_compiled, two_calls
+from uvms_ocp.codegen.libraries import compile_library
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Array
 

@@ -4,6 +4,7 @@ disk that runs programs.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import stat
@@ -76,6 +77,11 @@ def shrink_cache(folder: Path, max_size: float) -> dict[Path, os.stat_result]:
                 removed[path] = status
                 path.with_suffix(".sha256").unlink()
     return removed
+
+
+def digest(data: bytes) -> str:
+    """Return the hash by which a file of the cache is known."""
+    return hashlib.sha256(data).hexdigest()
 
 
 def _candidates() -> list[Path]:

@@ -18,21 +18,12 @@ from typing import Any, get_type_hints
 from uvms_ocp.codegen import (
     buffered,
     kernel_expressions as c_code,
-    kernel_layout,
     kernel_statements,
 )
-from uvms_ocp.codegen.compile import WIDE_MACROS
+from uvms_ocp.codegen.c_text import WIDE_MACROS
 from uvms_ocp.codegen.kernel_layout import WIDE, FunctionStructure, Layout, Vector, work_sizes
 from uvms_ocp.errors import InvalidInput
 
-TRANSLATOR = (
-    __file__,
-    kernel_statements.__file__,
-    c_code.__file__,
-    kernel_layout.__file__,
-    buffered.__file__,
-)
-"""Files of the code that makes a C program of kernels."""
 _HEAD = (files("uvms_ocp.codegen") / "kernels.c").read_text(encoding="utf-8")
 _MAX_DOTS = 2  # dots in module.Enumeration.MEMBER
 _TYPES = {

@@ -30,8 +30,9 @@ from typing import Any, get_type_hints
 
 import casadi as ca
 
+from uvms_ocp.codegen.c_text import MATH
+from uvms_ocp.codegen.cache_entries import library_from
 from uvms_ocp.codegen.casadi_code import with_variable, without_numbers
-from uvms_ocp.codegen.compile import MATH, library_from, loaded_library
 from uvms_ocp.codegen.kernel_expressions import PREFIX, c_name
 from uvms_ocp.codegen.kernel_layout import (
     NUMBERS,
@@ -42,11 +43,11 @@ from uvms_ocp.codegen.kernel_layout import (
     functions_in,
 )
 from uvms_ocp.codegen.kernel_program import (
-    TRANSLATOR,
     c_program,
     program_content,
     structure_signature,
 )
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.types import Keyed
 
 Kernels = Sequence[Callable[..., Any]]
@@ -164,7 +165,7 @@ def _compiled(kernels: BoundKernels, structures: Keyed) -> Path | None:
         types, code = c_program(kernels, structures.value)
         return types + code
 
-    return library_from(name, content, make, *TRANSLATOR)
+    return library_from(name, content, make)
 
 
 def _function(library: ctypes.CDLL, kernel: Callable[..., Any]) -> Callable[..., Any]:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_library, loaded_library
+from uvms_ocp.codegen.libraries import compile_library
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.errors import InvalidInput
 
 Step = tuple[Any, ...]

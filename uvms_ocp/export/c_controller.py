@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import compile_library, loaded_library
 from uvms_ocp.codegen.kernel_layout import arrays_of, structure_of, view
+from uvms_ocp.codegen.libraries import compile_library
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.control import KinematicController
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.export import tick as exported_tick

@@ -12,7 +12,7 @@ from importlib.resources import files
 from string import Template
 
 from uvms_ocp.checks import replace_with_symbols
-from uvms_ocp.codegen.compile import EXACT
+from uvms_ocp.codegen.c_text import EXACT
 from uvms_ocp.codegen.kernel_layout import Layout
 from uvms_ocp.codegen.kernels import CLibrary, number
 from uvms_ocp.control.velocity.levels import numbers_of

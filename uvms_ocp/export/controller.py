@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from uvms_ocp.checks import checked
-from uvms_ocp.codegen.compile import EXACT
+from uvms_ocp.codegen.c_text import EXACT
 from uvms_ocp.codegen.kernel_layout import structure_of
 from uvms_ocp.codegen.kernels import CLibrary, c_library
 from uvms_ocp.control import DynamicController, KinematicController, build_levels

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 import casadi as ca
 import numpy as np
 
+from uvms_ocp.codegen.background import n_processors
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import compile_function, n_processors
+from uvms_ocp.codegen.compile import compile_function
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import recording as recordings
 from uvms_ocp.identification.model import N_Q, N_V, PAST, PAST_STEP, StageFunctions, Vehicle

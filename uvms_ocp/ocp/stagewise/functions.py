@@ -19,7 +19,8 @@ from functools import cache, cached_property, partial
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import compiled_from, content_of
+from uvms_ocp.codegen.cache_entries import content_of
+from uvms_ocp.codegen.compile import compiled_from
 from uvms_ocp.ocp.transcription import stage
 from uvms_ocp.ocp.transcription.term_rows import CONSTRAINT, TermBlock, TermRows
 from uvms_ocp.robot.symbolic_model import SymbolicModel

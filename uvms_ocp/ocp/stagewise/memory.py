@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from uvms_ocp.codegen.bound_calls import BoundCalls
-from uvms_ocp.codegen.compile import content_of
+from uvms_ocp.codegen.cache_entries import content_of
 from uvms_ocp.ocp.problem import OcpProblem
 from uvms_ocp.ocp.stagewise import functions
 from uvms_ocp.ocp.transcription.stage import StageModel

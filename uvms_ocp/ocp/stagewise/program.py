@@ -6,13 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from uvms_ocp.codegen.background import start_beside
 from uvms_ocp.codegen.bound_calls import calls_library
-from uvms_ocp.codegen.compile import (
-    finish_compiling,
-    has_compiler,
-    start_beside,
-    waits_for_compiler,
-)
+from uvms_ocp.codegen.c_compiler import has_compiler
+from uvms_ocp.codegen.compile import finish_compiling, waits_for_compiler
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.problem import HessianKind, OcpProblem
 from uvms_ocp.ocp.stagewise.levels import StageLevelSolver, StagewiseLevels

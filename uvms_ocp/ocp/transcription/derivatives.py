@@ -8,7 +8,8 @@ from functools import cache, partial
 
 import casadi as ca
 
-from uvms_ocp.codegen.compile import available_function, compiled_from, content_of
+from uvms_ocp.codegen.cache_entries import content_of
+from uvms_ocp.codegen.compile import available_function, compiled_from
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -22,7 +22,8 @@ from functools import cached_property, lru_cache
 import casadi as ca
 import numpy as np
 
-from uvms_ocp.codegen.compile import available_function, compiled_from, content_of, start_compiling
+from uvms_ocp.codegen.cache_entries import content_of
+from uvms_ocp.codegen.compile import available_function, compiled_from, start_compiling
 from uvms_ocp.ocp.problem import Actuation, HessianKind, Integrator, OcpProblem
 from uvms_ocp.ocp.terms import StageSymbols
 from uvms_ocp.ocp.transcription.actuation import ActuationModel

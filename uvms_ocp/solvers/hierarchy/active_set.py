@@ -12,7 +12,7 @@ from dataclasses import asdict
 from functools import lru_cache
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.codegen.compile import c_macros, constants_of
+from uvms_ocp.codegen.c_text import c_macros, constants_of
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import active_set_numpy, core, tolerances
 from uvms_ocp.types import Array

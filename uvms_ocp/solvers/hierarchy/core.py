@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked, checked_on_failure
 from uvms_ocp.codegen.buffered import BufferedFunction
-from uvms_ocp.codegen.compile import WIDE_MACROS, c_macros, compile_function, external_function
+from uvms_ocp.codegen.c_text import WIDE_MACROS, c_macros
+from uvms_ocp.codegen.compile import compile_function, external_function
 from uvms_ocp.solvers.hierarchy import solution
 from uvms_ocp.solvers.hierarchy.level import Level
 from uvms_ocp.types import Array

@@ -13,7 +13,7 @@ from typing import Annotated
 import numpy as np
 
 from uvms_ocp.checks import checked_dataclass, checked_on_failure
-from uvms_ocp.codegen.compile import c_macros
+from uvms_ocp.codegen.c_text import c_macros
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.solvers.hierarchy import core, tolerances
 from uvms_ocp.solvers.hierarchy.level import residual, row_slices

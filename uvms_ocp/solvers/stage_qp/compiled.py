@@ -10,13 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from uvms_ocp.codegen.compile import (
-    WIDE_MACROS,
-    c_macros,
-    compile_library,
-    constants_of,
-    loaded_library,
-)
+from uvms_ocp.codegen.c_text import WIDE_MACROS, c_macros, constants_of
+from uvms_ocp.codegen.libraries import compile_library
+from uvms_ocp.codegen.loading import loaded_library
 from uvms_ocp.solvers.stage_qp import problem, tolerances
 from uvms_ocp.types import Array
 
