@@ -198,3 +198,34 @@ def test_packages_of_xacro_are_found_beside_the_file(tmp_path: Path) -> None:
     file.write_text(named.replace("parts_d", "lost_d"), encoding="utf-8")
     with pytest.raises(RobotDataError, match="package 'lost_description' is not found"):
         load_robot(file)
+
+
+def test_packages_in_groups_of_a_workspace_are_found(tmp_path: Path) -> None:
+    package = tmp_path / "parts" / "parts_description"
+    package.mkdir(parents=True)
+    (package / "package.xml").write_text(
+        "<package><name>parts_description</name></package>", encoding="utf-8"
+    )
+    part = (FOLDER / "part.xacro").read_text(encoding="utf-8")
+    (package / "part.xacro").write_text(part, encoding="utf-8")
+    file = tmp_path / "rovs" / "rov_description" / "rov.urdf.xacro"
+    file.parent.mkdir(parents=True)
+    text = (FOLDER / "arm.urdf.xacro").read_text(encoding="utf-8")
+    file.write_text(
+        text.replace("part.xacro", "$(find parts_description)/part.xacro"), encoding="utf-8"
+    )
+    assert load_robot(file).model.inertias[1].mass == 30.0
+
+
+def test_prefixes_that_are_declared_nowhere_are_taken(tmp_path: Path) -> None:
+    text = (FOLDER / "arm.sdf").read_text(encoding="utf-8")
+    sensor = (
+        "<sensor name='s' type='custom' gz:type='dvl'><gz:dvl/><pose>0 0 -0.2 0 0 0</pose></sensor>"
+    )
+    (tmp_path / "arm.sdf").write_text(
+        text.replace("</link>", sensor + "</link>", 1), encoding="utf-8"
+    )
+    proposal = propose(tmp_path / "arm.sdf")
+    assert proposal.robot.description.dvl == "s_dvl"
+    X = proposal.robot.model.frames[proposal.robot.frame_id("s_dvl")].placement
+    np.testing.assert_allclose(X.translation, [0.0, 0.0, -0.2])

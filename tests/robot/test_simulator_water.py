@@ -114,7 +114,10 @@ def test_numbers_of_gazebo_resist_whatever_their_sign(sign: float, tmp_path: Pat
         (uuv(linear="14 16 20 1 2 1"), "linear drag is not used"),
         (uuv(added="1 2 3"), "added mass is not used"),
         (gazebo(more="<xUabsV>3</xUabsV>"), "<xUabsV> is not modelled"),
-        ("<gazebo><plugin name='t' filename='libuuv_thruster_ros_plugin.so'/></gazebo>", "curves"),
+        (
+            "<gazebo><plugin name='t' filename='libuuv_thruster_ros_plugin.so'/></gazebo>",
+            "no such joint",
+        ),
     ],
 )
 def test_what_is_not_used_is_named(blocks: str, said: str, tmp_path: Path) -> None:
@@ -136,3 +139,107 @@ def test_water_of_a_link_without_mass_is_the_hulls(tmp_path: Path) -> None:
     np.testing.assert_allclose(wet["skid"].added_mass, ADDED)
     assert not np.any(wet["hull"].added_mass)
     assert wet["hull"].volume == 0.0
+
+
+def sdf_added(entries: dict[str, float]) -> str:
+    numbers = "".join(f"<{key}>{value}</{key}>" for key, value in entries.items())
+    return f"<fluid_added_mass>{numbers}</fluid_added_mass>"
+
+
+def test_added_mass_of_sdf_is_taken_in_the_axes_of_the_link(tmp_path: Path) -> None:
+    entries = {"xx": 12.0, "yy": 18.0, "zz": 25.0, "pp": 0.6, "qq": 1.1, "rr": 0.9, "xq": 0.5}
+    expected = ADDED.copy()
+    expected[0, 4] = expected[4, 0] = 0.5
+    block = f"<gazebo reference='hull'>{sdf_added(entries)}</gazebo>"
+    (water,) = [w for w in proposed(tmp_path, block).robot.hydrodynamics if w.frame == "hull"]
+    np.testing.assert_allclose(water.added_mass, expected)
+    text = (
+        "<sdf version='1.10'><model name='m'><link name='hull'><inertial><mass>30</mass><inertia>"
+        f"<ixx>0.6</ixx><iyy>1.1</iyy><izz>1.3</izz></inertia>{sdf_added(entries)}</inertial>"
+        f"</link>{gazebo().removeprefix('<gazebo>').removesuffix('</gazebo>')}</model></sdf>"
+    )
+    (tmp_path / "m.sdf").write_text(text, encoding="utf-8")
+    proposal = propose(tmp_path / "m.sdf", base="free_flyer")
+    (water,) = proposal.robot.hydrodynamics
+    np.testing.assert_allclose(water.added_mass, expected + ADDED)  # both push in Gazebo
+    np.testing.assert_allclose(np.diag(water.linear_drag), [14, 0, 0, 0, 0, 0])
+    assert any("of its Gazebo plugin and SDF" in line for line in proposal.reasons)
+
+
+def thruster_joints(*names: str) -> str:
+    text = ""
+    for k, name in enumerate(names):
+        text += (
+            f"<link name='{name}_link'/><joint name='{name}' type='continuous'><parent link='hull'/>"
+            f"<child link='{name}_link'/><origin xyz='0 0.{k} 0' rpy='0 0 0.5'/><axis xyz='0 0 1'/>"
+            "</joint>"
+        )
+    return text
+
+
+UUV_THRUSTER = (
+    "<gazebo><plugin name='a' filename='libuuv_thruster_ros_plugin.so'><linkName>{0}_link</linkName>"
+    "<jointName>{0}</jointName><thrusterID>0</thrusterID>{1}<dynamics><type>FirstOrder</type>"
+    "<timeConstant>0.05</timeConstant></dynamics><conversion>{2}</conversion></plugin></gazebo>"
+)
+BASIC = "<type>Basic</type><rotorConstant>0.002</rotorConstant>"
+BESSA = (
+    "<type>Bessa</type><rotorConstantL>0.001</rotorConstantL><rotorConstantR>0.002</rotorConstantR>"
+    "<deltaL>-100</deltaL><deltaR>50</deltaR>"
+)
+TABLE = (
+    "<type>LinearInterp</type><inputValues>-2 0 2</inputValues><outputValues>-8 0 12</outputValues>"
+)
+CLAMPS = "<clampMin>-100</clampMin><clampMax>100</clampMax>"
+
+
+@pytest.mark.parametrize(
+    ("words", "conversion", "limits"),
+    [
+        (CLAMPS, BASIC, (-20.0, 20.0)),
+        (CLAMPS + "<thrustMin>-15</thrustMin><thrustMax>40</thrustMax>", BASIC, (-15.0, 20.0)),
+        ("<thrustMin>-7</thrustMin><thrustMax>9</thrustMax>", BASIC, (-7.0, 9.0)),
+        (CLAMPS + "<thrust_efficiency>0.5</thrust_efficiency>", BASIC, (-10.0, 10.0)),
+        (CLAMPS + "<gain>-0.5</gain>", BASIC, (-5.0, 5.0)),
+        (CLAMPS, BESSA, (-9.9, 19.9)),
+        ("<clampMin>-1</clampMin><clampMax>5</clampMax>", TABLE, (-4.0, 12.0)),
+    ],
+)
+def test_thrusters_of_uuv_simulator_have_its_limits(
+    words: str, conversion: str, limits: tuple[float, float], tmp_path: Path
+) -> None:
+    blocks = thruster_joints("port", "stirrer") + UUV_THRUSTER.format("port", words, conversion)
+    proposal = proposed(tmp_path, blocks)
+    (thruster,) = proposal.robot.description.thrusters  # the plugin names one of two alike
+    assert thruster.name == "port"
+    assert (thruster.minimum, thruster.maximum) == pytest.approx(limits)
+    assert thruster.time_constant == 0.05
+    np.testing.assert_allclose(thruster.direction, [0.0, 0.0, 1.0], atol=1e-9)
+
+
+def test_thrusters_of_gazebo_push_along_their_joint(tmp_path: Path) -> None:
+    plugin = (
+        "<gazebo><plugin filename='gz-sim-thruster-system' name='gz::sim::systems::Thruster'>"
+        "<joint_name>{}</joint_name><thrust_coefficient>-0.02</thrust_coefficient>{}</plugin></gazebo>"
+    )
+    limits = "<max_thrust_cmd>30</max_thrust_cmd><min_thrust_cmd>-25</min_thrust_cmd>"
+    blocks = thruster_joints("a", "b") + plugin.format("a", limits) + plugin.format("b", "")
+    blocks += plugin.format("lost", "")
+    proposal = proposed(tmp_path, blocks)
+    first, second = proposal.robot.description.thrusters
+    assert (first.minimum, first.maximum) == (-25.0, 30.0)
+    assert -second.minimum == second.maximum > 0.0  # of its mass, as none is stated
+    assert any("'lost': no such joint or link" in line for line in proposal.reasons)
+
+
+def test_forces_at_sites_of_mujoco_are_thrusters(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(
+        "<mujoco model='m'><worldbody><body name='hull'><freejoint/><geom type='box' size='.3 .2 .15'/>"
+        "<site name='t1' pos='0.1 0.2 0' euler='0 0 90'/></body></worldbody><actuator>"
+        "<general site='t1' gear='2 0 0 0 0 0' ctrlrange='-10 15'/></actuator></mujoco>",
+        encoding="utf-8",
+    )
+    (thruster,) = propose(tmp_path / "m.xml").robot.description.thrusters
+    np.testing.assert_allclose(thruster.position, [0.1, 0.2, 0.0])
+    np.testing.assert_allclose(thruster.direction, [0.0, 1.0, 0.0], atol=1e-9)
+    assert (thruster.minimum, thruster.maximum) == (-20.0, 30.0)

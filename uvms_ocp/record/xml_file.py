@@ -20,6 +20,8 @@ MOST_ELEMENTS = 50_000
 DEEPEST_XML = 32
 """A URDF has 5 levels, what simulators add to it 8."""
 
+_PREFIXED_TAG = re.compile(r"(</?[A-Za-z_][\w.-]*):")
+_PREFIXED_ATTRIBUTE = re.compile(r"(\s[A-Za-z_][\w.-]*):([\w.-]+\s*=\s*[\"'])")
 _ENCODING_NAMES = rb"us-ascii|latin-?1|(?:iso-?8859|windows|cp)-?\d+|euc-\w+|shift_jis|big5|gb\w+"
 _DECLARED_ENCODING = re.compile(
     rb"""\s*<\?xml[^>]*\sencoding\s*=\s*["'](""" + _ENCODING_NAMES + rb""")["']""",
@@ -33,9 +35,22 @@ def read_xml(path: Path | str) -> ElementTree.Element:
     Raises `OSError`, and `InvalidInput` in one line for what is no file, no XML or beyond the
     bounds.
     """
+    return _parsed(read_xml_text(Path(path)))
+
+
+def read_xml_with_any_prefix(path: Path | str) -> ElementTree.Element:
+    """Read a file as `read_xml` does, with prefixes of names as part of them: readers that know no
+    namespaces take prefixes that are declared nowhere.
+    """
+    text = read_xml_text(Path(path))
+    text = _PREFIXED_TAG.sub(r"\1_", text)
+    return _parsed(_PREFIXED_ATTRIBUTE.sub(r"\1_\2", text))
+
+
+def _parsed(text: str) -> ElementTree.Element:
     parser = ElementTree.XMLParser(target=_BoundedTreeBuilder())
     try:
-        parser.feed(read_xml_text(Path(path)))
+        parser.feed(text)
         root: ElementTree.Element = parser.close()
     except ElementTree.ParseError as error:
         raise InvalidInput(f"the XML is broken ({error})") from None

@@ -7,13 +7,12 @@ comes from, and how far it may be off: such a robot swims at once, and says what
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -25,13 +24,13 @@ from uvms_ocp.robot.joining import assemble
 from uvms_ocp.robot.name_words import FIXED_ROOTS, NameWords
 from uvms_ocp.robot.proposal_draft import ProposalDraft, ProposedThruster
 from uvms_ocp.robot.proposal_text import proposal_lines
+from uvms_ocp.robot.proposed_thrusters import stated_thrusters, thrusters_by_structure
 from uvms_ocp.robot.proposed_water import hull_of, proposed_links, trimmed
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.roles import Roles, find_roles
+from uvms_ocp.robot.roles import find_roles
 from uvms_ocp.robot.simulator_water import simulator_blocks
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading, models_and_notes, read_urdf
 
-_SAME_PLACE = 0.1  # [m] between a link called a thruster and the propeller that turns in it
 _MIN_VEHICLE_SHARE = 0.5  # of the mass: a root with less carries an arm, and is no vehicle
 
 
@@ -93,6 +92,12 @@ def propose(
     moving = {*followers, *_joints_that_carry(models.model, tool)}
     still_at = {name: _nearest_to_zero(models.model, name) for name in still if name not in moving}
     reading = replace(reading, mimic=mimic, lock={**still_at, **lock})
+    simulator = simulator_blocks(root)
+    thrusters = list[ProposedThruster]()
+    if floats:
+        thrusters = list(stated_thrusters(models.model, simulator))
+        if not thrusters:
+            thrusters = list(thrusters_by_structure(models, roles))
     draft = ProposalDraft(
         models=read_urdf(urdf, free_flyer=floats, package_dirs=package_dirs, reading=reading),
         roles=roles,
@@ -101,8 +106,8 @@ def propose(
         requested_tools=tuple(tool),
         requested_altimeter=altimeter,
         requested_dvl=dvl,
-        thrusters=list(_thrusters(models, roles)) if floats else [],
-        simulator=simulator_blocks(root),
+        thrusters=thrusters,
+        simulator=simulator,
     )
     return _proposal_of(draft, urdf)
 
@@ -155,75 +160,6 @@ def _nearest_to_zero(model: pin.Model, name: str) -> float:
     lower = model.lowerPositionLimit[joint.idx_q]
     upper = model.upperPositionLimit[joint.idx_q]
     return float(np.clip(0.0, lower, upper))
-
-
-def _thrusters(models: UrdfModels, roles: Roles) -> Iterator[ProposedThruster]:
-    """Yield a thruster for each joint of the vehicle that turns a propeller, and for each link fixed
-    to the vehicle that is called one, by itself or by its joint, and carries no such joint.
-    """
-    model = models.model
-    words = NameWords(model)
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-    places = list[np.ndarray]()  # (3,) [m] in B
-    for name in roles.propellers:
-        if words.is_called("fin", name):
-            continue
-        index = model.getJointId(name)
-        X = data.oMi[index]
-        places.append(X.translation)
-        S = np.array(model.joints[index].createData().S)
-        yield ProposedThruster(
-            name=name, X=X, direction=X.rotation @ S.ravel()[3:], source="axis of the joint"
-        )
-    for i in _thruster_links(model, words):
-        X = data.oMf[i]
-        if any(np.linalg.norm(X.translation - place) < _SAME_PLACE for place in places):
-            continue
-        cylinder = _cylinder_of(models.visual, i)
-        if cylinder is None:
-            direction = X.rotation[:, 0]
-            source = "x axis of the link"
-        else:
-            direction = cylinder.placement.rotation[:, 2]
-            source = "axis of its cylinder"
-        name = model.frames[i].name
-        yield ProposedThruster(name=name, X=X, direction=direction, source=source)
-
-
-def _thruster_links(model: pin.Model, words: NameWords) -> list[int]:
-    """Return frames of links fixed to the vehicle that are called thrusters, or whose joints are:
-    of those on one another the outermost that is no mount.
-    """
-    links = list[int]()
-    mounts = list[int]()
-    for i, frame in enumerate(model.frames):
-        if frame.type != pin.FrameType.BODY or frame.parentJoint > 1:
-            continue
-        joint_frame = model.frames[frame.parentFrame]
-        names = [frame.name]
-        if joint_frame.type == pin.FrameType.FIXED_JOINT:
-            names.append(joint_frame.name)
-        if not words.is_called("propeller", *names) or words.is_called("fin", *names):
-            continue
-        above = joint_frame.parentFrame
-        if above in links:
-            continue
-        if words.is_called("mount", frame.name):
-            mounts.append(i)
-        else:
-            links.append(i)
-    bearing = {model.frames[model.frames[i].parentFrame].parentFrame for i in links}
-    links += [i for i in mounts if i not in bearing]
-    return sorted(links)
-
-
-def _cylinder_of(visual: pin.GeometryModel, frame: int) -> pin.GeometryObject | None:
-    """Return the first cylinder that is drawn for the link of that frame."""
-    for shape in visual.geometryObjects:
-        if shape.parentFrame == frame and isinstance(shape.geometry, coal.Cylinder):
-            return shape
-    return None
 
 
 def _proposal_of(draft: ProposalDraft, urdf: Path) -> RobotProposal:

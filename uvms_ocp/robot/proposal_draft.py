@@ -21,6 +21,7 @@ from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 # Thrusters of vehicles of 10 to 160 kg have the larger of both.
 _THRUST_PER_ROOT_MASS = 12.0  # [N/kg^0.5]
 _THRUST_PER_MASS = 0.95  # [N/kg]
+_TIME_CONSTANT = 0.15  # [s] of a thruster
 SPIN_UP = 0.03
 """[s] in which full effort brings the rotor of a joint alone to full speed: mechanical time
 constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit.
@@ -61,6 +62,12 @@ class ProposedThruster:
     """Direction (3,) of positive thrust in B."""
     source: str
     """Words for where the direction comes from."""
+    minimum: float | None = None
+    """[N] as the file states it; `None` where it does not, as for the next two."""
+    maximum: float | None = None
+    """[N]"""
+    time_constant: float | None = None
+    """[s]"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -299,9 +306,9 @@ class ProposalDraft:
                 "link": self.roles.base,
                 "position": rounded(X_FB.act(thruster.X.translation)),
                 "direction": rounded(X_FB.rotation @ thruster.direction),
-                "minimum": -limit,
-                "maximum": limit,
-                "time_constant": 0.15,
+                "minimum": -limit if thruster.minimum is None else thruster.minimum,
+                "maximum": limit if thruster.maximum is None else thruster.maximum,
+                "time_constant": thruster.time_constant or _TIME_CONSTANT,
             }
             entries.append(entry)
         return entries

@@ -1,10 +1,10 @@
-"""Water that a URDF states for simulators, in ``<gazebo><plugin>``: of uuv_simulator (Manhães et al.,
-UUV Simulator, 2016) and of Gazebo's own hydrodynamics.
+"""Water that a robot file states for simulators, in ``<gazebo><plugin>``: of uuv_simulator (Manhães
+et al., UUV Simulator, 2016) and of Gazebo's own hydrodynamics, and in ``<fluid_added_mass>`` of SDF.
 
 Both follow Fossen: added mass [kg, kg m, kg m2] and drag act at the origin of the link, and drag is
 written as the derivative of the force, below 0. uuv_simulator has its matrices in axes forward,
 starboard, down, and a centre of buoyancy in those of the link; Gazebo has numbers on the diagonal,
-whose sign files write either way.
+whose sign files write either way. SDF has the upper half of the matrix of added mass, above 0.
 """
 
 from __future__ import annotations
@@ -16,11 +16,17 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from uvms_ocp.robot.description import LinkCoefficients
+from uvms_ocp.robot.description import LinkCoefficients, as_matrix6
+from uvms_ocp.robot.simulator_thrusters import (
+    SimulatorThruster,
+    simulator_thrusters,
+    thruster_name,
+)
 from uvms_ocp.robot.urdf_elements import Element, quoted, to_float, to_floats
 
 _STARBOARD_DOWN = np.diag([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])
 """Turns a twist from forward, left, up to forward, starboard, down, and back."""
+_SDF_AXES = "xyzpqr"
 _AXES = ("xU", "yV", "zW", "kP", "mQ", "nR")
 _WORDS = {
     "added_mass": "added mass",
@@ -38,7 +44,7 @@ class SimulatorWater:
     """Water of one link as a plugin states it."""
 
     simulator: str
-    """Name of the simulator."""
+    """What states it, of which simulator or format."""
     coefficients: Mapping[str, Any]
     """Fields of `LinkCoefficients` that are stated, in the link's axes at its origin."""
 
@@ -46,7 +52,7 @@ class SimulatorWater:
     def source(self) -> str:
         """Words for what is stated and where."""
         stated = [_WORDS[key] for key in self.coefficients]
-        return f"{', '.join(stated)} of its {self.simulator} plugin"
+        return f"{', '.join(stated)} of its {self.simulator}"
 
 
 @dataclass(kw_only=True, slots=True)
@@ -55,6 +61,8 @@ class SimulatorBlocks:
 
     links: dict[str, SimulatorWater] = field(default_factory=dict)
     """Water by link."""
+    thrusters: list[SimulatorThruster] = field(default_factory=list)
+    """Thrusters in the order of the file."""
     density: float | None = None
     """[kg/m3] of the water; `None` where no plugin states it."""
     unread: list[str] = field(default_factory=list)
@@ -65,22 +73,59 @@ def simulator_blocks(root: Element) -> SimulatorBlocks:
     """Read the water that the plugins of a <robot> state."""
     blocks = SimulatorBlocks()
     links = {link.get("name", "") for link in root.findall("link")}
-    thrusters = 0
     for plugin in (*root.findall("gazebo/plugin"), *root.findall("plugin")):
         name = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
         if plugin.find("link/hydrodynamic_model") is not None:
             _read_uuv(blocks, plugin, links)
         elif "hydrodynamics" in name and plugin.find("link_name") is not None:
             _read_gazebo(blocks, plugin, links)
-        elif "thruster" in name:
-            thrusters += 1
-    if thrusters:
-        blocks.unread.append(
-            f"{thrusters} plugins of thrusters: their curves are not read, see `thrusters`"
-        )
-    if root.find(".//fluid_added_mass") is not None:
-        blocks.unread.append("<fluid_added_mass>: added mass of SDF is not read from a URDF")
+    for block in root.findall("gazebo[@reference]"):
+        for element in block.iter("fluid_added_mass"):
+            _read_added_mass(blocks, element, block.get("reference", ""), links)
+    _read_thrusters(blocks, root, links)
     return blocks
+
+
+def _read_thrusters(blocks: SimulatorBlocks, root: Element, links: set[str]) -> None:
+    """Keep the thrusters whose joint or link is there."""
+    joints = {joint.get("name", "") for joint in root.findall("joint")}
+    unread_words = dict[str, None]()
+    for thruster, words in simulator_thrusters(root):
+        if thruster.joint not in joints and thruster.link not in links:
+            name = thruster_name(thruster)
+            blocks.unread.append(f"thruster plugin of {name}: no such joint or link")
+            continue
+        blocks.thrusters.append(thruster)
+        unread_words.update(dict.fromkeys(words))
+    if unread_words:
+        blocks.unread.append(f"of thruster plugins: <{'>, <'.join(unread_words)}>")
+    if blocks.thrusters:
+        blocks.unread.append("curves of thruster plugins beyond their limits, see `thrusters`")
+
+
+def _read_added_mass(blocks: SimulatorBlocks, element: Element, name: str, links: set[str]) -> None:
+    """Read the added mass of SDF, at the origin of the link in its axes. What a plugin of Gazebo
+    states counts beside it, as it does there.
+    """
+    where = f"<fluid_added_mass> of link {quoted(name)}"
+    if name not in links:
+        blocks.unread.append(f"{where}: no such link")
+        return
+    matrix = np.zeros((6, 6))
+    for row, first in enumerate(_SDF_AXES):
+        for column, second in enumerate(_SDF_AXES[row:], start=row):
+            text = element.findtext(first + second)
+            if text is not None:
+                matrix[row, column] = matrix[column, row] = to_float(text.strip())
+    stated: dict[str, Any] = {}
+    simulator = "SDF"
+    if name in blocks.links:
+        stated.update(blocks.links[name].coefficients)
+        simulator = f"{blocks.links[name].simulator} and SDF"
+    if "added_mass" in stated:
+        matrix = matrix + as_matrix6(stated["added_mass"])
+    stated["added_mass"] = _matrix_of_rows(matrix)
+    _take(blocks, name, simulator, stated, where)
 
 
 def _read_uuv(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None:
@@ -117,7 +162,7 @@ def _read_uuv(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None
             stated["volume"] = to_float(volume.strip())
             centre = to_floats(" ".join(element.findtext("center_of_buoyancy", "0 0 0").split()))
             stated["centre_of_buoyancy"] = centre
-        _take(blocks, name, "uuv_simulator", stated, where)
+        _take(blocks, name, "uuv_simulator plugin", stated, where)
 
 
 def _read_gazebo(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> None:
@@ -144,7 +189,7 @@ def _read_gazebo(blocks: SimulatorBlocks, plugin: Element, links: set[str]) -> N
     others = [part.tag for part in plugin if part.tag not in read and to_float(part.text)]
     if others:
         blocks.unread.append(f"{where}: <{'>, <'.join(others)}> is not modelled")
-    _take(blocks, name, "Gazebo", stated, where)
+    _take(blocks, name, "Gazebo plugin", stated, where)
 
 
 def _first_number(plugin: Element, tags: tuple[str, ...]) -> float:
@@ -163,7 +208,11 @@ def _matrix(text: str, sign: float) -> Any:
         return tuple((values + 0.0).tolist())
     if values.size != 36:
         return None
-    matrix = _STARBOARD_DOWN @ values.reshape(6, 6) @ _STARBOARD_DOWN + 0.0
+    return _matrix_of_rows(_STARBOARD_DOWN @ values.reshape(6, 6) @ _STARBOARD_DOWN + 0.0)
+
+
+def _matrix_of_rows(matrix: np.ndarray) -> Any:
+    """Return rows of a matrix (6, 6), or its diagonal where it has nothing beside."""
     if not np.any(matrix - np.diag(np.diag(matrix))):
         return tuple(np.diag(matrix).tolist())
     return tuple(tuple(row) for row in matrix.tolist())

@@ -19,6 +19,7 @@ from uvms_ocp.robot.urdf_elements import to_float
 
 _LFS = b"version https://git-lfs"
 """First bytes of a file that Git LFS has not fetched."""
+_WORKSPACE_DEPTH = 5  # folders above a file that may hold packages in groups, as workspaces do
 _COLLADA_HEAD = 65536  # bytes within which a Collada file states its unit and axes
 _UNITS = (1e-6, 1e6)  # [m] what a unit of length may be
 _COLLADA_METRE = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']\s*([^"'\s]+)\s*["']""")
@@ -50,13 +51,19 @@ def _mesh_candidates(path: Path, filename: str, folders: Sequence[Path]) -> list
 
 
 def find_package(package: str, folders: Sequence[Path]) -> Path | None:
-    """Find the folder of a package in, or among, these folders; `None` where it is not there."""
+    """Find the folder of a package in, among, or a little below these folders, the nearest first;
+    `None` where it is not there.
+    """
     for folder in folders:
         if _is_package(folder, package):
             return folder
         inside = folder / package
         if os.path.isdir(inside):
             return inside
+    for folder in folders[:_WORKSPACE_DEPTH]:
+        for below in sorted(folder.glob(f"*/{package}")):
+            if (below / "package.xml").is_file():
+                return below
     return None
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uvms_ocp.errors import InvalidInput, RobotDataError
-from uvms_ocp.record.xml_file import read_xml
+from uvms_ocp.record.xml_file import read_xml, read_xml_with_any_prefix
 from uvms_ocp.robot.dialects.mjcf import urdf_of_mjcf
 from uvms_ocp.robot.dialects.sdf import urdf_of_sdf
 from uvms_ocp.robot.dialects.xacro_files import expanded, uses_xacro
@@ -32,7 +32,7 @@ class RobotXml:
 def read_robot_xml(path: Path, package_dirs: Sequence[Path] = ()) -> RobotXml:
     """Return the <robot> of a file. Raises ``RobotDataError`` for what is none."""
     try:
-        root = read_xml(path)
+        root = _read(path)
     except OSError as error:
         raise RobotDataError(path, f"cannot be read ({error.strerror or error})") from None
     except InvalidInput as error:
@@ -54,6 +54,16 @@ def read_robot_xml(path: Path, package_dirs: Sequence[Path] = ()) -> RobotXml:
             path, f"not a robot file, the root element is <{root.tag}>; allowed: {_ALLOWED}"
         )
     return RobotXml(root=root, notes=(*notes, *more_notes), is_urdf=False)
+
+
+def _read(path: Path) -> Element:
+    """Read a file; one of SDF may have prefixes that it does not declare."""
+    try:
+        return read_xml(path)
+    except InvalidInput as error:
+        if "unbound prefix" not in str(error):
+            raise
+    return read_xml_with_any_prefix(path)
 
 
 def robot_file_in(folder: Path) -> Path:

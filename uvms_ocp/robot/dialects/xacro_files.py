@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import redirect_stderr
+from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -42,7 +44,8 @@ def expanded(path: Path, folders: Sequence[Path]) -> tuple[Element, tuple[str, .
     while True:
         xacrodoc.packages.update_package_cache(known_packages)
         try:
-            text = xacro.process_file(str(path.resolve())).toxml()
+            with redirect_stderr(StringIO()):  # to which xacro writes doubts of its macros
+                text = xacro.process_file(str(path.resolve())).toxml()
             break
         except Exception as error:  # of expressions in the file: of any kind
             cause = _cause(error)
