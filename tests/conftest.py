@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from zlib import crc32
 
 import pytest
 
@@ -16,6 +17,29 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("UVMS_OCP_CFLAGS", "-O0")
 # What is to be compiled is compiled, and nothing goes on behind the tests.
 os.environ.setdefault("UVMS_OCP_WAIT_FOR_COMPILER", "1")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--share", metavar="K/N", help="the K-th of N shares of the tests, such as 2/3"
+    )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave the tests of one share, drawn by their names: the same on every machine."""
+    asked = config.getoption("--share")
+    if asked is None:
+        return
+    share, _, shares = asked.partition("/")
+    if not (share.isdigit() and shares.isdigit() and 1 <= int(share) <= int(shares)):
+        raise pytest.UsageError(f"--share is {asked}: K/N with K from 1 to N, such as 2/3")
+    of_share = []
+    of_others = []
+    for item in items:
+        drawn = crc32(item.nodeid.encode()) % int(shares)
+        (of_share if drawn == int(share) - 1 else of_others).append(item)
+    config.hook.pytest_deselected(items=of_others)
+    items[:] = of_share
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -81,7 +81,7 @@ def assert_same(one: Plan, other: Plan) -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("after", [None, 3])
+@pytest.mark.parametrize("after", [pytest.param(None, marks=pytest.mark.slow), 3])
 def test_the_plan_does_not_depend_on_when_machine_code_is_there(
     robot: Robot, later: Later, after: int | None
 ) -> None:
@@ -103,6 +103,7 @@ def test_the_plan_does_not_depend_on_when_machine_code_is_there(
     assert isinstance(evaluation._make, bound_calls._MachineCode)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_ipopt_begins_at_once_and_the_next_planner_has_machine_code(
     robot: Robot, later: Later
@@ -118,6 +119,7 @@ def test_ipopt_begins_at_once_and_the_next_planner_has_machine_code(
     assert_same(second.plan(), plan)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("how", ["asked for", "time limit", "environment"])
 def test_machine_code_is_waited_for_where_that_is_wanted(
@@ -130,6 +132,7 @@ def test_machine_code_is_waited_for_where_that_is_wanted(
     assert all(one.ready() for one in later.works[1:])
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_problems_that_tie_steps_to_one_another_are_solved_by_ipopt(robot: Robot) -> None:
     assert Planner(reach(robot)).options.plugin == "stagewise"
