@@ -573,6 +573,7 @@ POOL: dict[str, Callable[[], Any]] = {
     "Planner": planner,
     "Record | Plan": curve_record,
     "Plan | Record": plan,
+    "Plan | Record | Runs": plan,
     "Where": lambda: sim.KinematicPlant(arm(), arm().configuration()),
     "ReplayResult": lambda: replay(plan(), from_pool("Where", "where")),
     "tuple[Mapping[str, Any], ...]": lambda: ({"channel": "depth"},),
@@ -891,6 +892,8 @@ ARGUMENTS: dict[str, Callable[[], Arguments]] = {
     "concatenate": lambda: {"curves": [curve(), curve().shifted(2.0)]},
     "figure_paths": lambda: {"paths": {"a": np.zeros((3, 3))}},
     "figure_joint_comparison": lambda: {"records": {"a": run_record(), "b": run_record()}},
+    "figure_several_runs": lambda: {"runs": {"a": run_record(), "b": run_record()}},
+    "compare": lambda: {"first": run_record(), "second": run_record()},
     "figure_transitions": lambda: {"runs": {"a": report.transition_series(run_record())}},
     "figure_rate": lambda: {"success": np.array([True, False])},
     "figure_spread": lambda: {

@@ -84,7 +84,7 @@ def test_a_design_keeps_the_whole_hull_inside_and_tells_where_it_sweeps() -> Non
     assert (places >= LIMITS.pool[0]).all()
     assert (places <= LIMITS.pool[1]).all()
     assert f"{places[:, :, 0].min():+.2f} to {places[:, :, 0].max():+.2f}" in excitation_text(
-        excitation, "abcdef"
+        excitation, list("abcdef")
     )
 
 

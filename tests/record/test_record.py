@@ -167,6 +167,25 @@ def test_a_record_cannot_be_changed() -> None:
         record()["t"][0] = 1.0
 
 
+def test_the_newest_row_at_a_time_is_that_of_the_last_tick() -> None:
+    run = record()
+    assert run.duration == pytest.approx(0.4)
+    for time, row in ((0.0, 0), (0.05, 0), (0.1, 1), (0.1 * 3, 3), (0.4, 4)):
+        at_time = run.at(time)
+        assert at_time.keys() == run.series.keys()
+        np.testing.assert_array_equal(at_time["q"], run["q"][row])
+    for time in (-0.01, 0.41, 1e30):
+        with pytest.raises(InvalidInput, match=r"0 to 0\.4 s"):
+            run.at(time)
+
+
+def test_what_writes_a_file_returns_its_path(tmp_path: Path) -> None:
+    for path in (tmp_path / "a.npz", str(tmp_path / "b.npz")):
+        written = record().save(path)
+        assert written == Path(path)
+        assert len(Record.load(written)) == 5
+
+
 def test_an_unknown_series_is_named_with_the_alternatives() -> None:
     with pytest.raises(NameNotFound, match="unknown series 'qq'; known: phase, q, t"):
         record()["qq"]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from compiler import long_without_compiler
 
+from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.report.comparison import compare
 from uvms_ocp.report.phase_resources import resources
@@ -67,3 +68,23 @@ def test_a_comparison_gives_the_change_in_percent(record: Record) -> None:
     assert rows["duration_s"]["change"] == pytest.approx(-90.0)
     assert rows["thruster_energy_j"]["second"] is None
     assert rows["thruster_energy_j"]["change"] is None
+
+
+@long_without_compiler
+def test_runs_by_name_have_columns_of_their_names(record: Record) -> None:
+    shorter = case1(plant="kinematic", duration=0.2).run()
+    two = compare({"strict": record, "short": shorter})
+    plain = compare(record, shorter)
+    renamed = {"strict": "first", "short": "second"}
+    assert [{renamed.get(key, key): value for key, value in row.items()} for row in two] == plain
+    rows = {row["figure"]: row for row in compare({"a": record, "b": shorter, "c": record})}
+    assert list(rows["duration_s"]) == ["figure", "a", "b", "c", "change of b", "change of c"]
+    assert rows["duration_s"]["change of b"] == pytest.approx(-90.0)
+    assert rows["duration_s"]["change of c"] == 0.0
+
+
+@long_without_compiler
+@pytest.mark.parametrize("names", [[], ["a"], ["a", "figure"], ["a", "change of b"]])
+def test_too_few_runs_and_names_of_columns_are_refused(record: Record, names: list[str]) -> None:
+    with pytest.raises(InvalidInput, match="give"):
+        compare(dict.fromkeys(names, record))

@@ -347,9 +347,10 @@ def _opened_for_text(path: Path) -> IO[str]:
 
 
 @checked
-def write_recording(recording: Recording, path: Path | str) -> None:
+def write_recording(recording: Recording, path: Path | str) -> Path:
     """Write a recording as a table, `.csv`, `.csv.gz` or `.parquet`, that `read_recording` takes
-    without a mapping: a row for every time, cells only for channels that have a sample.
+    without a mapping: a row for every time, cells only for channels that have a sample. Returns the
+    path.
 
     Raises NotInstalled where Parquet cannot be written.
     """
@@ -362,6 +363,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
             columns[label] = np.full(len(times), np.nan)
             columns[label][rows] = values
     write_columns(Path(path), columns)
+    return Path(path)
 
 
 def _labels(name: str, channel: Channel) -> tuple[str, ...]:

@@ -30,7 +30,10 @@ counts from the start of the phase; highest priority first.
 
 @checked_dataclass()
 class Threshold:
-    """A measured quantity on the desired side of a limit."""
+    """A measured quantity on the desired side of a limit.
+
+    Raises `InvalidInput` for a limit that is no threshold, or a release that is met later than it.
+    """
 
     sign: ClassVar[str]
     """Sign between quantity and limit."""

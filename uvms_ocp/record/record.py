@@ -22,7 +22,7 @@ from uvms_ocp.record.run_meta import PlanMeta, RunMeta, read_meta, write_meta
 from uvms_ocp.record.series_checks import MEASURED, check_series
 from uvms_ocp.record.tables import meaning_of, unit_of
 from uvms_ocp.record.untrusted import SMALL, as_input_errors, read_text
-from uvms_ocp.types import Positive
+from uvms_ocp.types import Finite, Positive
 
 _META_KEY = "__meta__"
 _RENAMED = {
@@ -34,6 +34,7 @@ _RENAMED = {
 }
 """Names of series in older files."""
 _ROUNDING = 1e-6  # of a period
+_SAME_TIME = 1e-6  # [s] times that are closer are one
 _LARGEST_META = 16 << 20  # [B]
 
 
@@ -79,6 +80,26 @@ class Record(display.TableDisplay):
             return self.series["quantities"][:, self.meta.quantities.index(name)]
         raise NameNotFound("series", name, [*sorted(self.series), *self.meta.quantities])
 
+    @property
+    def duration(self) -> float:
+        """Time from the first row to the last [s]; 0 without rows."""
+        t = self.series["t"]
+        return float(t[-1] - t[0]) if len(t) else 0.0
+
+    @checked
+    def at(self, time: Finite) -> dict[str, np.ndarray]:
+        """Return the newest row at a time [s]: the values of every series at the last tick that is
+        not after it.
+
+        Raises `InvalidInput` for a time before the first row or after the last.
+        """
+        t = self.series["t"]
+        if not len(t) or not t[0] - _SAME_TIME <= time <= t[-1] + _SAME_TIME:
+            extent = f"{t[0]:g} to {t[-1]:g} s" if len(t) else "no time at all"
+            raise InvalidInput(f"time = {time:g} s has no row; the record is of {extent}")
+        row = max(int(np.searchsorted(t, time + _SAME_TIME, side="right")) - 1, 0)
+        return {name: array[row] for name, array in self.series.items()}
+
     def _ipython_key_completions_(self) -> list[str]:
         return [*self.series, *self.meta.quantities]
 
@@ -100,9 +121,9 @@ class Record(display.TableDisplay):
             )
         return self.meta
 
-    def save(self, path: Path | str) -> None:
-        """Write one ``.npz`` file; arrays stay arrays, `meta` becomes a JSON string. A file of that
-        name is replaced as a whole.
+    def save(self, path: Path | str) -> Path:
+        """Write one ``.npz`` file, and return its path; arrays stay arrays, `meta` becomes a JSON
+        string. A file of that name is replaced as a whole.
 
         Series that take more than 64 MB together are not packed, nor are those that it makes hardly
         smaller.
@@ -126,6 +147,7 @@ class Record(display.TableDisplay):
                     np.lib.format.write_array_header_1_0(file, header)
                     for (rows,) in parts(values):
                         file.write(rows.tobytes())
+        return Path(path)
 
     def to_dataframe(self) -> Any:
         """Return a pandas.DataFrame, one row per tick; `uvms_ocp.record.tables.SERIES` says what
@@ -135,17 +157,19 @@ class Record(display.TableDisplay):
         """
         return table_files.to_dataframe(self.series, self.meta)
 
-    def to_csv(self, path: Path | str) -> None:
-        """Write the table of `to_dataframe`, every number in full. Raises `OutputError`,
+    def to_csv(self, path: Path | str) -> Path:
+        """Write the table of `to_dataframe`, every number in full; returns the path. Raises `OutputError`,
         `NotInstalled`.
         """
         table_files.to_csv(self.series, self.meta, Path(path))
+        return Path(path)
 
-    def to_parquet(self, path: Path | str) -> None:
-        """Write a file that `from_parquet` reads as the same record. Raises `OutputError`,
+    def to_parquet(self, path: Path | str) -> Path:
+        """Write a file that `from_parquet` reads as the same record; returns the path. Raises `OutputError`,
         `NotInstalled`.
         """
         table_files.to_parquet(self.series, self.meta, Path(path))
+        return Path(path)
 
     @staticmethod
     def from_parquet(path: Path | str) -> Record:
@@ -161,9 +185,9 @@ class Record(display.TableDisplay):
         series: Sequence[str] | None = None,
         rate: Positive | None = None,
         urdf: Path | str | None = None,
-    ) -> None:
+    ) -> Path:
         """Write a file that ROS 2 and Foxglove open, and `from_mcap` reads as the same record, or
-        the part that was chosen.
+        the part that was chosen; returns its path.
 
         series: names of those to write beside ``t``, by default all. rate [Hz]: of rows, by default
         of ticks; the last is there. Of fewer rows ``meta.dt`` is the mean period, and each has the
@@ -198,6 +222,7 @@ class Record(display.TableDisplay):
             with as_input_errors(Path(urdf)):
                 urdf_text = read_text(Path(urdf), SMALL)
         mcap.to_mcap(chosen, meta, Path(path), urdf_text)
+        return Path(path)
 
     def _rows_at(self, rate: float | None) -> np.ndarray:
         """Return the indices of the first row of each period of that rate [Hz], by default of all

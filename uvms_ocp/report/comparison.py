@@ -1,7 +1,8 @@
-"""Compare two runs or two plans, and the smoothness of phase changes of several runs."""
+"""Compare runs or plans, and the smoothness of phase changes of several runs."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
+from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.display import TableRows
 from uvms_ocp.record.record import Record, require_every_tick
 from uvms_ocp.record.run_meta import level_rows
@@ -20,27 +22,72 @@ _NOT_ABOVE = (",AD]", ",O]")  # labels of actions and of what is optimised
 
 
 @checked
-def compare(first: Record, second: Record) -> TableRows:
-    """Return rows with the keys ``figure``, ``first``, ``second`` and ``change`` [%], `None` where
-    one record lacks it.
+def compare(
+    first: Record | Plan | Mapping[str, Record | Plan], second: Record | Plan | None = None
+) -> TableRows:
+    """Return a row for each figure, with the values of all runs or of all plans.
 
-    Raises `InvalidInput` for a run against a plan.
+    Either two, whose columns are ``first``, ``second``, or any number by name, such as
+    ``compare({"strict": a, "iCAT": b})``, whose columns are those names. Beside them is ``change``
+    [%] from the first to the second, or ``change of NAME`` for each of more; `None` where one lacks
+    the figure. Raises `InvalidInput` for fewer than two, for a run against a plan, and for a name
+    that is a column's.
     """
-    kind = first.meta.kind
-    if second.meta.kind != kind:
-        raise InvalidInput(
-            f"the first is a {kind}, the second a {second.meta.kind}; give two runs or two plans"
-        )
-    figures = _run_figures if kind == "run" else _plan_figures
-    first_figures = dict(figures(first))
-    second_figures = dict(figures(second))
+    records = _named_records(first, second)
+    figures_of = {name: dict(_figures(record)) for name, record in records.items()}
+    reference, *others = figures_of.values()
+    if len(others) == 1:
+        change_names = ["change"]
+    else:
+        change_names = [f"change of {name}" for name in list(records)[1:]]
     rows = []
-    for name in first_figures | second_figures:
-        before = first_figures.get(name)
-        after = second_figures.get(name)
-        change = _change(before, after)
-        rows.append({"figure": name, "first": before, "second": after, "change": change})
+    for figure in dict.fromkeys(itertools.chain(*figures_of.values())):
+        row: dict[str, Any] = {"figure": figure}
+        row |= {name: figures.get(figure) for name, figures in figures_of.items()}
+        for name, figures in zip(change_names, others, strict=True):
+            row[name] = _change(reference.get(figure), figures.get(figure))
+        rows.append(row)
     return TableRows(rows)
+
+
+def _named_records(
+    first: Record | Plan | Mapping[str, Record | Plan], second: Record | Plan | None
+) -> dict[str, Record]:
+    """Return the records that are compared, by the names of their columns."""
+    if isinstance(first, Mapping):
+        if second is not None:
+            raise InvalidInput(
+                f"first = {len(first)} runs by name, and second beside them; give all of them by name"
+            )
+        compared = dict(first)
+    elif second is None:
+        raise InvalidInput("second = None; give two, or several by name: {'strict': a, 'iCAT': b}")
+    else:
+        compared = {"first": first, "second": second}
+    if len(compared) < 2:
+        raise InvalidInput(f"{len(compared)} runs by name; give two or more")
+    taken = [name for name in compared if name.partition(" ")[0] in ("figure", "change")]
+    if taken:
+        raise InvalidInput(f"a run is called {taken[0]!r}, as a column is; give another name")
+    records = {
+        name: what if isinstance(what, Record) else what.to_record()
+        for name, what in compared.items()
+    }
+    (name, reference), *others = records.items()
+    for other_name, record in others:
+        if record.meta.kind != reference.meta.kind:
+            raise InvalidInput(
+                f"{name} is a {reference.meta.kind}, {other_name} a {record.meta.kind};"
+                " give runs alone or plans alone"
+            )
+    return records
+
+
+def _figures(record: Record) -> Iterator[tuple[str, Any]]:
+    """Yield names and values of what runs, or plans, are compared by."""
+    if record.meta.kind == "run":
+        return _run_figures(record)
+    return _plan_figures(record)
 
 
 def _run_figures(record: Record) -> Iterator[tuple[str, Any]]:

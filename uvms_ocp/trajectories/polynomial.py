@@ -205,12 +205,13 @@ class PiecewisePolynomial(FieldTable):
                 path, rows, delimiter=",", header=",".join(columns), comments="", fmt="%.17g"
             )
 
-    def to_numpy(self, path: Path | str) -> None:
-        """Write breaks and coefficients to one ``.npz`` file, without loss. Raises `OutputError`
-        where that fails.
+    def to_numpy(self, path: Path | str) -> Path:
+        """Write breaks and coefficients to one ``.npz`` file, without loss, and return its path.
+        Raises `OutputError` where that fails.
         """
         with as_output_errors(Path(path), "choose another place"):
             np.savez(path, breaks=self.breaks, coefficients=self.coefficients)
+        return Path(path)
 
     @staticmethod
     def from_numpy(path: Path | str) -> PiecewisePolynomial:

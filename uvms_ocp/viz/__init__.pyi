@@ -28,6 +28,7 @@ from .scene.live import live as live
 from .scene.page import ScenePage as ScenePage
 from .scene.show import show as show, write_scene as write_scene
 from .series import phase_spans as phase_spans
+from .several_runs import figure_several_runs as figure_several_runs
 from .task_figures import (
     figure_activations as figure_activations,
     figure_altitude as figure_altitude,

@@ -26,7 +26,7 @@ _SMOOTHNESS = {
 @style.styled
 def figure_joint_comparison(
     records: Mapping[str, Record],
-    phase: str = "D",
+    phase: str | None = None,
     *,
     fig: style.Given = None,
     width: style.Width = "page",
@@ -34,10 +34,13 @@ def figure_joint_comparison(
     """Draw the positions of all joints during the last stay in a phase, for runs by name, over time
     since its start.
 
-    Raises `NameNotFound` where a run has no such phase, and `InvalidInput` for no runs, and for
-    runs that do not have the same joints, of one axis each.
+    phase: by default the last one that all runs have come to. Raises `NameNotFound` where a run has
+    no such phase, and `InvalidInput` for no runs, and for runs that do not have the same joints, of
+    one axis each.
     """
     joints = _joints_of(records)
+    if phase is None:
+        phase = _last_shared_phase(records)
     title = (
         f"Joint positions in phase {style.label_text(phase)}"
         f" [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
@@ -57,6 +60,17 @@ def figure_joint_comparison(
     axes[-1].set_xlabel(series.axis_label(f"time since phase {style.label_text(phase)} began", "t"))
     _name_runs(figure, records)
     return figure
+
+
+def _last_shared_phase(records: Mapping[str, Record]) -> str:
+    """Return the phase that the first run entered last of those that all runs have been in."""
+    names_of_runs = [
+        [span.name for span in series.phase_spans(record)] for record in records.values()
+    ]
+    for name in reversed(names_of_runs[0]):
+        if all(name in names for names in names_of_runs):
+            return name
+    raise InvalidInput(f"{len(records)} runs have no phase in common; give runs of one mission")
 
 
 def _name_runs(figure: Figure, names: Iterable[str]) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -37,6 +37,7 @@ from uvms_ocp.viz.series import (
     require_rows,
     thinned,
 )
+from uvms_ocp.viz.several_runs import figure_several_runs
 
 # How well the estimator knew where the robot was, and how well it said so.
 
@@ -60,6 +61,7 @@ _OF_ERRORS = (
 Format = Literal["png", "pdf", "svg"]
 
 _Names = str | Sequence[str]
+Runs: TypeAlias = Sequence[Plan | Record] | Mapping[str, Plan | Record | Sequence[Plan | Record]]
 
 
 @style.styled
@@ -301,32 +303,56 @@ def plot(
     name: _Names,
     /,
     *names: _Names,
+    differences: Literal[False] = False,
     ax: style.Panels = None,
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure: ...
 @overload
 def plot(what: Plan | Record, *, width: style.Width = "page") -> style.Figures: ...
+@overload
+def plot(
+    what: Runs,
+    *names: _Names,
+    differences: bool = False,
+    ax: style.Panels = None,
+    fig: style.Given = None,
+    width: style.Width = "page",
+) -> Figure: ...
 @checked
 def plot(
-    what: Plan | Record,
+    what: Plan | Record | Runs,
     *names: _Names,
+    differences: bool = False,
     ax: style.Panels = None,
     fig: style.Given = None,
     width: style.Width = "page",
 ) -> Figure | style.Figures:
-    """Draw every figure that a run or a plan can fill, or one with a panel for each of the names.
+    """Draw every figure that a run or a plan can fill, or one with a panel for each of the names;
+    of several runs, one figure with all of them in the same panels.
 
-    names: quantities such as ``T.position_error``, series such as ``thrust``, columns such as
-    ``q.z``, or lists of them; see `figure_of`, which tells what it raises. Raises `InvalidInput`
-    for what is no name. ax, fig: axes of the caller's, one for each name, or a figure or subfigure,
-    drawn on in the caller's style; by default a figure of our own, of the width of a page or a
-    column of a journal, or [in].
+    what: a run or a plan, a list of them, or several by name, such as ``{"strict": a, "iCAT": b}``;
+    a list in place of one of those is drawn as a median and a band. names: quantities such as
+    ``T.position_error``, series such as ``thrust``, columns such as ``q.z``, or lists of them; see
+    `figure_of` and `figure_several_runs`, which tell what they raise. Raises `InvalidInput` for
+    what is no name, and for differences of a single run. differences: of each run to the first. ax,
+    fig: axes of the caller's, one for each name, or a figure or subfigure, drawn on in the caller's
+    style; by default a figure of our own, of the width of a page or a column of a journal, or [in].
     """
-    if isinstance(what, Record):
-        record = thinned(what)
-    else:
-        record = thinned(what.to_record())
+    if not isinstance(what, Plan | Record):
+        if not what:
+            raise InvalidInput(f"what = {what}; give a run or a plan, or one or more of them")
+        return figure_several_runs(
+            _records_by_name(what),
+            *_flattened(names, allows_none=True),
+            differences=differences,
+            ax=ax,
+            fig=fig,
+            width=width,
+        )
+    if differences:
+        raise InvalidInput("differences of one run; give two or more, the first is what counts")
+    record = _thinned_record(what)
     if names or ax is not None or fig is not None:
         return tasks.figure_of(record, *_flattened(names), ax=ax, fig=fig, width=width)
     draws = PLAN_FIGURES if record.meta.kind == "plan" else FIGURES
@@ -334,8 +360,30 @@ def plot(
     return style.Figures(figure for figure in figures if figure is not None)
 
 
-def _flattened(names: Sequence[_Names]) -> list[str]:
-    """Return the names one by one. Raises `InvalidInput` for what is no name."""
+def _thinned_record(what: Plan | Record) -> Record:
+    """Return what is drawn of a run or a plan."""
+    if isinstance(what, Record):
+        return thinned(what)
+    return thinned(what.to_record())
+
+
+def _records_by_name(runs: Runs) -> dict[str, Record | list[Record]]:
+    """Return records by the names that legends show: ``run 1``, ... where there are none."""
+    if not isinstance(runs, Mapping):
+        return {f"run {k}": _thinned_record(run) for k, run in enumerate(runs, start=1)}
+    records = dict[str, Record | list[Record]]()
+    for name, run in runs.items():
+        if isinstance(run, Plan | Record):
+            records[name] = _thinned_record(run)
+        else:
+            records[name] = [_thinned_record(part) for part in run]
+    return records
+
+
+def _flattened(names: Sequence[_Names], *, allows_none: bool = False) -> list[str]:
+    """Return the names one by one. Raises `InvalidInput` for what is no name, and for no names
+    unless they may be left out.
+    """
     flat_names = list[Any]()
     for name in names:
         if isinstance(name, tuple | list):
@@ -343,7 +391,7 @@ def _flattened(names: Sequence[_Names]) -> list[str]:
         else:
             flat_names.append(name)
     wrong = [repr(item) for item in flat_names if not isinstance(item, str)]
-    if wrong or not flat_names:
+    if wrong or not (flat_names or allows_none):
         raise InvalidInput(
             f"plot of {', '.join(wrong) or 'no name on ax or fig'}; give names such as 'q',"
             " 'T.position_error'"

@@ -94,6 +94,9 @@ _LETTER = 0.055  # [in] mean width of a letter in a phase's label
 _ABOVE_PHASES = 13  # [points] height of the names of phases
 _LINE = 8  # [points] height of the name of a moment
 _LONGEST = 40  # letters of the name of a moment
+CURVE = "curve of a record"
+_PHASE = "phase of a record"
+"""What artists are called on axes of the caller's, where more than one record is drawn."""
 _IN_TIME: dict[str, Any] = {"xycoords": ("data", "axes fraction")}
 """Coordinates of a note: a time, and a share of the panel's height."""
 
@@ -415,16 +418,32 @@ def legend_beside(axis: Axes) -> None:
     )
 
 
+def n_curves(axis: Axes) -> int:
+    """Count the curves of records that a panel of the caller's has already."""
+    return sum(line.get_gid() == CURVE for line in axis.get_lines())
+
+
+def _has_phases(axis: Axes) -> bool:
+    return any(patch.get_gid() == _PHASE for patch in axis.patches)
+
+
 def shade_phases(
     axes: Sequence[Axes], spans: Sequence[PhaseSpan], *, named: bool = True, letters_beside: int = 0
 ) -> None:
     """Colour the phases behind every panel and name them above the first; letters_beside: number of
     them next to panels, but for legends.
+
+    Panels that show the phases of another record already keep those, and become as long as both.
     """
+    if any(_has_phases(axis) for axis in axes):
+        for axis in axes:
+            begin, end = axis.get_xlim()
+            axis.set_xlim(min(begin, spans[0].start), max(end, spans[-1].end))
+        return
     for axis in axes:
         for span in spans:
             band = _BANDS[span.index % len(_BANDS)]
-            axis.axvspan(span.start, span.end, color=band, lw=0, zorder=-2)
+            axis.axvspan(span.start, span.end, color=band, lw=0, zorder=-2, gid=_PHASE)
         if len(spans) <= _MANY:
             for span in spans[1:]:
                 axis.axvline(span.start, color="#9AA3AB", lw=0.6, zorder=-1)
@@ -447,6 +466,23 @@ def _letters_of_legends(axes: Sequence[Axes]) -> int:
             for text in legend.get_texts():
                 widest = max(widest, len(text.get_text()) + _HANDLE)
     return widest
+
+
+def mark_phase_starts(
+    axes: Sequence[Axes], spans: Sequence[PhaseSpan], color: str, line: int
+) -> None:
+    """Mark in a run's colour where its phases begin, named on a line of its own above the first
+    panel; line: how many of other runs are below it.
+    """
+    for axis in axes:
+        for span in spans[1:]:
+            axis.axvline(span.start, color=color, lw=0.7, ls=(0, (1, 2)), alpha=0.8, zorder=-1)
+    length = spans[-1].end - spans[0].start
+    look = {"ha": "left", "va": "bottom", "fontsize": points(6.5), "color": color}
+    for span in spans:
+        if len(spans) <= _FEW or span.end - span.start > length / _FEW:
+            name = plain_line(span.name, _LONGEST)
+            note(axes[0], name, (span.start, 1.0), (1, 3 + _LINE * line), **_IN_TIME, **look)
 
 
 def _name_phases(axis: Axes, spans: Sequence[PhaseSpan], width: float) -> None:

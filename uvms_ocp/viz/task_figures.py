@@ -121,11 +121,11 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
         is_on = gate > 0
     axis.plot(record["t"], values, color=color, alpha=0.35, lw=0.9)
     axis.plot(record["t"], np.where(is_on, values, np.nan), color=color)
-    _mark_thresholds(axis, record, name)
+    mark_thresholds(axis, record, name)
     return values[is_on]
 
 
-def _mark_thresholds(axis: Axes, record: Record, name: str) -> None:
+def mark_thresholds(axis: Axes, record: Record, name: str) -> None:
     for limit in recorded.thresholds(record, name):
         style.threshold(axis, limit, recorded.threshold_text(record, name, limit))
 
@@ -249,7 +249,7 @@ def figure_of(
     """
     recorded.require_rows(record)
     names = (name, *names)
-    curves = [_curves(record, name) for name in names]
+    curves = [curves_of(record, name) for name in names]
     title = ", ".join(style.label_text(name) for name in names[:4])
     title += recorded.estimate_suffix(record)
     if ax is None:
@@ -257,19 +257,28 @@ def figure_of(
     else:
         figure, axes = style.panels(ax, len(names), fig)
     for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):
-        for k, (label, values) in enumerate(lines.items()):
+        n_before = style.n_curves(axis)
+        for k, (label, values) in enumerate(lines.items(), start=n_before):
             line_label = style.label_text(label, 20)
-            axis.plot(record["t"], values, **style.line_style(k), lw=1.1, label=line_label)
-        _mark_thresholds(axis, record, curve_name)
+            axis.plot(
+                record["t"],
+                values,
+                **style.line_style(k),
+                lw=1.1,
+                label=line_label,
+                gid=style.CURVE,
+            )
+        if not n_before:
+            mark_thresholds(axis, record, curve_name)
         axis.set_ylabel(f"{style.label_text(curve_name, 24)}\n[{unit}]")
-        if len(lines) > 1:
+        if len(lines) > 1 or n_before:
             style.legend_beside(axis)
     style.mark_time(axes, record)
     return figure
 
 
-def _curves(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
-    """Return the lines of a name, by what they are called, and their unit."""
+def curves_of(record: Record, name: str) -> tuple[dict[str, np.ndarray], str]:
+    """Return the lines of a name, by what they are called, and their unit. Raises `NameNotFound`."""
     names = [key for key, series in record.series.items() if series.ndim <= _A_TABLE]
     if name in record.meta.quantities or (name in names and record[name].ndim == 1):
         return {name: record[name]}, tables.unit_of(name, meta=record.meta)

@@ -1,0 +1,232 @@
+"""Several runs or plans in the same panels: a colour for each, a dash for each column of a series,
+and bands where one name stands for many runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from uvms_ocp.errors import InvalidInput
+from uvms_ocp.record.record import Record
+from uvms_ocp.viz import style, task_figures
+from uvms_ocp.viz.series import PhaseSpan, phase_spans, require_rows
+
+BAND = (5.0, 95.0)
+"""Percentiles [%] of many runs that a band reaches from and to, about their median."""
+
+_PANEL_HEIGHT = 1.75  # [in]
+_MOST_PANELS = 12
+_SAME_PHASE = 0.01  # share of the longest run by which phases may begin earlier or later
+_POINTS_OF_BANDS = 600
+_DASHES: tuple[Any, ...] = (
+    *style.DASHES,
+    (0, (1, 1)),
+    (0, (4, 1, 1, 1, 1, 1)),
+    (0, (8, 2)),
+    (0, (1, 3)),
+    (0, (8, 2, 2, 2)),
+)
+"""Of the columns of a series, one after the other."""
+
+_Line = tuple[np.ndarray, np.ndarray, np.ndarray | None]
+"""Times [s], values, and the edges (2, n) of a band around them, or none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunGroup:
+    """What one name and one colour stand for: a run, or many runs that are drawn as a band.
+
+    Raises `InvalidInput` for no runs, and for one with nothing to draw.
+    """
+
+    name: str
+    records: tuple[Record, ...]
+    """One or more, each of two rows or more."""
+
+    def __post_init__(self) -> None:
+        if not self.records:
+            raise InvalidInput(f"{self.name}: no runs; give a Record or Plan, or several")
+        for record in self.records:
+            require_rows(record)
+
+    def lines(self, quantity: str) -> tuple[dict[str, _Line], str]:
+        """Return the lines of a quantity, series or column by what they are called, and its unit.
+
+        Raises `NameNotFound` for what a record has not.
+        """
+        curves = [task_figures.curves_of(record, quantity) for record in self.records]
+        labels, unit = curves[0]
+        if len(self.records) == 1:
+            t = self.records[0]["t"]
+            return {label: (t, values, None) for label, values in labels.items()}, unit
+        t = self._common_times()
+        lines = dict[str, _Line]()
+        for label in labels:
+            values = [
+                np.interp(t, record["t"], of_run[label], right=np.nan)
+                for record, (of_run, _) in zip(self.records, curves, strict=True)
+                if label in of_run
+            ]
+            low, middle, high = np.nanpercentile(values, (BAND[0], 50.0, BAND[1]), axis=0)
+            lines[label] = (t, middle, np.array([low, high]))
+        return lines, unit
+
+    def _common_times(self) -> np.ndarray:
+        """Return times [s] from the earliest start to the latest end; a run that has ended counts
+        no more.
+        """
+        begin = min(float(record["t"][0]) for record in self.records)
+        end = max(float(record["t"][-1]) for record in self.records)
+        return np.linspace(begin, end, _POINTS_OF_BANDS)
+
+
+@style.styled
+def figure_several_runs(
+    runs: Mapping[str, Record | Sequence[Record]],
+    *names: str,
+    differences: bool = False,
+    ax: style.Panels = None,
+    fig: style.Given = None,
+    width: style.Width = "page",
+) -> Figure:
+    """Draw runs or plans in the same panels, one for each of the names: a quantity, a series or a
+    column, as in `figure_of`; by default every quantity that all of them measure.
+
+    runs: by the name that the legend shows, each a record, or several of which the median and a
+    band from the 5th to the 95th percentile is drawn. differences: draw what each has more than the
+    first. Phases are shaded where all runs have the same, and marked in each run's colour where
+    they differ. ax: of the caller's, as many as names. Raises `InvalidInput` for no runs and where
+    there is nothing to draw, and `NameNotFound` for what one of the records has not.
+    """
+    groups = _groups(runs)
+    if differences and len(groups) < 2:
+        raise InvalidInput("differences of one run; give two or more, the first is what counts")
+    if not names:
+        names = _shared_quantities(groups)
+    contents = [[group.lines(name) for group in groups] for name in names]
+    title = ", ".join(style.label_text(name) for name in names[:4])
+    if differences:
+        title += f" less that of {style.label_text(groups[0].name)}"
+    if ax is None:
+        figure, axes = style.stacked(len(names), _PANEL_HEIGHT, title, fig, width)
+    else:
+        figure, axes = style.panels(ax, len(names), fig)
+    for axis, name, of_groups in zip(axes, names, contents, strict=True):
+        lines_of_groups = [lines for lines, _ in of_groups]
+        if differences:
+            lines_of_groups = _less_the_first(lines_of_groups)
+        else:
+            task_figures.mark_thresholds(axis, groups[0].records[0], name)
+        _draw(axis, lines_of_groups)
+        unit = of_groups[0][1]
+        axis.set_ylabel(f"{style.label_text(name, 24)}\n[{unit}]")
+    _mark_phases(axes, groups)
+    handles = [
+        Line2D([], [], color=_color(k), label=style.label_text(group.name))
+        for k, group in enumerate(groups)
+    ]
+    style.heading_legend(figure, handles)
+    return figure
+
+
+def _groups(runs: Mapping[str, Record | Sequence[Record]]) -> list[RunGroup]:
+    groups = []
+    for name, records in runs.items():
+        of_name = (records,) if isinstance(records, Record) else tuple(records)
+        groups.append(RunGroup(name=name, records=of_name))
+    if not groups:
+        raise InvalidInput("runs = {}; give one or more, such as {'strict': record}")
+    return groups
+
+
+def _shared_quantities(groups: Sequence[RunGroup]) -> tuple[str, ...]:
+    """Return the quantities that all records measure, in the order of the first, 12 at most."""
+    records = [record for group in groups for record in group.records]
+    shared = [
+        name
+        for name in records[0].meta.quantities
+        if all(name in record.meta.quantities for record in records)
+    ]
+    if not shared:
+        raise InvalidInput("the runs measure no quantity in common; give names such as 'q', 'q.z'")
+    return tuple(shared[:_MOST_PANELS])
+
+
+def _less_the_first(lines_of_groups: list[dict[str, _Line]]) -> list[dict[str, _Line]]:
+    """Return what the lines of each group are above those of the first at the same times; the first
+    has none.
+    """
+    reference = lines_of_groups[0]
+    differences = list[dict[str, _Line]]()
+    for lines in lines_of_groups:
+        of_group = {}
+        for label, (t, values, band) in lines.items():
+            if lines is reference or label not in reference:
+                continue
+            t_first, first, _ = reference[label]
+            base = np.interp(t, t_first, first, left=np.nan, right=np.nan)
+            of_group[label] = (t, values - base, None if band is None else band - base)
+        differences.append(of_group)
+    return differences
+
+
+def _draw(axis: Axes, lines_of_groups: Sequence[Mapping[str, _Line]]) -> None:
+    """Draw lines of a group in its colour, each column of a series with its dashes, named once."""
+    labels = dict.fromkeys(label for lines in lines_of_groups for label in lines)
+    dashes = {label: _DASHES[k % len(_DASHES)] for k, label in enumerate(labels)}
+    for k, lines in enumerate(lines_of_groups):
+        for label, (t, values, band) in lines.items():
+            axis.plot(t, values, color=_color(k), ls=dashes[label], lw=1.1)
+            if band is not None:
+                axis.fill_between(t, *band, color=_color(k), alpha=0.2, lw=0)
+    if len(labels) > 1:
+        for label, dash in dashes.items():
+            axis.plot([], [], color=style.THRESHOLD, ls=dash, label=style.label_text(label, 20))
+        style.legend_beside(axis)
+
+
+def _color(k: int) -> str:
+    return style.LINES[k % len(style.LINES)]
+
+
+def _mark_phases(axes: Sequence[Axes], groups: Sequence[RunGroup]) -> None:
+    """Shade the phases that all runs have at the same times; else mark, in each run's colour, where
+    its phases begin. Bands of many runs have no phases of their own.
+    """
+    last = max(float(record["t"][-1]) for group in groups for record in group.records)
+    first = min(float(record["t"][0]) for group in groups for record in group.records)
+    spans_of_groups = [
+        (k, phase_spans(group.records[0]))
+        for k, group in enumerate(groups)
+        if len(group.records) == 1
+    ]
+    if spans_of_groups and _agree(spans_of_groups, last):
+        style.shade_phases(axes, max((spans for _, spans in spans_of_groups), key=_end))
+    else:
+        for line, (k, spans) in enumerate(spans_of_groups):
+            style.mark_phase_starts(axes, spans, _color(k), line)
+    for axis in axes:
+        axis.set_xlim(first, last)
+
+
+def _end(spans: Sequence[PhaseSpan]) -> float:
+    return spans[-1].end
+
+
+def _agree(spans_of_groups: Sequence[tuple[int, Sequence[PhaseSpan]]], last: float) -> bool:
+    """Tell whether all runs have the same phases at the same times, within 1 % of the longest."""
+    _, reference = spans_of_groups[0]
+    for _, spans in spans_of_groups[1:]:
+        if [span.name for span in spans] != [span.name for span in reference]:
+            return False
+        for span, of_first in zip(spans, reference, strict=True):
+            if abs(span.start - of_first.start) > _SAME_PHASE * last:
+                return False
+    return True
