@@ -264,6 +264,36 @@ def test_between_two_velocities_that_keep_a_limit_the_answer_keeps_it_too() -> N
     assert mixed > 16
 
 
+def test_axes_that_bring_nothing_to_a_limit_go_on() -> None:
+    """A vehicle stood still for minutes, as its arm shivered where it may go no farther."""
+    planar = load_robot("planar5")
+    at_rest = np.zeros(5)
+    for speed, upper in ((0.02, 0.0), (0.3, 0.01), (0.3, 0.0)):
+        rule = Viability(
+            robot=planar,
+            tasks=(straight("theta1", 3, upper),),
+            quantity_names=("theta1.room",),
+            dt=DT,
+        )
+        previous = np.array([0.5, 0.0, 0.0, speed, 0.0])
+        desired = previous * 1.01
+        viable = rule.kept(
+            q=at_rest,
+            previous=previous,
+            desired=desired,
+            gates=np.ones(1),
+            quantities=np.array([upper]),
+        )
+        others = [0, 1, 2, 4]
+        np.testing.assert_array_equal(viable[others], desired[others])
+        assert viable[3] < previous[3]
+        braked = np.array([q[3] for q, _ in rule.stop.path(at_rest, viable)])
+        before = np.array(
+            [q[3] for q, _ in rule.stop.path(at_rest, rule.stop.slower(at_rest, previous))]
+        )
+        assert braked.max(initial=0.0) <= max(upper, before.max(initial=0.0)) + 1e-12
+
+
 @pytest.mark.parametrize("unknown", [np.inf, np.nan])
 def test_a_reach_that_nobody_knows_guards_all_the_same(unknown: float) -> None:
     planar = load_robot("planar5")

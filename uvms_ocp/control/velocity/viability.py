@@ -1,8 +1,10 @@
 """Viability rule: accept a velocity only if a full stop from it respects every limit on positions.
 
-A velocity that is refused gives way to the one nearest to it, on the way to the stop's own next
-velocity, from which the stop is clear. That next velocity was part of the stop that the tick before
-accepted, so that from a viable state there is always an answer, whatever the hierarchy asks for.
+A velocity that is refused gives way to the one nearest to it from which the stop is clear, on the
+way to a slower one. That is, if it is clear, the same velocity with the axes braked that bring the
+robot to the limit, so that an arm that may go no farther does not stop its vehicle; else the stop's
+own next velocity. The latter was part of the stop that the tick before accepted, so that from a
+viable state there is always an answer, whatever the hierarchy asks for.
 """
 
 from __future__ import annotations
@@ -81,6 +83,8 @@ class ViabilityMemory(Layout):
     """
     slower: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] one tick nearer to rest."""
+    blocking: int
+    """Limit that the last stop that was not clear comes to first."""
     mixed: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] between that and what is wanted."""
 
@@ -123,7 +127,8 @@ def enforce_viability(
     """Makes of the velocity `wanted` [m/s, rad/s] the one for this tick, and returns the share that
     is left of it. A kernel.
 
-    The rest is slowing down. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates: a
+    The rest is slowing down: of the axes that bring the robot to the limit, where that is enough,
+    or of all. q [m, rad]: now. previous [m/s, rad/s]: of the tick before. gates: a
     limit counts while its task is on at all. quantities [in their units]: as measured at q. A
     position that the stop from `previous` would not keep either may fall as far as it does there,
     no farther.
@@ -138,7 +143,11 @@ def enforce_viability(
     _select_near(viability, q, quantities)
     if _is_clear(viability, q, desired):
         return 1.0
+    blocking = viability.blocking
     _lower_floors(viability, q)
+    _brake_toward_limit(viability, blocking, previous, desired)
+    if not _is_clear(viability, q, viability.slower):
+        braking.slow_down(viability.stop, q, previous, viability.slower)
     share = _largest_share(viability, q, desired)
     _interpolate(viability, desired, share)
     n = len(viability.mixed)
@@ -225,6 +234,7 @@ def _is_clear(viability: ViabilityMemory, q: Vector, v: Vector) -> bool:
         _look_at(viability, k, viability.stop.q)
         viability.stop.room[k] = _slack(viability, k)
         if viability.stop.room[k] < 0.0:
+            viability.blocking = k
             return False
         k = braking.advance_stop(viability.stop)
     return True
@@ -254,6 +264,21 @@ def _lower_floors(viability: ViabilityMemory, q: Vector) -> None:
                 _lower_floor(viability, k)
     for k in range(viability.n_limits):
         viability.room[k] = 0.0
+
+
+def _brake_toward_limit(
+    viability: ViabilityMemory, k: int, previous: Vector, desired: Vector
+) -> None:
+    """Make `slower` the desired velocity [m/s, rad/s] with the axes that limit k depends on braked
+    from the previous one as hard as they can: each comes to rest by itself, and not with the
+    slowest.
+    """
+    for i in range(len(viability.slower)):
+        if viability.stop.reach[k][i] > 0.0:
+            step = viability.stop.acceleration[i] * viability.stop.dt
+            viability.slower[i] = previous[i] - min(max(previous[i], -step), step)
+        else:
+            viability.slower[i] = desired[i]
 
 
 def _lower_floor(viability: ViabilityMemory, k: int) -> None:
