@@ -46,9 +46,10 @@ def test_turning_drag_is_the_lateral_drag_of_strips() -> None:
     np.testing.assert_allclose(np.diag(link.quadratic_drag)[3:], [strips, strips, 0.0], rtol=1e-6)
 
 
-def test_a_cube_turns_no_water_and_a_long_box_turns_as_much_as_a_cylinder_would() -> None:
+def test_a_square_prism_turns_its_corners_and_a_long_box_as_much_as_a_cylinder_would() -> None:
     cube, beam = (shaped(box={"size": size}) for size in ((0.3, 0.3, 0.3), (0.01, 0.01, 0.5)))
-    np.testing.assert_allclose(np.diag(cube.added_mass), [27.0, 27.0, 27.0, 0, 0, 0])
+    prism = 0.725 * RHO * 0.15**4 * 0.3  # sides of 2 a, 0.3 m long
+    np.testing.assert_allclose(np.diag(cube.added_mass), [27.0] * 3 + [prism] * 3)
     mass = RHO * 0.01 * 0.01 * 0.5
     np.testing.assert_allclose(np.diag(beam.added_mass)[3:5], mass * 0.5**2 / 12, rtol=2e-3)
     np.testing.assert_allclose(np.diag(cube.quadratic_drag)[:3], 0.6 * RHO / 2 * 0.09)

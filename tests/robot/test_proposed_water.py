@@ -10,9 +10,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import quad
 
+from uvms_ocp.robot.hull_water import ADDED_MASS_INTERVAL, DRAG_INTERVAL, ellipsoid_added_mass
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
+from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
 from uvms_ocp.robot.proposal import propose
+from uvms_ocp.robot.robot import Robot
 
 SIZE = np.array([0.6, 0.4, 0.2])
 MOMENTS = 48.0 / 12.0 * np.array([0.4**2 + 0.2**2, 0.6**2 + 0.2**2, 0.6**2 + 0.4**2])
@@ -44,6 +48,17 @@ def water_of(folder: Path, text: str) -> dict[str, LinkHydrodynamics]:
     return {water.frame: water for water in robot.hydrodynamics}
 
 
+def ellipsoid_masses(sides: np.ndarray) -> np.ndarray:
+    """Return the added masses (3,) [kg] of an ellipsoid, its integrals by quadrature."""
+    a, b, c = squares = (sides / 2.0) ** 2
+
+    def integrand(x: float, axis: int) -> float:
+        return float(1.0 / ((squares[axis] + x) * np.sqrt((a + x) * (b + x) * (c + x))))
+
+    alpha = np.sqrt(a * b * c) * np.array([quad(integrand, 0, np.inf, (k,))[0] for k in range(3)])
+    return np.asarray(1025.0 * np.pi / 6.0 * np.prod(sides) * alpha / (2.0 - alpha))
+
+
 @pytest.mark.parametrize("kind", SHAPES)
 @pytest.mark.parametrize("rpy", TURNS)
 def test_a_box_has_its_own_water_however_it_lies_in_its_link(
@@ -54,9 +69,11 @@ def test_a_box_has_its_own_water_however_it_lies_in_its_link(
         shape = f"<collision><origin rpy='{' '.join(map(str, rpy))}'/>{shape}</collision>"
     link = f"<link name='hull'>{inertial(48.0, MOMENTS, rpy)}{shape}</link>"
     hull = water_of(tmp_path, link)["hull"]
-    displaced = 1025.0 * np.prod(SIZE)
-    np.testing.assert_allclose(np.diag(hull.added_mass)[:3], displaced, rtol=1e-3)
+    # Of the ellipsoid in the box, which the vehicle outweighs.
+    expected = ellipsoid_masses(SIZE)
+    added = hull.X_FL.rotation @ np.diag(np.diag(hull.added_mass)[:3]) @ hull.X_FL.rotation.T
     R = pin.rpy.rpyToMatrix(np.array(rpy))
+    np.testing.assert_allclose(added, R @ np.diag(expected) @ R.T, atol=2e-3 * expected.max())
     areas = 0.3 * 1025.0 * np.prod(SIZE) / SIZE
     drag = R @ np.diag(areas) @ R.T
     box_drag = np.diag(np.diag(hull.quadratic_drag)[:3])
@@ -104,3 +121,63 @@ def test_links_that_are_fixed_together_share_the_water_of_their_joint(tmp_path: 
         np.testing.assert_allclose(
             np.diag(together[name].added_mass), np.diag(alone.added_mass), rtol=1e-3
         )
+
+
+def test_ellipsoids_have_the_added_mass_of_closed_forms() -> None:
+    ball = 1000.0 * np.pi / 6.0 * 0.2**3
+    np.testing.assert_allclose(
+        ellipsoid_added_mass(np.full(3, 0.2), 1000.0), ball * np.array([0.5] * 3 + [0.0] * 3)
+    )
+    disc = ellipsoid_added_mass(np.array([0.4, 0.4, 1e-5]), 1000.0)
+    np.testing.assert_allclose(disc[2], 8.0 / 3.0 * 1000.0 * 0.2**3, rtol=1e-3)
+    np.testing.assert_allclose(disc[3:5], 16.0 / 45.0 * 1000.0 * 0.2**5, rtol=1e-3)
+    needle = ellipsoid_added_mass(np.array([20.0, 0.02, 0.02]), 1000.0)
+    np.testing.assert_allclose(needle[1:3], 1000.0 * np.pi / 6.0 * 20.0 * 0.02**2, rtol=1e-3)
+
+
+def vehicle_numbers(robot: Robot, key: str) -> np.ndarray:
+    """Return what is stated of the vehicle (6,), at its origin in its axes."""
+    total = np.zeros((6, 6))
+    for water in robot.hydrodynamics:
+        frame = robot.model.frames[robot.frame_id(water.frame)]
+        if frame.parentJoint == 1:
+            X = (frame.placement * water.X_FL).inverse().action
+            total += X.T @ getattr(water, key) @ X
+    return np.diag(total)
+
+
+@pytest.mark.parametrize(
+    ("key", "interval"), [("added_mass", ADDED_MASS_INTERVAL), ("quadratic_drag", DRAG_INTERVAL)]
+)
+def test_published_vehicles_lie_within_the_interval_that_is_stated(
+    key: str, interval: tuple[float, float]
+) -> None:
+    ratios = list[float]()
+    for name in list_robots():
+        published = load_robot(name)
+        if not published.n_vehicle:
+            continue
+        proposed = propose(robot_folder(name) / "robot.urdf", base="free_flyer").robot
+        stated = vehicle_numbers(published, key)
+        ratio = stated / vehicle_numbers(proposed, key)
+        ratios += ratio[stated > 0.0].tolist()
+    inside = [interval[0] <= ratio <= interval[1] for ratio in ratios]
+    assert len(ratios) > 30
+    assert np.mean(inside) >= 0.9, np.round(ratios, 2)
+    assert 0.6 < np.median(ratios) < 1.7
+
+
+def test_buoyancy_and_linear_drag_grow_with_the_hull(tmp_path: Path) -> None:
+    arms = []
+    drags = []
+    for scale in (1.0, 3.0):
+        size = scale * SIZE
+        moments = MOMENTS * scale**5
+        text = f"<geometry><box size='{size[0]} {size[1]} {size[2]}'/></geometry>"
+        link = f"<link name='hull'>{inertial(48.0 * scale**3, moments)}<collision>{text}</collision></link>"
+        hull = water_of(tmp_path, link)["hull"]
+        arms.append(hull.centre_of_buoyancy[2])
+        drags.append(np.diag(hull.linear_drag))
+    assert arms[1] == pytest.approx(3.0 * arms[0], rel=1e-3)
+    np.testing.assert_allclose(drags[1][:3], 9.0 * drags[0][:3], rtol=1e-2)
+    assert (drags[0][3:] > 0.0).all()

@@ -81,6 +81,36 @@ def test_a_mission_is_completed_where_the_tool_truly_is_at_its_goal(
         assert cause_of_end(record)["kind"] == kind
 
 
+def turned(record: Record, tilt: float, error: float) -> Record:
+    """Return the record with its last row at another tilt, and that error of each vehicle task."""
+    q = record["q"].copy()
+    q[-1, 3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(tilt, 0.0, 0.3)).coeffs()
+    values = record["quantities"].copy()
+    for column, name in enumerate(record.meta.quantities):
+        if name.endswith((".tilt", ".orientation_error")):
+            values[-1, column] = error
+    return replace(record, series={**record.series, "q": q, "quantities": values})
+
+
+@long_without_compiler
+@pytest.mark.parametrize(
+    ("tilt", "error", "kind"),
+    [(0.4, 0.5, "tilted"), (0.4, 0.1, "completed"), (0.2, 0.4, "completed")],
+)
+def test_a_mission_that_ends_tilted_unasked_is_not_called_complete(
+    honest: Record, tilt: float, error: float, kind: str
+) -> None:
+    activations = honest["activations"].copy()
+    activations[-1] = 1.0
+    record = replace(honest, series={**honest.series, "activations": activations})
+    cause = cause_of_end(turned(record, tilt, error))
+    assert cause["kind"] == kind
+    assert kind == "completed" or "lies at 23 deg" in cause["text"]
+    activations[-1] = 0.0  # nobody asks for anything
+    record = replace(honest, series={**honest.series, "activations": activations})
+    assert cause_of_end(turned(record, tilt, error))["kind"] == "completed"
+
+
 @long_without_compiler
 def test_the_command_says_what_the_report_says(tmp_path: Path) -> None:
     words = ["run", "mission.py", "--out", "run", "--figures", "none", "--force"]

@@ -248,6 +248,8 @@ def _print_summary(console: Console, report: dict[str, Any], paths: list[Path]) 
         verdict = plain_line(f"not completed: {report['pending']}")
     elif cause["kind"] == "completed":
         verdict = "complete"
+    elif cause["kind"] == "tilted":
+        verdict = "complete, but not level"
     else:
         verdict = "complete by the estimate alone"
     times = f"simulated {report['simulated_s']:.1f} s in {report['wall_s']:.1f} s"

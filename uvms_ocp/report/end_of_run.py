@@ -20,11 +20,15 @@ from uvms_ocp.record.meta_values import (
 )
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.record.run_meta import RunMeta, level_rows
+from uvms_ocp.record.swings import tilts_of
 from uvms_ocp.report import metrics
 from uvms_ocp.solvers.hierarchy.solution import Status
 
 _WINDOW = 5.0  # [s] at the end of the run over which progress is judged
 _PROGRESS = 0.02  # share of the way to the limit that must have been gained in the window
+
+_LEVEL = np.deg2rad(15.0)  # of a vehicle that a task wants level
+_SAME_ANGLE = 0.02  # [rad] between a tilt and the error of a task that has it
 
 _STOPPED = {
     "stopped": "by hand",
@@ -35,6 +39,7 @@ ENDS = (
     "completed",
     "ended too early",
     "truth unknown",
+    "tilted",
     "aborted",
     "given up",
     "swinging",
@@ -50,7 +55,8 @@ def cause_of_end(record: Record) -> dict[str, str]:
     """Return why a run ended: ``kind``, one of `ENDS`, and ``text``, one sentence with the figures.
 
     A mission has ended too early where it is complete by the estimate and a true error is over its
-    limit; of one whose true errors are not all in the record the truth is unknown. One that is
+    limit; of one whose true errors are not all in the record the truth is unknown. One is tilted
+    that is complete while the vehicle lies far from level, as an active task has it. One that is
     aborted names what sent it into its abort phase, or ended it; one that swings by how much, how
     fast, and whether it grows; one that swings, is slow or stalled the last alarm, if there was
     any.
@@ -91,7 +97,32 @@ def _completion(record: Record) -> dict[str, str]:
     lacking = _lacking_proof(record)
     if lacking:
         return {"kind": "truth unknown", "text": f"complete by the estimate; {lacking}"}
+    tilted = _unasked_tilt(record)
+    if tilted:
+        return {"kind": "tilted", "text": f"every phase came to its end; {tilted}"}
     return {"kind": "completed", "text": "every phase came to its end"}
+
+
+def _unasked_tilt(record: Record) -> str:
+    """Describe a tilt of the vehicle at the end that is the error of an active task; empty for
+    none.
+    """
+    meta = record.run_meta
+    if not meta.floating:
+        return ""
+    roll, pitch = tilts_of(record["q"][-1:]).values()
+    tilt = float(np.arccos(np.cos(roll) * np.cos(pitch))[-1])
+    if tilt <= _LEVEL:
+        return ""
+    for column, task in enumerate(meta.tasks):
+        if task.tool is not None or not record["activations"][-1, column] > 0.0:
+            continue
+        for word in ("tilt", "orientation_error"):
+            error = quantity(record, f"{task.name}.{word}")
+            # A goal that is tilted itself leaves less of an error than the tilt.
+            if error is not None and error[-1] > tilt - _SAME_ANGLE:
+                return f"the vehicle lies at {np.rad2deg(tilt):.0f} deg, which {task.name} misses"
+    return ""
 
 
 def _lacking_proof(record: Record) -> str:

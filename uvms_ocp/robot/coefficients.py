@@ -17,6 +17,11 @@ import pinocchio as pin
 from uvms_ocp.robot import description as data
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 
+_SQUARE_PRISM = 0.725 / 16
+"""Added inertia of a long square prism over its displaced mass and the square of its side: 0.725 rho
+a^4 a metre, with sides of 2 a (DNV-RP-C205, table D-1).
+"""
+
 
 def links_in_water(
     description: data.RobotDescription, density: float | None = None
@@ -117,9 +122,12 @@ def _box(name: str, shape: data.Box, rho: float) -> LinkHydrodynamics:
 
 def _added_inertia(mass: float, a: float, b: float) -> float:
     """Return the added moment of inertia [kg m2] of a box about an axis, with sides a, b [m] across
-    it and so much displaced mass [kg].
+    it and so much displaced mass [kg]: strips of a slender one, that of a long prism where it is
+    square, and both shares in between.
     """
-    return mass * (a**2 - b**2) ** 2 / (a**2 + b**2) / 12
+    strips = (a**2 - b**2) ** 2 / 12
+    corners = 2 * _SQUARE_PRISM * a**2 * b**2
+    return mass * (strips + corners) / (a**2 + b**2)
 
 
 def _sphere(name: str, shape: data.Sphere, rho: float) -> LinkHydrodynamics:

@@ -14,6 +14,7 @@ import pinocchio as pin
 from uvms_ocp.robot import hydrodynamics, link_boxes, static_balance
 from uvms_ocp.robot.coefficients import links_in_water, placement_of
 from uvms_ocp.robot.description import Box, LinkDescription, Pose, RobotDescription, checked_copy
+from uvms_ocp.robot.hull_water import hull_added_mass, hull_drag
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.simulator_water import SimulatorWater
 from uvms_ocp.robot.unknowns import link_inertia, link_masses
@@ -21,7 +22,10 @@ from uvms_ocp.robot.urdf import UrdfModels
 
 WATER_DENSITY = 1025.0
 """[kg/m3] of the sea."""
-_LIFT = 0.03  # [m] of buoyancy above the mass
+_LIFT_SHARE = 0.12
+"""Height of buoyancy above mass over that of the hull: 0.1 to 0.2 of vehicles from 11 to 1,900 kg."""
+_TURBULENT_FROM = np.array([0.15] * 3 + [0.4] * 3)
+"""[m/s, rad/s] at which linear drag is as large as quadratic drag, of published vehicles."""
 _MAX_DENSITY_RATIO = 20.0
 """Mass of water in the shapes of a link over that of the link, and over 1 kg: with more, its shapes
 are no hull, or in millimetres.
@@ -108,7 +112,9 @@ def _by_shape(
     or of a box with its inertia. is_hull: around all that is fixed to the vehicle.
     """
     model = models.model
+    mass_on_vehicle = mass
     if is_hull:
+        mass_on_vehicle = model.inertias[_carrier(model, name)].mass
         joint = _carrier(model, name)
         inertia = model.frames[model.getFrameId(name)].placement.actInv(model.inertias[joint])
         source = "box around its shapes"
@@ -124,15 +130,22 @@ def _by_shape(
         source = "box with its mass and inertia, as it has no fitting shapes"
     cylinder = None if is_hull else link_boxes.cylinder_in(box.corners)
     if cylinder is None:
-        sides = np.maximum(box.size, _MIN_SIDE).tolist()
+        size = np.maximum(box.size, _MIN_SIDE).tolist()
         pose = _pose(box.rotation, box.centre)
-        link = LinkDescription(box=Box(size=tuple(sides), pose=pose, drag_by="flow"))
+        link = LinkDescription(box=Box(size=tuple(size), pose=pose, drag_by="flow"))
     else:
         X_BC = placement_of(cylinder.pose)
         pose = _pose(box.rotation @ X_BC.rotation, box.centre)
         link = LinkDescription(cylinder=cylinder.model_copy(update={"pose": pose}))
     description = RobotDescription(links={name: link}, water_density=WATER_DENSITY)
     (water,) = links_in_water(description)
+    if is_hull:
+        sides = np.maximum(box.size, _MIN_SIDE)
+        water = replace(
+            water,
+            added_mass=np.diag(hull_added_mass(sides, mass_on_vehicle, WATER_DENSITY)),
+            quadratic_drag=np.diag(hull_drag(sides, np.diag(water.quadratic_drag))),
+        )
     sides_text = " x ".join(f"{side:.3g}" for side in box.size)
     return _coefficients(water, mass), f"{source}, {sides_text} m"
 
@@ -173,11 +186,12 @@ def _coefficients(water: hydrodynamics.LinkHydrodynamics, mass: float) -> dict[s
         "position": rounded(water.X_FL.translation),
         "rpy": rounded(pin.rpy.matrixToRpy(water.X_FL.rotation), 7),
     }
+    quadratic = np.diag(water.quadratic_drag)
     return {
         "pose": pose,
         "added_mass": rounded(np.diag(water.added_mass)),
-        "linear_drag": rounded(np.diag(water.linear_drag)),
-        "quadratic_drag": rounded(np.diag(water.quadratic_drag)),
+        "linear_drag": rounded(_TURBULENT_FROM * quadratic),
+        "quadratic_drag": rounded(quadratic),
         "drag_by": "flow" if water.by_flow else "axes",
         "volume": float(f"{min(water.volume, mass / WATER_DENSITY):.4g}"),
         "centre_of_buoyancy": rounded(water.centre_of_buoyancy),
@@ -212,9 +226,23 @@ def trimmed(robot: Robot, links: dict[str, Any], hull: str) -> dict[str, Any]:
     if total <= 0.0:
         return links
     centre = -(arms.T @ lift) / total  # [m] in B
-    centre[2] = robot.model.inertias[1].lever[2] + _LIFT
+    centre[2] = robot.model.inertias[1].lever[2] + _LIFT_SHARE * _hull_height(robot, hull)
     gravity = float(np.linalg.norm(robot.model.gravity.linear))
     X_BF = robot.model.frames[robot.frame_id(hull)].placement
     coefficients["volume"] = float(f"{total / (gravity * robot.description.water_density):.6g}")
     coefficients["centre_of_buoyancy"] = [float(f"{value:.6g}") for value in X_BF.actInv(centre)]
     return trimmed_links
+
+
+def _hull_height(robot: Robot, hull: str) -> float:
+    """Return the height [m] of all that is fixed to the vehicle, of a cube of its mass in water
+    where it has no fitting shapes.
+    """
+    model = robot.model
+    mass = model.inertias[1].mass
+    for shapes in (robot.collision_model, robot.visual_model):
+        box = link_boxes.smallest_box(model, shapes, hull, joint=1)
+        if box is not None and not _is_too_large(box.size, mass):
+            R_BF = model.frames[robot.frame_id(hull)].placement.rotation
+            return float(np.abs(R_BF @ box.rotation)[2] @ box.size)
+    return float(np.cbrt(mass / WATER_DENSITY))

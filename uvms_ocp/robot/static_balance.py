@@ -5,7 +5,7 @@ it comes to by itself.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -183,6 +183,82 @@ def rotation_at_rest(robot: Robot, q: np.ndarray) -> np.ndarray:
     pitch = float(-np.arcsin(up[0]))
     R: np.ndarray = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
     return R
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class DrivenTilt:
+    """Tilt of a vehicle that thrust pushes beside its mass, about an axis that no thruster drives."""
+
+    push: int
+    """Number of the axis of B along which it is pushed."""
+    turn: int
+    """Number of the axis of B, 3 or 4, about which it tilts."""
+    moment: float
+    """[N m] that thrust has about the mass."""
+    righting: float
+    """[N m] that weight and buoyancy have at a right angle."""
+
+    @property
+    def angle(self) -> float:
+        """[rad], a right angle where it tips over."""
+        return float(np.arcsin(min(1.0, self.moment / max(self.righting, _NEGLIGIBLE_MOMENT))))
+
+
+def tilt_when_driven(robot: Robot) -> DrivenTilt | None:
+    """Return the largest tilt at which thrust and weight balance while the vehicle is pushed to its
+    limits of speed and acceleration along one of its axes; `None` where thrusters drive roll and
+    pitch, or there are no limits.
+
+    Thrust acts where the thrusters are, drag and inertia at the mass: the moment is that of both.
+    """
+    loose = [axis for axis in thrusters.unactuated_axes(robot) if axis in (3, 4)]
+    matrix = thrusters.thruster_matrix(robot)
+    if not loose or not matrix.shape[1]:
+        return None
+    driven = [axis for axis in range(6) if axis not in loose]
+    arms, lift = lifts(robot, robot.configuration())
+    righting = float((arms.T @ lift)[2])
+    data = robot.model.createData()
+    centre = pin.centerOfMass(robot.model, data, np.array(robot.configuration()))
+    to_mass = centre - np.array(robot.configuration())[:3]
+    largest: DrivenTilt | None = None
+    for push in range(2):
+        force = _largest_push(robot, push)
+        if not np.isfinite(force):
+            continue
+        asked = np.zeros(6)
+        asked[push] = force
+        asked[3:] = np.cross(to_mass, asked[:3])
+        thrust = np.linalg.lstsq(matrix[driven], asked[driven], rcond=None)[0]
+        wrench = matrix @ thrust
+        for turn in loose:
+            tilt = DrivenTilt(
+                push=push,
+                turn=turn,
+                moment=abs(float(wrench[turn] - asked[turn])),
+                righting=righting,
+            )
+            if largest is None or tilt.moment > largest.moment:
+                largest = tilt
+    return largest
+
+
+def _largest_push(robot: Robot, axis: int) -> float:
+    """Return the force [N] that speeds the vehicle up along an axis of B at its largest speed."""
+    speed = float(robot.limits.velocity[axis])
+    acceleration = float(robot.limits.acceleration[axis])
+    force = acceleration * sum(inertia.mass for inertia in robot.model.inertias)
+    for link in robot.hydrodynamics:
+        frame = robot.model.frames[robot.frame_id(link.frame)]
+        if frame.parentJoint != 1:
+            continue
+        along = (frame.placement.rotation @ link.X_FL.rotation)[axis]
+        added, linear, quadratic = (
+            float(along @ matrix[:3, :3] @ along)
+            for matrix in (link.added_mass, link.linear_drag, link.quadratic_drag)
+        )
+        force += acceleration * added + linear * speed + quadratic * speed**2
+    return force
 
 
 def _turned(up: np.ndarray, axis: int, righting: np.ndarray) -> np.ndarray:

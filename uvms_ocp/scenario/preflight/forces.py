@@ -17,13 +17,14 @@ from uvms_ocp.control.payload import require_learnable
 from uvms_ocp.errors import UvmsError
 from uvms_ocp.robot.dynamics import Dynamics, robot_dynamics
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.static_balance import rotation_at_rest
+from uvms_ocp.robot.static_balance import rotation_at_rest, tilt_when_driven
 from uvms_ocp.robot.thrusters import (
     AXES,
     largest_force,
     unactuated_axes,
     without_free_motions,
 )
+from uvms_ocp.scenario.preflight.robot_check import LARGEST_TILT, tilt_text
 from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Visit, threshold_of
 from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks import attitude
@@ -212,12 +213,17 @@ def _axis_text(axis: int, lack: float) -> str:
 
 def check_rest(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """Check the attitude in which weight and buoyancy leave the vehicle, with the arm as at the
-    start.
+    start, and how far thrust at its limits tilts it.
 
     An error where a phase waits for less tilt than that.
     """
     if not (setup.with_forces and setup.robot.description.thrusters):
         return
+    driven_tilt = tilt_when_driven(setup.robot)
+    if driven_tilt is not None and driven_tilt.angle > LARGEST_TILT:
+        yield Severity.WARNING.finding(
+            "attitude under thrust", tilt_text(driven_tilt), tilt_rad=driven_tilt.angle
+        )
     R_WB = rotation_at_rest(setup.robot, setup.start)
     tilt = np.arccos(np.clip(R_WB[2, 2], -1.0, 1.0))
     roll, pitch, _ = pin.rpy.matrixToRpy(R_WB)

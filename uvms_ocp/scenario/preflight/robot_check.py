@@ -33,6 +33,8 @@ from uvms_ocp.scenario.preflight.mesh_sizes import mesh_size_doubts
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
+LARGEST_TILT = np.deg2rad(15.0)
+"""[rad] beyond which a vehicle is no longer called level."""
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _HULL_SHARE = 0.9  # of the hull, within which floats and ballast for trim are placed
 _SMALLEST_REACH = 0.1  # [m] from the origin to a border of the hull, a hand's breadth
@@ -275,6 +277,7 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
         return
     yield _trim(robot)
     yield _thrusters(robot)
+    yield from _tilts(robot)
 
 
 def _unknowns(robot: Robot) -> Iterator[RobotFinding]:
@@ -294,6 +297,33 @@ def _trim(robot: Robot) -> RobotFinding:
     if abs(force) < FORCE_TOLERANCE and moment_norm < MOMENT_TOLERANCE:
         return _good("trim", text)
     return _warning("trim", f"{text}; {_trim_advice(robot, force, moment)}")
+
+
+def _tilts(robot: Robot) -> Iterator[RobotFinding]:
+    """Warn of a vehicle that lies far from level, at rest or while thrust pushes it."""
+    R_WB = static_balance.rotation_at_rest(robot, np.array(robot.configuration()))
+    at_rest = float(np.arccos(np.clip(R_WB[2, 2], -1.0, 1.0)))
+    if at_rest > LARGEST_TILT:
+        text = f"it will rest at {np.rad2deg(at_rest):.0f} deg, as no thruster drives roll or pitch"
+        yield _warning("attitude", f"{text}; what `trim` says brings it level")
+    tilt = static_balance.tilt_when_driven(robot)
+    if tilt is not None and tilt.angle > LARGEST_TILT:
+        yield _warning("attitude", tilt_text(tilt))
+
+
+def tilt_text(tilt: static_balance.DrivenTilt) -> str:
+    """Describe a tilt under thrust, and what keeps the vehicle nearly level."""
+    if tilt.moment < tilt.righting:
+        consequence = f"tilts it by {np.rad2deg(tilt.angle):.0f} deg"
+    else:
+        consequence = "tips it over"
+    share = tilt.righting * np.sin(LARGEST_TILT) / tilt.moment
+    return (
+        f"thrust along {thrusters.AXES[tilt.push]} at the limits of speed and acceleration"
+        f" {consequence}, since no thruster drives {thrusters.AXES[tilt.turn]}; with"
+        f" {1.0 / max(share, 1e-3):.2g} times as much height of buoyancy above mass, or {share:.2g}"
+        f" times the force (vehicle_limits), it is {np.rad2deg(LARGEST_TILT):.0f} deg"
+    )
 
 
 def _trim_advice(robot: Robot, force: float, moment: np.ndarray) -> str:
