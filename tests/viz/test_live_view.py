@@ -265,6 +265,22 @@ def test_a_loop_of_ones_own_moves_a_robot_in_the_browser(chromium: Any, robot: R
         page.close()
 
 
+def test_a_robot_that_stands_elsewhere_is_shown_there_with_the_goal_at_its_tool(
+    robot: Robot, scenario: Scenario
+) -> None:
+    q = robot.configuration(position=(1.0, 2.0, -5.0), rpy=(0.0, 0.0, 0.3))
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, q)
+    with live(robot, q=q) as view:
+        np.testing.assert_array_equal(view.q, q)
+        tool = data.oMf[robot.frame_id(robot.tools[0])]
+        assert view.goal.isApprox(tool, 1e-12)
+    with pytest.raises(InvalidInput, match="give it as its start"):
+        live(scenario, q=q)
+    with pytest.raises(InvalidInput, match="q"):
+        live(robot, q=np.zeros(3))
+
+
 def test_a_loop_of_ones_own_comes_to_25_pictures_a_second(robot: Robot) -> None:
     with live(robot) as view:
         begun = time.monotonic()

@@ -24,6 +24,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from uvms_ocp.checks import checked
+from uvms_ocp.errors import InvalidInput, short
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
@@ -250,7 +251,12 @@ def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[s
 
 @checked
 def live(
-    what: Scenario | Robot, *, speed: Positive = 1.0, port: Count = 0, height: AtLeastOne = 520
+    what: Scenario | Robot,
+    *,
+    q: ArrayLike | None = None,
+    speed: Positive = 1.0,
+    port: Count = 0,
+    height: AtLeastOne = 520,
 ) -> LiveView:
     """Return a page that shows a run while it goes on, ``scenario.run(observer=live(scenario))``,
     or a robot that Python moves.
@@ -260,15 +266,20 @@ def live(
     moved by ``view.display(q)``; in a notebook with ``ipywidgets`` its links and a goal can be
     dragged, which ``view.q`` and ``view.goal`` tell, and ``view.on_change = f`` calls ``f(view)``
     each time. Other browsers of this machine find it at its ``address``; nobody else is served.
-    speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
+
+    q (n_q,) [m, rad]: of a robot, what is shown first, with the goal at its tool, and what the
+    picture is made for; by default its configuration at home. speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
     any that is free. The record of the run is the same with and without. Two ticks are run
     beforehand, to know what is around.
 
-    Raises `OutputError` for a port that is taken, and as `Scenario.run`.
+    Raises `OutputError` for a port that is taken, `InvalidInput` for a q of a scenario, which has
+    its own start, and as `Scenario.run`.
     """
     if isinstance(what, Robot):
         robot = what
-        q = what.configuration()
+        q = what.configuration() if q is None else what.check_configuration(q)
+    elif q is not None:
+        raise InvalidInput(f"q = {short(q)} of a scenario; give it as its start")
     else:
         robot = what.robot
         q = what.start
