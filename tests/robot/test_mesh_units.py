@@ -99,3 +99,25 @@ def test_a_mesh_of_another_size_than_its_inertia_is_doubted(
     robot = robot_of_mesh(tmp_path, collada(factor * CORNERS, ""))
     findings = [finding.text for finding in check_robot(robot).findings]
     assert any("mesh 'm.dae'" in text for text in findings) == is_doubted
+
+
+@pytest.mark.parametrize("stated", ["Y_UP", "Z_UP"])
+@pytest.mark.parametrize("lies_turned", [True, False])
+def test_axes_that_fit_the_inertia_when_turned_alone_are_doubted(
+    stated: str, lies_turned: bool, tmp_path: Path
+) -> None:
+    # A body of 1.2 x 0.8 x 0.2 m, flat, by its inertia.
+    sides = np.array([1.2, 0.8, 0.2])
+    as_saved = sides[[0, 2, 1]] if lies_turned else sides
+    corners = CORNERS / np.ptp(CORNERS, axis=0) * as_saved
+    (tmp_path / "m.dae").write_text(collada(corners, "", stated), encoding="utf-8")
+    xx, yy, zz = 9.0 / 12.0 * (np.sum(sides**2) - sides**2)
+    (tmp_path / "robot.urdf").write_text(
+        '<robot name="r"><link name="base_link"><inertial><mass value="9"/>'
+        f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<visual><geometry><mesh filename="m.dae"/></geometry></visual></link></robot>',
+        encoding="utf-8",
+    )
+    texts = [finding.text for finding in check_robot(load_robot(tmp_path / "robot.urdf")).findings]
+    is_doubted = any("fits its body only when turned so" in text for text in texts)
+    assert is_doubted == (lies_turned and stated == "Y_UP")

@@ -16,6 +16,7 @@ from uvms_ocp.robot.name_words import NameWords
 from uvms_ocp.robot.proposed_water import WATER_DENSITY, rounded
 from uvms_ocp.robot.roles import CHOOSE, Roles
 from uvms_ocp.robot.simulator_water import SimulatorBlocks, unread_lines
+from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
 from uvms_ocp.robot.urdf import UrdfModels, UrdfReading
 
 # Thrusters of vehicles of 10 to 160 kg have the larger of both.
@@ -188,6 +189,7 @@ class ProposalDraft:
 
     def questions(self) -> Iterator[str]:
         """Yield the questions that are left open."""
+        yield from self._axis_question()
         if not self.thrusters:
             yield self._base_question()
         if not self.tools and self.roles.candidates:
@@ -215,6 +217,23 @@ class ProposalDraft:
                 yield f"joint {', '.join(still)}: {reason}"
         if self.floats:
             yield from self._thruster_questions()
+
+    def _axis_question(self) -> Iterator[str]:
+        """Ask whether z points down, where something speaks for it."""
+        if not self.floats:
+            return
+        model = self.models.model
+        buoyancy: np.ndarray | None = None
+        for link in self.simulator.links:
+            stated = self.stated_of(link)
+            if "centre_of_buoyancy" in stated and model.existFrame(link):
+                frame = model.frames[model.getFrameId(link)]
+                if frame.parentJoint == 1:
+                    buoyancy = frame.placement.act(np.array(stated["centre_of_buoyancy"]))
+        shapes = self.models.collision if self.models.collision.ngeoms else self.models.visual
+        signs = list(signs_of_z_down(model, shapes, buoyancy))
+        if signs:
+            yield f"axes: does z point down? {'; '.join(signs)}; it is flown with z up; {TURN}"
 
     def _base_question(self) -> str:
         if self.floats:

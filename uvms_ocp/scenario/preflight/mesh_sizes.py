@@ -1,5 +1,5 @@
-"""Doubts about sizes of meshes, by the inertia of their body and by one another: a mesh in another
-unit loads without a word.
+"""Doubts about sizes and axes of meshes, by the inertia of their body and by one another: a mesh in
+another unit, or with another axis up, loads without a word.
 """
 
 from __future__ import annotations
@@ -10,9 +10,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
+from uvms_ocp.robot.link_boxes import box_corners
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.urdf_meshes import collada_asset
 
 _MAX_RATIO = 8.0  # of lengths, above which no coarse inertia or simple shape explains it
+_CLEAR_MISFIT = np.log(1.6)
+"""Of proportions: below it a body fits its inertia either way."""
+_SIDES_TURNED = {"Y_UP": [0, 2, 1], "X_UP": [1, 0, 2]}
+"""Order of the sides of a mesh once the axis that it states is up."""
 _BOX = np.sqrt(12.0)  # diagonal of a uniform box over its radius of gyration
 
 
@@ -39,6 +45,63 @@ def mesh_size_doubts(robot: Robot) -> Iterator[str]:
                 f"mesh {name}: its body spans {size:.3g} m, and has the inertia of one of"
                 f" {by_inertia:.3g} m; mend <inertia>, or the scale or the unit of the mesh"
             )
+
+
+def mesh_axis_doubts(robot: Robot) -> Iterator[str]:
+    """Yield one sentence for each Collada mesh that states another axis up than z, and whose sides
+    fit its body better when turned by that.
+    """
+    told = set[str]()
+    for shapes in (robot.collision_model, robot.visual_model):
+        for shape in shapes.geometryObjects:
+            file = Path(shape.meshPath)
+            up_axis = collada_asset(file).up_axis
+            if up_axis == "Z_UP" or file.name in told or not file.is_file():
+                continue
+            expected = _sides_of_body(robot, shape.parentJoint)
+            if expected is None:
+                continue
+            shape.geometry.computeLocalAABB()
+            box = shape.geometry.aabb_local
+            sides = np.array([box.width(), box.height(), box.depth()])
+            as_read = _misfit(np.abs(shape.placement.rotation) @ sides, expected)
+            turned_sides = sides[_SIDES_TURNED[up_axis]]
+            turned = _misfit(np.abs(shape.placement.rotation) @ turned_sides, expected)
+            if as_read > _CLEAR_MISFIT and turned < as_read / 2.0:
+                told.add(file.name)
+                yield (
+                    f"mesh {file.name!r} states {up_axis}, and fits its body only when turned so; it"
+                    " is read with z up: turn its <origin>, or save it with z up"
+                )
+
+
+def _misfit(sides: np.ndarray, expected: np.ndarray) -> float:
+    """Return how far the proportions of two boxes with sides (3,) [m] are apart."""
+    logs = np.log(np.maximum(sides, 1e-6) / np.maximum(expected, 1e-6))
+    return float(np.ptp(logs))
+
+
+def _sides_of_body(robot: Robot, joint: int) -> np.ndarray | None:
+    """Return the sides (3,) [m], along the axes of a joint, of a body's primitive collision shapes,
+    or of the uniform box that has its inertia; `None` where neither is there.
+    """
+    lower = np.full(3, np.inf)
+    upper = np.full(3, -np.inf)
+    for shape in robot.collision_model.geometryObjects:
+        if shape.parentJoint == joint and not Path(shape.meshPath).suffix:
+            for corner in box_corners(shape.geometry):
+                lower = np.minimum(lower, shape.placement.act(corner))
+                upper = np.maximum(upper, shape.placement.act(corner))
+    if (upper > lower).all():
+        return upper - lower
+    inertia = robot.model.inertias[joint]
+    if not inertia.mass > 0.0:
+        return None
+    xx, yy, zz = np.diag(inertia.inertia) * 6.0 / inertia.mass
+    squares = np.array([yy + zz - xx, zz + xx - yy, xx + yy - zz])
+    if not (squares > 0.0).all():
+        return None
+    return np.sqrt(squares)
 
 
 def _are_far_apart(a: float, b: float) -> bool:

@@ -29,7 +29,8 @@ from uvms_ocp.robot import (
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
-from uvms_ocp.scenario.preflight.mesh_sizes import mesh_size_doubts
+from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
+from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_doubts
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -261,7 +262,7 @@ def _shapes(robot: Robot) -> Iterator[RobotFinding]:
         yield _good(
             "shapes", f"{shapes.ngeoms} {kind} shapes, {n_meshes} of them meshes, all found"
         )
-    for doubt in mesh_size_doubts(robot):
+    for doubt in (*mesh_size_doubts(robot), *mesh_axis_doubts(robot)):
         yield _warning("shapes", doubt)
     unshaped = links_without_shape(robot)
     if unshaped and robot.collision_model.ngeoms:
@@ -278,6 +279,7 @@ def _water(robot: Robot) -> Iterator[RobotFinding]:
     yield _trim(robot)
     yield _thrusters(robot)
     yield from _tilts(robot)
+    yield from _axes(robot)
 
 
 def _unknowns(robot: Robot) -> Iterator[RobotFinding]:
@@ -309,6 +311,22 @@ def _tilts(robot: Robot) -> Iterator[RobotFinding]:
     tilt = static_balance.tilt_when_driven(robot)
     if tilt is not None and tilt.angle > LARGEST_TILT:
         yield _warning("attitude", tilt_text(tilt))
+
+
+def _axes(robot: Robot) -> Iterator[RobotFinding]:
+    """Warn of a vehicle whose z axis seems to point down."""
+    volume = 0.0
+    moment = np.zeros(3)
+    for link in robot.hydrodynamics:
+        frame = robot.model.frames[robot.frame_id(link.frame)]
+        if frame.parentJoint == 1:
+            volume += link.volume
+            moment += link.volume * frame.placement.act(link.centre_of_buoyancy)
+    buoyancy = moment / volume if volume > 0.0 else None
+    shapes = robot.collision_model if robot.collision_model.ngeoms else robot.visual_model
+    signs = list(signs_of_z_down(robot.model, shapes, buoyancy))
+    if signs:
+        yield _warning("axes", f"does z point down? {'; '.join(signs)}; it flies with z up; {TURN}")
 
 
 def tilt_text(tilt: static_balance.DrivenTilt) -> str:
