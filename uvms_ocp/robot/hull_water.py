@@ -8,7 +8,6 @@ geometric mean of both masses fits published vehicles from 11 to 1,900 kg.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import elliprd
 
 _SAME_SIDE = 1e-6  # relative: an ellipsoid as round as that turns no water
 _SQUARE_PRISM = 0.725 / 16
@@ -40,6 +39,8 @@ def ellipsoid_added_mass(sides: np.ndarray, density: float) -> np.ndarray:
     """Return the added mass (6,) [kg, kg m2] of an ellipsoid with axes (3,) [m] in water of a density
     [kg/m3], by Lamb's integrals (Lamb, Hydrodynamics, art. 114 and 115).
     """
+    from scipy.special import elliprd
+
     squares = (np.asarray(sides, dtype=float) / 2.0) ** 2
     product = float(np.sqrt(np.prod(squares)))
     mass = density * 4.0 / 3.0 * np.pi * product

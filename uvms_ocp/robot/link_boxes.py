@@ -53,16 +53,28 @@ def cylinders_around_links(robot: Robot) -> dict[str, LinkDescription]:
     none).
 
     The cylinder lies along the longest side of the box around the link's shapes; its diameter is
-    the mean of the other two sides. It overestimates the volume of hollow or bent links: give
-    measured data where there are any.
+    the mean of the other two sides, or less where the body would float: boxes around hollow or bent
+    links hold more than these. Give measured data where there are any.
     """
     shapes = robot.collision_model if robot.collision_model.ngeoms else robot.visual_model
-    descriptions = dict[str, LinkDescription]()
+    cylinders = dict[str, tuple[int, Cylinder]]()
+    volumes = dict[int, float]()  # [m3] by joint
     for index in dict.fromkeys(shape.parentFrame for shape in shapes.geometryObjects):
-        name = robot.model.frames[index].name
-        cylinder = cylinder_in(box_around(robot.model, shapes, name))
+        frame = robot.model.frames[index]
+        cylinder = cylinder_in(box_around(robot.model, shapes, frame.name))
         if cylinder is not None:
-            descriptions[name] = LinkDescription(cylinder=cylinder)
+            cylinders[frame.name] = (frame.parentJoint, cylinder)
+            volume = np.pi * cylinder.radius**2 * cylinder.length
+            volumes[frame.parentJoint] = volumes.get(frame.parentJoint, 0.0) + volume
+    descriptions = dict[str, LinkDescription]()
+    for name, (joint, cylinder) in cylinders.items():
+        displaced = robot.description.water_density * volumes[joint]  # [kg]
+        mass = float(robot.model.inertias[joint].mass)
+        thinner = cylinder
+        if 0.0 < mass < displaced:
+            radius = cylinder.radius * float(np.sqrt(mass / displaced))
+            thinner = cylinder.model_copy(update={"radius": radius})
+        descriptions[name] = LinkDescription(cylinder=thinner)
     return descriptions
 
 

@@ -182,7 +182,7 @@ def _converted(conversion: Element, state: float) -> float | None:
 
 
 def _bessa(conversion: Element, state: float) -> float | None:
-    """Return the thrust [N] of a dead zone with another slope on either side (Bessa et al., 2013)."""
+    """Return the thrust [N] of a dead zone with another slope on either side."""
     words = ("rotorConstantL", "rotorConstantR", "deltaL", "deltaR")
     slope_left, slope_right, delta_left, delta_right = (_number(conversion, w) for w in words)
     if slope_left is None or slope_right is None or delta_left is None or delta_right is None:

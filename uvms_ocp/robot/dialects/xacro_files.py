@@ -19,6 +19,7 @@ from uvms_ocp.robot.urdf_meshes import find_package
 _NAMESPACE = re.compile(r"\{[^}]*xacro[^}]*\}")
 _MOST_PACKAGES = 50  # that one file names
 _LONGEST_REASON = 200  # characters of what xacro says
+_SET = "a file that states others in <xacro:arg> and includes this one sets them"
 _INSTALL = 'pip install "uvms-ocp[xacro]"'
 
 
@@ -64,7 +65,11 @@ def expanded(path: Path, folders: Sequence[Path]) -> tuple[Element, tuple[str, .
     for file in xacro.all_includes:
         note_file_read(Path(file))
     root = ElementTree.fromstring(text)
-    return root, ("expanded by xacro, arguments as the file sets them",)
+    stated = xacro.substitution_args_context.get("arg", {})
+    arguments = ", ".join(f"{name}:={value}" for name, value in sorted(stated.items()))
+    if arguments:
+        return root, (f"expanded by xacro with {arguments}; {_SET}",)
+    return root, ("expanded by xacro",)
 
 
 def _cause(error: BaseException) -> BaseException:
