@@ -268,9 +268,9 @@ def live(
     each time. Other browsers of this machine find it at its ``address``; nobody else is served.
 
     q (n_q,) [m, rad]: of a robot, what is shown first, with the goal at its tool, and what the
-    picture is made for; by default its configuration at home. speed: times that of the clock, which the run does not overtake; it may be slower. port: 0 for
-    any that is free. The record of the run is the same with and without. Two ticks are run
-    beforehand, to know what is around.
+    picture is made for; by default its configuration at home. speed: times that of the clock, which
+    the run does not overtake; it may be slower. port: 0 for any that is free. The record of the run
+    is the same with and without. Two ticks are run beforehand, to know what is around.
 
     Raises `OutputError` for a port that is taken, `InvalidInput` for a q of a scenario, which has
     its own start, and as `Scenario.run`.
