@@ -36,6 +36,7 @@ from uvms_ocp.scenario.part_factories import (
 from uvms_ocp.scenario.preflight.checks import check_mission
 from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
 from uvms_ocp.scenario.scenario_run import RunParts, ScenarioRun, run_bar
+from uvms_ocp.scenario.stepped_run import SteppedRun
 from uvms_ocp.sim import (
     DynamicPlant,
     Environment,
@@ -291,11 +292,8 @@ class Scenario(FieldTable):
         Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks
         than fit into memory.
         """
-        with raised_outside_casadi():
-            controller = controller or self.controller()
-            estimator = self.estimator()
-            plant, sensors = injected_faults.inject_faults(self, self._plant(), self._sensors())
-        parts = RunParts(plant=plant, sensors=sensors, estimator=estimator, controller=controller)
+        parts = self._parts(controller)
+        controller = parts.controller
         presses: list[object] = []
         with (
             on_interrupt(presses.append),
@@ -306,6 +304,18 @@ class Scenario(FieldTable):
         if presses:
             raise Interrupted(f"stopped by hand at t = {record['t'][-1]:g} s", record)
         return record
+
+    def simulation(self) -> SteppedRun:
+        """Begin a run that is stepped by hand, from t = 0: `run` ends with the same record."""
+        return SteppedRun(self, self._parts(None))
+
+    def _parts(self, controller: MissionController | None) -> RunParts:
+        """Make the parts of one run, around a controller where there is one already."""
+        with raised_outside_casadi():
+            controller = controller or self.controller()
+            estimator = self.estimator()
+            plant, sensors = injected_faults.inject_faults(self, self._plant(), self._sensors())
+        return RunParts(plant=plant, sensors=sensors, estimator=estimator, controller=controller)
 
     def _plant(self) -> Plant:
         if not isinstance(self.plant, str):

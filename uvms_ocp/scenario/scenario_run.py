@@ -84,8 +84,7 @@ class ScenarioRun:
         scenario = self._scenario
 
         def watch(t: float, state: State) -> None:
-            if len(self._kinematic.events) > len(self._states_at_events):
-                self._states_at_events.append(state)
+            self.look(state)
             show_time(t)
 
         try:
@@ -99,13 +98,22 @@ class ScenarioRun:
                 watch=watch,
                 dt=scenario.dt,
                 duration=scenario.duration,
-                kept_readings=self._reading_sizes(),
+                kept_readings=self.reading_sizes(),
                 recorder=self._recorder(folder),
             )
         except Interrupted as stop:
             recorder = stop.result
+        return self.record_of(recorder, stopped_by_hand=bool(presses))
+
+    def look(self, state: State) -> None:
+        """Keep the true state at which a phase has ended since the last look."""
+        if len(self._kinematic.events) > len(self._states_at_events):
+            self._states_at_events.append(state)
+
+    def record_of(self, recorder: Recorder, *, stopped_by_hand: bool) -> Record:
+        """Return the record of the rows so far, with what the run has come to."""
         wall_s = perf_counter() - self._begin
-        outcome = self._outcome(recorder, wall_s, stopped_by_hand=bool(presses))
+        outcome = self._outcome(recorder, wall_s, stopped_by_hand)
         return recorder.freeze(self._meta(ending=outcome))
 
     def _recorder(self, folder: Path | str | None) -> Recorder | None:
@@ -118,7 +126,7 @@ class ScenarioRun:
         capacity = min(_MOST_HELD_ROWS, max(1, round(_WRITE_EVERY / self._scenario.dt)))
         return Recorder(capacity, place, self._meta_if_news, self._ticks_per_row)
 
-    def _reading_sizes(self) -> dict[str, int]:
+    def reading_sizes(self) -> dict[str, int]:
         """Count the numbers of a reading of each channel whose readings are recorded.
 
         None are where the estimator repeats its readings.

@@ -89,10 +89,10 @@ def simulate(
         raise InvalidInput(
             f"{problem}; give a folder for it, or at most {MOST_TICKS:,} ticks, {MOST_TICKS * dt:g} s"
         )
+    for name in kept_readings or ():
+        require_known("channel", name, CHANNELS)
     recorder = recorder or Recorder()
-    new = _NewReadings(kept_readings or {})
     stops = list[object]()
-    command: Command | None = None
     n_ticks = round(duration / dt) + 1
     single = progress is not None or observer is not None
     if single:
@@ -104,31 +104,26 @@ def simulate(
         if quick is not None:
             quick.run(n_ticks, recorder, kept_readings or {}, watch or _watch_nothing, stops)
             n_ticks = 0
-        for k in range(n_ticks):
-            t = k * dt
-            readings = sensors(plant.state, t)
-            estimate = estimator(readings, t, command)
-            begin = perf_counter()
-            command = controller(estimate, t)
-            spent = perf_counter() - begin
-            telemetry = plant.telemetry()
-            asked_thrust = _asked_thrust(command, telemetry, recorder)
-            measured = {}
-            if kept_readings:
-                measured = new(readings) | {"brakes": command.brakes}
-            row = _row(t, plant.state, estimate, command, asked_thrust, measured)
-            row.setdefault("controller_time", spent)  # one that measures itself knows better
-            row.update(telemetry)
-            recorder.append(row)
+        ticks = SingleTicks(
+            plant=plant,
+            sensors=sensors,
+            estimator=estimator,
+            controller=controller,
+            dt=dt,
+            kept_readings=kept_readings,
+            recorder=recorder,
+        )
+        for _ in range(n_ticks):
+            command = ticks.decide()
             if progress is not None:
-                progress(t, command)
+                progress(ticks.t, command)
             if observer is not None:
-                observer(t, plant.state, command)
+                observer(ticks.t, plant.state, command)
             if watch is not None:
-                watch(t, plant.state)
+                watch(ticks.t, plant.state)
             if command.finished or stops:
                 break
-            plant.step(command, dt)
+            ticks.move()
             if has_diverged(plant.state):
                 break
     if has_diverged(plant.state):
@@ -144,6 +139,70 @@ def simulate(
     return recorder
 
 
+class SingleTicks:
+    """The ticks of one run, one by one: each decides on a command and records it, and then the
+    plant moves.
+    """
+
+    def __init__(
+        self,
+        *,
+        plant: Plant,
+        sensors: Sensors,
+        estimator: StateEstimator,
+        controller: Controller,
+        dt: float,
+        recorder: Recorder,
+        kept_readings: Mapping[str, Count] | None = None,
+    ) -> None:
+        """Arguments: as of `simulate`, with fresh parts."""
+        self.plant = plant
+        self.recorder = recorder
+        self.t = 0.0
+        """Time [s] of the newest tick; 0 before the first."""
+        self.readings: Readings | None = None
+        """What the sensors told at the newest tick."""
+        self.estimate: StateEstimate | None = None
+        """What the estimator made of it."""
+        self.command: Command | None = None
+        """What the controller asked for."""
+        self._sensors = sensors
+        self._estimator = estimator
+        self._controller = controller
+        self._dt = dt
+        self._n_ticks = 0
+        self._keeps_readings = bool(kept_readings)
+        self._new_readings = _NewReadings(kept_readings or {})
+
+    def decide(self) -> Command:
+        """Read, estimate and control at the time of the next tick, and record the row; return the
+        command. Raises `InvalidInput` for what cannot be recorded.
+        """
+        self.t = self._n_ticks * self._dt
+        self._n_ticks += 1
+        state = self.plant.state
+        self.readings = self._sensors(state, self.t)
+        self.estimate = self._estimator(self.readings, self.t, self.command)
+        begin = perf_counter()
+        self.command = self._controller(self.estimate, self.t)
+        spent = perf_counter() - begin
+        telemetry = self.plant.telemetry()
+        asked_thrust = _asked_thrust(self.command, telemetry, self.recorder)
+        measured = {}
+        if self._keeps_readings:
+            measured = self._new_readings(self.readings) | {"brakes": self.command.brakes}
+        row = _row(self.t, self.plant.state, self.estimate, self.command, asked_thrust, measured)
+        row.setdefault("controller_time", spent)  # one that measures itself knows better
+        row.update(telemetry)
+        self.recorder.append(row)
+        return self.command
+
+    def move(self) -> None:
+        """Let the plant move for a control period under the newest command."""
+        assert self.command is not None
+        self.plant.step(self.command, self._dt)
+
+
 def _watch_nothing(t: float, state: State) -> None:
     """Stand for a callback that is not given."""
 
@@ -154,8 +213,6 @@ class _NewReadings:
     __slots__ = ("_missing", "_seen")
 
     def __init__(self, widths: Mapping[str, int]) -> None:
-        for name in widths:
-            require_known("channel", name, CHANNELS)
         self._seen: dict[str, Reading[Any] | None] = dict.fromkeys(widths)
         self._missing = {name: np.full(width + 1, np.nan) for name, width in widths.items()}
 
