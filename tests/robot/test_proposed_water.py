@@ -12,7 +12,12 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import quad
 
-from uvms_ocp.robot.hull_water import ADDED_MASS_INTERVAL, DRAG_INTERVAL, ellipsoid_added_mass
+from uvms_ocp.robot.hull_water import (
+    ADDED_MASS_INTERVAL,
+    DRAG_INTERVAL,
+    ellipsoid_added_mass,
+    hull_added_mass,
+)
 from uvms_ocp.robot.hydrodynamics import LinkHydrodynamics
 from uvms_ocp.robot.loading import list_robots, load_robot, robot_folder
 from uvms_ocp.robot.proposal import propose
@@ -69,8 +74,11 @@ def test_a_box_has_its_own_water_however_it_lies_in_its_link(
         shape = f"<collision><origin rpy='{' '.join(map(str, rpy))}'/>{shape}</collision>"
     link = f"<link name='hull'>{inertial(48.0, MOMENTS, rpy)}{shape}</link>"
     hull = water_of(tmp_path, link)["hull"]
-    # Of the ellipsoid in the box, which the vehicle outweighs.
-    expected = ellipsoid_masses(SIZE)
+    # Of the ellipsoid in the box, times what edges add to one that is as heavy as the box.
+    filled = 48.0 / (1025.0 * np.pi / 6.0 * np.prod(SIZE))
+    expected = filled ** (np.log(0.68 * 12.0 / np.pi) / np.log(6.0 / np.pi)) * ellipsoid_masses(
+        SIZE
+    )
     added = hull.X_FL.rotation @ np.diag(np.diag(hull.added_mass)[:3]) @ hull.X_FL.rotation.T
     R = pin.rpy.rpyToMatrix(np.array(rpy))
     np.testing.assert_allclose(added, R @ np.diag(expected) @ R.T, atol=2e-3 * expected.max())
@@ -133,6 +141,18 @@ def test_ellipsoids_have_the_added_mass_of_closed_forms() -> None:
     np.testing.assert_allclose(disc[3:5], 16.0 / 45.0 * 1000.0 * 0.2**5, rtol=1e-3)
     needle = ellipsoid_added_mass(np.array([20.0, 0.02, 0.02]), 1000.0)
     np.testing.assert_allclose(needle[1:3], 1000.0 * np.pi / 6.0 * 20.0 * 0.02**2, rtol=1e-3)
+
+
+def test_a_solid_cube_has_the_added_mass_of_tables_and_an_open_frame_less() -> None:
+    sides = np.full(3, 0.4)
+    displaced = 1000.0 * 0.4**3
+    solid = hull_added_mass(sides, displaced, 1000.0)
+    np.testing.assert_allclose(solid[:3], 0.68 * displaced)
+    np.testing.assert_allclose(hull_added_mass(sides, 3.0 * displaced, 1000.0), solid)
+    masses = np.linspace(0.02, 1.0, 50) * displaced
+    added = [hull_added_mass(sides, mass, 1000.0)[0] for mass in masses]
+    assert (np.diff(added) > 0.0).all()
+    assert np.abs(np.diff(added)).max() < 0.05 * displaced  # no jump
 
 
 def vehicle_numbers(robot: Robot, key: str) -> np.ndarray:

@@ -1,8 +1,9 @@
 """Propose added mass and drag of a hull by the box around it and its mass: potential flow of the
 ellipsoid in that box, and drag of its faces.
 
-Frames and floats let water through, so that a hull moves less water than the solid in its box: the
-geometric mean of both masses fits published vehicles from 11 to 1,900 kg.
+Frames and floats let water through, so that a hull moves less water than the ellipsoid in its box:
+the geometric mean of both masses fits published vehicles from 11 to 1,900 kg. One that is as heavy
+as the water in its box is that box, with edges, and moves more.
 """
 
 from __future__ import annotations
@@ -10,6 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 _SAME_SIDE = 1e-6  # relative: an ellipsoid as round as that turns no water
+_ELLIPSOID = np.pi / 6.0  # volume over that of the box around it
+_CUBE = 0.68
+"""Added mass of a cube over that of the water in it (DNV-RP-C205, table D-2)."""
+_SOLID = float(np.log(_CUBE / (0.5 * _ELLIPSOID)) / np.log(1.0 / _ELLIPSOID))
+"""Power of the share of the ellipsoid that a hull fills, above 1, with which a cube has `_CUBE`."""
 _SQUARE_PRISM = 0.725 / 16
 """As in `uvms_ocp.robot.coefficients`: what the corners of a box add to the ellipsoid."""
 ADDED_MASS_INTERVAL = (0.3, 2.5)
@@ -31,8 +37,10 @@ def hull_added_mass(sides: np.ndarray, mass: float, density: float) -> np.ndarra
     for axis in range(3):
         a, b = np.delete(squares, axis)
         solid[3 + axis] += 2.0 * _SQUARE_PRISM * box * a * b / (a + b)
-    share = mass / (np.pi / 6.0 * box)
-    return np.asarray(np.sqrt(min(share, 1.0)) * solid)
+    share = min(mass / (_ELLIPSOID * box), 1.0 / _ELLIPSOID)
+    if share < 1.0:
+        return np.asarray(np.sqrt(share) * solid)
+    return np.asarray(share**_SOLID * solid)
 
 
 def ellipsoid_added_mass(sides: np.ndarray, density: float) -> np.ndarray:

@@ -247,7 +247,7 @@ def _largest_push(robot: Robot, axis: int) -> float:
     """Return the force [N] that speeds the vehicle up along an axis of B at its largest speed."""
     speed = float(robot.limits.velocity[axis])
     acceleration = float(robot.limits.acceleration[axis])
-    force = acceleration * sum(inertia.mass for inertia in robot.model.inertias)
+    force = acceleration * sum(float(inertia.mass) for inertia in robot.model.inertias)
     for link in robot.hydrodynamics:
         frame = robot.model.frames[robot.frame_id(link.frame)]
         if frame.parentJoint != 1:
@@ -257,7 +257,7 @@ def _largest_push(robot: Robot, axis: int) -> float:
             float(along @ matrix[:3, :3] @ along)
             for matrix in (link.added_mass, link.linear_drag, link.quadratic_drag)
         )
-        force += acceleration * added + linear * speed + quadratic * speed**2
+        force += float(acceleration * added + linear * speed + quadratic * speed**2)
     return force
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -301,13 +302,13 @@ class _MjcfReader:
             between = name if is_last else writer.free_name(f"{joint_name}_link", "link")
             joint = self._joint(values, joint_name, kind)
             writer.add_joint(
-                WrittenJoint(
+                replace(
+                    joint,
                     parent=above,
                     child=between,
                     X_PJ=X_PJ,
                     X_JC=X_JC if is_last else pin.SE3.Identity(),
                     axis=axis,
-                    **joint,
                 )
             )
             if not is_last:
@@ -321,8 +322,8 @@ class _MjcfReader:
             return self.compiler.angle(value)
         return value
 
-    def _joint(self, values: dict[str, str], name: str, kind: str) -> dict[str, object]:
-        """Return the fields of a joint that are not its frames."""
+    def _joint(self, values: dict[str, str], name: str, kind: str) -> WrittenJoint:
+        """Return a joint between no links yet, in no frames."""
         lower = -np.inf
         upper = np.inf
         stated = values.get("limited", "auto")
@@ -344,16 +345,21 @@ class _MjcfReader:
         own_range = vector(values, "actuatorfrcrange", [0.0, 0.0])
         if own_range.any():
             effort = float(np.abs(own_range).max())
-        return {
-            "name": name,
-            "kind": urdf_kind,
-            "lower": float(lower),
-            "upper": float(upper),
-            "effort": effort,
-            "damping": max(float(vector(values, "damping", [])[:1].sum()), 0.0),
-            "friction": max(number(values, "frictionloss", 0.0), 0.0),
-            "mimics": self.leaders.get(name),
-        }
+        return WrittenJoint(
+            name=name,
+            kind=urdf_kind,
+            parent="",
+            child="",
+            X_PJ=pin.SE3.Identity(),
+            X_JC=pin.SE3.Identity(),
+            axis=np.zeros(3),
+            lower=float(lower),
+            upper=float(upper),
+            effort=effort,
+            damping=max(float(vector(values, "damping", [])[:1].sum()), 0.0),
+            friction=max(number(values, "frictionloss", 0.0), 0.0),
+            mimics=self.leaders.get(name),
+        )
 
     def _add_site(
         self, writer: UrdfWriter, element: Element, body: str, X: pin.SE3, childclass: str | None
