@@ -18,6 +18,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import plot
 from uvms_ocp.viz.several_runs import BAND
+from uvms_ocp.viz.style import label_texts
 
 ERROR = "T.position_error"
 
@@ -108,6 +109,21 @@ def test_many_runs_of_one_name_are_a_median_and_a_band(robot: Robot) -> None:
     low, high = np.percentile(values, BAND, axis=0)
     assert corners[:, 1].min() == pytest.approx(low.min())
     assert corners[:, 1].max() == pytest.approx(high.max())
+
+
+PANDA = [f"panda_panda_joint{k}" for k in range(1, 8)]
+BOTH_ENDS = [f"{side}_arm_of_the_vehicle_joint" for side in ("left", "right")]
+THRUSTERS = ["horizontal_bow_port", "horizontal_bow_starboard", "horizontal_stern_port"]
+
+
+@pytest.mark.parametrize("names", [PANDA, BOTH_ENDS, THRUSTERS, ["a", "b"], ["same", "same"], []])
+@pytest.mark.parametrize("longest", [8, 10, 12, 32])
+def test_labels_differ_where_names_do(names: list[str], longest: int) -> None:
+    labels = label_texts(names, longest)
+    assert len(labels) == len(names)
+    assert len(set(labels)) == len(set(names))
+    if longest >= 10:
+        assert all(len(label) <= longest for label in labels)
 
 
 def test_without_names_all_that_both_measure_is_drawn(record: Record, longer: Record) -> None:

@@ -71,15 +71,11 @@ def figure_efforts(
 
 
 def _thrust(record: Record, axes: Sequence[Axes]) -> None:
-    names = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
-    for i, (name, thrust) in enumerate(zip(names, record["thrust"].T, strict=True)):
-        axes[0].plot(
-            record["t"],
-            thrust,
-            **style.line_style(i),
-            lw=0.8,
-            label=style.label_text(name.partition(".")[2], _LEGEND),
-        )
+    columns = tables.column_names("thrust", record["thrust"].shape[1], record.meta)
+    names = [column.partition(".")[2] for column in columns]
+    labels = style.label_texts(names, _LEGEND)
+    for i, (label, thrust) in enumerate(zip(labels, record["thrust"].T, strict=True)):
+        axes[0].plot(record["t"], thrust, **style.line_style(i), lw=0.8, label=label)
     axes[0].set_ylabel(axis_label("thrust", "thrust"))
 
 
@@ -99,15 +95,9 @@ _PUSHES: Mapping[str, Callable[[Record, Sequence[Axes]], None]] = {
 
 
 def _torque(record: Record, axis: Axes) -> None:
-    names = axis_names(record, record["torque"].shape[1])
-    for i, (name, torque) in enumerate(zip(names, record["torque"].T, strict=True)):
-        axis.plot(
-            record["t"],
-            torque,
-            **style.line_style(i),
-            lw=0.8,
-            label=style.label_text(name, _LEGEND),
-        )
+    labels = style.label_texts(axis_names(record, record["torque"].shape[1]), _LEGEND)
+    for i, (label, torque) in enumerate(zip(labels, record["torque"].T, strict=True)):
+        axis.plot(record["t"], torque, **style.line_style(i), lw=0.8, label=label)
     axis.set_ylabel(axis_label("torque", "torque", meta=record.meta))
 
 

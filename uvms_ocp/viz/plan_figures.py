@@ -124,14 +124,10 @@ def _motion(
         return None
     rows = [(series, label) for series, label in _ROWS.items() if series in record.series]
     figure, axes = style.stacked(len(rows), 1.25, title, *page)
+    axis_labels = style.label_texts([planned[i] for i in indices], 10)
     for row, (series, label) in zip(axes, rows, strict=True):
-        for k, i in enumerate(indices):
-            row.plot(
-                record["t"],
-                record[series][:, i],
-                **style.line_style(k),
-                label=style.label_text(planned[i], 10),
-            )
+        for k, (i, name) in enumerate(zip(indices, axis_labels, strict=True)):
+            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
         units = [tables.unit_of(series, part, record.meta) for part in parts]
         row.set_ylabel(f"{label}\n[{', '.join(units)}]")
         _draw_limits(row, record, series, indices)

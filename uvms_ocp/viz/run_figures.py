@@ -103,7 +103,7 @@ def _panels(record: Record) -> list[_Panel]:
     errors = joint_errors(record.series, record.meta)
     n = 0 if errors is None else errors.shape[1]
     if n and spread.shape[1] >= n:
-        names = [style.label_text(name, 10) for name in axis_names(record, n)]
+        names = style.label_texts(axis_names(record, n), 10)
         colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
         panels.append(
             (

@@ -187,8 +187,8 @@ def _draw(axis: Axes, lines_of_groups: Sequence[Mapping[str, _Line]]) -> None:
             if band is not None:
                 axis.fill_between(t, *band, color=_color(k), alpha=0.2, lw=0)
     if len(labels) > 1:
-        for label, dash in dashes.items():
-            axis.plot([], [], color=style.THRESHOLD, ls=dash, label=style.label_text(label, 20))
+        for name, dash in zip(style.label_texts(list(labels), 20), dashes.values(), strict=True):
+            axis.plot([], [], color=style.THRESHOLD, ls=dash, label=name)
         style.legend_beside(axis)
 
 

@@ -84,6 +84,7 @@ _TO_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _FONT = 8.5  # [points] of the style, that sizes are given for
 _TALLEST = 9  # entries of a column of a legend
 _HANDLE = 5  # letters that the line before a legend's text takes
+_SEPARATORS = "_./- "  # of the parts of a name
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # Names of phases and moments above a panel.
@@ -377,6 +378,43 @@ def label_text(name: str, longest: int = 32) -> str:
     if label.startswith("_"):
         return f" {label}"
     return label
+
+
+def label_texts(names: Sequence[str], longest: int = 32) -> list[str]:
+    """Return labels of at most so many letters that differ where names do: without the beginning
+    that all names share, or with a gap in their middle, where they are too long; in full where
+    nothing else tells them apart.
+    """
+    begin = _shared_beginning(names)
+    candidates = (
+        [label_text(name, longest) for name in names],
+        [label_text(name[begin:], longest) for name in names],
+        [_without_middle(name[begin:], longest) for name in names],
+    )
+    for labels in candidates:
+        if len(set(labels)) == len(set(names)):
+            return labels
+    return [label_text(name, len(name)) for name in names]
+
+
+def _shared_beginning(names: Sequence[str]) -> int:
+    """Return how many letters all names begin with that are whole words, with what parts them."""
+    shared = 0
+    for k, letters in enumerate(zip(*names, strict=False)):
+        if len(set(letters)) > 1:
+            break
+        if letters[0] in _SEPARATORS:
+            shared = k + 1
+    return shared
+
+
+def _without_middle(name: str, longest: int) -> str:
+    """Return both ends of a name as a label of at most so many letters."""
+    if len(name) <= longest:
+        return label_text(name, longest)
+    n_tail = (longest - 1) // 2
+    n_head = longest - 1 - n_tail
+    return label_text(f"{name[:n_head]}…{name[len(name) - n_tail :]}", longest)
 
 
 def save_figure(figure: Figure, path: Path) -> Path:

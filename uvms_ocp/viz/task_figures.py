@@ -258,8 +258,9 @@ def figure_of(
         figure, axes = style.panels(ax, len(names), fig)
     for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):
         n_before = style.n_curves(axis)
-        for k, (label, values) in enumerate(lines.items(), start=n_before):
-            line_label = style.label_text(label, 20)
+        labels = style.label_texts(list(lines), 20)
+        curves_by_label = zip(labels, lines.values(), strict=True)
+        for k, (line_label, values) in enumerate(curves_by_label, start=n_before):
             axis.plot(
                 record["t"],
                 values,
