@@ -21,7 +21,8 @@ from uvms_ocp.report.phase_resources import repeated_phases, resources
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.signals import ChannelHealth, StateEstimate, Trust
-from uvms_ocp.viz.motion_figures import figure_path, figure_velocities
+from uvms_ocp.viz.motion_figures import figure_velocities
+from uvms_ocp.viz.path_figures import figure_path
 
 DT = 0.05
 KINEMATIC = {"plant": "kinematic", "dt": DT}

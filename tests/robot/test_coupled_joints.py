@@ -32,7 +32,7 @@ from uvms_ocp.robot.shapes.obstacles import obstacle
 from uvms_ocp.robot.shapes.pair_distances import CoalPairs, CompiledPairs
 from uvms_ocp.robot.shapes.shape_pairs import shapes_among
 from uvms_ocp.robot.symbolic_model import SymbolicModel
-from uvms_ocp.viz.scene.show import joint_motion
+from uvms_ocp.viz.scene.posed import joint_motion
 
 BODY = (
     "<inertial><origin xyz='.3 .1 0'/><mass value='2'/><inertia ixx='1' ixy='.1' ixz='0' iyy='2'"

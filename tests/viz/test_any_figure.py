@@ -17,7 +17,7 @@ from uvms_ocp.record.meta_values import MarkerMeta, ObstacleMeta, SurroundingsMe
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import figure_of, figure_path, figure_quantities, plot, write_figures
-from uvms_ocp.viz.motion_figures import obstacle_outline
+from uvms_ocp.viz.path_figures import obstacle_outline
 
 
 def _labels(figure: Figure | None) -> list[str]:

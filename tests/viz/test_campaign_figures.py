@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from uvms_ocp.viz.campaign_report import figure_spread
+from uvms_ocp.viz.campaign_figures import figure_spread
 
 _COLUMNS = {
     "constant": np.full(6, 0.25),

@@ -41,8 +41,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.scenario.preflight.robot_check import RobotFinding, RobotReport, RobotVerdict
-from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
 from uvms_ocp.tasks.attitude import HorizontalAttitude
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison, figure_paths

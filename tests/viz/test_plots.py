@@ -24,7 +24,8 @@ from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz.comparison_figures import figure_joint_comparison
-from uvms_ocp.viz.motion_figures import figure_efforts, figure_joints, figure_velocities
+from uvms_ocp.viz.effort_figures import figure_efforts
+from uvms_ocp.viz.motion_figures import figure_joints, figure_velocities
 from uvms_ocp.viz.plan_figures import PLAN_FIGURES
 from uvms_ocp.viz.run_figures import FIGURES, write_figures
 from uvms_ocp.viz.series import PLAN_NAMES, RUN_NAMES, phase_spans, task_activity

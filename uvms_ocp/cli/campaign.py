@@ -132,16 +132,16 @@ def campaign(
     elif parameters:
         output = _list_parameters(what, options, console)
     else:
+        campaign_options = {}
+        for name, value in options.items():
+            campaign_options[name] = list(value) if isinstance(value, tuple) else value
         new_campaign = Campaign(
             scenario=what,
             variations=vary or (),
             runs=_DEFAULT_RUNS if runs is None else runs,
             seed=seed,
             sampler=sampler,
-            options={
-                name: list(value) if isinstance(value, tuple) else value
-                for name, value in options.items()
-            },
+            options=campaign_options,
             records=records,
         )
         folder = out or default_folder(("campaign", label(what)), options)
@@ -211,17 +211,16 @@ def _write_report(folder: Path, success: Sequence[MetricBound], console: Console
 
 
 def _figures(table: Any, report: dict[str, Any]) -> dict[str, bytes]:
-    from uvms_ocp.viz import campaign_report as figures
+    from uvms_ocp.viz import campaign_figures as figures
     from uvms_ocp.viz.style import png_of
 
     rate = report["success"]
     success = table["success"].to_numpy(dtype=bool)
+    values = {name: metric_values(table, name) for name in metrics_among(table)}
     figures_by_title = {
         "success rate": figures.figure_rate(success, (rate["lower"], rate["upper"])),
         "outcomes": figures.figure_outcomes(report["outcomes"]),
-        "distributions": figures.figure_spread(
-            {name: metric_values(table, name) for name in metrics_among(table)}, success
-        ),
+        "distributions": figures.figure_spread(values, success),
     }
     for name in ("success", "tool_position_error_m", "duration_s"):
         if any(row["figure"] == name for row in report["sensitivity"]):

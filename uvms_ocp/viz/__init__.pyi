@@ -1,16 +1,17 @@
-from .campaign_report import figure_rate as figure_rate, figure_spread as figure_spread
+from .campaign_figures import figure_rate as figure_rate, figure_spread as figure_spread
 from .comparison_figures import (
     figure_joint_comparison as figure_joint_comparison,
     figure_paths as figure_paths,
     figure_transitions as figure_transitions,
 )
+from .effort_figures import figure_efforts as figure_efforts, figure_tracking as figure_tracking
+from .estimate_figures import figure_estimate as figure_estimate
+from .health_figures import figure_health as figure_health
 from .motion_figures import (
-    figure_efforts as figure_efforts,
     figure_joints as figure_joints,
-    figure_path as figure_path,
-    figure_tracking as figure_tracking,
     figure_velocities as figure_velocities,
 )
+from .path_figures import figure_path as figure_path
 from .plan_figures import (
     figure_clearance as figure_clearance,
     figure_joint_motion as figure_joint_motion,
@@ -18,9 +19,6 @@ from .plan_figures import (
     write_plan_figures as write_plan_figures,
 )
 from .run_figures import (
-    figure_estimate as figure_estimate,
-    figure_health as figure_health,
-    figure_tick_time as figure_tick_time,
     plot as plot,
     write_figures as write_figures,
 )
@@ -39,3 +37,4 @@ from .task_figures import (
     figure_row_activations as figure_row_activations,
     figure_tool_error as figure_tool_error,
 )
+from .timing_figures import figure_tick_time as figure_tick_time

@@ -51,9 +51,8 @@ def figure_joint_comparison(
         require_known("phase", phase, spans)
         span = spans[phase]
         rows = (record["t"] >= span.start) & (record["t"] <= span.end)
-        for axis, column in zip(
-            axes, joint_positions(record.series, record.meta)[rows].T, strict=True
-        ):
+        positions = joint_positions(record.series, record.meta)[rows]
+        for axis, column in zip(axes, positions.T, strict=True):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
         axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
@@ -75,23 +74,20 @@ def _last_shared_phase(records: Mapping[str, Record]) -> str:
 
 def _name_runs(figure: Figure, names: Iterable[str]) -> None:
     """Add the legend of runs, a colour each."""
-    colored_names = zip(names, _COLORS, strict=False)
-    style.heading_legend(
-        figure,
-        [
-            Line2D([], [], color=color, label=style.label_text(name))
-            for name, color in colored_names
-        ],
-    )
+    lines = []
+    for name, color in zip(names, _COLORS, strict=False):
+        lines.append(Line2D([], [], color=color, label=style.label_text(name)))
+    style.heading_legend(figure, lines)
 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
     """Return the names that all records have for the columns of their joints."""
-    layouts = [
-        (record.meta.joints, joint_positions(record.series, record.meta))
-        for record in records.values()
-    ]
-    joint_names = {() if positions is None else joints for joints, positions in layouts}
+    joint_names = set[tuple[str, ...]]()
+    for record in records.values():
+        if joint_positions(record.series, record.meta) is None:
+            joint_names.add(())
+        else:
+            joint_names.add(record.meta.joints)
     if len(joint_names) != 1 or () in joint_names:
         raise InvalidInput(
             f"records = {len(records)} runs; give one or more with the same joints, of one axis"
@@ -123,11 +119,10 @@ def figure_paths(
             )
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-    ends = [
-        Line2D([], [], color=style.BLACK, ls="", marker=mark, label=text)
-        for mark, text in (("o", "start"), ("*", "end"))
-    ]
-    style.heading_legend(figure, [*views[0].get_lines()[::3], *ends])
+    start = Line2D([], [], color=style.BLACK, ls="", marker="o", label="start")
+    end = Line2D([], [], color=style.BLACK, ls="", marker="*", label="end")
+    path_lines = views[0].get_lines()[::3]  # each path has a line, a start and an end
+    style.heading_legend(figure, [*path_lines, start, end])
     return figure
 
 

@@ -14,7 +14,8 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import motion_figures, style
+from uvms_ocp.viz import style
+from uvms_ocp.viz.effort_figures import figure_efforts
 from uvms_ocp.viz.series import axis_label, require_rows
 
 _ROWS = {
@@ -24,7 +25,8 @@ _ROWS = {
     "x_jerk": "jerk",
     "x_snap": "snap",
 }
-_FAR = 0.5  # [m] farther than this needs no look
+"""Names of the derivatives of a planned motion, by their series."""
+_FAR = 0.5  # [m] distances above this need no look
 _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
@@ -81,20 +83,24 @@ def figure_clearance(
 
 
 def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
-    """Draw a dot at the smallest distance, with the two shapes, written towards the middle of the
-    panel.
+    """Draw a dot at the smallest distance, with the names of the two shapes towards the middle of
+    the panel.
     """
     t = nearest.t
     distance = nearest.distance
     is_early = t < axis.get_xlim()[1] / 2.0
     axis.plot(t, distance, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
-    offset = (5 if is_early else -5, -4)
-    side = "left" if is_early else "right"
+    if is_early:
+        offset = (5, -4)
+        side = "left"
+    else:
+        offset = (-5, -4)
+        side = "right"
     text = plain_line(f"{distance:.3g} m, {nearest.between}", 80)
     style.note(axis, text, (t, distance), offset, ha=side, va="top", fontsize=style.points(7))
 
 
-_ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, motion_figures.figure_efforts)
+_ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
 PLAN_FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 """What draws each figure of a plan, by name."""
 
@@ -146,8 +152,12 @@ def _draw_limits(row: Axes, record: Record, series: str, indices: list[int]) -> 
     low, high = row.get_ylim()
     for limit in sorted({values[i] for i in indices if np.isfinite(values[i])}):
         # Dashes in turn in the colours of the lines that it bounds.
-        bound = [style.line_style(k)["color"] for k, i in enumerate(indices) if values[i] == limit]
-        colors = [style.THRESHOLD] if len(bound) == len(indices) else bound
+        colors = []
+        for k, i in enumerate(indices):
+            if values[i] == limit:
+                colors.append(style.line_style(k)["color"])
+        if len(colors) == len(indices):
+            colors = [style.THRESHOLD]
         for (n, color), side in itertools.product(enumerate(colors), (limit, -limit)):
             if low * 1.4 <= side <= high * 1.4:
                 row.axhline(side, color=color, lw=0.8, ls=(8 * n, (5, 8 * len(colors) - 5)))

@@ -17,25 +17,28 @@ from uvms_ocp.record.record import Record, quantity as quantity
 
 _LONGEST = 60  # letters of what is written on a line
 RUN_NAMES = (
-    *(
-        "errors",
-        "misalignment",
-        "altitude",
-        "tool_error",
-        "activations",
-        "quantities",
-        "velocities",
-        "joints",
-        "path",
-    ),
-    *("efforts", "tracking", "estimate", "health", "tick_time"),
+    "errors",
+    "misalignment",
+    "altitude",
+    "tool_error",
+    "activations",
+    "quantities",
+    "velocities",
+    "joints",
+    "path",
+    "efforts",
+    "tracking",
+    "estimate",
+    "health",
+    "tick_time",
 )
+"""Names of all figures of a run, known before what draws them is loaded."""
 PLAN_NAMES = ("vehicle_motion", "joint_motion", "clearance", "efforts")
-"""Names of all figures of a run and of a plan, known before what draws them is loaded."""
-
-# rows from which on not all are drawn; a page is 1,300 dots wide
+"""Names of all figures of a plan, known before what draws them is loaded."""
 _LONG = 50_000
+"""Rows from which on not all are drawn; a page is 1,300 dots wide."""
 _STRETCHES = 4096
+"""Stretches of a long record, of each of which two rows are drawn."""
 _AS_THEY_ARE = (
     "t",
     "phase",
@@ -48,6 +51,7 @@ _AS_THEY_ARE = (
     "tick_time",
     "tool",
 )
+"""Series of which rows of the record are drawn, not extremes: they are taken from one another."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -135,15 +139,19 @@ def thinned(record: Record) -> Record:
     series = dict[str, np.ndarray]()
     rows = np.append(np.stack([starts, starts + step // 2], axis=1).ravel()[:-1], len(record) - 1)
     for name in record.series:
-        ends = (
-            (np.fmin.reduce(part), np.fmax.reduce(part))
-            for (part,) in row_files.parts(record[name], rows=step)
-        )
         if name in _AS_THEY_ARE:
             series[name] = record[name][rows]
         else:
-            series[name] = np.concatenate([*ends])
+            series[name] = _extremes(record[name], step)
     return Record(series=series, meta=record.meta)
+
+
+def _extremes(values: np.ndarray, step: int) -> np.ndarray:
+    """Return the least and the largest value of every column, for each stretch of `step` rows."""
+    extremes = list[np.ndarray]()
+    for (stretch,) in row_files.parts(values, rows=step):
+        extremes += [np.fmin.reduce(stretch), np.fmax.reduce(stretch)]
+    return np.stack(extremes)
 
 
 @checked
@@ -158,14 +166,19 @@ def phase_spans(record: Record) -> tuple[PhaseSpan, ...]:
         codes = record["phase"]
     else:
         codes = np.zeros(len(record), dtype=int)
-    spans = [
-        (record.meta.phases[code], code, float(t[i]), float(t[j]))
-        for i, j, code in intervals_of(codes)
-    ]
-    return tuple(
-        PhaseSpan(index=k, name=phase.name, title=phase.title, start=a, end=b)
-        for phase, k, a, b in spans
-    )
+    spans = list[PhaseSpan]()
+    for first, last, code in intervals_of(codes):
+        phase = record.meta.phases[code]
+        spans.append(
+            PhaseSpan(
+                index=code,
+                name=phase.name,
+                title=phase.title,
+                start=float(t[first]),
+                end=float(t[last]),
+            )
+        )
+    return tuple(spans)
 
 
 def intervals_of(codes: np.ndarray) -> Iterator[tuple[int, int, int]]:
@@ -192,7 +205,9 @@ def threshold_text(record: Record, name: str, limit: float) -> str:
     }
     phases = [phase.name for phase in meta.phases if phase.name in ended_phases]
     abort = meta.abort_phase if meta.kind == "run" else None
-    names = ["abort" if phase == abort else f"phase {phase}" for phase in phases]
+    names = []
+    for phase in phases:
+        names.append("abort" if phase == abort else f"phase {phase}")
     if names:
         return plain_line(f"threshold {limit:g}, {', '.join(names)}", _LONGEST)
     return f"threshold {limit:g}"
@@ -208,14 +223,10 @@ def task_gate(record: Record, task: str) -> np.ndarray | None:
 
 def task_activity(record: Record, task: str) -> np.ndarray | None:
     """Return the activation (n, rows) of a task's rows; `None` where the task has no level."""
-    return next(
-        (
-            record["activity"][:, rows]
-            for name, rows in run_meta.level_rows(record.meta)
-            if name == task
-        ),
-        None,
-    )
+    for name, rows in run_meta.level_rows(record.meta):
+        if name == task:
+            return record["activity"][:, rows]
+    return None
 
 
 def axis_names(record: Record, n: int) -> list[str]:
@@ -243,9 +254,9 @@ def floor_heights(record: Record, points: np.ndarray) -> np.ndarray | None:
         from scipy.interpolate import RegularGridInterpolator
 
         grid = RegularGridInterpolator((relief.x, relief.y), np.transpose(relief.z))
-        return np.asarray(
-            grid(np.clip(points, (relief.x[0], relief.y[0]), (relief.x[-1], relief.y[-1])))
-        )
+        lowest_corner = (relief.x[0], relief.y[0])
+        highest_corner = (relief.x[-1], relief.y[-1])
+        return np.asarray(grid(np.clip(points, lowest_corner, highest_corner)))
     if plane is None:
         return None
     return np.full(len(points), plane)

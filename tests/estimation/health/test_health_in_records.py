@@ -16,7 +16,7 @@ from uvms_ocp.report.summary import sensor_health, summarize
 from uvms_ocp.robot.signals import Readings, State
 from uvms_ocp.scenario.cases.case1 import case1
 from uvms_ocp.sim.sensors import SensorSuite
-from uvms_ocp.viz.run_figures import figure_health
+from uvms_ocp.viz.health_figures import figure_health
 
 START = 2.0  # [s]
 

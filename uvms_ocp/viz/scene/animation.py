@@ -1,12 +1,9 @@
-"""Animate the robot, its altimeter's beam and translucent other motions, from records thinned to
-frames.
-"""
+"""Animate the robot and its altimeter's beam, from a record thinned to frames."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,16 +18,9 @@ from uvms_ocp.viz.scene.page import AnimationClip, AnimationTrack, Visualizer, g
 from uvms_ocp.viz.scene.shapes import Y_TO_Z, draw_shape, glow, shifted
 from uvms_ocp.viz.series import phase_spans, require_rows
 
-# The robot and its altimeter's beam, and how they move: the record thinned to the frames of an
-# animation.
-
 _MAX_POSES = 25_000  # joints times frames; keeps the page below 5 MB however long the run
-_MISSED = 5e-4  # [m, -]
+_MISSED = 5e-4  # [m, -] by which straight lines between keys of a track may miss it
 _BEAM = (0.5, 1.0, 0.9)
-
-_COLOURS = ((0.35, 0.85, 1.0), (1.0, 0.6, 0.25), (0.75, 0.6, 1.0), (0.5, 0.95, 0.55))
-OPACITY = 0.32
-NO_GHOSTS: Mapping[str, Record] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -57,7 +47,9 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
     n = max(2, min(int(np.ceil(t[-1] * fps)) + 1, _MAX_POSES // robot.model.njoints))
     row = np.unique(np.searchsorted(t, np.linspace(0.0, t[-1], n) - 1e-9))
     data = robot.model.createData()
-    names = dict.fromkeys((*robot.tools, *([ALTIMETER] if robot.has_frame(ALTIMETER) else [])))
+    names = dict.fromkeys(robot.tools)  # each once, in their order
+    if robot.has_frame(ALTIMETER):
+        names[ALTIMETER] = None
     placements = list[Any]()
     poses_by_frame = {name: list[Any]() for name in names}
     for q in record["q"][row]:
@@ -65,15 +57,19 @@ def frames_of(record: Record, robot: Robot, fps: float) -> Frames:
         placements.append([pin.SE3ToXYZQUAT(X) for X in data.oMi])
         for name, poses in poses_by_frame.items():
             poses.append(pin.SE3ToXYZQUAT(data.oMf[robot.frame_id(name)]))
+    tools = {}
+    for name in robot.tools:
+        label = name if len(robot.tools) > 1 else TOOL
+        tools[label] = np.array(poses_by_frame[name])[:, :3]
+    altimeter = None
+    if ALTIMETER in poses_by_frame:
+        altimeter = np.array(poses_by_frame[ALTIMETER])
     return Frames(
         row=row,
         t=t[row],
         placements=np.array(placements),
-        tools={
-            name if len(robot.tools) > 1 else TOOL: np.array(poses_by_frame[name])[:, :3]
-            for name in robot.tools
-        },
-        altimeter=np.array(poses_by_frame[ALTIMETER]) if ALTIMETER in poses_by_frame else None,
+        tools=tools,
+        altimeter=altimeter,
     )
 
 
@@ -87,12 +83,11 @@ def draw_robot(node: Visualizer, robot: Robot, rgba: tuple[float, ...] | None = 
     own colours.
     """
     for i, item in enumerate(robot.drawn_shapes):
-        shape = node[joint_node(robot.model, item.parentJoint)][
-            f"{i:03d} {item.name}".replace("/", "_")
-        ]
-        if draw_shape(
-            shape["shape"], item.geometry, np.asarray(item.meshColor if rgba is None else rgba)
-        ):
+        joint = node[joint_node(robot.model, item.parentJoint)]
+        shape = joint[f"{i:03d} {item.name}".replace("/", "_")]
+        colour = item.meshColor if rgba is None else rgba
+        is_drawn = draw_shape(shape["shape"], item.geometry, np.asarray(colour))
+        if is_drawn:
             shape.set_transform(item.placement.homogeneous)
 
 
@@ -148,21 +143,30 @@ def goal_clips(record: Record, frames: Frames, fps: float) -> Iterator[tuple[str
     waits there for the next visit.
     """
     for i, frame in enumerate(record.meta.surroundings.frames):
-        if frame.way:
-            motion = np.array(frame.way)
+        if not frame.way:
+            continue
+        if frame.phase is None:
             elapsed = frames.t
-            if frame.phase is not None:
-                elapsed = np.zeros(len(frames.t))
-                for span in phase_spans(record):
-                    if span.name == frame.phase:
-                        has_begun = frames.t >= span.start
-                        elapsed[has_begun] = np.minimum(frames.t[has_begun], span.end) - span.start
-            motion[:, 4:] = continuous_quaternions(motion[:, 4:])  # the short way round
-            poses = np.column_stack(
-                [np.interp(elapsed, motion[:, 0], column) for column in motion[:, 1:].T]
-            )
-            poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-            yield f"frame {i}", _clip(_pose_tracks(frames.t * fps, poses), fps)
+        else:
+            elapsed = _time_in_phase(record, frame.phase, frames.t)
+        motion = np.array(frame.way)
+        motion[:, 4:] = continuous_quaternions(motion[:, 4:])  # the short way round
+        columns = [np.interp(elapsed, motion[:, 0], column) for column in motion[:, 1:].T]
+        poses = np.column_stack(columns)
+        poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+        yield f"frame {i}", _clip(_pose_tracks(frames.t * fps, poses), fps)
+
+
+def _time_in_phase(record: Record, phase: str, t: np.ndarray) -> np.ndarray:
+    """Return for times t (n,) [s] how long [s] the last stay in a phase had lasted; at most as long
+    as it did, 0 before the first.
+    """
+    elapsed = np.zeros(len(t))
+    for span in phase_spans(record):
+        if span.name == phase:
+            has_begun = t >= span.start
+            elapsed[has_begun] = np.minimum(t[has_begun], span.end) - span.start
+    return elapsed
 
 
 def draw_beam(node: Visualizer) -> None:
@@ -183,37 +187,6 @@ def beam_clip(frames: Frames, reach: np.ndarray, fps: float) -> AnimationClip:
     else:
         tracks = _pose_tracks(time, frames.altimeter)
     return _clip([*tracks, _track("scale", "vector3", time, scale)], fps)
-
-
-# Other motions of the same robot beside the record's: translucent, each in a colour of its own, at
-# the same time.
-
-
-@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
-class Ghost:
-    """One of them."""
-
-    name: str
-    node: str
-    """Node of the scene."""
-    rgb: tuple[float, float, float]
-    """Colour (3,) from 0 to 1."""
-    frames: Frames
-
-
-def ghosts_of(records: Mapping[str, Record], robot: Robot, fps: float) -> Iterator[Ghost]:
-    """Yield the ghosts of records by name, in frames of `fps` [Hz]. Raises `InvalidInput` for a
-    record of another robot.
-    """
-    if len(records) > len(_COLOURS):
-        raise InvalidInput(
-            f"{len(records)} ghosts; give {len(_COLOURS)} at most, more cannot be told apart"
-        )
-    for k, (name, record) in enumerate(records.items()):
-        require_fit(record, robot)
-        yield Ghost(
-            name=name, node=f"ghost {k}", rgb=_COLOURS[k], frames=frames_of(record, robot, fps)
-        )
 
 
 def require_fit(record: Record, robot: Robot) -> None:

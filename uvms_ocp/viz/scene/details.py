@@ -16,7 +16,8 @@ from uvms_ocp.record.tables import unit_of
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import Trust
 from uvms_ocp.viz.scene import shapes, surroundings
-from uvms_ocp.viz.scene.animation import Frames, Ghost, joint_node, rounded
+from uvms_ocp.viz.scene.animation import Frames, joint_node, rounded
+from uvms_ocp.viz.scene.ghosts import Ghost
 from uvms_ocp.viz.series import estimate_suffix, fault_spans, intervals_of, phase_spans
 
 _SPEEDS = (0.25, 1, 2, 5, 10, 20, 50, 100)

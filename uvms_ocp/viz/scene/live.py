@@ -29,7 +29,7 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Command, Robot, State
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
-from uvms_ocp.viz.scene import animation, show, surroundings
+from uvms_ocp.viz.scene import animation, posed, surroundings
 from uvms_ocp.viz.scene.details import legend, page_details, readout
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page, served
 
@@ -55,7 +55,7 @@ def live_page(record: Record, robot: Robot, height: int) -> ScenePage:
     frames = animation.frames_of(record, robot, _FPS)
     centre = surroundings.middle(record, frames)
     log = CommandLog()
-    root = show.draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
+    root = posed.draw_still(log, robot, list(map(pin.XYZQUATToSE3, frames.placements[0])), centre)
     surroundings.draw_goals(root["goals"], record)
     surroundings.draw_obstacles(root["obstacles"], record)
     log.animate({})
@@ -234,7 +234,7 @@ def _frame(robot: Robot, data: pin.Data, moment: _Moment | np.ndarray) -> dict[s
     if isinstance(moment, np.ndarray):
         return {
             "joints": [
-                show.joint_motion(robot, joint, moment)["values"]
+                posed.joint_motion(robot, joint, moment)["values"]
                 for joint in range(1, robot.model.njoints)
             ]
         }
@@ -290,7 +290,7 @@ def live(
     else:
         goal = data.oMi[-1]
     if isinstance(what, Robot):
-        page = show.posed_page(robot, q, height, live={"goal": pin.SE3ToXYZQUAT(goal).tolist()})
+        page = posed.posed_page(robot, q, height, live={"goal": pin.SE3ToXYZQUAT(goal).tolist()})
     else:
         page = live_page(replace(what, duration=what.dt).run(), robot, height)
     return LiveView(robot, page, q, goal.copy(), speed=speed, port=port)

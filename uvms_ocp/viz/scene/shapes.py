@@ -75,10 +75,10 @@ def _parts(shape: Any) -> Iterator[Part]:
         )
     if isinstance(shape, coal.Cylinder | coal.Capsule):
         yield mg.Cylinder(2 * shape.halfLength, shape.radius), Y_TO_Z
-    if isinstance(shape, coal.Sphere | coal.Capsule):
-        for end in (
-            (0.0,) if isinstance(shape, coal.Sphere) else (-shape.halfLength, shape.halfLength)
-        ):
+    if isinstance(shape, coal.Sphere):
+        yield mg.Sphere(shape.radius), np.eye(4)
+    if isinstance(shape, coal.Capsule):
+        for end in (-shape.halfLength, shape.halfLength):
             yield mg.Sphere(shape.radius), shifted(np.array([0.0, 0.0, end]))
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
@@ -15,154 +14,18 @@ from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot import Robot, list_robots, load_robot, recorded_robots
 from uvms_ocp.viz.scene import animation, shapes
-from uvms_ocp.viz.scene.animation import (
-    NO_GHOSTS,
-    Frames,
-    Ghost,
-    draw_robot,
-    joint_node,
-    require_fit,
-)
-from uvms_ocp.viz.scene.details import legend, page_details, readouts, robot_details, time_line
+from uvms_ocp.viz.scene.animation import Frames, draw_robot, joint_node, require_fit
+from uvms_ocp.viz.scene.arrows import arrow_groups
+from uvms_ocp.viz.scene.details import legend, page_details, readouts, time_line
+from uvms_ocp.viz.scene.ghosts import NO_GHOSTS, OPACITY, Ghost, ghosts_of
 from uvms_ocp.viz.scene.page import CommandLog, ScenePage, Visualizer, build_page
-from uvms_ocp.viz.scene.surroundings import (
-    arrow_groups,
-    draw_goals,
-    draw_obstacles,
-    draw_trails,
-    middle,
-    witness_lines,
-)
+from uvms_ocp.viz.scene.posed import links, posed_page
+from uvms_ocp.viz.scene.surroundings import draw_goals, draw_obstacles, draw_trails, middle
+from uvms_ocp.viz.scene.witness_lines import witness_lines
 
-# A robot that stands still in a configuration, and what the page needs to move its joints by
-# sliders.
-
-_AROUND = 5.0  # [m] that the vehicle can be moved either way
-_N_FREE = 6
 _STILLS = 8  # about, moments at which the robot is drawn where scripts do not run
-_UNLIMITED = {"turn": np.pi, "slide": 1.0}  # [rad], [m] either way where a joint has no limit
 
 _MOST_FPS = 1000  # [Hz]
-
-
-def posed_page(
-    robot: Robot, q: np.ndarray, height: int, live: Mapping[str, Any] | None = None
-) -> ScenePage:
-    """Return the page of `robot` in the configuration q (n_q,) [m, rad]; height [px] of its frame
-    in a notebook. live: JSON values.
-    """
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, q)
-    places = np.array([X.translation for X in list(data.oMi)[1:]])
-    centre = (places.min(axis=0) + places.max(axis=0)) / 2
-    log = CommandLog()
-    draw_still(log, robot, list(data.oMi), centre)
-    log.animate({})
-    details = robot_details(robot) | {"scenario": robot.name, "points": (places - centre).tolist()}
-    details |= {
-        "joints": [joint_motion(robot, joint, q) for joint in range(1, robot.model.njoints)],
-        "robot": "",
-        "live": live,
-    }
-    lines = _links(robot, np.vstack([centre, places]))
-    return build_page(
-        log, title=robot.name, details=details, height=height, live=live is not None, lines=lines
-    )
-
-
-def _links(robot: Robot, places: np.ndarray) -> list[np.ndarray]:
-    """Return lines from joint to joint, at their places (n_joints + 1, 3) [m]."""
-    return [places[[parent, joint]] for joint, parent in enumerate(robot.model.parents) if parent]
-
-
-def draw_still(
-    log: CommandLog, robot: Robot, placements: Sequence[pin.SE3], centre: np.ndarray
-) -> Visualizer:
-    """Draw the robot by the placements of its joints; return the root of the scene, whose origin is
-    `centre` (3,) [m] in W.
-    """
-    root = log.visualizer()["scene"]
-    root.set_transform(shapes.shifted(-centre))
-    draw_robot(root["robot"], robot)
-    for joint in range(1, robot.model.njoints):
-        root["robot"][joint_node(robot.model, joint)].set_transform(placements[joint].homogeneous)
-    return root
-
-
-def joint_motion(robot: Robot, joint: int, q: np.ndarray) -> dict[str, Any]:
-    """Return the transform of a joint of the model, by number, from its values at q (n_q,) [m,
-    rad].
-    """
-    model = robot.model
-    model_joint = robot.model.joints[joint]
-    data = model_joint.createData()
-    model_joint.calc(data, q)
-    return {
-        "path": ["meshcat", "scene", "robot", joint_node(model, joint)],
-        "parent": int(model.parents[joint]) - 1,
-        "placement": pin.SE3ToXYZQUAT(model.jointPlacements[joint]).tolist(),
-        "name": model.names[joint],
-        **_motion(robot, model_joint, data, q),
-    }
-
-
-def _motion(robot: Robot, joint_model: Any, data: Any, q: np.ndarray) -> dict[str, Any]:
-    """Return the kind of a joint, its axis (3,), ranges and values [rad] or [m] at q (n_q,) [m,
-    rad]; `held`: without.
-    """
-    if joint_model.nv == _N_FREE and robot.n_vehicle:
-        place = data.M.translation
-        turn = pin.rpy.matrixToRpy(data.M.rotation)
-        ranges = [(x - _AROUND, x + _AROUND) for x in place.tolist()] + [(-np.pi, np.pi)] * 3
-        return {"kind": "free", "ranges": ranges, "values": [*place.tolist(), *turn.tolist()]}
-    axis = np.asarray(data.S).reshape(6, -1)
-    if np.abs(axis[3:]).any():
-        kind = "turn"
-        along = axis[3:, 0]
-    else:
-        kind = "slide"
-        along = axis[:3, 0]
-    if not joint_model.nv:  # it mimics another one
-        mimic = joint_model.extract()
-        leader = next(
-            joint
-            for joint in robot.model.joints
-            if joint.idx_v == joint_model.idx_v and joint.nv == 1
-        )
-        follows = [leader.id - 1, mimic.scaling, mimic.offset]
-        return {
-            "kind": kind,
-            "axis": (along / mimic.scaling).tolist(),
-            "values": [0.0],
-            "follows": follows,
-        }
-    if joint_model.nv != 1 or (np.abs(axis[:3]).any() and np.abs(axis[3:]).any()):
-        return {"kind": "held", "pose": pin.SE3ToXYZQUAT(data.M).tolist(), "values": [0.0]}
-    value = (
-        q[joint_model.idx_q] if joint_model.nq == 1 else pin.log3(data.M.rotation) @ along
-    )  # an endless turn has two numbers
-    return {
-        "kind": kind,
-        "axis": along.tolist(),
-        "values": [float(value)],
-        "ranges": [_range(robot, joint_model, kind)],
-    }
-
-
-def _range(robot: Robot, joint_model: Any, kind: str) -> tuple[float, float]:
-    """Return the range between the joint's limits [rad] or [m]."""
-    k = joint_model.idx_v - robot.n_vehicle
-    lower = float(robot.limits.position_lower[k])
-    upper = float(robot.limits.position_upper[k])
-    unlimited = _UNLIMITED[kind]
-    if not np.isfinite(lower):
-        lower = -unlimited
-    if not np.isfinite(upper):
-        upper = unlimited
-    return lower, upper
-
-
-# The scene of a record, a plan or a robot: a file, or a value that a notebook displays.
 
 
 @checked
@@ -250,9 +113,10 @@ def robot_of(record: Record, folder: Path | None = None) -> Robot:
     else:
         robot = recorded_robots.recorded_robot(name, files, folder or Path.cwd())
     if robot is None:
-        location = (
-            f"which is no longer at {files.urdf}" if files else "which does not hold its robot"
-        )
+        if files:
+            location = f"which is no longer at {files.urdf}"
+        else:
+            location = "which does not hold its robot"
         raise InvalidInput(
             f"a record of {name}, {location}; give it: --robot DIR, or show(record, robot)"
         )
@@ -270,7 +134,7 @@ def _page(
 ) -> ScenePage:
     require_fit(record, robot)
     frames = animation.frames_of(record, robot, fps)
-    ghosts = list(animation.ghosts_of(ghost_records, robot, fps))
+    ghosts = list(ghosts_of(ghost_records, robot, fps))
     centre = middle(record, frames)
     log = CommandLog()
     root = log.visualizer()["scene"]
@@ -293,7 +157,7 @@ def _page(
     path = frames.placements[:: max(1, len(frames.t) // 100), 1, :3]
     lines = [path]
     for places in frames.placements[:: max(1, len(frames.t) // _STILLS), :, :3]:
-        lines += _links(robot, places)
+        lines += links(robot, places)
     return build_page(
         log,
         title=f"{record.meta.scenario}: {record.meta.robot}",
@@ -317,17 +181,18 @@ def _draw(
     """
     draw_robot(root["robot"], robot)
     for ghost in ghosts:
-        draw_robot(root[ghost.node], robot, (*ghost.rgb, animation.OPACITY))
+        draw_robot(root[ghost.node], robot, (*ghost.rgb, OPACITY))
     draw_goals(root["goals"], record)
     draw_obstacles(root["obstacles"], record)
     clips: dict[Any, Any] = {
         root["goals"][name].path: clip for name, clip in animation.goal_clips(record, frames, fps)
     }
-    for node, placements in (("robot", frames), *((ghost.node, ghost.frames) for ghost in ghosts)):
-        clips |= {
-            root[node][joint_node(robot.model, j)].path: clip
-            for j, clip in animation.joint_clips(robot, placements, fps)
-        }
+    frames_by_node = {"robot": frames}
+    for ghost in ghosts:
+        frames_by_node[ghost.node] = ghost.frames
+    for node, node_frames in frames_by_node.items():
+        for joint, clip in animation.joint_clips(robot, node_frames, fps):
+            clips[root[node][joint_node(robot.model, joint)].path] = clip
     beam = frames.altimeter is not None and "altimeter_range" in record.series
     if beam:
         animation.draw_beam(root["beam"])

@@ -1,0 +1,107 @@
+"""Figure of how well the estimator knew where the robot was, and how well it said so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from uvms_ocp.record.record import Record
+from uvms_ocp.record.run_meta import joint_errors
+from uvms_ocp.viz import style
+from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, phase_spans
+
+_FITTING = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
+_Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
+"""Label of an axis; of each line its name, colour, errors (n, lines) and standard deviations."""
+
+
+@style.styled
+def figure_estimate(
+    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+) -> Figure | None:
+    """Draw errors of position, attitude and joints, estimate less truth, within two standard
+    deviations that the filter gives.
+    """
+    if not {"q", "q_estimated", "q_std"} <= record.series.keys():
+        return None
+    panels = _panels(record)
+    if not panels:
+        return None
+    figure, axes = style.stacked(
+        len(panels), 1.5, "Estimate less truth, and two standard deviations", fig, width
+    )
+    for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
+        _draw(axis, record["t"], names, colors, errors, spreads)
+        axis.set_ylabel(label)
+    style.shade_phases(axes, phase_spans(record))
+    return figure
+
+
+def _panels(record: Record) -> list[_Panel]:
+    q = record["q"]
+    measured = record["q_estimated"]
+    spread = record["q_std"]
+    panels: list[_Panel] = []
+    if has_vehicle(record):
+        position = axis_label("position", "q", "position", "m")
+        attitude = axis_label("attitude", "q_std", "attitude", "m")
+        place = 1e3 * (measured - q)[:, :3]
+        turn = 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
+        panels = [
+            (position, ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (attitude, ("roll", "pitch", "yaw"), style.AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
+        ]
+    errors = joint_errors(record.series, record.meta)
+    if errors is None:
+        return panels
+    n = errors.shape[1]
+    if n and spread.shape[1] >= n:
+        names = style.label_texts(axis_names(record, n), 10)
+        colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
+        panels.append(
+            (
+                axis_label("joints", "q", "joints", "m", record.meta),
+                names,
+                colors,
+                1e3 * errors,
+                1e3 * spread[:, -n:],
+            )
+        )
+    return panels
+
+
+def _turns(true: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Return (n, 3) [rad], the small rotation in B from the true attitude to the measured one;
+    quaternions (n, 4) xyzw.
+    """
+    v = true[:, :3]
+    w = true[:, 3:]
+    vm = measured[:, :3]
+    wm = measured[:, 3:]
+    vector = w * vm - wm * v - np.cross(v, vm)
+    scalar = w * wm + (v * vm).sum(axis=1, keepdims=True)
+    return np.asarray(2.0 * np.sign(scalar) * vector)
+
+
+def _draw(
+    axis: Axes,
+    t: np.ndarray,
+    names: Sequence[str],
+    colors: Sequence[str],
+    errors: np.ndarray,
+    spreads: np.ndarray,
+) -> None:
+    for i, (name, color) in enumerate(zip(names, colors, strict=True)):
+        axis.plot(t, errors[:, i], color=color, lw=0.9, label=name)
+        for sign in (-2.0, 2.0):
+            axis.plot(t, sign * spreads[:, i], color=color, lw=0.6, ls=":")
+    largest = max(
+        float(np.percentile(2.0 * spreads, _FITTING)),
+        float(np.percentile(np.abs(errors), _FITTING)),
+        1e-9,
+    )
+    axis.set_ylim(-1.2 * largest, 1.2 * largest)
+    style.legend_beside(axis)
