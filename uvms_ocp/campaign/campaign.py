@@ -65,7 +65,7 @@ class MissionJob(jobs.CampaignJob):
         return {"seed": self.design.seed_of(run), **self.values(run)}
 
     def values(self, run: int) -> dict[str, float]:
-        """Values [unit of each] of the parameters of a run, by name."""
+        """Return values [unit of each] of the parameters of a run, by name."""
         return quantiles(built(self.variations), self.design.row(run).tolist())
 
     def scenario_of(self, run: int) -> Scenario:
@@ -108,7 +108,7 @@ class MissionJob(jobs.CampaignJob):
 
 
 def built(variations: CodeSource | Sequence[Variation]) -> Sequence[Variation]:
-    """The values, of a file loaded once in a process."""
+    """Return the variations; those of a file are loaded once in a process."""
     if isinstance(variations, CodeSource):
         return _made(variations)
     return variations
@@ -181,7 +181,7 @@ class Campaign(FieldTable):
         object.__setattr__(self, "work", work)
 
     def __getitem__(self, name: str) -> Variation:
-        """The uncertain value of that name. Raises `NameNotFound` with the names there are."""
+        """Return the uncertain value of that name. Raises `NameNotFound` with the names there are."""
         require_known("variation", name, self.work.names)
         return next(
             variation for variation in built(self.work.variations) if variation.name == name
@@ -256,8 +256,8 @@ class Campaign(FieldTable):
 
 
 def kept_campaign(folder: Path) -> Campaign:
-    """The campaign of a folder, made of the copies that it keeps: whatever has become of the files
-    since.
+    """Return the campaign of a folder, made of the copies that it keeps: whatever has become of the
+    files since.
 
     Raises `InvalidInput` where there is none, where a copy was changed, and for one whose scenario
     is a function of Python, which is not kept.
@@ -271,11 +271,12 @@ def kept_campaign(folder: Path) -> Campaign:
         else:
             lost_part = "variations were values in Python, which are"
         raise InvalidInput(f"{folder}: its {lost_part} not kept; use Campaign.scenario_of there")
+    restored_variations: CodeSource | tuple[()] = ()
+    if "words" in variations:
+        restored_variations = CodeSource.restored(variations, folder / SOURCES / "variations")
     campaign = Campaign(
         scenario=CodeSource.restored(manifest.scenario, folder / SOURCES / "scenario"),
-        variations=CodeSource.restored(variations, folder / SOURCES / "variations")
-        if "words" in variations
-        else (),
+        variations=restored_variations,
         **{name: getattr(manifest, name) for name in _NUMBERS},
     )
     if campaign.identity().parameters != manifest.parameters:

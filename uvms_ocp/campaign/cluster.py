@@ -68,7 +68,7 @@ def dask_setup(worker: Any) -> None:
 
 
 def dask() -> Any:
-    """The library distributed. Raises `NotInstalled` without it."""
+    """Import the library distributed. Raises `NotInstalled` without it."""
     return optional_module("distributed", "a campaign", CAMPAIGN_EXTRA)
 
 

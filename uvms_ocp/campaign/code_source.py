@@ -58,10 +58,10 @@ class CodeSource:
     ) -> CodeSource:
         """Make it with the files that the code reads now. Raises what building it raises."""
         code = own_code(words, attribute)
-        placed_options = {
-            name: _absolute(value) if name in _PLACES else value
-            for name, value in (options or {}).items()
-        }
+        placed_options = dict(options or {})
+        for name in _PLACES:
+            if name in placed_options:
+                placed_options[name] = _absolute(placed_options[name])
         source = CodeSource(
             words=_placed(words, Path.cwd()), attribute=attribute, options=placed_options
         )
@@ -100,10 +100,10 @@ class CodeSource:
         if not self.files or _is_intact(Path(self.root), self.files):
             return self
         folder = _unpacked(self.digest(), tuple(self.files.items()))
-        options = {
-            name: _each(value, partial(self._moved, folder=folder)) if name in _PLACES else value
-            for name, value in self.options.items()
-        }
+        options = dict(self.options)
+        for name in _PLACES:
+            if name in options:
+                options[name] = _each(options[name], partial(self._moved, folder=folder))
         return replace(self, words=self._moved(self.words, folder), options=options, files={})
 
     def digest(self) -> str:
@@ -206,13 +206,13 @@ def _unpacked(digest: str, files: tuple[tuple[str, bytes], ...]) -> Path:
 
 def _is_intact(root: Path, files: Mapping[str, bytes]) -> bool:
     try:
-        return all(
-            (root / name).read_bytes() == content
-            for name, content in files.items()
-            if not name.startswith(_PACKED)
-        )
+        for name, content in files.items():
+            is_of_user = not name.startswith(_PACKED)
+            if is_of_user and (root / name).read_bytes() != content:
+                return False
     except OSError:
         return False
+    return True
 
 
 def _contents(paths: set[Path]) -> dict[str, bytes]:

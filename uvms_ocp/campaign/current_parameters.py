@@ -64,7 +64,7 @@ def _with_gusts(scenario: Scenario, value: float) -> Scenario:
 
 
 def _velocity(scenario: Scenario) -> np.ndarray:
-    """(3,) [m/s] of the uniform part."""
+    """Return the velocity (3,) [m/s] of the uniform part of the current."""
     base = _base(scenario)
     if isinstance(base, UniformCurrent | OnsetCurrent):
         return base.value
@@ -72,7 +72,7 @@ def _velocity(scenario: Scenario) -> np.ndarray:
 
 
 def _base(scenario: Scenario) -> Current:
-    """The current without its gusts."""
+    """Return the current without its gusts."""
     current = scenario.environment.current
     if isinstance(current, GustyCurrent):
         return current.base

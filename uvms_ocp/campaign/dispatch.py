@@ -60,7 +60,7 @@ class JobPlugin(WorkerPlugin):
 
 
 def make_runs(name: str, runs: Sequence[int], limit: float) -> list[RunResult]:
-    """The rows of these runs of the campaign of that name; limit [s] of each."""
+    """Return the rows of these runs of the campaign of that name; limit [s] of each."""
     worker = get_worker()
     work: CampaignJob = worker.plugins[name].work
     place = f"{worker.address} {os.getpid()}"
@@ -199,8 +199,8 @@ class Dispatch:
                 self._judge(future, self._running.pop(future))
 
     def _judge(self, future: Any, chunk: Sequence[int]) -> None:
-        """A task that gave no rows: several runs are tried one by one, one that ended its processes
-        is a row.
+        """Deal with a task that gave no rows: of several runs each is tried alone, and a single one
+        that ended its processes becomes a row.
         """
         if future.status == "error":
             error = future.exception()

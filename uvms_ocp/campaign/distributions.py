@@ -50,12 +50,12 @@ class Parameter:
 
 
 def real_numbers(value: Any) -> list[str]:
-    """Fields of a dataclass that it is made of and that are real numbers."""
-    return [
-        item.name
-        for item in fields(value)
-        if item.init and type(getattr(value, item.name)) is float
-    ]
+    """Return the fields of a dataclass that it is made of and that are real numbers."""
+    names = []
+    for item in fields(value):
+        if item.init and type(getattr(value, item.name)) is float:
+            names.append(item.name)
+    return names
 
 
 # Distributions of one parameter, each by its quantiles: what a number from 0 to 1 stands for.
@@ -68,7 +68,7 @@ class Distribution(Protocol):
     """Distribution of the values of one parameter."""
 
     def quantile(self, u: float) -> Any:
-        """The value below which a share u of all values lies."""
+        """Return the value below which a share u of all values lies."""
 
 
 @checked_dataclass(kw_only=False)
@@ -90,7 +90,7 @@ class Uniform(Distribution):
             )
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u lies."""
+        """Return the value [unit of the parameter] below which a share u lies."""
         return self.lower + u * (self.upper - self.lower)
 
 
@@ -106,7 +106,7 @@ class Normal(Distribution):
     """[unit of the parameter] standard deviation."""
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u lies."""
+        """Return the value [unit of the parameter] below which a share u lies."""
         return self.mean + self.sigma * _standard_normal(u)
 
 
@@ -120,7 +120,7 @@ class LogNormal(Distribution):
     """Standard deviation of the natural logarithm; while small, a relative error."""
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u lies."""
+        """Return the value [unit of the parameter] below which a share u lies."""
         return self.median * math.exp(self.sigma * _standard_normal(u))
 
 
@@ -143,7 +143,7 @@ class Triangular(Distribution):
             raise InvalidInput(f"{text}; give lower bound, mode and upper bound in this order")
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] below which a share u lies."""
+        """Return the value [unit of the parameter] below which a share u lies."""
         width = self.upper - self.lower
         rise = self.mode - self.lower
         if u * width <= rise:
@@ -164,7 +164,7 @@ class Choice(Distribution):
             raise InvalidInput("Choice of no values; give one or more")
 
     def quantile(self, u: Share) -> float:
-        """The value [unit of the parameter] that a number u stands for."""
+        """Return the value [unit of the parameter] that a number u stands for."""
         return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
 
 
@@ -175,7 +175,7 @@ class OfScipy(Distribution):
     frozen: Any
 
     def quantile(self, u: float) -> float:
-        """The value [unit of the parameter] below which a share u lies."""
+        """Return the value [unit of the parameter] below which a share u lies."""
         return float(self.frozen.ppf(u))
 
     def __repr__(self) -> str:
@@ -242,8 +242,8 @@ class Design:
             raise InvalidInput(f"{self.runs} runs with the sampler indices; give {allowed}")
 
     def row(self, run: int) -> np.ndarray:
-        """Numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices without
-        SALib.
+        """Return the numbers (parameters,) of a run, from 0 to 1. Raises `NotInstalled` for indices
+        without SALib.
         """
         if not self.parameters:
             return np.zeros(0)
@@ -261,7 +261,7 @@ class Design:
 
 @lru_cache(maxsize=4)
 def _table(design: Design) -> Any:
-    """(runs, parameters)."""
+    """Draw the numbers of a design (runs, parameters), from 0 to 1."""
     from scipy.stats import qmc
 
     if design.sampler == "indices":

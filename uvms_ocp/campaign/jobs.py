@@ -77,10 +77,8 @@ def attempt_job(
     limit: float = THREADS_WAIT,
     stuck: Callable[[], None] = lambda: None,
 ) -> RunResult:
-    """The whole row of a run; an exception is one too, with its text, and the end of the time
-    `limit` [s].
-
-    stuck: called where a run does not end by itself then.
+    """Run a job and return its whole row; an exception becomes one too, with its text, and so does
+    the end of the time `limit` [s].
     """
     begin = perf_counter()
     try:

@@ -19,7 +19,9 @@ from uvms_ocp.record import durable_files
 from uvms_ocp.record.manifest import STORE, read_as
 
 FILE = "campaign.json"
+"""Name of the manifest in the folder of a campaign."""
 SOURCES = "sources"
+"""Folder of the copies of code and robots, in that of a campaign."""
 MOST_RUNS = 10_000_000
 """Runs that a campaign may have."""
 Kind: TypeAlias = Literal["int", "float", "str", "bool"]
@@ -27,7 +29,7 @@ _KINDS: Mapping[Kind, type] = {"int": int, "float": float, "str": str, "bool": b
 
 
 class CampaignManifest(FileModel, strict=True):
-    """The file `campaign.json`."""
+    """Values of the file `campaign.json`: what a campaign is, and its columns."""
 
     version: Literal[1] = 1
     """Version of this file and of the table."""
@@ -39,9 +41,9 @@ class CampaignManifest(FileModel, strict=True):
     sampler: str
     """One of `uvms_ocp.campaign.distributions.SAMPLERS`."""
     parameters: dict[str, str]
-    """Distributions by name."""
+    """Distributions of the parameters, by name, in words."""
     columns: dict[str, Kind]
-    """Types by name."""
+    """Types of the columns of its table, by name."""
     scenario: dict[str, Any]
     """Source of the scenario, with the hash of every file."""
     variations: dict[str, Any]
@@ -72,12 +74,12 @@ class CampaignManifest(FileModel, strict=True):
 
     @property
     def types(self) -> dict[str, type]:
-        """Types of the columns."""
+        """Types of the columns of its table, by name."""
         return {name: _KINDS[kind] for name, kind in self.columns.items()}
 
 
 def types_of(work: CampaignJob) -> dict[str, Kind]:
-    """Names of the types of a job's columns, as `CampaignManifest` has them."""
+    """Return the types of a job's columns by name, as `CampaignManifest` writes them."""
     names: dict[type, Kind] = {kind: name for name, kind in _KINDS.items()}
     return {name: names[kind] for name, kind in columns_of(work).items()}
 

@@ -86,11 +86,11 @@ def _with_number(name: str, field: str, scenario: Scenario, value: float) -> Sce
 
 
 def _changed(mission: Mission, name: str, change: Any) -> Mission:
-    """The mission with another task in the place of that name; the order stays."""
-    tasks = [change(task) if task.name == name else task for task in mission.hierarchy.tasks]
-    return replace(
-        mission, hierarchy=Hierarchy(tasks, tuple(task.name for task in mission.hierarchy.tasks))
-    )
+    """Return the mission with another task in the place of that name; the order stays."""
+    tasks = list(mission.hierarchy.tasks)
+    order = tuple(task.name for task in tasks)
+    tasks[order.index(name)] = change(tasks[order.index(name)])
+    return replace(mission, hierarchy=Hierarchy(tasks, order))
 
 
 def own_parameters(scenario: Scenario) -> Iterator[Parameter]:
@@ -108,7 +108,7 @@ def own_parameters(scenario: Scenario) -> Iterator[Parameter]:
 
 
 def _with(part: str, name: str, scenario: Scenario, value: float) -> Scenario:
-    """The scenario with another number of one of its parts, or of what makes it."""
+    """Return the scenario with another number of one of its parts, or of what makes it."""
     part_value = getattr(scenario, part)
     if part == "gains":
         maker: Any = part_value

@@ -23,7 +23,7 @@ OF_EACH_TOOL = ("tool_position_error_m", "tool_orientation_error_rad", "clearanc
 """Metrics that a robot with several tools has of each, such as ``clearance_m[port_tool]``, the
 clearance of the arm with that tool.
 """
-_FROM_REPORT = (
+_FROM_RESOURCES = (
     "energy_j",
     "path_length_m",
     "joint_margin_rad",
@@ -31,17 +31,23 @@ _FROM_REPORT = (
     "saturation_time_s",
     "peak_thrust_n",
 )
-_LOOKS = 200  # configurations at which the clearance is measured
+"""Metrics that `figures_between` computes, under the same names."""
+_CLEARANCE_SAMPLES = 200  # configurations at which the clearance is measured
 
 QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
-_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
+"""Quantiles of a metric over the runs of a campaign."""
+_QUANTILE_NAMES = ("least", "5 %", "25 %", "median", "75 %", "95 %", "largest")
 
 
 def tool_metrics(robot: Robot) -> dict[str, str]:
     """Return the tool of each metric that is of one of several; none where there is one tool."""
     if len(robot.tools) <= 1:
         return {}
-    return {f"{name}[{tool}]": tool for tool in robot.tools for name in OF_EACH_TOOL}
+    tools = {}
+    for tool in robot.tools:
+        for name in OF_EACH_TOOL:
+            tools[f"{name}[{tool}]"] = tool
+    return tools
 
 
 def metrics_among(columns: Iterable[str]) -> dict[str, str]:
@@ -73,23 +79,27 @@ def run_metrics(scenario: Scenario, record: Record) -> dict[str, float | None]:
     else:
         largest_tilt = metrics.largest_or_none(tilt)
     failed = metrics.failed_ticks(record)
+    n_failed = None
+    if failed is not None:
+        n_failed = float(sum(failed.values()))
     figures = {
         "duration_s": end,
         "tool_position_error_m": meta.true_quantity(f"{task}.position_error"),
         "tool_orientation_error_rad": meta.true_quantity(f"{task}.orientation_error"),
-        **{name: spent.get(name) for name in _FROM_REPORT},
+        **{name: spent.get(name) for name in _FROM_RESOURCES},
         "clearance_m": _clearance(scenario, record, None),
         "min_altimeter_m": metrics.least_altimeter_range(record),
         "tilt_rad": largest_tilt,
         "alarms": float(len(meta.alarms)),
-        "failed_ticks": None if failed is None else float(sum(failed.values())),
+        "failed_ticks": n_failed,
     }
     for name, tool in tool_metrics(scenario.robot).items():
         kind = kind_of(name)
         if kind == "clearance_m":
             figures[name] = _clearance(scenario, record, tool)
             continue
-        task_name = next((task_meta.name for task_meta in meta.tasks if task_meta.tool == tool), "")
+        tasks_of_tool = [task_meta.name for task_meta in meta.tasks if task_meta.tool == tool]
+        task_name = tasks_of_tool[0] if tasks_of_tool else ""
         error = kind.removeprefix("tool_").rpartition("_")[0]  # without its unit
         figures[name] = meta.true_quantity(f"{task_name}.{error}")
     return {name: _finite_or_none(figure) for name, figure in figures.items()}
@@ -107,7 +117,7 @@ def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | 
     """
     if not scenario.environment.obstacles:
         return None
-    q: Any = record["q"][:: max(1, len(record) // _LOOKS)]
+    q: Any = record["q"][:: max(1, len(record) // _CLEARANCE_SAMPLES)]
     if not np.isfinite(q).all():
         return None
     if tool is None:
@@ -120,25 +130,24 @@ def _clearance(scenario: Scenario, record: Record, tool: str | None) -> float | 
 
 
 def metric_values(table: Any, name: str) -> np.ndarray:
-    """(n,) [unit of the merit] of all runs, NaN where one has none, as in a campaign of a version
-    without that merit.
+    """Return a metric (n,) [its unit] of all runs of a table, NaN where a run has none, as in a
+    campaign of a version that did not compute it.
     """
     return np.asarray(table.reindex(columns=[name])[name].to_numpy(dtype=float, na_value=np.nan))
 
 
 def distribution_table(table: Any) -> list[dict[str, Any]]:
-    """One row per figure that some run has: quantiles over the runs that have it, failed ones
-    too.
+    """Return one row per metric that some run has: quantiles over the runs that have it, failed
+    ones too.
     """
     rows = []
     for name, meaning in metrics_among(table).items():
         values = metric_values(table, name)
         finite_values = values[np.isfinite(values)]
         if finite_values.size:
-            spread = dict(
-                zip(_NAMES, map(float, np.quantile(finite_values, QUANTILES)), strict=True)
-            )
-            rows.append(
-                {"figure": name, "meaning": meaning, "runs": int(finite_values.size), **spread}
-            )
+            row = {"figure": name, "meaning": meaning, "runs": int(finite_values.size)}
+            quantiles = np.quantile(finite_values, QUANTILES)
+            for quantile_name, quantile in zip(_QUANTILE_NAMES, quantiles, strict=True):
+                row[quantile_name] = float(quantile)
+            rows.append(row)
     return rows

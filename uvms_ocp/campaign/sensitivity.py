@@ -26,8 +26,8 @@ _DUMMY = "(of no effect)"
 def sensitivity_table(
     table: Any, parameters: Sequence[str], *, indices: bool
 ) -> list[dict[str, Any]]:
-    """One row per figure and parameter; indices: whether the runs are of the design that Sobol'
-    indices need.
+    """Return one row per figure and parameter; indices: whether the runs are of the design that
+    Sobol' indices need.
 
     rank_correlation [-1, 1] is Spearman's with its p-value. pawn [0, 1] is the median over slices
     of the distance between the distribution of the figure and that where the parameter is known;

@@ -80,12 +80,11 @@ def _each(
     change: Callable[[SensorSpec, float], dict[str, float]], scenario: Scenario, value: float
 ) -> Scenario:
     specs = _true(scenario)
-    channel_specs = {name: getattr(specs, name) for name in CHANNELS}
-    changed = {
-        name: replace(spec, **change(spec, value))
-        for name, spec in channel_specs.items()
-        if spec is not None
-    }
+    changed = {}
+    for name in CHANNELS:
+        spec = getattr(specs, name)
+        if spec is not None:
+            changed[name] = replace(spec, **change(spec, value))
     return replace(scenario, real_sensors=replace(specs, **changed))
 
 

@@ -26,9 +26,11 @@ class MetricBound:
     """[unit of the merit]"""
 
     def kept(self, table: Any) -> np.ndarray:
-        """(n,) whether each run of a table keeps it; one without the figure does not."""
+        """Tell (n,) whether each run of a table keeps it; one without the figure does not."""
         values = run_metrics.metric_values(table, self.merit)
-        return np.asarray(values < self.limit if self.sign == "<" else values > self.limit)
+        if self.sign == "<":
+            return values < self.limit
+        return values > self.limit
 
     def __str__(self) -> str:
         return f"{self.merit} {self.sign} {self.limit:g}"
@@ -61,10 +63,8 @@ def _parse(text: str) -> MetricBound:
 
 
 def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
-    """The table with `success`, and `outcome` of what finished without it, by these bounds; as it
-    is without any.
-
-    Raises `NameNotFound` for a bound on what the campaign does not measure.
+    """Add `success` to a table of runs by these bounds, and `outcome` of what finished without it;
+    return it unchanged without bounds.
     """
     if not bounds:
         return table

@@ -66,13 +66,13 @@ class _Watch:
             self._stuck()
 
     def leave(self) -> None:
-        """The run has ended; an interrupt on its way arrives here, and not in the next run."""
+        """End the watch of a run; an interrupt on its way arrives here, and not in the next run."""
         try:
             with self._lock:
                 self._left.set()
-            for _ in range(
-                _WAITS if self._fired and not isinstance(sys.exc_info()[1], OverTime) else 0
-            ):
-                time.sleep(0.001)
+            is_on_its_way = self._fired and not isinstance(sys.exc_info()[1], OverTime)
+            if is_on_its_way:
+                for _ in range(_WAITS):
+                    time.sleep(0.001)
         finally:
             self._left.set()

@@ -108,24 +108,23 @@ def vary(
     """
     available = available_parameters(scenario)
     custom = {v.name: v.apply for v in variations if v.apply is not None}
-    for name in [name for name in values if name not in custom]:
-        require_known("parameter in values", name, available)
+    for name in values:
+        if name not in custom:
+            require_known("parameter in values", name, available)
     if seed is None:
         changed = scenario
     else:
         changed = seeded(scenario, seed)
-    built_in = {
-        name: parameter.apply
-        for name, parameter in available.items()
-        if name in values and name not in custom
-    }
-    for name, apply in (built_in | custom).items():
+    for name, parameter in available.items():
+        if name in values and name not in custom:
+            changed = parameter.apply(changed, values[name])
+    for name, apply in custom.items():
         changed = apply(changed, values[name])
     return changed
 
 
 def seeded(scenario: Scenario, seed: int) -> Scenario:
-    """The scenario with this seed of sensors and gusts."""
+    """Return the scenario with this seed of sensors and gusts."""
     water = scenario.environment.current
     environment = scenario.environment
     if isinstance(water, GustyCurrent):
@@ -134,8 +133,8 @@ def seeded(scenario: Scenario, seed: int) -> Scenario:
 
 
 def quantiles(variations: Sequence[Variation], u: Sequence[float]) -> dict[str, float]:
-    """Values by name of the numbers u (n_variations,) from 0 to 1."""
-    return {
-        v.name: float(v.distribution.quantile(float(share)))
-        for v, share in zip(variations, u, strict=True)
-    }
+    """Return the values, by name, that numbers u (n_variations,) from 0 to 1 stand for."""
+    values = {}
+    for variation, share in zip(variations, u, strict=True):
+        values[variation.name] = float(variation.distribution.quantile(float(share)))
+    return values

@@ -7,7 +7,7 @@ import gc
 import os
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
@@ -191,15 +191,15 @@ def main() -> None:
     """Entry point of the console script."""
     if sys.stdout is None:  # closed by the caller
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - for as long as the process lives
-    gc.set_threshold(
-        200_000
-    )  # new objects: to look for garbage sooner is a tenth of the time of imports and of expressions
+    # New objects: to look for garbage sooner is a tenth of the time of imports and of expressions.
+    gc.set_threshold(200_000)
     words = [word for word in sys.argv[1:] if word != _TRACEBACK]
+    if "--json" in words:
+        stdout_guard: AbstractContextManager[None] = json_output.json_alone_on_stdout()
+    else:
+        stdout_guard = nullcontext()
     try:
-        with (
-            compilation.warned_behind_errors(),
-            json_output.json_alone_on_stdout() if "--json" in words else nullcontext(),
-        ):
+        with compilation.warned_behind_errors(), stdout_guard:
             try:
                 app(expand_vectors(app, words))
             finally:

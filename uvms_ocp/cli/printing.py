@@ -18,11 +18,11 @@ from uvms_ocp.errors import InvalidInput, plain_line
 from uvms_ocp.record.display import cell as cell
 
 if TYPE_CHECKING:
-    from uvms_ocp.scenario.preflight.setup import PreflightReport
+    from uvms_ocp.scenario.preflight.findings import PreflightReport
 
 _TYPED = ("figure", "parameter", "channel")  # columns of names that are typed again: never broken
 _SHORT = 20  # letters of a word that is not broken either
-_BESIDE = 3  # that a column takes beside its own
+_PADDING = 3  # letters that a column takes beside its text
 
 
 def console_of(*, stderr: bool = False) -> Console:
@@ -63,8 +63,11 @@ def table_of(
     title: str, rows: Sequence[Mapping[str, Any]], columns: tuple[str, ...]
 ) -> FoldingTable:
     """Return a table of the given columns of all rows."""
-    cells = tuple(tuple(cell(row[column]) for row in rows) for column in columns)
-    return FoldingTable(title=plain_line(title), head=tuple(map(plain_line, columns)), cells=cells)
+    cells = []
+    for column in columns:
+        cells.append(tuple(cell(row[column]) for row in rows))
+    head = tuple(map(plain_line, columns))
+    return FoldingTable(title=plain_line(title), head=head, cells=tuple(cells))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -90,32 +93,41 @@ class FoldingTable:
         table = Table(title=title)
         for k in part:
             fits = max(map(len, (self.head[k], *self.cells[k]))) <= needs[k]
-            table.add_column(self.head[k], overflow="fold", no_wrap=fits or self.head[k] in _TYPED)
-        for row in zip(*(self.cells[k] for k in part), strict=True):
+            is_whole = fits or self.head[k] in _TYPED
+            table.add_column(self.head[k], overflow="fold", no_wrap=is_whole)
+        columns = [self.cells[k] for k in part]
+        for row in zip(*columns, strict=True):
             table.add_row(*row)
         return table
 
     def _need(self, k: int) -> int:
-        """Return letters of what is not broken of a column."""
+        """Return how many letters a column is wide at least, as some of its words are not
+        broken.
+        """
         texts = (self.head[k], *self.cells[k])
         if self.head[k] in _TYPED:
             return max(map(len, texts))
-        return max(
-            (len(word) for text in texts for word in text.split() if len(word) <= _SHORT), default=1
-        )
+        width = 1
+        for text in texts:
+            for word in text.split():
+                if len(word) <= _SHORT:
+                    width = max(width, len(word))
+        return width
 
 
 def _parts(needs: Sequence[int], width: int) -> list[list[int]]:
-    """Return columns of tables that fit side by side, each with the first one."""
-    room = width - needs[0] - _BESIDE - 1
+    """Return the columns of tables that each fit a width [letters], all of them with the first
+    column; needs: letters of each column.
+    """
+    room = width - needs[0] - _PADDING - 1
     parts = [[0]]
     free = room
     for k, need in enumerate(needs[1:], 1):
-        if need + _BESIDE > free and len(parts[-1]) > 1:
+        if need + _PADDING > free and len(parts[-1]) > 1:
             parts.append([0])
             free = room
         parts[-1].append(k)
-        free -= need + _BESIDE
+        free -= need + _PADDING
     return parts
 
 
@@ -132,26 +144,22 @@ def require_accepted(
         print_findings(console, preflight)
     if refused:
         n = len(preflight.errors)
-        text = (
-            f"pre-flight refuses {subject} ({n} error{'s' if n > 1 else ''}):"
-            f" {preflight.errors[0].text}"
+        plural = "s" if n > 1 else ""
+        raise InvalidInput(
+            f"pre-flight refuses {subject} ({n} error{plural}): {preflight.errors[0].text};"
+            " mend that, or --force runs it all the same"
         )
-        raise InvalidInput(f"{text}; mend that, or --force runs it all the same")
 
 
 def print_findings(console: Console, preflight: PreflightReport, *, notes: bool = False) -> None:
     """Print errors and warnings of pre-flight, one per line, and notes if wanted."""
     styles = {"error": "red", "warning": "yellow"}
     for finding in preflight.findings:
-        if notes or finding.severity.value in styles:
+        severity = finding.severity.value
+        if notes or severity in styles:
             phase_text = f" (phase {finding.phase})" if finding.phase else ""
-            style = styles.get(finding.severity.value, "")
-            print_line(
-                console,
-                f"{finding.severity.value}: {finding.check}{phase_text}: {finding.text}",
-                style,
-            )
+            text = f"{severity}: {finding.check}{phase_text}: {finding.text}"
+            print_line(console, text, styles.get(severity, ""))
     if notes:
-        console.print(
-            f"pre-flight: {'accepted' if preflight.accepted else 'refused'}", highlight=False
-        )
+        verdict = "accepted" if preflight.accepted else "refused"
+        console.print(f"pre-flight: {verdict}", highlight=False)

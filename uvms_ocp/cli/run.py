@@ -139,7 +139,8 @@ def run_and_write(
         if (running / row_files.META).is_file():
             _keep_cut_off(running, out / "cut_off.npz", console)
         durable_files.discard(running)
-        with _watched(scenario, console) if live else nullcontext() as observer:
+        watch = _watched(scenario, console) if live else nullcontext()
+        with watch as observer:
             record = _simulate(scenario, plan, console, observer, running)
         with claim.staged() as staging:
             record.save(staging / RECORD)
@@ -333,7 +334,9 @@ def _transposed(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """
     visits = [f"{number} {row['phase']}" for number, row in enumerate(rows[:-1], 1)]
     columns = [*visits, rows[-1]["phase"]]
-    shown = {name for name in rows[0] if any(row[name] is not None for row in rows)}
+    shown = set()
+    for row in rows:
+        shown |= {name for name, value in row.items() if value is not None}
     if "joint_energy_j" in shown:
         shown |= {"thruster_energy_j", "energy_j"}
     transposed = list[dict[str, Any]]()

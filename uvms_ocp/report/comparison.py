@@ -175,8 +175,8 @@ def transition_series(record: Record) -> dict[str, np.ndarray]:
 
 @checked
 def transition_table(records: Mapping[str, Record]) -> list[dict[str, Any]]:
-    """One row per run and phase change, and one per run for all ticks: largest step, jerk and loss,
-    root mean square jerk.
+    """Return one row per run and phase change, and one per run for all ticks: largest step, jerk
+    and loss, root mean square jerk.
 
     A change lasts `WINDOW`; its time, like that of the whole run, is in the column ``t_s``.
     """

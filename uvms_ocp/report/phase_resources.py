@@ -57,13 +57,13 @@ def repeated_phases(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _repeated(name: str, rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the row of a phase, from the rows of its visits."""
     row: dict[str, Any] = {"phase": name, "visits": len(rows)}
     for figure in ("duration_s", "energy_j", "path_length_m"):
         values = [row[figure] for row in rows if row[figure] is not None]
-        row |= {
-            f"mean_{figure}": float(np.mean(values)) if values else None,
-            f"largest_{figure}": max(values, default=None),
-        }
+        mean = float(np.mean(values)) if values else None
+        row[f"mean_{figure}"] = mean
+        row[f"largest_{figure}"] = max(values, default=None)
     return row
 
 

@@ -306,6 +306,9 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
     summary = plan.summary()
     usable = plan.status.usable
     is_free = usable and result.collision_free
+    tool_error = None
+    if usable:
+        tool_error = _ocp_motion(result).tool_error()
     if usable and not is_free:
         advice = _TOUCHING
     else:
@@ -323,7 +326,7 @@ def ocp_report(result: OcpResult) -> dict[str, Any]:
         "peak_thrust_n": summary["peak_thrust"] if usable else None,
         "levels": summary["levels"],
         **nearest_entries(result.nearest if usable else None, result),
-        "tool_error": _ocp_motion(result).tool_error() if usable else None,
+        "tool_error": tool_error,
         "current_m_s": list(request.current),
         "solver": plan.plugin or request.plugin,
         "iterations": summary["iterations"],

@@ -19,6 +19,8 @@ from uvms_ocp.report.end_of_run import cause_of_end, ended_prematurely, goal_tab
 _SUSPECT = 1  # codes of the health of a channel
 _LOST = 2
 _SETTLING = 0.5  # [s] after the start of a phase, before its drift counts
+_PHASE_COLUMNS = ("name", "start_s", "end_s", "energy_j", "path_length_m", "reason")
+"""Columns of the table of phases where none is repeated."""
 
 
 class RunSummary(TableDisplay, dict[str, Any]):
@@ -29,18 +31,15 @@ class RunSummary(TableDisplay, dict[str, Any]):
     __slots__ = ()
 
     def _table(self) -> SmallTable:
-        columns: tuple[str, ...] = (
-            "name",
-            "start_s",
-            "end_s",
-            "energy_j",
-            "path_length_m",
-            "reason",
-        )
-        rows = [tuple(cell(phase[name]) for name in columns) for phase in self["phases"]]
         if self["repeated"]:
             columns = tuple(self["repeated"][0])
-            rows = [tuple(cell(value) for value in row.values()) for row in self["repeated"]]
+            phase_rows = self["repeated"]
+        else:
+            columns = _PHASE_COLUMNS
+            phase_rows = self["phases"]
+        rows = list[tuple[str, ...]]()
+        for row in phase_rows:
+            rows.append(tuple(cell(row[name]) for name in columns))
         shown = ("energy_", "tool_", "largest_", "min_")
         for name, value in self.items():
             if name.startswith(shown) and value is not None:
