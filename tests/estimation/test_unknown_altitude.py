@@ -23,7 +23,7 @@ from uvms_ocp.report.summary import summarize
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.signals import SensorSpecs, StateEstimate
-from uvms_ocp.scenario.preflight.setup import Severity
+from uvms_ocp.scenario.preflight.findings import Severity
 from uvms_ocp.tasks import (
     Hierarchy,
     HorizontalAttitude,

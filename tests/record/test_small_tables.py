@@ -21,7 +21,7 @@ from uvms_ocp.record.meta_values import PhaseMeta
 from uvms_ocp.record.run_meta import RunMeta
 from uvms_ocp.report import compare, resources
 from uvms_ocp.robot.signals import State
-from uvms_ocp.scenario.preflight.setup import Finding, PreflightReport, Severity
+from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
 from uvms_ocp.sim.sensors import SensorSuite
 from uvms_ocp.trajectories import min_snap
 

@@ -12,8 +12,8 @@ from tiny_robots import OPEN, STANDING, TINY, WEIGHTLESS, Tiny, robot_of, scenar
 from uvms_ocp.robot.limits import ASSUMED_ACCELERATION, ASSUMED_VELOCITY
 from uvms_ocp.robot.thrusters import largest_wrench
 from uvms_ocp.scenario.options import abort_phase
+from uvms_ocp.scenario.preflight.findings import Severity
 from uvms_ocp.scenario.preflight.robot_check import check_robot
-from uvms_ocp.scenario.preflight.setup import Severity
 from uvms_ocp.scenario.scenario import Scenario
 
 

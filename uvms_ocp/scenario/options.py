@@ -133,11 +133,15 @@ class RunOptions:
         obstacles: Sequence[Obstacle] = (),
         plant_robot: Robot | None = None,
     ) -> Scenario:
-        """The scenario of a mission from start (n_q,) [m, rad]; the floor is flat unless given.
+        """Return the scenario of a mission from start (n_q,) [m, rad]; the floor is flat unless
+        given.
 
         plant_robot: what moves, where it is not the robot that the controller knows. Raises
         `InvalidInput` and `NameNotFound` as `Scenario` does.
         """
+        gains = VelocityGains()
+        if not self.observer:
+            gains = VelocityGains(observer_vehicle=0.0)
         flown_robot = plant_robot or self.robot
         floor = seafloor or FlatSeafloor(z=self.seabed)
         if self.payload is not None:
@@ -151,7 +155,7 @@ class RunOptions:
             ),
             start=start,
             sensors=_sensors(self.robot, self.noise),
-            gains=VelocityGains() if self.observer else VelocityGains(observer_vehicle=0.0),
+            gains=gains,
             load=LoadLearning() if self.learn_load else None,
             plant_robot=flown_robot,
             markers=markers,
@@ -269,8 +273,8 @@ def with_activations(mission: Mission, activations: Mapping[str, float]) -> Miss
 
 
 def abort_phase(*names: str, arrived: float = 0.3, hold: float = 2.0) -> Abort:
-    """A climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the posture
-    of MP, if it is named.
+    """Return a climb to a safe altitude, where it is held: the vehicle by PC, the arm towards the
+    posture of MP, if it is named.
 
     names: of the tasks that are on beside PC, such as those that keep the robot safe. arrived [m]
     and hold [s]: how near to that altitude, and for how long.
@@ -295,8 +299,8 @@ def phase_of(
     hold: float = 0.0,
     **goals: Any,
 ) -> Phase:
-    """A phase with these tasks fully on and one way on: to a phase once conditions have held for
-    `hold` [s].
+    """Return a phase with these tasks fully on and one way on: to a phase once conditions have held
+    for `hold` [s].
 
     goals: by task, in place of their own.
     """

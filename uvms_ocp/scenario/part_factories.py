@@ -35,7 +35,7 @@ class MissionController(Protocol):
         """The layer that knows the mission, its events and its quantities."""
 
     def __call__(self, estimate: StateEstimate, t: float) -> Command:
-        """The command for the tick at time t [s]."""
+        """Return the command for the tick at time t [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

@@ -34,7 +34,8 @@ from uvms_ocp.scenario.part_factories import (
     own_names,
 )
 from uvms_ocp.scenario.preflight.checks import check_mission
-from uvms_ocp.scenario.preflight.setup import PreflightReport, Setup
+from uvms_ocp.scenario.preflight.findings import PreflightReport
+from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.scenario.scenario_run import RunParts, ScenarioRun, run_bar
 from uvms_ocp.scenario.stepped_run import SteppedRun
 from uvms_ocp.sim import (
@@ -191,9 +192,10 @@ class Scenario(FieldTable):
     def _parse_faults(self) -> None:
         """Replace texts, as the shell takes them, by the faults that they describe."""
         texts_or_faults = (self.faults,) if isinstance(self.faults, str) else self.faults
-        faults = tuple(
-            parse_fault(fault) if isinstance(fault, str) else fault for fault in texts_or_faults
-        )
+        parsed_faults = []
+        for fault in texts_or_faults:
+            parsed_faults.append(parse_fault(fault) if isinstance(fault, str) else fault)
+        faults = tuple(parsed_faults)
         object.__setattr__(self, "faults", faults)
         for fault in faults:
             injected_faults.require_fault(fault)
@@ -287,7 +289,7 @@ class Scenario(FieldTable):
         see `uvms_ocp.viz.scene.live.live`. folder: a new one, to which rows go every two seconds in
         place of memory, and whose series are mapped by the record; whatever ends the program,
         `Record.load` opens it. Ctrl-C, or the stop of a notebook's cell, raises `Interrupted`,
-        whose `result` is the record so far.
+        whose ``result`` is the record so far.
 
         Raises `OutputError` where the folder cannot be written, and `InvalidInput` for more ticks
         than fit into memory.

@@ -25,8 +25,8 @@ from uvms_ocp.robot.description import TrimBody
 from uvms_ocp.robot.dynamics import robot_dynamics
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.scenario.cases.bluerov import reach
+from uvms_ocp.scenario.preflight.findings import Severity
 from uvms_ocp.scenario.preflight.forces import check_load
-from uvms_ocp.scenario.preflight.setup import Severity
 from uvms_ocp.scenario.scenario import Scenario
 
 ROBOTS = ("girona_maris7_full", "bluerov2_alpha5")

@@ -37,8 +37,8 @@ def reach(
     tolerance: Positive = 0.01,
     **options: Any,
 ) -> Scenario:
-    """A small floating vehicle with a four-joint arm brings its tool to a position: approach, then
-    reach.
+    """Return a mission in which a small floating vehicle brings the tool of its four-joint arm to a
+    position: approach, then reach.
 
     The tool stays within tolerance [m] of the target (3,) [m] in W for 1 s; vehicle and arm reach
     together, the pose of the vehicle comes second. variant: of the water on the plant's vehicle,

@@ -71,8 +71,8 @@ class Thresholds:
 
     @staticmethod
     def suggested(*, plant: str, noise: bool) -> Thresholds:
-        """The paper's on the kinematic plant; a real hull touches down earlier, and noise hides
-        millimetres.
+        """Return the paper's thresholds on the kinematic plant; larger ones for a real hull, which
+        touches down earlier, and for noise, which hides millimetres.
         """
         landing = 0.17 if plant == "kinematic" else 0.2
         tool = (5e-3, 1e-2) if noise else (1e-3, 1e-3)
@@ -190,13 +190,13 @@ def _scaled_to_arm(robot: Robot) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def _spare(robot: Robot, joints: np.ndarray) -> np.ndarray:
-    """(n_joints,) [rad or m] from the nearer limit."""
+    """Return how far (n_joints,) [rad or m] joints are from their nearer limits."""
     return np.minimum(joints - robot.limits.position_lower, robot.limits.position_upper - joints)
 
 
 def _beside(target: np.ndarray, way_point: pin.SE3, bearing: float) -> Point:
-    """The target (3,) [m], or where it would be if it were at a bearing [rad] from the bow that
-    points to it.
+    """Return the target (3,) [m], or where it would be if it were at a bearing [rad] from the bow
+    that points to it.
     """
     way = target - way_point.translation
     x, y, z = target + (pin.rpy.rpyToMatrix(0.0, 0.0, bearing) @ way - way)

@@ -5,6 +5,7 @@ clearance alone.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from typing import Annotated, Any
 
 import coal
@@ -49,8 +50,8 @@ FIELD = (
 def transit(
     *, relief: str = "small", min_altitude: Positive = 1.0, length: Length = 30.0, **options: Any
 ) -> Scenario:
-    """A transit of length [m] towards a way point near the floor, held up by the minimum altitude
-    alone.
+    """Return a transit of length [m] towards a way point near the floor, held up by the minimum
+    altitude alone.
 
     relief: a name in `uvms_ocp.sim.rough_seafloor.RELIEFS`. min_altitude [m]: h_min. The floor is
     drawn from `seed`. The altimeter looks straight down and sees a slope only when above it: over
@@ -60,9 +61,8 @@ def transit(
     floor = HeightField.random(
         relief, z=run.seabed, centre=(length / 2, 0.0), extent=length + 20.0, seed=run.seed
     )
-    ground = max(
-        floor.height(x, y) for x in np.linspace(-2.0, 2.0, 9) for y in np.linspace(-1.0, 1.0, 5)
-    )
+    below_start = product(np.linspace(-2.0, 2.0, 9), np.linspace(-1.0, 1.0, 5))
+    ground = max(floor.height(x, y) for x, y in below_start)
     goal = pose_at((length, 0.0, max(run.seabed, floor.height(length, 0.0)) + _ABOVE_FLOOR))
     tasks = [
         JointLimits(),
@@ -97,8 +97,8 @@ def obstacle_field(
     min_clearance: Positive = 0.15,
     **options: Any,
 ) -> Scenario:
-    """A transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot by the
-    clearance task.
+    """Return a transit of 11 m past a boulder, a pillar and a wreck, kept clear of the whole robot
+    by the clearance task.
 
     Every shape of the robot stays 0.1 m and more away from every obstacle, on the kinematic plant
     min_clearance [m] and more, and links stay apart; the way point is reached. with_clearance:

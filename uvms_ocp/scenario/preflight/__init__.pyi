@@ -1,8 +1,8 @@
 from .checks import check_mission as check_mission
-from .setup import (
+from .findings import (
     Finding as Finding,
     PreflightReport as PreflightReport,
-    Setup as Setup,
     Severity as Severity,
-    forecast as forecast,
 )
+from .forecast import forecast as forecast
+from .setup import Setup as Setup

@@ -1,6 +1,4 @@
-"""Check altitudes of way points, landing, goals and start, and that the robot is free of obstacles
-where phases begin and end.
-"""
+"""Check heights: way points against the minimum altitude, landing against it, goals, and the start."""
 
 from __future__ import annotations
 
@@ -11,30 +9,15 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
-from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
+from uvms_ocp.scenario.preflight.findings import Finding, Severity
+from uvms_ocp.scenario.preflight.forecast import Visit, main_path, points_on_ball, threshold_of
 from uvms_ocp.scenario.preflight.reachability import goals_of
-from uvms_ocp.scenario.preflight.setup import (
-    Finding,
-    Setup,
-    Severity,
-    Visit,
-    main_path,
-    points_on_ball,
-    threshold_of,
-)
-from uvms_ocp.sim.nearest_passage import closest_approach
+from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 
-# Checks on heights: way points against the minimum altitude, landing against it, goals, and the
-# start.
-
 MINIMUM_ALTITUDE = "minimum altitude"
 ECHO = "echo"
-
-_SUNK = 0.02  # [m] that what stands on the floor may be in it
-
-OBSTACLES = "obstacles"
 
 
 def check_altitude(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
@@ -114,11 +97,12 @@ def check_goals(setup: Setup) -> Iterator[Finding]:
     for index, phase in enumerate(setup.mission.phases):
         for task in setup.mission.tasks_of(index):
             if isinstance(task, (PoseTask, ToolPosition)) and task.name in phase.on:
-                points = [goal.translation for goal in goals_of(setup, task.name, task.goal)]
-                floors = [setup.floor_at(x, y) for x, y, _ in points]
-                depth, z, floor = max(
-                    (floor - p[2], p[2], floor) for p, floor in zip(points, floors, strict=True)
-                )
+                depths = []  # of goals below the floor, with their heights and the floor's [m]
+                for goal in goals_of(setup, task.name, task.goal):
+                    x, y, z = goal.translation
+                    floor = setup.floor_at(x, y)
+                    depths.append((floor - z, z, floor))
+                depth, z, floor = max(depths)
                 if depth >= 0:
                     text = (
                         f"the goal of {task.name}, z = {z:g} m, is {depth:.2f} m below the"
@@ -197,8 +181,8 @@ def _altitude(setup: Setup, X_WB: pin.SE3) -> float:
 
 
 def _least_gap(setup: Setup, goal: pin.SE3, minimum: MinimumAltitude, radius: float) -> float:
-    """The least distance [m] by which the minimum altitude shuts the vehicle out, over the ball
-    around a way point.
+    """Return the least distance [m] by which the minimum altitude shuts the vehicle out, over the
+    ball around a way point.
     """
     top = pin.SE3(goal.rotation, goal.translation + np.array([0.0, 0.0, radius]))
     rim = (pin.SE3(goal.rotation, point) for point in points_on_ball(goal.translation, radius))
@@ -215,52 +199,3 @@ def _landing(visit: Visit, landing: LandingAltitude, minimum: MinimumAltitude) -
         yield Severity.ERROR.finding(
             "contradiction", text, visit.phase.name, aim_m=aim, minimum_m=minimum.threshold
         )
-
-
-# Check: the hull does not start in the floor, which would throw it out.
-
-
-def check_hull(setup: Setup) -> Iterator[Finding]:
-    """An error where the underside of the hull, as the plant has it, starts in the floor; names the
-    link that is lowest.
-    """
-    X_WB = pin.XYZQUATToSE3(np.asarray(setup.start[:7]))
-    points = [X_WB.act(point) for point in skid_points(setup.robot)]
-    depth = max((setup.floor_at(x, y) - z for x, y, z in points), default=0.0)
-    if depth > _SUNK:
-        severity = Severity.ERROR if setup.with_forces else Severity.WARNING
-        text = (
-            f"the hull starts {depth:.2f} m inside the floor, lowest with link"
-            f" {lowest_link(setup.robot)}; raise the start"
-        )
-        yield severity.finding("start", text, depth_m=depth)
-
-
-# Check: the robot is free of the obstacles where it starts and where its phases end.
-
-
-def check_obstacles(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """An error for each place at which a shape of the robot, its joints as at the start, would be
-    inside an obstacle.
-
-    The way between these places is not looked at: whether it is free, the clearance task and a plan
-    have to see to.
-    """
-    if not setup.environment.obstacles:
-        return
-    yield from _touching(setup, setup.start, "the start", "")
-    for visit in visits:
-        q = visit.stances[0].configuration(setup)
-        yield from _touching(
-            setup, q, "the place where the vehicle is likeliest to stop", visit.phase.name
-        )
-
-
-def _touching(setup: Setup, q: np.ndarray, place: str, phase: str) -> Iterator[Finding]:
-    closest = closest_approach(setup.robot, setup.environment, q[None], floor=False)
-    if closest.distance <= 0:
-        text = (
-            f"{place} is in collision, {closest.pair} by {-closest.distance:.2f} m; move it or the"
-            " obstacle"
-        )
-        yield Severity.ERROR.finding(OBSTACLES, text, phase, depth_m=-closest.distance)

@@ -16,23 +16,12 @@ from uvms_ocp.mission import Above, Below, Mission, Phase
 from uvms_ocp.record.meta_values import DONE, ENERGIES
 from uvms_ocp.robot import IDEAL_SENSORS, Kinematics, spatial, static_balance, unknowns
 from uvms_ocp.scenario.preflight import forces, reachability, robot_check, undriven_axes
-from uvms_ocp.scenario.preflight.altitude import (
-    check_altitude,
-    check_echo,
-    check_goals,
-    check_hull,
-    check_obstacles,
-)
+from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, check_goals
+from uvms_ocp.scenario.preflight.collisions import check_hull, check_obstacles
 from uvms_ocp.scenario.preflight.delays import check_delays
-from uvms_ocp.scenario.preflight.setup import (
-    Finding,
-    PreflightReport,
-    Setup,
-    Severity,
-    Visit,
-    forecast,
-    threshold_of,
-)
+from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
+from uvms_ocp.scenario.preflight.forecast import Visit, forecast, threshold_of
+from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import TaskClass
@@ -96,7 +85,9 @@ def check_structure(mission: Mission) -> Iterator[Finding]:
                     " in it"
                 )
                 yield Severity.WARNING.finding(CHECK, text, phase.name)
-    names_on = {name for phase in mission.all_phases for name in phase.on}
+    names_on = set()
+    for phase in mission.all_phases:
+        names_on |= set(phase.on)
     for name in mission.hierarchy.names:
         if name not in names_on:
             yield Severity.WARNING.finding(
@@ -140,7 +131,7 @@ def quantity_stds(setup: Setup, q: np.ndarray, std: np.ndarray | None = None) ->
 
 
 def check_accuracy(setup: Setup) -> Iterator[Finding]:
-    """A threshold below what the sensors allow, in the posture of the start."""
+    """Find thresholds below what the sensors allow, in the posture of the start."""
     allowed = quantity_stds(setup, setup.start)
     for phase in setup.mission.phases:
         for condition in sorted(set(phase.conditions), key=lambda item: item.quantity):
@@ -162,7 +153,7 @@ def check_accuracy(setup: Setup) -> Iterator[Finding]:
 
 @checked
 def check_mission(setup: Setup) -> PreflightReport:
-    """Every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for
+    """Run every check on a mission; see `PreflightReport`. Raises what `build_levels` raises for
     unknown names.
     """
     problem = levels.build_levels(
@@ -296,7 +287,7 @@ def check_inertia(setup: Setup) -> Iterator[Finding]:
 
 
 def check_own_parts(setup: Setup) -> Iterator[Finding]:
-    """A note on each part that is not the toolkit's."""
+    """Note each part that is not the toolkit's, and what is assumed of it."""
     for part, name in setup.own_parts.items():
         yield Severity.NOTE.finding("parts", f"{part} {name} is your own: {_ASSUMPTIONS[part]}")
 

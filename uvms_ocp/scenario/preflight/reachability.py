@@ -16,7 +16,9 @@ from uvms_ocp.control.velocity.swing import swinging_axes
 from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.static_balance import rotation_at_rest
-from uvms_ocp.scenario.preflight.setup import Finding, Setup, Severity, Stance, Visit, forecast
+from uvms_ocp.scenario.preflight.findings import Finding, Severity
+from uvms_ocp.scenario.preflight.forecast import Stance, Visit, forecast
+from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
 
@@ -86,10 +88,10 @@ class ArmReach:
         self._lower = np.where(np.isfinite(limits.position_lower), limits.position_lower, -np.pi)
         self._upper = np.where(np.isfinite(limits.position_upper), limits.position_upper, np.pi)
         rng = np.random.default_rng(seed)
-        self._starts = [
-            self._lower + (self._upper - self._lower) * rng.random(robot.n_joints)
-            for _ in range(_STARTS)
-        ]
+        self._starts = []
+        for _ in range(_STARTS):
+            shares = rng.random(robot.n_joints)
+            self._starts.append(self._lower + (self._upper - self._lower) * shares)
 
     @classmethod
     def of_task(
@@ -113,7 +115,7 @@ class ArmReach:
         near: Sequence[np.ndarray] = (),
         n_random: int | None = None,
     ) -> ReachResult:
-        """The best posture for the vehicle at X_WB and the goal X_WF.
+        """Return the best posture for the vehicle at X_WB and the goal X_WF.
 
         `near` are further starts (n_joints,) [rad or m], tried first; `n_random` is how many of its
         own follow, default all.
@@ -219,11 +221,11 @@ class ArmReach:
 
     def _reach(self, X_WB: pin.SE3, goal: pin.SE3, joints: np.ndarray) -> ReachResult:
         error, _ = self._error(X_WB, goal, joints)
-        return ReachResult(
-            joints=joints,
-            position=float(np.linalg.norm(error[:3])),
-            orientation=float(np.linalg.norm(error[3:])) if self._weight else 0.0,
-        )
+        orientation_error = 0.0
+        if self._weight:
+            orientation_error = float(np.linalg.norm(error[3:]))
+        position_error = float(np.linalg.norm(error[:3]))
+        return ReachResult(joints=joints, position=position_error, orientation=orientation_error)
 
 
 # Check: the tool reaches its goal from wherever the vehicle may stand by then.
@@ -246,7 +248,7 @@ class ReachShortfall:
 
 
 def check_tool(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
-    """One finding per tool task that has to be fulfilled while the vehicle stands still.
+    """Return one finding per tool task that has to be fulfilled while the vehicle stands still.
 
     A note where the goal is reached from every stance, a warning where it is from the likely ones,
     else an error.
@@ -267,7 +269,7 @@ def distances_missing(
     goals: Sequence[pin.SE3],
     stop_at: float = np.inf,
 ) -> ReachShortfall:
-    """The distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
+    """Return the distances missing from every stance; ends early where one exceeds `stop_at` [m]."""
     reaches: list[ReachResult] = []
     likely: list[ReachResult] = []
     for stance in stances:
@@ -331,7 +333,7 @@ def _missing_text(reach: ReachResult) -> str:
 
 
 def goals_of(setup: Setup, name: str, goal: PoseGoal) -> list[pin.SE3]:
-    """The goal; where it comes to rest if it moves; samples of it if it never rests."""
+    """Return the goal; where it comes to rest if it moves; samples of it if it never rests."""
     last_pose, rate = evaluate_pose(name, goal, setup.duration)
     if not callable(goal) or not rate.any():
         return [last_pose]

@@ -193,11 +193,10 @@ def _are_moments_possible(moments: np.ndarray) -> bool:
 
 def _body(robot: Robot, joint: int) -> str:
     """Return the names of the links that a joint of the model carries, for a sentence."""
-    names = [
-        frame.name
-        for frame in robot.model.frames
-        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY
-    ]
+    names = []
+    for frame in robot.model.frames:
+        if frame.parentJoint == joint and frame.type == pin.FrameType.BODY:
+            names.append(frame.name)
     if not names:
         return f"behind joint {robot.model.names[joint]!r}"
     if len(names) == 1:
