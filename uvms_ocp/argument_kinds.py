@@ -72,7 +72,7 @@ class Kind:
         return Violation(place, f"= {short(value)}", self.allowed)
 
     def among(self, value: Any) -> Kind:
-        """The kind, of alternatives, that a value is of."""
+        """Return the kind, of alternatives, that a value is of."""
         return self
 
     def converted(self, value: Any, keep: bool) -> Any:

@@ -165,8 +165,8 @@ def require_first_reading(what: str) -> None:
 
 
 def plain_line(text: str, longest: int | None = None) -> str:
-    """A text that holds names of users' own, on one line, without control characters and what no
-    encoding can write.
+    """Return a text that holds names of users' own, on one line, without control characters and
+    what no encoding can write.
 
     longest: number of characters after which it is cut.
     """
@@ -178,7 +178,7 @@ def plain_line(text: str, longest: int | None = None) -> str:
 
 
 def short(value: object) -> str:
-    """A value as messages show it: on one line, of 60 characters at most."""
+    """Return a value as messages show it: on one line, of 60 characters at most."""
     try:
         text = " ".join(repr(value).split())
     except Exception:

@@ -44,7 +44,7 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def one_line_errors(model: type[_M]) -> type[_M]:
-    """A model whose constructor raises `InvalidInput` in place of pydantic's own error."""
+    """Make a model's constructor raise `InvalidInput` in place of pydantic's own error."""
     construct = model.__init__
 
     @wraps(construct)

@@ -21,8 +21,8 @@ def is_symbolic(*values: Array) -> bool:
 
 
 def clipped(y: Array, lower: Array, upper: Array) -> Array:
-    """The nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must not be
-    NaN.
+    """Return the nearest to y (...) [any] between `lower` and `upper`, (...) [any]; the bounds must
+    not be NaN.
     """
     if is_symbolic(y, lower, upper):
         return ca.fmin(ca.fmax(y, lower), upper)

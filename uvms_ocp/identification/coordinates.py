@@ -274,8 +274,8 @@ class QuadraticDrag:
         return np.concatenate([diagonal, list(coupled.values())])
 
     def _needed_diagonal(self, sizes: dict[tuple[int, int], ca.SX | float]) -> list[ca.SX | float]:
-        """Compute the diagonal (6,) that couplings of these sizes need, `dissipation` with the speeds
-        as weights.
+        """Compute the diagonal (6,) with which couplings of these sizes dissipate, with the speeds as
+        weights.
         """
         d: list[ca.SX | float] = [0.0] * 6
         for (i, j), size in sizes.items():

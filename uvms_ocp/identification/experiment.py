@@ -192,7 +192,7 @@ class ExperimentTrajectory:
     late: np.ndarray
     """(n, n_u) [N/s, N m/s] by which they change with the delay."""
     y: np.ndarray
-    """(n + 1, 9) [as `Stage.outputs`] outputs."""
+    """(n + 1, 9) [as `StageFunctions.outputs`] outputs."""
     slopes: tuple[np.ndarray, ...]
     """A (n, n_x, n_x), B (n, n_x, n_p) and C (n, n_x, n_u) [any] of the steps."""
     S: np.ndarray

@@ -156,7 +156,7 @@ class Channel:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Recording:
-    """Channels by the names of `KINDS`, their times on one clock. Raises NameNotFound and
+    """Channels by the names of `CHANNEL_KINDS`, their times on one clock. Raises NameNotFound and
     InvalidInput.
     """
 

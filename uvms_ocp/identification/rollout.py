@@ -25,7 +25,7 @@ from uvms_ocp.robot import limits, spatial
 # seen when.
 
 N_SEEN = 9
-"""Rows of what is seen, as `Stage.outputs` has them: velocity, angular velocity, vertical; three of
+"""Rows of what is seen, as `StageFunctions.outputs` has them: velocity, angular velocity, vertical; three of
 each.
 """
 RATE_WINDOW = 0.6

@@ -48,25 +48,25 @@ class MissionMemory(Layout):
     first: Annotated[list[int], Sized("n_phases")]
     """(n_phases,) first transition of each phase."""
     end: Annotated[list[int], Sized("n_phases")]
-    """(n_phases,) the one after its last."""
+    """(n_phases,) the transition after the last one of each phase."""
     first_condition: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) first condition of each transition."""
     end_condition: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) the one after its last."""
+    """(n_transitions,) the condition after the last one of each transition."""
     hold: Annotated[Vector, Sized("n_transitions")]
-    """(n_transitions,) [s] as that of `Transition`."""
+    """(n_transitions,) [s] for which the conditions of each must hold."""
     to: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) the phase that each leads to, or a `Terminal`."""
     retries: Annotated[list[int], Sized("n_transitions")]
-    """(n_transitions,) as those of `Transition`; below 0: as often as it likes."""
+    """(n_transitions,) how often each may fire; below 0: without end."""
     quantity: Annotated[list[int], Sized("n_conditions")]
-    """(n_conditions,) index of what each is about."""
+    """(n_conditions,) index of the quantity that each limits."""
     below: Annotated[list[int], Sized("n_conditions")]
-    """(n_conditions,) whether that has to be below its limit, not above."""
+    """(n_conditions,) 1 where the quantity has to be below its limit, 0 above."""
     limit: Annotated[Vector, Sized("n_conditions")]
     """(n_conditions,) [unit of the quantity]"""
     release: Annotated[Vector, Sized("n_conditions")]
-    """(n_conditions,) [unit of the quantity] its limit while the transition holds."""
+    """(n_conditions,) [unit of the quantity] limit while the transition holds."""
     abort_phase: int
     """Index of the phase of `Abort`, or `NONE`."""
     phase: int
@@ -161,7 +161,7 @@ def always_grows(mission: MissionMemory, quantity: int) -> bool:
 
 
 def transition_due(mission: MissionMemory, t: float, quantities: Vector) -> int:
-    """The transition of the phase that fires at t [s], or `NONE`; notes since when each of them
+    """Find the transition of the phase that fires at t [s], or `NONE`; note since when each of them
     holds.
     """
     due = NONE

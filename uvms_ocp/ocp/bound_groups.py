@@ -16,6 +16,7 @@ from uvms_ocp.robot.thrusters import AXES
 
 _AXIS_SHARE = 0.2  # share of what lies on the strongest axis, from which others are named too
 _NAMED_AXES = 3  # at most
+_NO_GROUP = -1  # of entries whose bounds are not loosened
 
 
 class RelaxationUnit(Enum):
@@ -76,8 +77,8 @@ def variable_groups(transcription: Transcription) -> GroupIndex:
     layout = transcription.variables
     groups = tuple(dict.fromkeys(group for group in group_of_entry if group))
     index = {group: i for i, group in enumerate(groups)}
-    number_of_entry = np.array([index[group] if group else -1 for group in group_of_entry])
-    nodes, entries = np.nonzero((layout.all_columns >= 0) & (number_of_entry >= 0))
+    number_of_entry = np.array([index.get(group, _NO_GROUP) for group in group_of_entry])
+    nodes, entries = np.nonzero((layout.all_columns >= 0) & (number_of_entry != _NO_GROUP))
     columns = layout.all_columns[nodes, entries]
     number = np.full(layout.n_x, -1)
     scale = np.ones(layout.n_x)

@@ -227,7 +227,10 @@ def scanned(
     above = np.zeros((motion.N, m))
     times = np.zeros((motion.N, m))
     unseen = np.zeros((motion.N, m))
-    inner = slice(0, None) if inputs else slice(1, -1)
+    if inputs:
+        inner = slice(0, None)
+    else:
+        inner = slice(1, -1)
     begin = motion.samples(np.array([0]), motion.looks)
     allowed_below, allowed_above = given_by_start(motion, scope, rows(begin)[0, 0])
     for times_as_many in _CLOSER:

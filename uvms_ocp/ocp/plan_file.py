@@ -55,7 +55,7 @@ class LevelReport:
     prices: tuple[float, ...] = ()
     """Prices of the levels above: by how much the cost of this one, half the sum of squares of its
     rows, path terms as a mean over time, would fall for each unit of residual, as a norm, that the
-    level above gave up (of cost, where that one has `relax`). To first order; empty where
+    level above gave up (of cost, where that one has `OcpLevel.relax`). To first order; empty where
     unknown.
     """
     __pydantic_config__: ClassVar = MetaValue.model_config

@@ -226,7 +226,7 @@ class Planner:
         tightened: Tightening = NO_TIGHTENING,
         around: tuple[np.ndarray, float] | None = None,
     ) -> LexicographicResult:
-        """The lexicographic solution for parameters p (n_p,) [unit of the parameter] of
+        """Return the lexicographic solution for parameters p (n_p,) [unit of the parameter] of
         `Transcription.parameters`.
 
         problem: that of p, by default the one this planner was built from. time_limit [s]: where it

@@ -194,13 +194,16 @@ class OcpProblem(FieldTable):
 
     @property
     def limits_total(self) -> bool:
-        """Durations are free, but not all together."""
+        """True where durations are free, but not all together."""
         return self.free_time and bool(np.isfinite(self.longest))
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Return the terms of constraints and levels."""
-        return (*self.constraints, *(term for level in self.levels for term in level.terms))
+        terms = list(self.constraints)
+        for level in self.levels:
+            terms += level.terms
+        return tuple(terms)
 
     def starts_of_phases(self) -> np.ndarray:
         """Return the first node of every phase, and the last node of all (n_phases + 1,)."""

@@ -90,8 +90,9 @@ class Refinement:
         return best
 
     def _in_rounds(self, guess: Guess, q: np.ndarray) -> RefinedResult:
-        """The last round that is no worse, or usable, written first at configurations q (n_nodes,
-        n_q) [m, rad]; of several that leave ranges between nodes the one that leaves them least.
+        """Return the last round that is no worse, or usable, written first at configurations q
+        (n_nodes, n_q) [m, rad]; of several that leave ranges between nodes the one that leaves them
+        least.
         """
         best = self.solved_once(guess, q)
         looked_at: list[RefinedResult] = []
@@ -244,18 +245,19 @@ class RefinedResult:
         return any(term.has_sides for term in self.tightened.terms)
 
     def after(self, before: LexicographicResult) -> RefinedResult:
-        """With the iterations of an earlier result as well."""
+        """Return this result with the iterations of an earlier one as well."""
         spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))
         return replace(self, result=replace(self.result, iterations=spent))
 
     @property
     def interrupted(self) -> RefinedResult:
         """Say of the levels without an optimum that they were stopped by hand."""
-        ended = tuple(
-            status if status.optimal else NlpStatus.INTERRUPTED
-            for status in self.result.level_status
+        level_status = []
+        for status in self.result.level_status:
+            level_status.append(status if status.optimal else NlpStatus.INTERRUPTED)
+        result = replace(
+            self.result, level_status=tuple(level_status), status=NlpStatus.INTERRUPTED
         )
-        result = replace(self.result, level_status=ended, status=NlpStatus.INTERRUPTED)
         return replace(self, result=result)
 
     def stopped_as(self, last: LexicographicResult) -> RefinedResult:
@@ -264,7 +266,7 @@ class RefinedResult:
         return replace(self, result=result)
 
     def after_all(self, last: RefinedResult) -> RefinedResult:
-        """With the iterations of the last result."""
+        """Return this result with the iterations of the last one."""
         return replace(self, result=replace(self.result, iterations=last.result.iterations))
 
 
@@ -275,8 +277,8 @@ def _in_vain(looked_at: list[RefinedResult]) -> bool:
 
 
 def _least_lacking(looked_at: list[RefinedResult], last: RefinedResult) -> RefinedResult:
-    """The latest result of those that lack least, of all that were looked at: rounds may end at one
-    whose rows are still far from its distances.
+    """Return the latest result of those that lack least, of all that were looked at: rounds may end
+    at one whose rows are still far from its distances.
     """
     if not looked_at:
         return last

@@ -175,7 +175,9 @@ def _constraint_rows(transcription: Transcription, problem: OcpProblem) -> _Elas
 def _level_rows(
     transcription: Transcription, problem: OcpProblem, result: LexicographicResult, level: int
 ) -> _ElasticRows:
-    """The last group is the level itself: an amount of 1 leaves all its rows as they are."""
+    """Return the rows of constraints and of the levels up to `level`. The last group is that level
+    itself: an amount of 1 leaves all its rows as they are.
+    """
     rows = _constraint_rows(transcription, problem)
     ranges = transcription.ranges(problem)
     layout = transcription.row_layout

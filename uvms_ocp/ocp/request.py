@@ -18,7 +18,7 @@ from uvms_ocp.ocp.planner import Planner
 from uvms_ocp.ocp.problem import OcpLevel, OcpProblem, single_phase
 from uvms_ocp.ocp.shape_clearance import ShapeClearance
 from uvms_ocp.ocp.start_checks import check_goal, goal_distances, start_distances
-from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm
+from uvms_ocp.ocp.terms import AtRest, Effort, Posture, Smoothness, TaskTerm, Term
 from uvms_ocp.ocp.trajectory import Trajectory, admissible_configurations, guess_through, hold_guess
 from uvms_ocp.planning.distances import CoalDistances
 from uvms_ocp.planning.planned_axes import Coordinates, coordinates
@@ -153,7 +153,9 @@ def _planned(request: OcpRequest, problem: OcpProblem, progress: Progress | None
     then of shorter steps.
     """
     plans: list[Plan] = []
-    options = NlpOptions(barrier=_BARRIER) if request.obstacles else NlpOptions()
+    options = NlpOptions()
+    if request.obstacles:
+        options = NlpOptions(barrier=_BARRIER)
     options = replace(options, plugin=request.plugin, time_limit=request.time_limit)
     for refinement in (1, 2):
         phase = replace(problem.phases[0], n_steps=refinement * request.n_steps)
@@ -215,7 +217,12 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
     """Write the request as levels: the goal, then little effort on smooth paths."""
     robot = request.robot
     tasks = request.goal.as_tasks(request.robot, request.start)
-    clearance = ShapeClearance(scene=scene, margins=_margins(request, scene))
+    constraints: tuple[Term, ...] = (AtRest(),)
+    if scene.pairs:
+        constraints = (
+            AtRest(),
+            ShapeClearance(scene=scene, margins=_margins(request, scene)),
+        )
     return single_phase(
         robot=robot,
         start=State(q=request.start, v=np.zeros(robot.n_v)),
@@ -228,7 +235,7 @@ def _problem(request: OcpRequest, scene: CollisionScene) -> OcpProblem:
                 terms=(Effort(), Smoothness(weight=0.09), Posture(q=request.start, weight=4.0)),
             ),
         ],
-        constraints=(AtRest(), clearance) if scene.pairs else (AtRest(),),
+        constraints=constraints,
         current=np.asarray(request.current, dtype=float),
         water=bool(robot.hydrodynamics),
     )

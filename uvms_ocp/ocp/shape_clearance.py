@@ -98,7 +98,9 @@ class ShapeClearance(Term):
         for i, item in enumerate(self.scene.geometry.geometryObjects):
             if not self.scene.is_obstacle(i):
                 continue
-            X_WO = self.moving[item.name](t) if item.name in self.moving else item.placement
+            X_WO = item.placement
+            if item.name in self.moving:
+                X_WO = self.moving[item.name](t)
             obstacles.append(Obstacle(name=item.name, shape=item.geometry, X_WO=X_WO))
         return describe_obstacles(obstacles)
 
@@ -258,9 +260,10 @@ class ShapeClearance(Term):
         result = np.zeros((len(times), self.scene.n_pairs))
         for name, place in self.moving.items():
             (obstacle,) = [shape for shape in shapes if shape.name == name]
-            columns = [
-                k for k, pair in enumerate(self.scene.pairs) if shapes[pair.first].name == name
-            ]
+            columns = []
+            for k, pair in enumerate(self.scene.pairs):
+                if shapes[pair.first].name == name:
+                    columns.append(k)
             obstacle.geometry.computeLocalAABB()
             centre = np.linalg.norm(np.array(obstacle.geometry.aabb_center))
             radius = float(centre + obstacle.geometry.aabb_radius)

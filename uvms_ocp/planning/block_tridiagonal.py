@@ -27,7 +27,7 @@ class BlockTridiagonal:
         )
 
     def scaled(self, factor: float) -> BlockTridiagonal:
-        """The matrix times a factor [any]."""
+        """Return the matrix times a factor [any]."""
         return BlockTridiagonal(diagonal=factor * self.diagonal, below=factor * self.below)
 
     def times(self, x: Array) -> Array:
@@ -38,8 +38,8 @@ class BlockTridiagonal:
         return result
 
     def pinned(self, free: Mask) -> BlockTridiagonal:
-        """The matrix with the rows and columns of variables not free (n, b) replaced by those of
-        the identity.
+        """Return the matrix with the rows and columns of variables not free (n, b) replaced by
+        those of the identity.
         """
         diagonal = self.diagonal * (free[:, :, None] & free[:, None, :])
         rows = np.arange(free.shape[1])
@@ -49,7 +49,7 @@ class BlockTridiagonal:
         )
 
     def dense(self) -> Array:
-        """The whole matrix (n b, n b) [A]."""
+        """Return the whole matrix (n b, n b) [A]."""
         n, b = self.diagonal.shape[:2]
         matrix = np.zeros((n, b, n, b))
         nodes = np.arange(n)
@@ -59,7 +59,7 @@ class BlockTridiagonal:
         return matrix.reshape(n * b, n * b)
 
     def cholesky(self) -> BlockCholesky | None:
-        """The factor, or None where the matrix is not positive definite."""
+        """Return the Cholesky factor, or None where the matrix is not positive definite."""
         from scipy.linalg import lapack  # a tenth of a second, which only those pay who plan
 
         factors = []
@@ -87,11 +87,11 @@ class BlockCholesky:
     """(b, b) [A^1/2] C_j of each node but the last."""
 
     def solve(self, right: Array) -> Array:
-        """Solution (n, b) [x] for the right-hand side: right (n, b) [A x]."""
+        """Return the solution (n, b) [x] for a right-hand side (n, b) [A x]."""
         return self.back(self._forward(right))
 
     def back(self, right: Array) -> Array:
-        """Solution (n, b) [x] of L' x = right (n, b) [A^1/2 x].
+        """Return the solution (n, b) [x] of L' x = right (n, b) [A^1/2 x].
 
         It turns white noise into samples of the covariance that is the inverse matrix.
         """
@@ -99,7 +99,9 @@ class BlockCholesky:
 
         x = np.empty_like(right)
         for j in range(len(self.factors) - 1, -1, -1):
-            row = right[j] - (self.couplings[j] @ x[j + 1] if j < len(self.couplings) else 0.0)
+            row = right[j]
+            if j < len(self.couplings):
+                row = row - self.couplings[j] @ x[j + 1]
             x[j] = lapack.dtrtrs(self.factors[j], row, lower=1, trans=1)[0]
         return x
 
@@ -108,6 +110,8 @@ class BlockCholesky:
 
         y = np.empty_like(right)
         for j, factor in enumerate(self.factors):
-            row = right[j] - (self.couplings[j - 1].T @ y[j - 1] if j else 0.0)
+            row = right[j]
+            if j > 0:
+                row = row - self.couplings[j - 1].T @ y[j - 1]
             y[j] = lapack.dtrtrs(factor, row, lower=1)[0]
         return y

@@ -41,7 +41,7 @@ class PairDistances(Protocol):
         ...
 
     def distances(self, x: Array) -> Array:
-        """(n, n_pairs) [m] at x (n, n_axes) [m, rad]."""
+        """Return the distances (n, n_pairs) [m] at x (n, n_axes) [m, rad]."""
         ...
 
 
@@ -115,12 +115,12 @@ class BoundedMotion(Protocol):
         ...
 
     def distances(self, t: Array) -> Array:
-        """(n, n_pairs) [m] at times t (n,) [s]."""
+        """Return the distances (n, n_pairs) [m] at times t (n,) [s]."""
         ...
 
     def bounds(self, middle: Array, half: Array) -> Array:
-        """(n, n_axes) [m, rad] by which axes move at most within `half` (n,) [s] of `middle` (n,)
-        [s].
+        """Return by how much (n, n_axes) [m, rad] axes move at most within `half` (n,) [s] of
+        `middle` (n,) [s].
         """
         ...
 

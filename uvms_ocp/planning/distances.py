@@ -111,8 +111,8 @@ class CoalDistances:
         object.__setattr__(self, "_bounds", _Bounds(x=np.zeros((0, 0)), lower=np.zeros((0, 0))))
 
     def distances(self, x: Samples) -> Array:
-        """(n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap whose
-        depth coal cannot tell.
+        """Return (n, n_pairs) [m] signed distances at x (n, n_axes) [m, rad]; -inf for an overlap
+        whose depth coal cannot tell.
         """
         return self.distances_at(self.scene.coordinates.configurations(x))
 
@@ -167,12 +167,7 @@ class CoalDistances:
     def near(
         self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]
     ) -> NearPairs:
-        """The pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
-
-        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points
-        p1, p2, which lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both
-        shapes, in penetration too.
-        """
+        """Find the pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad]."""
         near_contacts: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
         self._bounds.moved_to(x, self.scene)

@@ -136,7 +136,9 @@ def _connected(
         met = _extended(distances, meeting, growing.points[grown], options, once=False)
         if np.array_equal(meeting.points[met], growing.points[grown]):
             path = [*growing.to_root(grown)[::-1], *meeting.to_root(met)[1:]]
-            return np.array(path if np.array_equal(path[0], a) else path[::-1])
+            if not np.array_equal(path[0], a):
+                path.reverse()
+            return np.array(path)
         growing, meeting = meeting, growing
     return None
 
@@ -149,8 +151,8 @@ def _extended(
     *,
     once: bool,
 ) -> int:
-    """Grow towards the target by one step, or until it is reached or blocked; index of the last
-    point.
+    """Grow a tree towards the target by one step, or until it is reached or blocked; return the
+    index of the last point.
     """
     index = tree.nearest(target)
     while True:
@@ -158,11 +160,10 @@ def _extended(
         gap = float(np.linalg.norm(target - nearest_point))
         if gap == 0.0:
             return index
-        next_point = (
-            target
-            if gap <= options.step
-            else nearest_point + (target - nearest_point) * (options.step / gap)
-        )
+        if gap <= options.step:
+            next_point = target
+        else:
+            next_point = nearest_point + (target - nearest_point) * (options.step / gap)
         if edge_reach(distances, nearest_point, next_point, options.clearance) < 1.0:
             return index
         index = tree.add(next_point, index)

@@ -167,8 +167,8 @@ class CollisionScene:
 def collision_scene(
     coordinates: Coordinates, obstacles: Sequence[Obstacle], *, self_collision: bool = True
 ) -> CollisionScene:
-    """All pairs link - obstacle, and the pairs of links of `self_pairs`, except those that no
-    planned axis moves.
+    """Return all pairs link - obstacle, and the pairs of links of `self_pairs`, except those that
+    no planned axis moves.
 
     Raises `InvalidInput` for two obstacles of one name.
     """

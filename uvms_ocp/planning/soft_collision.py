@@ -147,8 +147,8 @@ def plan_soft_collision(
 
 
 def _first_free(plans: Iterator[CollisionPlan]) -> tuple[CollisionPlan, int]:
-    """The first plan free of collision and within limits, or else the clearest, and how many were
-    made.
+    """Return the first plan that is free of collision and within limits, or else the clearest, and
+    how many were made.
     """
     best = next(plans)
     n = 1

@@ -187,7 +187,9 @@ def _joint_topics(series: Series, meta: Any, time_stamps: np.ndarray) -> Iterato
     n = len(meta.joints)
     parts: list[Part] = [time_stamps, WORLD, _count(n), *meta.joints]
     for array in (positions, series.get("v"), series.get("torque")):
-        values = np.empty(0) if array is None else array[:, -n:]
+        values = np.empty(0)
+        if array is not None:
+            values = array[:, -n:]
         parts += [_count(values.shape[-1]), values]
     yield Topic(name="/joint_states", kind="sensor_msgs/JointState", parts=parts)
 

@@ -221,7 +221,7 @@ class PlanMeta(RecordMeta):
     clearance_wanted: meta_values.Number
     """Clearance [m] that was wanted."""
     link_clearance_wanted: meta_values.Number | None = None
-    """Clearance [m] between two links; `None`: the same."""
+    """Clearance [m] that was wanted between two links; `None`: that of obstacles."""
     clearance_groups: tuple[str, ...] = ()
     """Obstacles from which the columns of the series ``clearance`` are the distance."""
     min_clearance: meta_values.ClearanceMeta | None = None

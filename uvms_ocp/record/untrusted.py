@@ -16,15 +16,15 @@ from typing import Any
 from uvms_ocp.errors import InvalidInput, UvmsError
 
 DENSEST = 400
-"""[B/B] of all arrays of a file over the file, where they are more than `SMALL`.
+"""[B/B] Largest size of all arrays of a file over that of the file, where they are more than `SMALL`.
 
-A longer run makes a larger file, so that no length of it is refused; what a few bytes unpack to is.
-Motion packs 2 to 4 times. A robot that stands still packs 144 times and not much more: every tick
-has its time and two readings of a clock, 8 B after packing, beside 2 kB that hardly take any. Zeros
-alone pack 1,032 times, by other methods of the archive 10,000.
+It refuses what a few bytes unpack to, and no run for its length, as a longer run makes a larger
+file. Motion packs 2 to 4 times. A robot that stands still packs 144 times and not much more: every
+tick has its time and two readings of a clock, 8 B after packing, beside 2 kB that hardly take any.
+Zeros alone pack 1,032 times, by other methods of the archive 10,000.
 """
 SMALL = 64 << 20
-"""[B] of arrays that fit into any memory, however few bytes they come from."""
+"""[B] Size of arrays that is read however few bytes they come from, as it fits into any memory."""
 
 _FILES_READ: ContextVar[list[Path] | None] = ContextVar("record_files_read", default=None)
 

@@ -60,7 +60,9 @@ def build_reference(folder: Path | str) -> Path:
         "Theory": theory_pages(),
         "Files and commands": generated_pages(),
     }
-    texts = [text for pages in sections.values() for text in pages.values()]
+    texts = []
+    for pages in sections.values():
+        texts += pages.values()
     modules = documented_modules("\n".join(texts))
     pdoc.render.configure(docformat="markdown", show_source=True, search=True)
     try:

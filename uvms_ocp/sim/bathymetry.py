@@ -179,7 +179,7 @@ def _of_lines(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
                 " them z"
             )
             raise InvalidInput(f"{' '.join(title)!r} {text}")
-    table = np.array([[float(word) for word in row] for row in rows])
+    table = np.array([list(map(float, row)) for row in rows])
     if table.ndim != 2 or table.shape[1] != 3:
         raise InvalidInput(f"{len(rows)} lines of numbers, not of three each")
     x, i = np.unique(table[:, 0], return_inverse=True)

@@ -81,8 +81,8 @@ class Current(Protocol):
 
 @checked_on_failure
 def water_at(current: Current, p_W: Points, t: float) -> Water:
-    """The water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt = du/dt
-    + (u . grad) u``.
+    """Return the water at points p_W (n, 3) [m] and time t [s]: u and its own acceleration ``Du/Dt
+    = du/dt + (u . grad) u``.
 
     That is how u changes for a particle of the water, not for a robot that moves through it:
     nothing where the water flows steadily in parallel layers. `uvms_ocp.robot.hydrodynamics` says

@@ -40,8 +40,8 @@ def closest_approach(
     spacing: Positive = 0.25,
     links: Sequence[str] | None = None,
 ) -> ClosestApproach:
-    """The closest approach of the whole robot to the floor and all obstacles over configurations q
-    (n, n_q) [m, rad].
+    """Return the closest approach of the whole robot to the floor and all obstacles over
+    configurations q (n, n_q) [m, rad].
 
     floor: count it, which a robot that has landed touches. spacing [m] of the mesh for a floor that
     is not flat. links: names of the shapes that count, as of an arm (`Robot.arm_shapes`), all by

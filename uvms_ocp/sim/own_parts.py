@@ -29,8 +29,8 @@ from uvms_ocp.sim.plant import Plant
 
 
 def part_name(maker: Any) -> str:
-    """Name of the part that it makes, as records have it: the name of a function or class, of
-    anything else that of its class.
+    """Return the name of the part that a maker makes, as records have it: that of a function or
+    class, or of the class of anything else.
     """
     if isinstance(maker, partial):
         return part_name(maker.func)
@@ -113,7 +113,7 @@ class PlantMaker(Protocol):
     """
 
     def __call__(self, scenario: Any) -> Plant:
-        """The plant of a `Scenario`, at its start and at rest."""
+        """Return the plant of a `Scenario`, at its start and at rest."""
 
 
 class Disturbance(Protocol):
@@ -139,7 +139,7 @@ class FaultMaker(Protocol):
     """[s] from which all is well again; inf: never."""
 
     def __call__(self, scenario: Any) -> Disturbance:
-        """The fault in a run of a `Scenario`."""
+        """Return the fault in a run of a `Scenario`."""
 
 
 class SensorsMaker(Protocol):
@@ -156,8 +156,8 @@ class SensorsMaker(Protocol):
         """Specifications that estimator, monitor and pre-flight expect."""
 
     def __call__(self, scenario: Any) -> Sensors:
-        """The sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true state at
-        time t [s].
+        """Return the sensors of a `Scenario`: a callable ``(State, t) -> Readings`` of the true
+        state at time t [s].
 
         A reading that is the same object as at the tick before is no new one. Values may be nan:
         that is a sensor which fails, and the monitor deals with it. Of channels that `specs` has,
@@ -169,12 +169,12 @@ class EstimatorMaker(Protocol):
     """Maker of an estimator, for ``Scenario(estimator=...)``."""
 
     def __call__(self, scenario: Any) -> StateEstimator:
-        """The estimator of a `Scenario`: a callable ``(Readings, t, command) -> StateEstimate`` at
-        time t [s].
+        """Return the estimator of a `Scenario`: a callable ``(Readings, t, command) ->
+        StateEstimate`` at time t [s].
 
         `command` has been acting since the last call, `None` at the first. A monitor stands around
         it: readings that cannot be true are kept from it, and age and health of its measurements
-        are the monitor's. One that has `outcomes` and `inflate_velocity_variance`, as
+        are the monitor's. One that has ``outcomes`` and ``inflate_velocity_variance``, as
         `uvms_ocp.control.Estimator` does, is heard by the monitor too.
         """
 
@@ -183,8 +183,8 @@ class ControllerMaker(Protocol):
     """Maker of a controller, for ``Scenario(controller=...)``."""
 
     def __call__(self, scenario: Any) -> Controller:
-        """The controller of a `Scenario`: a callable ``(StateEstimate, t) -> Command`` at time t
-        [s].
+        """Return the controller of a `Scenario`: a callable ``(StateEstimate, t) -> Command`` at
+        time t [s].
 
         The command has thrust and torque where the plant takes forces. `SupervisedController`
         follows the mission beside it.

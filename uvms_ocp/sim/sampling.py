@@ -121,11 +121,11 @@ class SensorsMemory(Layout):
     log_at: Annotated[Vector, Sized(3)]
     """(3,) [m] the Doppler log in B."""
     flat: bool
-    """The floor is a plane."""
+    """True where the floor is a plane."""
     floor: float
     """[m] z in W of the plane."""
     look: FunctionField
-    """Q to `beam`, as that of `AltimeterMemory`."""
+    """Function of q (n_q,) that gives `beam`."""
     beam: Annotated[Vector, Sized(4)]
     """(4,) [m] origin in W of the altimeter's beam, and cosine of the angle between it and straight
     down.

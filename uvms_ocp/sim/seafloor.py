@@ -18,17 +18,16 @@ from uvms_ocp.robot.shapes.obstacles import Obstacle, mesh_shape
 from uvms_ocp.types import Positive, Range, Shape, Vector3
 
 LEVEL_RAY = 1e-9  # sine of the angle to the horizon below which a ray counts as level
-_DEEPEST = 1e5  # [m]
-_RELIEF_POINTS = 81  # along each side
+_DEEPEST = 1e5  # [m] depth and height of a floor at most
+_RELIEF_POINTS = 81  # of a record, along each side
 _SLAB = 2.0  # [m] thickness of a flat floor as an obstacle
+_FINEST = 3000  # cells a side of a mesh, more than can be drawn
 
 Corner = Annotated[np.ndarray, Shape(2), Range(open=True)]
 """(2,) [m] x, y in W."""
 
 Points = Annotated[np.ndarray, Shape("n", 2)]
 """(n, 2) [m] x, y in W."""
-
-_FINEST = 3000  # cells a side of a mesh, more than can be drawn
 
 
 class Seafloor(Protocol):
@@ -37,13 +36,13 @@ class Seafloor(Protocol):
     __slots__ = ()
 
     def height(self, x: float, y: float) -> float:
-        """Z [m] of the floor below or above the point (x, y) [m] in W."""
+        """Return the height z [m] of the floor below or above the point (x, y) [m] in W."""
 
     def normal(self, x: float, y: float) -> np.ndarray:
-        """Unit normal (3,) of the floor at (x, y) [m], upwards, in W."""
+        """Return the unit normal (3,) of the floor at (x, y) [m], upwards, in W."""
 
     def range_along(self, origin: Vector3, direction: Vector3) -> float:
-        """Distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) in W to the
+        """Return the distance [m] from `origin` (3,) [m] along the unit vector `direction` (3,) in W to the
         floor; nan without a hit.
 
         0 or negative where the origin is at or below the floor and the ray points down.
@@ -74,7 +73,7 @@ class FlatSeafloor(Seafloor):
         return np.array([0.0, 0.0, 1.0])
 
     def ground_at(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
+        """Return heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in
         W.
         """
         normals = np.zeros((len(points), 3))
@@ -90,7 +89,7 @@ class FlatSeafloor(Seafloor):
 
 @checked_on_failure
 def ground_at(seafloor: Seafloor, points: Points) -> tuple[np.ndarray, np.ndarray]:
-    """Heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W.
+    """Return heights (n,) [m] and unit normals (n, 3) of the floor at points (n, 2) [m], x and y in W.
 
     In one pass where its own class has a method ``ground_at`` for that, else point by point.
     """
@@ -120,7 +119,7 @@ def floor_relief(seafloor: Seafloor, low: Corner, high: Corner) -> FloorRelief |
 def floor_mesh(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of
+    """Return vertices (n, 3) [m] in W and triangles (m, 3), counter-clockwise from above, of a square of
     the floor.
 
     centre [m] is x, y of the square, extent [m] its side, spacing [m] the distance between
@@ -154,7 +153,8 @@ def floor_mesh(
 def floor_obstacle(
     seafloor: Seafloor, *, centre: tuple[float, float], extent: Positive, spacing: Positive = 0.25
 ) -> Obstacle:
-    """A square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a mesh.
+    """Return a square of the floor as an obstacle named ``seafloor``: a slab if it is flat, else a
+    mesh.
 
     centre, extent, spacing [m] as `floor_mesh` takes them; raises what it raises.
     """

@@ -63,11 +63,13 @@ class SteppedCurrent(Current):
         return base + added
 
     def _step(self, t: float) -> np.ndarray:
-        """(3,) [m/s] of all steps together, far above the floor."""
+        """Return the velocity (3,) [m/s] of all steps together, far above the floor."""
         return self._sum(t, lambda elapsed: cosine_step(elapsed / RISE))
 
     def _sum(self, t: float, growth: Callable[[float], float]) -> np.ndarray:
-        """(3,) over all steps, by how each has grown since its onset, and since its end."""
+        """Sum all steps (3,), each times what it has grown by since its onset, and shrunk by since
+        its end.
+        """
         parts = []
         for fault in self.faults:
             share = growth(t - fault.onset) - growth(t - fault.end)
@@ -75,7 +77,7 @@ class SteppedCurrent(Current):
         return np.asarray(np.sum(parts, axis=0))
 
     def _shape(self, p_W: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """(n, 3): a step at points p_W (n, 3), less its vertical part near the floor."""
+        """Return a step (n, 3) at points p_W (n, 3), less its vertical part near the floor."""
         field = np.tile(step, (len(p_W), 1))
         if step[2]:
             heights = p_W[:, 2] - ground_at(self.seafloor, p_W[:, :2])[0]
@@ -84,7 +86,7 @@ class SteppedCurrent(Current):
 
 
 def with_steps(environment: Environment, faults: Sequence[Fault]) -> Environment:
-    """The environment with the steps of its current that are among the faults."""
+    """Return the environment with the steps of its current that are among the faults."""
     current_faults = tuple(fault for fault in faults if fault.location.family == "current")
     if not current_faults:
         return environment

@@ -351,7 +351,7 @@ def _spread(problem: BoundedProblem) -> None:
 
 
 def _most_wrong(problem: BoundedProblem) -> int:
-    """The fixed variable whose release lowers the cost most; -1 where none does."""
+    """Return the fixed variable whose release lowers the cost most; -1 where none does."""
     worst = -1
     largest_gain = 0.0
     largest = 0.0

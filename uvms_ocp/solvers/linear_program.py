@@ -20,22 +20,25 @@ class LinearProgram(Layout):
     """
 
     A: Annotated[list[Vector], Sized("m", "n_x")]
-    """(m, n_x) """
+    """(m, n_x) [-] coefficients of the rows."""
     b: Annotated[Vector, Sized("m")]
-    """(m,) [x]"""
+    """(m,) [x] right-hand sides of the rows."""
     c: Annotated[Vector, Sized("n_x")]
-    """(n_x,) [c/x]"""
+    """(n_x,) [c/x] value of a unit of each variable."""
     lower: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x]; behind them those of what is missing in each row."""
+    """(n_x,) [x] lower bounds; behind them those of what is missing in each row."""
     upper: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x] likewise; infinity for none."""
+    """(n_x,) [x] upper bounds, infinity for none; behind them those of what is missing in each row."""
     x: Annotated[Vector, Sized("n_all")]
-    """(n_x,) [x] the answer; behind it what is missing in each row."""
+    """(n_x,) [x] values of the variables; behind them what is missing in each row."""
     tableau: Annotated[list[Vector], Sized("m", "n_all")]
+    """(m, n_x + m) rows in terms of the variables that are not basic."""
     basis: Annotated[list[int], Sized("m")]
-    """Variable of each row."""
+    """(m,) basic variable of each row."""
     basic: Annotated[list[bool], Sized("n_all")]
+    """(n_x + m,) true for variables that are in the basis."""
     cost: Annotated[Vector, Sized("n_all")]
+    """(n_x + m,) value of a unit of each variable in the phase that is being solved."""
 
 
 def program_sizes(m: int, n: int) -> dict[str, int]:
@@ -113,7 +116,7 @@ def _improve(program: LinearProgram) -> bool:
 
 
 def _entering(program: LinearProgram) -> int:
-    """The first variable at a bound that pays to leave it; -1 for none."""
+    """Return the first variable at a bound that pays to leave it; -1 for none."""
     for j in range(len(program.x)):
         if not program.basic[j] and program.lower[j] < program.upper[j]:
             if program.x[j] <= program.lower[j]:

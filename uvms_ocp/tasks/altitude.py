@@ -33,12 +33,12 @@ def altitude_of(symbols: TickSymbols, frame: str) -> ca.SX:
 
 
 def altitude_row(symbols: TickSymbols, frame: str) -> ca.SX:
-    """Row (1, n_v) [-, m] of the world-z velocity of the sensor point."""
+    """Return row (1, n_v) [-, m] of the world-z velocity of the sensor point."""
     return symbols.kinematics.jacobian(frame)[2, :]
 
 
 def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
-    """The frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
+    """Return the frame given, or the robot's altimeter; raises `InvalidInput` where there is none."""
     altimeter = frame or symbols.robot.description.altimeter
     if altimeter is None:
         raise InvalidInput(
@@ -50,7 +50,7 @@ def altimeter_of(task: str, symbols: TickSymbols, frame: str | None) -> str:
 
 @lru_cache(maxsize=8)
 def height_of(robot: Robot, frame: str) -> ca.Function:
-    """Values of a `PositionLimit`: z [m] of a frame's origin in W. Raises `FrameNotFound`."""
+    """Return values of a `PositionLimit`: z [m] of a frame's origin in W. Raises `FrameNotFound`."""
     q = ca.SX.sym("q", robot.n_q)
     _, p_WS = SymbolicModel(robot.model).forward_kinematics(q).pose(frame)
     return ca.Function("height", [q], [ca.densify(p_WS[2])])
@@ -88,7 +88,9 @@ class MinimumAltitude(Task):
         )
 
     def position_limit(self, robot: Robot) -> limits.PositionLimit:
-        """The altimeter stays at `threshold`; the floor is taken as level around the robot."""
+        """Return the limit that keeps the altimeter at `threshold` or above; the floor is taken as
+        level around the robot.
+        """
         frame = self.frame or robot.description.altimeter or ""
         return limits.PositionLimit(
             quantity="altitude",

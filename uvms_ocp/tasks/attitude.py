@@ -75,8 +75,8 @@ class AngleTask(Task):
         return 1.0, 0.0, 0.0
 
     def turning_directions(self, robot: Robot) -> np.ndarray | None:
-        """(3, k) unit vectors in B, perpendicular to the axis, towards which it is turned; `None`
-        where that is everywhere.
+        """Return (3, k) unit vectors in B, perpendicular to the axis, towards which it is turned;
+        `None` where that is everywhere.
 
         Raises `FrameNotFound`.
         """
@@ -222,8 +222,8 @@ class TargetTask(AngleTask):
         quantities: dict[str, ca.SX],
         name: str,
     ) -> Rows:
-        """Rows for the way d (3,) [m] to the target, which translation turns by ``across @ v /
-        |d|^2``, across (3, 3) [m].
+        """Return rows for the way d (3,) [m] to the target, which translation turns by ``across @ v
+        / |d|^2``, across (3, 3) [m].
 
         speed (3,) [m/s]: of the target. quantities: those beside the angle, which is called `name`.
         At d = 0 nothing is asked.
@@ -345,13 +345,13 @@ class FieldOfView(TargetTask):
 
 
 def _in_vehicle(robot: Robot, frame: str, axis: tuple[float, float, float]) -> np.ndarray:
-    """(3,) in B of an axis of a frame that is fixed to the vehicle."""
+    """Return the axis (3,) in B of a frame that is fixed to the vehicle."""
     return np.asarray(
         robot.model.frames[robot.frame_id(frame)].placement.rotation @ np.asarray(axis)
     )
 
 
 def _perpendicular(R_WC: ca.SX, axis: tuple[float, float, float]) -> ca.SX:
-    """A unit vector (3,) in W perpendicular to an axis of the frame C."""
+    """Return a unit vector (3,) in W perpendicular to an axis of the frame C."""
     across = np.cross(np.asarray(axis), np.eye(3)[int(np.argmin(np.abs(axis)))])
     return R_WC @ ca.DM(across / np.linalg.norm(across))

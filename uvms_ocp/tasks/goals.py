@@ -29,12 +29,12 @@ class EndingReference(Protocol):
         """[s] after which it rests."""
 
     def __call__(self, t: float) -> tuple[Any, np.ndarray]:
-        """Value and rate at t [s]."""
+        """Return value and rate at t [s]."""
 
 
 def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, np.ndarray]:
-    """Value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises `InvalidInput`
-    where not finite.
+    """Return value (n,) and rate (n,) [its unit / s] of a vector goal at time t [s]; raises
+    `InvalidInput` where not finite.
     """
     if callable(goal):
         value, rate = goal(t)

@@ -59,7 +59,7 @@ class JointLimits(Task):
             raise InvalidInput(f"{problem}; give shares of the range, together below 0.5")
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Bounded joints inside their range [rad or m]."""
+        """Bound the joints by their ranges [rad or m]."""
         positions = list[ca.SX]()
         lower_ends = list[float]()
         upper_ends = list[float]()
@@ -77,7 +77,7 @@ class JointLimits(Task):
         )
 
     def _guarded_range(self, lower: float, upper: float) -> tuple[float, float]:
-        """The range [rad or m] without the guard, which a joint with one limit has not."""
+        """Return the range [rad or m] without the guard, which a joint with one limit has not."""
         if not np.isfinite([lower, upper]).all():
             return lower, upper
         guard = self.guard * (upper - lower)
@@ -127,7 +127,7 @@ class JointLimits(Task):
         )
 
     def _approach(self, symbols: TickSymbols, joint: limits.Joint, distance: ca.SX) -> ca.SX:
-        """Largest speed [rad/s or m/s] towards a limit at this distance [rad or m]."""
+        """Return the largest speed [rad/s or m/s] towards a limit at this distance [rad or m]."""
         return approach_speed(
             distance,
             gain=self.gain,
@@ -164,9 +164,9 @@ class JointTracking(Task):
     name: str = "MP"
     task_class: TaskClass = TaskClass.OPTIMIZATION
     joints: tuple[str, ...]
-    """Names."""
+    """Names of the joints that follow the goal."""
     goal: VectorGoal
-    """(len(joints),) [rad or m]"""
+    """Positions of the joints (len(joints),) [rad or m], constant or over time."""
     gain: Positive = 0.5
     """[1/s]"""
     saturation: Positive = 0.5
@@ -188,7 +188,7 @@ class JointTracking(Task):
         return np.concatenate(evaluate_vector(self.name, self.goal, t))
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """The way of the chosen joints to the goal = 0 [rad or m]."""
+        """Ask for no way left from the chosen joints to the goal [rad or m]."""
         goals = ca.vertsplit(parameters[: len(self.joints)])
         ways = list[ca.SX]()
         for name, goal in zip(self.joints, goals, strict=True):
@@ -224,7 +224,7 @@ class Manipulability(Task):
     """[unit of mu] activation falls over this range."""
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Manipulability above the end of the activation."""
+        """Bound the manipulability by the end of the activation."""
         return bounded_residual(manipulability(symbols, self.frame), lower=self.activation.end)
 
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
@@ -259,14 +259,17 @@ def manipulability(symbols: TickSymbols, frame: str) -> ca.SX:
             " its tool"
         )
     J = J[:, moving_axes]
-    gram = J @ J.T if J.shape[1] >= 6 else J.T @ J
+    if J.shape[1] >= 6:
+        gram = J @ J.T
+    else:
+        gram = J.T @ J
     pivots, _, _ = ca.ldl(gram + _SINGULAR * ca.SX.eye(gram.shape[0]), False)
     return ca.sqrt(ca.fmax(math.prod(ca.vertsplit(pivots), start=ca.SX(1)), 0) + _SINGULAR**2)
 
 
 def _arm_gradient(symbols: TickSymbols, scalar: ca.SX) -> ca.SX:
-    """Row (1, n_v) of a scalar that depends on the joints of the arm: its rate per velocity, on the
-    manifold of q.
+    """Return row (1, n_v) of a scalar that depends on the joints of the arm: its rate per velocity,
+    on the manifold of q.
     """
     q = symbols.q
     model = SymbolicModel(symbols.robot.model)

@@ -101,13 +101,13 @@ class Task(ABC):
 
     @abstractmethod
     def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        """The rows of this task; `parameters` (n_parameters,) are its reference, ending with the
-        `nearest_pairs` it has.
+        """Return the rows of this task; `parameters` (n_parameters,) are its reference, ending with
+        the `nearest_pairs` it has.
         """
 
     def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """The error or quantity that this task keeps at a value or in a range, for planning over a
-        horizon.
+        """Return the error or quantity that this task keeps at a value or in a range, for planning
+        over a horizon.
 
         Raises `InvalidInput` for a task that exists at velocity level only.
         """
@@ -117,11 +117,13 @@ class Task(ABC):
         )
 
     def position_limit(self, robot: Robot) -> PositionLimit | None:
-        """The limit on positions that this task stands for, if it is one beyond the joints' own."""
+        """Return the limit on positions that this task stands for; None where it is none beyond the
+        joints' own.
+        """
         return None
 
     def n_parameters(self, robot: Robot) -> int:
-        """Length of the vector that `reference` returns."""
+        """Return the length of the vector that `reference` returns."""
         return 0
 
     @determined_by_goal
@@ -253,7 +255,7 @@ class Residual:
 def equality_rows(
     jacobian: ca.SX, rate: ca.SX, quantities: Mapping[str, ca.SX] | None = None
 ) -> Rows:
-    """Rows that ask for ``jacobian @ v = rate``, always active inside."""
+    """Return rows that ask for ``jacobian @ v = rate``, always active inside."""
     return Rows(
         jacobian=jacobian,
         rate=rate,
@@ -266,12 +268,12 @@ def equality_rows(
 
 @checked
 def zero_residual(value: ca.SX) -> Residual:
-    """A residual that asks for ``value = 0``."""
+    """Return a residual that asks for ``value = 0``."""
     zeros = np.zeros(value.shape[0])
     return Residual(value=value, lower=zeros, upper=zeros)
 
 
 def bounded_residual(value: ca.SX, *, lower: float = -np.inf, upper: float = np.inf) -> Residual:
-    """A residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
+    """Return a residual that asks for ``lower <= value <= upper`` [unit of the task], row by row."""
     m = value.shape[0]
     return Residual(value=value, lower=np.full(m, lower), upper=np.full(m, upper))

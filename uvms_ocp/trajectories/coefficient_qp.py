@@ -93,7 +93,7 @@ class _Qp:
         self.solver = ca.conic("min_snap", "qrqp", sparsities, _QUIET)
 
     def solve(self, problem: NodeProblem, axis: int, lower: Array, upper: Array) -> Array:
-        """(k, n + 1) [axis/s^d] optimal node derivatives of one axis within `limits`."""
+        """Return (k, n + 1) [axis/s^d] optimal node derivatives of one axis within `limits`."""
         scale = self.unit ** np.arange(self.k)[:, None]
         continuous = np.zeros(self.k * (self.n - 1))
         solution = self.solver(

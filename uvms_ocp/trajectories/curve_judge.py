@@ -112,7 +112,7 @@ def achievable_gain(
 
 @lru_cache
 def _derivatives_at_one(k: int, n_coefficients: int) -> Array:
-    """(k, n_coefficients) derivatives 0 .. k - 1 of 1, u, u^2, ... at u = 1."""
+    """Return (k, n_coefficients) derivatives 0 .. k - 1 of 1, u, u^2, ... at u = 1."""
     rows = np.zeros((k, n_coefficients))
     for order in range(k):
         for power in range(order, n_coefficients):

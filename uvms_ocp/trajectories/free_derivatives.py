@@ -142,7 +142,7 @@ def cost_curvature(pieces: Pieces) -> Array:
 
 
 def _powers(x: Array, k: int) -> Array:
-    """(k, n): x^0, ..., x^(k-1)."""
+    """Return the powers x^0, ..., x^(k-1) (k, n)."""
     rows = np.ones((k, x.size))
     for d in range(1, k):
         np.multiply(rows[d - 1], x, out=rows[d])
@@ -150,8 +150,8 @@ def _powers(x: Array, k: int) -> Array:
 
 
 def _relative(values: Array, start_scale: Array, end_scale: Array) -> Array:
-    """(2k, n, n_axes) values at both ends of each piece, scaled by start_scale and end_scale (k,
-    n, 1), from its start.
+    """Return (2k, n, n_axes) values at both ends of each piece, scaled by start_scale and end_scale
+    (k, n, 1), from its start.
     """
     k, n_nodes, n_axes = values.shape
     data = np.empty((2 * k, n_nodes - 1, n_axes))
@@ -169,7 +169,7 @@ def _times(matrix: Array, data: Array) -> Array:
 
 
 def onto_nodes(by_end: Array, k: int) -> Array:
-    """(k, n + 1, n_axes) sums at the nodes of what is by the ends of the pieces (2k, n, n_axes)."""
+    """Sum what belongs to both ends of the pieces (2k, n, n_axes) at the nodes (k, n + 1, n_axes)."""
     result = np.zeros((k, by_end.shape[1] + 1, by_end.shape[2]))
     result[:, :-1] += by_end[:k]
     result[:, 1:] += by_end[k:]
@@ -177,7 +177,7 @@ def onto_nodes(by_end: Array, k: int) -> Array:
 
 
 def _gradient(pieces: Pieces, scaled: Array) -> Array:
-    """(k, n + 1, n_axes) half the gradient of the cost by the scaled node derivatives."""
+    """Return half the gradient (k, n + 1, n_axes) of the cost by the scaled node derivatives."""
     k = pieces.k
     data = _relative(scaled, pieces.scale[:k], pieces.scale[k:])
     slope = _times(hermite_cost(k), data)
@@ -187,8 +187,8 @@ def _gradient(pieces: Pieces, scaled: Array) -> Array:
 
 
 def _band(pieces: Pieces, rows: Indices, free: Mask) -> Array:
-    """(n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib + c]; b =
-    rows.size.
+    """Return (n + 1, b, 2b) lower band of half the Hessian: entry [i, c, r] is A[ib + c + r, ib +
+    c]; b = rows.size.
     """
     k = pieces.k
     b = rows.size

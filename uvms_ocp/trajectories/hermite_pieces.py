@@ -64,7 +64,7 @@ def _falling(i: int, d: int) -> int:
 
 
 def _end_data_matrix(k: int) -> _Rational:
-    """(2k, 2k): coefficients -> end data."""
+    """Return the matrix (2k, 2k) that takes coefficients to values and derivatives at both ends."""
     rows_at_0 = []
     rows_at_1 = []
     for d in range(k):

@@ -127,7 +127,9 @@ def _require_accurate(curve: MinSnap, problem: NodeProblem, slopes: Array) -> No
 
 
 def _scale_of_cost(curve: MinSnap, problem: NodeProblem) -> float:
-    """The cost; what ordinary pieces cost by themselves, where that is next to nothing."""
+    """Return the size that rounding of a cost is relative to: the cost, or that of ordinary pieces
+    where it is next to nothing.
+    """
     durations = np.diff(problem.times)
     squared_steps = (np.diff(curve.node_derivatives[0], axis=0) ** 2).sum(axis=1)
     usual_cost = np.median(squared_steps / durations ** (2 * problem.k - 1)) * durations.size
@@ -162,7 +164,9 @@ def solution_of(times: Array, pieces: free_derivatives.Pieces, values: Array) ->
 
 
 def _optimal_node_derivatives(problem: NodeProblem, pieces: free_derivatives.Pieces) -> Array:
-    """(k, n + 1, n_axes) [axis/s^d] derivatives at the way points, the free ones at the optimum."""
+    """Return (k, n + 1, n_axes) [axis/s^d] derivatives at the way points, the free ones at the
+    optimum.
+    """
     if (problem.fixed == problem.fixed[:, :, :1]).all():
         return free_derivatives.solve_free(pieces, problem.values, problem.fixed[:, :, 0])
     values = problem.values.copy()

@@ -86,8 +86,8 @@ class PiecewisePolynomial(FieldTable):
 
     @checked_on_failure
     def __call__(self, t: float) -> tuple[Array, Array]:
-        """Value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times the
-        curve rests at its ends.
+        """Return value (n_axes,) [axis] and rate (n_axes,) [axis/s] at t [s]; outside of its times
+        the curve rests at its ends.
         """
         inside = min(max(t, self.start), self.end)
         piece = int(np.searchsorted(self.breaks, inside, side="right")) - 1
@@ -101,8 +101,8 @@ class PiecewisePolynomial(FieldTable):
 
     @checked_on_failure
     def evaluate(self, t: ArrayLike, derivative: Count = 0) -> Array:
-        """The derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...) [s],
-        clipped to the ends.
+        """Return the derivative-th derivative (..., n_axes) [axis/s^derivative] at times t (...)
+        [s], clipped to the ends.
         """
         times = np.clip(np.asarray(t, dtype=float), self.start, self.end)
         piece = np.searchsorted(self.breaks, times, side="right") - 1
@@ -113,15 +113,15 @@ class PiecewisePolynomial(FieldTable):
         return unit_value / self.durations[piece][..., None] ** derivative
 
     def derivative(self, order: Count = 1) -> PiecewisePolynomial:
-        """The order-th time derivative as a curve of its own."""
+        """Return the order-th time derivative as a curve of its own."""
         scale = self.durations[:, None] ** -order
         return PiecewisePolynomial(
             breaks=self.breaks, coefficients=_differentiated(self.coefficients, order) * scale
         )
 
     def sample(self, period: Positive, derivatives: Count = 0) -> tuple[Array, Array]:
-        """Times (n,) [s] every ``period`` [s], end included, and values (n, derivatives + 1,
-        n_axes) [axis/s^d].
+        """Return the times (n,) [s] every ``period`` [s], end included, and values (n, derivatives
+        + 1, n_axes) [axis/s^d].
         """
         n_periods = max(int(np.ceil(self.duration / period - 1e-9)), 1)
         times = np.minimum(self.start + period * np.arange(n_periods + 1), self.end)
@@ -129,16 +129,16 @@ class PiecewisePolynomial(FieldTable):
         return times, np.stack(values, axis=1)
 
     def jumps(self, derivative: Count) -> Array:
-        """(n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each inner
-        break.
+        """Return (n_pieces - 1, n_axes) [axis/s^derivative] value just after minus just before each
+        inner break.
         """
         scaled = _differentiated(self.coefficients, derivative)
         rate = self.durations[:, None] ** -derivative
         return scaled[0, 1:] * rate[1:] - scaled[:, :-1].sum(axis=0) * rate[:-1]
 
     def peak(self, derivative: Count = 0) -> Array:
-        """(n_axes,) [axis/s^derivative] largest absolute value of the derivative-th derivative over
-        the whole curve.
+        """Return (n_axes,) [axis/s^derivative] largest absolute value of the derivative-th
+        derivative over the whole curve.
         """
         unit_peaks = _unit_peaks(_differentiated(self.coefficients, derivative))
         return np.max(unit_peaks / self.durations[:, None] ** derivative, axis=0)
@@ -161,7 +161,7 @@ class PiecewisePolynomial(FieldTable):
         return PiecewisePolynomial(breaks=breaks, coefficients=self.coefficients)
 
     def axes(self, indices: Sequence[int]) -> PiecewisePolynomial:
-        """The curve of the chosen axes only. Raises `InvalidInput` for none."""
+        """Return the curve of the chosen axes only. Raises `InvalidInput` for none."""
         if not len(indices):
             raise InvalidInput("indices = (); give at least one axis")
         return PiecewisePolynomial(
@@ -309,8 +309,8 @@ def _differentiated(coefficients: Array, order: int) -> Array:
 
 
 def _unit_peaks(coefficients: Array) -> Array:
-    """(n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then Newton
-    on the slope.
+    """Return (n_pieces, n_axes) largest absolute value in the unit interval: best of a grid, then
+    Newton on the slope.
     """
     grid = _EXTREMUM_GRID[:, None, None]
     values = np.abs(polyval(grid, coefficients[:, None], tensor=False))

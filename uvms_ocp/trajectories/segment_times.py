@@ -51,8 +51,8 @@ class MotionLimits:
             object.__setattr__(self, name, limit)
 
     def rows(self, n_axes: Count) -> Array:
-        """(3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput` where
-        they are of other shape.
+        """Return (3, n_axes) [axis/s^d] limits of derivatives d = 1, 2, 3. Raises `InvalidInput`
+        where they are of other shape.
         """
         rows = []
         for name in ("velocity", "acceleration", "jerk"):
@@ -65,7 +65,7 @@ class MotionLimits:
         return np.stack(rows)
 
     def ratios(self, trajectory: PiecewisePolynomial) -> Array:
-        """(3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
+        """Return (3, n_axes) peaks of derivatives d = 1, 2, 3 as shares of their limits."""
         peaks = np.stack([trajectory.peak(d) for d in (1, 2, 3)])
         return peaks / self.rows(trajectory.n_axes)
 
@@ -76,8 +76,8 @@ class MotionLimits:
 
 @checked
 def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
-    """(n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest axis
-    needs.
+    """Return (n + 1,) [s] times at which every leg, from rest to rest, lasts as long as its slowest
+    axis needs.
 
     waypoints (n + 1, n_axes) [axis], (n + 1,) for one axis. An axis needs a trapezoidal velocity
     profile within its velocity and acceleration limits. Raises `InvalidInput` for way points as
@@ -98,7 +98,7 @@ def trapezoidal_times(waypoints: ArrayLike, limits: MotionLimits) -> Array:
 
 
 def _trapezoid_time(distance: Array, velocity: Array, acceleration: Array) -> Array:
-    """Time [s] from rest to rest over a distance; below v^2/a the profile is a triangle.
+    """Return the time [s] from rest to rest over a distance; below v^2/a the profile is a triangle.
 
     distance (n, n_axes) [axis]; velocity (n_axes,) [axis/s]; acceleration (n_axes,) [axis/s2].
     """

@@ -126,7 +126,7 @@ def write_joint_watch(watch: JointFaultMemory, effort: np.ndarray) -> None:
 def thruster_verdicts(
     watch: ThrusterFaultMemory, effectiveness: verdicts.ThrusterEffectiveness, n: int
 ) -> list[verdicts.ThrusterVerdict]:
-    """Return the verdict of a `ThrusterWatch` on each of n thrusters; effectiveness: in memory."""
+    """Return the verdict of a `ThrusterFaultMemory` on each of n thrusters; effectiveness: in memory."""
     thruster_list = list[verdicts.ThrusterVerdict]()
     for i in range(n):
         verdict = verdicts.ThrusterVerdict(

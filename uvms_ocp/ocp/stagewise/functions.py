@@ -34,7 +34,7 @@ class Tangent:
     """Tangent space of states and controls of a step, and derivatives along it."""
 
     def __init__(self, *, model: stage.StageModel) -> None:
-        """model: with forces `eliminated`."""
+        """model: one that eliminates forces."""
         self.model = model
         self.free = model.problem.free_time
         """The length of the step is a state."""

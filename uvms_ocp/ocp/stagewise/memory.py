@@ -70,17 +70,17 @@ class StageMemory:
         """(n_steps, n_thrusters) in shares of the limits, as `find_inputs` leaves it."""
         self.torque = np.zeros((n_steps, problem.robot.n_joints))
         """(n_steps, n_joints) in shares of the limits, as `find_inputs` leaves it."""
-        self.group_sizes = [[group.n for group in self.groups(stage)] for stage in self.stages]
+        self.group_sizes = [_sizes(self.groups(stage)) for stage in self.stages]
         """Rows of each stage that may be held, group by group."""
         n_held = [sum(sizes) for sizes in self.group_sizes]
         self.held = np.zeros(sum(n_held))
         """Rows that may be held, stage after stage: limits of forces, constraints, then those of
         all levels.
         """
-        self.held_parts = [
-            _split(held, sizes)
-            for held, sizes in zip(_split(self.held, n_held), self.group_sizes, strict=True)
-        ]
+        held_parts = []
+        for held, sizes in zip(_split(self.held, n_held), self.group_sizes, strict=True):
+            held_parts.append(_split(held, sizes))
+        self.held_parts = held_parts
         """Views of `held`, for each stage a list of its groups."""
         self._residuals = [self._level_residuals(i) for i in range(self.n_levels)]
         """For each level its residuals, and views of them for each stage."""
@@ -173,8 +173,13 @@ class StageMemory:
         """Return the number of controls of each stage but the last: at a turn the length of the
         steps that follow.
         """
-        of_turn = int(self.tangent.free)
-        return tuple(self.tangent.n_u if stage.step else of_turn for stage in self.stages[:-1])
+        sizes = []
+        for stage in self.stages[:-1]:
+            if stage.step:
+                sizes.append(self.tangent.n_u)
+            else:
+                sizes.append(int(self.tangent.free))
+        return tuple(sizes)
 
     def _level_residuals(self, level: int) -> tuple[Array, list[Array]]:
         """Return memory for the residuals of a level, whole and stage by stage."""
@@ -219,6 +224,11 @@ class StageMemory:
         for k, i in enumerate(self.steps):
             calls.add(function, [self.z[i], self.force[i]], [self.thrust[k], self.torque[k]])
         return calls
+
+
+def _sizes(groups: Iterable[functions.HeldRows]) -> list[int]:
+    """Return the number of rows of each group."""
+    return [group.n for group in groups]
 
 
 def _split(flat: Array, sizes: Iterable[int]) -> list[Array]:

@@ -116,7 +116,7 @@ def compiled_derivatives(
     def build() -> Derivatives:
         return derivatives(name, z, s, rows, costs=costs, residuals=residuals)
 
-    def build_one(kind: str) -> ca.Function:
+    def build_kind(kind: str) -> ca.Function:
         return getattr(build(), kind)
 
     def build_patterns() -> ca.Function:
@@ -128,7 +128,7 @@ def compiled_derivatives(
     compiling = {}
     for kind in ("value", "jacobian", "hessian", "costs", "gradient"):
         compiling[kind] = compiled_from(
-            f"{name}_{kind}", content, partial(build_one, kind), __file__
+            f"{name}_{kind}", content, partial(build_kind, kind), __file__
         )
     patterns = available_function(
         compiled_from(f"{name}_patterns", content, build_patterns, __file__)

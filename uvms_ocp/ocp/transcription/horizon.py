@@ -201,7 +201,11 @@ class Block:
         node or for all.
         """
         n = len(self.columns)
-        more_of_nodes = [item if item.shape[1] == n else ca.repmat(item, 1, n) for item in more]
+        more_of_nodes = []
+        for argument in more:
+            if argument.shape[1] != n:
+                argument = ca.repmat(argument, 1, n)
+            more_of_nodes.append(argument)
         return function.map(n)(self.Z, self.S, *more_of_nodes)
 
     def hessian(self, sigma: ca.MX, lam: ca.MX) -> Entries:

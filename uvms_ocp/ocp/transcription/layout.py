@@ -147,6 +147,9 @@ def row_layout(
         rows = np.flatnonzero(row_level == i)
         levels.append(rows)
         held.append(rows if level.relax is None else costs[i : i + 1])
+    names = list[str]()
+    for group in groups:
+        names += group.names
     return RowLayout(
         dynamics=dynamics.reshape(N, -1),
         start=start,
@@ -160,7 +163,7 @@ def row_layout(
         stage=np.concatenate([group.stage for group in groups]),
         lower=np.concatenate([group.lower for group in groups]),
         upper=np.concatenate([group.upper for group in groups]),
-        names=tuple(name for group in groups for name in group.names),
+        names=tuple(names),
         constraints=np.flatnonzero(row_level == CONSTRAINT),
         levels=tuple(levels),
         held=tuple(held),
@@ -203,14 +206,16 @@ def _dynamics_group(n_steps: int, n_state: int, n_forces: int) -> _Group:
 
 
 def _boundary_group(problem: OcpProblem, ends: BoundaryRows) -> _Group:
-    """Rows that tie both ends come last."""
+    """Make the rows of both ends of the horizon; those that tie them together come last."""
     ties_ends = np.array([name == PERIODIC for name in ends.names], dtype=bool)
     stage = np.where(ties_ends, problem.n_steps + _START_STAGE, _START_STAGE)
     return _group(ends.names, stage, lower=ends.lower, upper=ends.upper)
 
 
 def _equal_steps_group(problem: OcpProblem) -> _Group:
-    """The first step of a phase may be longer or shorter than the last one of the phase before."""
+    """Make the rows that keep each step as long as the one before it. The first step of a phase may
+    have another length.
+    """
     n = problem.n_steps - 1 if problem.free_time else 0
     starts_phase = np.isin(np.arange(1, n + 1), problem.starts_of_phases())
     level = np.where(starts_phase, _DROPPED, CONSTRAINT)
@@ -224,7 +229,9 @@ def _total_group(problem: OcpProblem) -> _Group:
 
 
 def _terms_group(block: TermBlock, *, fixed_start: bool) -> _Group:
-    """A state that is given is not asked for anything."""
+    """Make the rows of a block of terms at its nodes. Those of the state alone are dropped at a
+    start that is given, which they could not change.
+    """
     rows = block.rows
     n = len(block.nodes)
     level = np.tile(rows.level, (n, 1))

@@ -208,8 +208,8 @@ def term_blocks(model: StageModel) -> tuple[TermBlock, ...]:
 
 
 def eliminated_blocks(blocks: Sequence[TermBlock], model: StageModel) -> tuple[TermBlock, ...]:
-    """Write blocks in the symbols of a model with forces `eliminated`: terms are asked for their
-    rows once.
+    """Write blocks in the symbols of a model that eliminates forces: terms are asked for their rows
+    once.
     """
     if not blocks[0].rows.model.has_force_variables:  # rows hold the equations of motion instead
         return term_blocks(model)
@@ -290,11 +290,15 @@ def _term_rows(
     active = common[0]
     rate = common[1]
     step = model.z[model.layout.h] if on_path else ca.SX(1)
-    shares = [step * rate if term.at is At.PATH else ca.SX(1) for term in terms]
+    shares = []
+    for term in terms:
+        shares.append(step * rate if term.at is At.PATH else ca.SX(1))
     costs, errors = _costs(
         len(model.problem.levels), members, (rows, lower, upper, kinds), shares, active
     )
-    row_members = [member for member in members for _ in range(member.residual.n_rows)]
+    row_members = []
+    for member in members:
+        row_members += [member] * member.residual.n_rows
     return TermRows(
         name=name,
         model=model,

@@ -326,7 +326,10 @@ class Transcription:
         ranges = self._built_ranges
         level_values = []
         for level_rows in layout.levels:
-            level_values.append(rows[level_rows.tolist()] if len(level_rows) else ca.MX(0, 1))
+            if len(level_rows):
+                level_values.append(rows[level_rows.tolist()])
+            else:
+                level_values.append(ca.MX(0, 1))
         nlps = []
         for i, level in enumerate(ranges.levels):
             rows_above = numbered[: level.frozen.start]

@@ -171,7 +171,9 @@ class VariableLayout:
 
     def _bound_durations(self, problem: OcpProblem, lower: np.ndarray, upper: np.ndarray) -> None:
         """Bound the lengths of steps in place, so that phases last as long as they may."""
-        phase_of_node = [phase for phase in problem.phases for _ in range(phase.n_steps)]
+        phase_of_node = []
+        for phase in problem.phases:
+            phase_of_node += [phase] * phase.n_steps
         phase_of_node.append(problem.phases[-1])
         for k, phase in enumerate(phase_of_node):
             shortest, longest = phase.range

@@ -155,7 +155,7 @@ class _ActiveSet:
         return self.v, limit
 
     def _violated(self, v: Array) -> tuple[Mask, Mask]:
-        """(M,) free rows above their upper bound at v, and below their lower one."""
+        """Find the free rows (M,) above their upper bound at v, and those below their lower one."""
         y = self.A @ v
         free = self.state == FREE
         return free & (y > self.upper + self.tolerance), free & (y < self.lower - self.tolerance)

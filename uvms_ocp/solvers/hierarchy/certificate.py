@@ -7,7 +7,7 @@ C.
 All divisors are powers of two, so that nothing is rounded. `[rate]` is the unit of a row,
 `[velocity]` that of an entry of v; in normal units both are 1.
 
-Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, `a_i`
+Let f_k(y) be the Euclidean norm of the distances of the rows of level k from their bounds, ``a_i``
 its rows, and v the velocity found. The levels above are held at the residuals found: row i of them
 at most as far beyond either bound as it is at v, and y stays in a region around v,
 ``-down <= y - v <= up``. **The bound**: for any numbers p_i of the rows of level k with

@@ -38,7 +38,7 @@ def texts_of(*names: str) -> list[str]:
 
 
 def report(status: solution.Status, iterations: int = 0) -> Array:
-    """(2,) code of the status, and iterations."""
+    """Write the code of a status, and iterations, as a core reports them (2,)."""
     return np.array([STATUSES.index(status), iterations], dtype=float)
 
 
@@ -157,7 +157,7 @@ class CompiledSolver:
         return CoreTick(tick, solution.dense(levels_function), in_python)
 
     def core(self, n: int, sizes: Sequence[int]) -> ca.Function | None:
-        """(J, lower, upper, rate, activation, gate, state) -> v, state, report, residual, in
+        """Return (J, lower, upper, rate, activation, gate, state) -> v, state, report, residual, in
         machine code; None where that cannot be.
 
         n: velocities. sizes: rows of each level.
@@ -176,7 +176,8 @@ class CompiledSolver:
         return cold
 
     def function(self, levels_function: ca.Function, sizes: Sequence[int]) -> ca.Function | None:
-        """(inputs, state) -> v, state, report, residual, *extras: pure, for ``map`` and export.
+        """Return (inputs, state) -> v, state, report, residual, *extras: pure, for ``map`` and
+        export.
 
         ``report`` is [place of the ``Status`` among all of them, iterations]; v is 0 where the
         input is invalid. None where the solver cannot be compiled.

@@ -99,8 +99,8 @@ class Icat(core.CompiledSolver):
         activation: Annotated[Array, Shape("m")],
         sizes: Sequence[int],
     ) -> Array:
-        """(n,) [velocity] from J (M, n) [rate/velocity], rate (M,) [rate] and activation (M,), all
-        finite.
+        """Return the velocity (n,) of levels J (M, n) [rate/velocity], rate (M,) [rate] and
+        activation (M,), all finite.
 
         Raises `InvalidInput` for sizes of levels that do not add up to M.
         """

@@ -128,7 +128,7 @@ class SqpOptions:
     plugin: str | None = None
     """``stagewise``, the fastest, and ``hpipm`` know horizons only; ``proxqp`` and ``piqp`` take
     any program. None: for `Nmpc` ``stagewise`` where there is a C compiler and no level above the
-    last has `relax`; else ``hpipm``.
+    last has ``relax``; else ``hpipm``.
     """
     max_steps: AtLeastOne = 3
     """For every solve."""

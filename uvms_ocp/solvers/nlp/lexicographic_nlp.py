@@ -101,8 +101,8 @@ class SelfSolving(Protocol):
         """
 
     def rows_at(self, x: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of the
-        parameter].
+        """Return rows y of every level at x (n_x,) [unit of x], with parameters p (n_p,) [unit of
+        the parameter].
         """
 
     def violation(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> float:
@@ -209,7 +209,7 @@ class LexicographicNlp:
         return tuple(level_solver.NlpPoint(x=x) for _ in self.levels)
 
     def rows_at(self, x: nlp.Variables, p: nlp.Parameters) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
+        """Return rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
         parameter].
         """
         return self.program.rows_at(x, p)
@@ -239,9 +239,9 @@ class _Run:
     def anticipated(
         self, start: np.ndarray | LexicographicResult, limit: float
     ) -> LexicographicResult | None:
-        """The solution in which every level above the last is met in full, if there is one: no order
-        of levels gives more than that, so it is taken whether the last level came to its optimum or
-        not. It may take all of the limit [s] once these levels are met.
+        """Return the solution in which every level above the last is met in full, if there is one:
+        no order of levels gives more than that, so it is taken whether the last level came to its
+        optimum or not. It may take all of the limit [s] once these levels are met.
         """
         failed_before = isinstance(start, LexicographicResult) and not start.anticipated
         above = self._levels[:-1]
@@ -325,7 +325,7 @@ class _Run:
         )
 
     def _start(self, index: int, best: level_solver.NlpOutcome | None) -> level_solver.NlpPoint:
-        """A warm start of this level if there is one; otherwise where the level above ended,
+        """Return a warm start of this level if there is one; otherwise where the level above ended,
         cold.
         """
         if best is None or self._points[index].warm:

@@ -273,7 +273,7 @@ class LexicographicProgram:
         x: Annotated[np.ndarray, Shape("self.n_x")],
         p: Annotated[np.ndarray, Shape("self.n_p")],
     ) -> tuple[np.ndarray, ...]:
-        """Rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
+        """Return rows y of every level at x (n,) [unit of x], with parameters p (n_p,) [unit of the
         parameter].
         """
         return tuple(np.array(y).ravel() for y in self.values.call([x, p]))
@@ -327,7 +327,7 @@ def row_kinds(lower: np.ndarray, upper: np.ndarray) -> RowKinds:
 def signed_excess(
     y: Expression, lower: Expression, upper: Expression, kinds: RowKinds
 ) -> Expression:
-    """Signed distance (m,) to the range; unlike `intervals.distance` without a kink where lower =
+    """Return the signed distance (m,) to the range; unlike `LevelRows.distance` without a kink where lower =
     upper.
 
     y, lower and upper (m,) [unit of the row]; a bound that `kinds` has not is not looked at.

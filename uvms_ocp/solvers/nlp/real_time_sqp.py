@@ -141,7 +141,7 @@ class TimeBudget:
         self._solved = 0
 
     def count(self) -> None:
-        """One more QP was solved."""
+        """Count one more QP that was solved."""
         self._solved += 1
 
     @property
@@ -181,8 +181,8 @@ class LevelModel(Protocol):
     """Allowed rise of the norm of frozen rows in a QP; 0 where it bears dependent equalities."""
 
     def begin(self, x: np.ndarray, p: np.ndarray, bounds: nlp.RowBounds) -> SqpPoint:
-        """The point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter] holds from
-        now on.
+        """Return the point of variables x (n_x,) [unit of x]; p (n_p,) [unit of the parameter]
+        holds from now on.
         """
         ...
 

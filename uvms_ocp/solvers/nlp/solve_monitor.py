@@ -13,11 +13,9 @@ from typing import TypeAlias
 import numpy as np
 
 from uvms_ocp.interrupts import on_interrupt
-from uvms_ocp.solvers.nlp.program import (
-    RowBounds,
-)
+from uvms_ocp.solvers.nlp.program import RowBounds
 
-_ALL = slice(None)
+_ALL_ROWS = slice(None)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -28,9 +26,9 @@ class IterationReport:
     """Level being solved; the last one while all levels above are required in full."""
     iteration: int
     residual: float
-    """of the level: the root of twice its cost."""
+    """Residual of the level: the root of twice its cost."""
     violation: float
-    """Largest of constraints, bounds and levels above."""
+    """Largest violation of constraints, bounds and levels above."""
 
 
 Progress: TypeAlias = Callable[[IterationReport], object]
@@ -76,8 +74,8 @@ class SolveMonitor:
             self._error = error
 
     def _stop(self, _: FrameType | None) -> None:
-        """Python's own answer to Ctrl-C comes in the midst of the solver's callback, where nobody
-        catches it.
+        """Note Ctrl-C for the next iteration: Python's own answer would be raised in the midst of the
+        solver's callback, where nobody catches it.
         """
         self.stopped = True
 
@@ -91,17 +89,20 @@ class BestIterate:
         """Track rows numbered `rows` (m,); feasibility: violation up to which the bounds count as
         kept.
         """
-        # Chosen once: it is looked at every iteration.
+        # The rows are chosen once, as their bounds are needed at every iteration.
         self._bounds = replace(bounds, lower=bounds.lower[rows], upper=bounds.upper[rows])
         self._feasibility = feasibility
         self._key = (np.inf, np.inf)
         self.x: np.ndarray | None = None
-        self.cost = self.violation = np.inf
+        self.cost = np.inf
+        self.violation = np.inf
         self.iterations = 0
 
     def update(self, x: np.ndarray, cost: float, g: np.ndarray) -> float:
-        """Violation at x (n_x,) [unit of x], with this cost and rows g (m,) [unit of the row]."""
-        violation = self._bounds.violation(x, g, _ALL)
+        """Compare an iterate x (n_x,) [unit of x], of this cost and rows g (m,) [unit of the row], with
+        the best one; return its violation.
+        """
+        violation = self._bounds.violation(x, g, _ALL_ROWS)
         key = (0.0, cost) if violation <= self._feasibility else (1.0, violation)
         self.iterations += 1
         if key < self._key and np.isfinite(x).all():
