@@ -43,7 +43,7 @@ def test_a_reach_that_is_in_the_way_of_rows_that_agree_grows() -> None:
 def test_joints_go_no_farther_than_the_reach(robot: Robot, plugin: str) -> None:
     planner = patient(reach(robot), plugin)
     hold = hold_guess(planner.problem)
-    p = planner.transcription.parameters(near=hold.q)
+    p = planner.transcription.parameters(written_at=hold.q)
     joints = robot.limited_positions
 
     def moved(around: tuple[np.ndarray, float] | None) -> float:
@@ -64,7 +64,7 @@ def test_a_round_in_vain_is_solved_again_without_its_reach_unless_it_was_stopped
     planner = patient(reach(robot))
     hold = hold_guess(planner.problem)
     refinement = Refinement(
-        planner=planner, given=planner.problem, t0=0.0, deadline=perf_counter() + 600.0
+        planner=planner, problem=planner.problem, t0=0.0, deadline=perf_counter() + 600.0
     )
     start = refinement.solved_once(hold, hold.q)
     in_vain = replace(

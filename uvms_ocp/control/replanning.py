@@ -173,7 +173,7 @@ class Replanner:
 
     def _inputs(self, guess: Trajectory, start: State, begin: float) -> np.ndarray:
         """Return all numbers that a solve begins with: variables, then parameters."""
-        p = self._transcription.parameters(t0=begin, start=start, near=guess.q)
+        p = self._transcription.parameters(t0=begin, start=start, written_at=guess.q)
         return np.concatenate([self._transcription.pack(guess), p])
 
     def _guess_of(

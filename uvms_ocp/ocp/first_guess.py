@@ -123,7 +123,7 @@ class _GuessSearch:
 
     def _refinement(self, planner: Planner, problem: OcpProblem) -> Refinement:
         return Refinement(
-            planner=planner, given=problem, t0=self._t0, deadline=self._end, progress=self._watch
+            planner=planner, problem=problem, t0=self._t0, deadline=self._end, progress=self._watch
         )
 
 

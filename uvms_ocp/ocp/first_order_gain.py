@@ -148,7 +148,7 @@ class LinearizedMotion:
         n_q) [m, rad].
         """
         p = self.transcription.parameters(
-            self.problem, t0=self.t0, near=q, tightened=self.tightened
+            self.problem, t0=self.t0, written_at=q, tightened=self.tightened
         )
         values, slopes = self.transcription.rows_and_slopes(self.x, p)
         return np.array(values).ravel(), slopes.sparse()

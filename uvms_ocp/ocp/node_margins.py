@@ -54,7 +54,7 @@ class NodeMargins:
     """Sides on which nodes pass thin things."""
     missing: float = 0.0
     """[unit of the quantity] what was missing between nodes when they were last asked for more."""
-    asked: float = 0.0
+    requested: float = 0.0
     """[unit of the quantity] by how much more they were asked then."""
 
     def at(self, nodes: Indices) -> NodeMargins:

@@ -166,7 +166,7 @@ class Planner:
             held = hold_guess(problem)
             return _made(problem, 0.0, begin, held, status=status, reason=reason, levels=())
         refinement = Refinement(
-            planner=self, given=problem, t0=t0, deadline=ends, progress=progress
+            planner=self, problem=problem, t0=t0, deadline=ends, progress=progress
         )
         start: MotionGuess
         if guess is None:
@@ -259,7 +259,7 @@ class Planner:
     ) -> Diagnosis:
         def solve(varied: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(
-                varied, t0=t0, near=refined.near, tightened=refined.tightened
+                varied, t0=t0, written_at=refined.written_at, tightened=refined.tightened
             )
             if x is None:
                 guess = hold_guess(varied)

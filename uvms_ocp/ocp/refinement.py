@@ -56,7 +56,8 @@ class Refinement:
     """
 
     planner: Planner
-    given: OcpProblem
+    problem: OcpProblem
+    """Problem that is solved, whose terms are written anew in each round."""
     t0: float
     """[s] of the first node."""
     deadline: float
@@ -69,10 +70,10 @@ class Refinement:
         that, as it was asked for at motions that are left behind.
         """
         motion = guess.trajectory if isinstance(guess, Plan) else guess
-        if len(motion.q) == self.given.n_steps + 1:
+        if len(motion.q) == self.problem.n_steps + 1:
             q = motion.q
         else:  # a guess that `solve` refuses
-            q = np.tile(self.given.start.q, (self.given.n_steps + 1, 1))
+            q = np.tile(self.problem.start.q, (self.problem.n_steps + 1, 1))
         best = self._in_rounds(guess, q)
         if not best.has_sides:
             return best
@@ -101,7 +102,7 @@ class Refinement:
         for _ in range(_MOST_ROUNDS):
             path = self._path(best)
             off = self._mismatch(best, path)
-            reach = reach.after(off, moved=float(np.abs(path.q - best.near).max()))
+            reach = reach.after(off, moved=float(np.abs(path.q - best.written_at).max()))
             same = abs(gained) <= _GAIN
             if best.result.status.optimal:
                 settled = (off <= AGREES and not reach.was_reached) or same
@@ -110,13 +111,13 @@ class Refinement:
             stopped = best.is_interrupted or self._left <= 0
             missing: list[RangeCheck] = []
             if best.result.violation <= USABLE and (settled or off <= _NEAR):
-                checks = between_checks(self.given, path, t0=self.t0)
+                checks = between_checks(self.problem, path, t0=self.t0)
                 missing = missing_between(checks)
                 best = replace(best, lack=lack(checks))
                 looked_at.append(best)
             if stopped or (not missing and (settled or not self._terms)) or _in_vain(looked_at):
                 break
-            more = tightened(best.tightened, missing, self.given, path, self.t0)
+            more = tightened(best.tightened, missing, self.problem, path, self.t0)
             allowed_violation = max(best.result.violation, USABLE)
             candidate, reach = self._next_round(
                 best.result, path.q, more, reach, allowed_violation=allowed_violation
@@ -158,28 +159,32 @@ class Refinement:
         """Solve with terms written at configurations q (n_nodes, n_q), more asked of nodes, and
         joints no farther from q than reach [m, rad].
         """
-        p = self.planner.transcription.parameters(self.given, t0=self.t0, near=q, tightened=more)
+        p = self.planner.transcription.parameters(
+            self.problem, t0=self.t0, written_at=q, tightened=more
+        )
         solve = unchecked_method(self.planner.solve)
         seconds_left = max(self._left, 0.0)
         result = solve(
             p,
             guess,
-            problem=self.given,
+            problem=self.problem,
             time_limit=seconds_left,
             progress=self.progress,
             tightened=more,
             around=(q, reach),
         )
-        return RefinedResult(result=result, p=p, near=q, tightened=more)
+        return RefinedResult(result=result, p=p, written_at=q, tightened=more)
 
     def _path(self, refined: RefinedResult) -> Trajectory:
-        motion = self.planner.transcription.unpack(refined.result.x, self.given)
-        return admissible(motion, self.given.robot)
+        motion = self.planner.transcription.unpack(refined.result.x, self.problem)
+        return admissible(motion, self.problem.robot)
 
     def _mismatch(self, best: RefinedResult, path: Trajectory) -> float:
         """[m] By how much rows that follow the motion are off at it."""
-        times: list[float] = (self.t0 + self.given.nominal_times()).tolist()
-        return max((term.mismatch(times, best.near, path.q) for term in self._terms), default=0.0)
+        times: list[float] = (self.t0 + self.problem.nominal_times()).tolist()
+        return max(
+            (term.mismatch(times, best.written_at, path.q) for term in self._terms), default=0.0
+        )
 
     @property
     def _left(self) -> float:
@@ -187,7 +192,7 @@ class Refinement:
 
     @property
     def _terms(self) -> list[ShapeClearance]:
-        return [term for term in self.given.terms if isinstance(term, ShapeClearance)]
+        return [term for term in self.problem.terms if isinstance(term, ShapeClearance)]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -225,8 +230,8 @@ class RefinedResult:
     result: LexicographicResult
     p: np.ndarray
     """(n_p,) [unit of the parameter]"""
-    near: np.ndarray
-    """(n_nodes, n_q) [m, rad] where terms were written."""
+    written_at: np.ndarray
+    """(n_nodes, n_q) [m, rad] configurations at which terms that follow the guess were written."""
     tightened: Tightening
     """Margins of nodes for what was missing between them."""
     lack: float = np.inf

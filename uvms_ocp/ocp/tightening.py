@@ -141,14 +141,14 @@ def _wider_margins(
         above=above,
         sides=sides,
         missing=amount,
-        asked=factor * amount,
+        requested=factor * amount,
     )
 
 
 def _effect(before: NodeMargins, item: RangeCheck) -> float:
     """Return by how much what is missing shrank for each unit that was asked for more."""
     shrinkage = before.missing - _amount(item)
-    return float(np.clip(shrinkage / before.asked, _SMALLEST_EFFECT, 1.0))
+    return float(np.clip(shrinkage / before.requested, _SMALLEST_EFFECT, 1.0))
 
 
 def _at_nodes(amounts: Array, item: RangeCheck) -> Array:

@@ -285,9 +285,9 @@ def admissible(trajectory: Trajectory, robot: Robot) -> Trajectory:
     return replace_unchecked(trajectory, q=read_only(q))
 
 
-def admissible_configurations(robot: Robot, q: np.ndarray, most: float = np.inf) -> np.ndarray:
+def admissible_configurations(robot: Robot, q: np.ndarray, tolerance: float = np.inf) -> np.ndarray:
     """Return q (n, n_q) [m, rad] with unit quaternions, and joints inside limits that they pass by
-    `most` [m, rad] or less.
+    `tolerance` [m, rad] or less.
     """
     rows = []
     for row in q:
@@ -296,4 +296,4 @@ def admissible_configurations(robot: Robot, q: np.ndarray, most: float = np.inf)
     unit = np.array(rows)
     with np.errstate(invalid="ignore"):  # rows that are not finite
         inside = np.clip(unit, *robot.configuration_bounds)
-        return np.where(np.abs(inside - unit) <= most, inside, unit)
+        return np.where(np.abs(inside - unit) <= tolerance, inside, unit)

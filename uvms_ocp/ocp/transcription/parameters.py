@@ -41,12 +41,12 @@ class ParameterLayout:
         *,
         t0: float,
         start: State | None,
-        near: np.ndarray | None = None,
+        written_at: np.ndarray | None = None,
         tightened: Tightening = NO_TIGHTENING,
     ) -> np.ndarray:
         """Return parameters (n,) with the first node at t0 [s]; see `Transcription.parameters`.
 
-        near (n_nodes, n_q) [m, rad].
+        written_at (n_nodes, n_q) [m, rad].
         """
         problem = reused.problem
         nominal = problem.nominal_times()
@@ -55,10 +55,10 @@ class ParameterLayout:
         rate = 1.0 / nominal[-1]
         last_share = 0.5 * (nominal[-1] - nominal[-2]) * rate
         n_phases = len(problem.phases)
-        if near is None:
+        if written_at is None:
             q = np.tile(state.q, (len(times), 1))
         else:
-            q = near
+            q = written_at
         parts = [state.q, state.v, problem.currents.ravel(), np.diff(nominal)]
         for i, (block, numbers) in enumerate(zip(self.blocks, reused.numbers, strict=True)):
             is_not_given = (block.nodes > 0) | (not problem.fixed_start)

@@ -111,18 +111,18 @@ class Transcription:
         *,
         t0: float = 0.0,
         start: State | None = None,
-        near: np.ndarray | None = None,
+        written_at: np.ndarray | None = None,
         tightened: Tightening = NO_TIGHTENING,
     ) -> np.ndarray:
         """Return parameters (n_p,).
 
         t0 [s]: time of the first node, for goals that move. start: instead of the problem's, such
-        as a measured one, which may be slightly outside the joint limits. near (n_nodes, n_q) [m,
-        rad]: configurations of the nodes where terms that follow the guess are written, the start
-        by default. tightened: what is asked of these nodes beyond the ranges.
+        as a measured one, which may be slightly outside the joint limits. written_at (n_nodes, n_q)
+        [m, rad]: configurations of the nodes at which terms that follow the guess are written, the
+        start by default. tightened: what is asked of these nodes beyond the ranges.
         """
         return self.parameter_layout.values(
-            self._fitted(problem), t0=t0, start=start, near=near, tightened=tightened
+            self._fitted(problem), t0=t0, start=start, written_at=written_at, tightened=tightened
         )
 
     def bounds(

@@ -182,7 +182,7 @@ class StageQpSolver:
     def solve_flat(
         self,
         qp: problem.StageQp,
-        near: problem.WarmStart | None = None,
+        warm_start: problem.WarmStart | None = None,
         *,
         tolerance: float | None = None,
         max_iterations: int | None = None,
@@ -190,14 +190,14 @@ class StageQpSolver:
     ) -> problem.FlatSolution:
         """Solve, with the solution in arrays that hold stage after stage.
 
-        near: the solution of a QP nearby. tolerance, max_iterations: instead of those of the
+        warm_start: the solution of a QP nearby. tolerance, max_iterations: instead of those of the
         options. explained: False takes less time where no optimum is found, and does not tell
         infeasible from unbounded. Raises `InvalidInput` as `solve` does.
         """
         if qp.shape is not self.shape and qp.shape != self.shape:
             raise InvalidInput("the QP has another shape than the solver; make a solver for it")
         options = _changed_options(self.options, tolerance, max_iterations)
-        end = self._core.solve(qp, options, near)
+        end = self._core.solve(qp, options, warm_start)
         if explained and (end.status in _UNEXPLAINED or _only_rounding(qp, end)):
             end = self._explain(qp, problem.row_table(qp), end)
         return end
@@ -208,21 +208,21 @@ class StageQpSolver:
         """
         return self._core.steepest(qp)
 
-    def error(self, qp: problem.StageQp, near: problem.WarmStart) -> float:
+    def error(self, qp: problem.StageQp, solution: problem.WarmStart) -> float:
         """Compute by how much the multipliers of the QP solved last miss the optimality conditions
         of another one at 0.
 
         Largest entry [1/unit of z] of the gradient of its Lagrangian, or product with the distance
         to a bound.
         """
-        active = np.flatnonzero(near.y)
-        y = near.y[active]
+        active = np.flatnonzero(solution.y)
+        y = solution.y[active]
         flat = qp.flat
         lower = np.concatenate([flat["lower"], flat["z_lower"]])[active]
         upper = np.concatenate([flat["upper"], flat["z_upper"]])[active]
         products = y * np.where(y > 0.0, upper, lower)
         complementarity = float(np.abs(products).max(initial=0.0))
-        return max(self._core.stationarity(qp, near), complementarity)
+        return max(self._core.stationarity(qp, solution), complementarity)
 
     def _explain(
         self, qp: problem.StageQp, table: problem.RowTable, failed: problem.FlatSolution
