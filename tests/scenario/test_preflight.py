@@ -26,7 +26,7 @@ from uvms_ocp.scenario.cases.case1 import case1, case1_unreachable
 from uvms_ocp.scenario.cases.transit import FIELD, obstacle_field
 from uvms_ocp.scenario.options import mission_of, phase_of, run_options
 from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.scenario.preflight.forecast import forecast, main_path
+from uvms_ocp.scenario.preflight.phase_forecast import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario, pose_at
 from uvms_ocp.tasks import VehiclePose
 

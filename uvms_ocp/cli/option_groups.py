@@ -1,4 +1,4 @@
-"""Options that several commands share, written once as fields of a dataclass."""
+"""Turn a dataclass among the parameters of a command into options, one for each field."""
 
 from __future__ import annotations
 

@@ -65,9 +65,9 @@ class LoadLearning:
     weight: Positive = 200.0
     """[N] standard deviation of the net weight before anything is known of it."""
     mass: Positive = 20.0
-    """[kg] the same of the mass."""
+    """[kg] standard deviation of the mass before anything is known of it."""
     current: Positive = 0.5
-    """[m/s] the same of the current in each direction."""
+    """[m/s] standard deviation of the current in each direction before anything is known of it."""
     drag: Annotated[float, Range(0.0, 1.0)] = 0.1
     """Share of its slope that the drag of a moving tool's velocity may be wrong by."""
     scale: Annotated[float, Range(0.0, 1.0)] = 0.03

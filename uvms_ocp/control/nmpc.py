@@ -38,7 +38,7 @@ class NmpcStatistics:
     solve_times: tuple[float, ...]
     """[s] by the controller's clock."""
     processor_times: tuple[float, ...]
-    """[s] the same without what other processes took."""
+    """[s] of the processor that the solves took themselves, without other processes."""
     missed: int
     """Solves that took longer than the period."""
     rejected: int

@@ -152,7 +152,7 @@ class LastValidMemory(Layout):
     age: float
     """[s] of the measurement of now, or of what stands in for it."""
     joint_age: float
-    """[s] the same of the joints."""
+    """[s] age of the joints in the measurement of now, or in what stands in for it."""
     is_valid: bool
     """The measurement of now."""
 
@@ -274,7 +274,7 @@ class AltimeterMemory(Layout):
     floor: float
     """[m] z in W of the floor below the last echo; NaN before the first."""
     highest: float
-    """[m] the same, the highest of late."""
+    """[m] highest z in W of the floor of late; NaN before the first echo."""
     place: Annotated[Vector, Sized(2)]
     """(2,) [m] in W of the last look."""
     since: float

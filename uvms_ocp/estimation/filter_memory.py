@@ -202,7 +202,7 @@ class FilterMemory(Layout):
     limit: Annotated[Vector, Sized(MAIN)]
     """(MAIN,) [unit of the error] standard deviation beyond which an entry counts as unknown."""
     joint_limit: Annotated[Vector, Sized(2)]
-    """(2,) [rad or m, rad/s or m/s] the same of a joint."""
+    """(2,) [rad or m, rad/s or m/s] standard deviation beyond which a joint counts as unknown."""
     gravity: Annotated[Vector, Sized(3)]
     """(3,) [m/s2] in W."""
     beam_at: Annotated[Vector, Sized(3)]

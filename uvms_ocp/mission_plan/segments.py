@@ -21,7 +21,7 @@ from uvms_ocp.ocp.problem import OcpPhase
 from uvms_ocp.record.meta_values import DONE, EventMeta
 from uvms_ocp.robot.signals import IDEAL_SENSORS
 from uvms_ocp.scenario.part_factories import our_controller
-from uvms_ocp.scenario.preflight.forecast import forecast, main_path
+from uvms_ocp.scenario.preflight.phase_forecast import forecast, main_path
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.tasks import (
     Clearance,

@@ -28,7 +28,7 @@ SPIN_UP = 0.03
 constants of small motors are 5 to 20 ms of the torque that stalls them, above the limit.
 """
 _SMALLEST_ROTOR = 0.01  # [kg m2] up to which a geared motor may exceed what it moves
-_SMALLEST_SLIDE = 1.0  # [kg] likewise of a joint that slides
+_SMALLEST_SLIDE = 1.0  # [kg] up to which a motor of a joint that slides may exceed what it moves
 _FINGERS = (
     "fingers that mimic none, held still; <mimic> in the URDF makes them one joint, without `lock`"
     " each is its own"

@@ -37,9 +37,9 @@ class AuthorityMemory(Layout):
     """(6,) [N, N m] that the water balances on its own, within the tilt that is allowed."""
     program: LinearProgram
     reach: Annotated[list[Vector], Sized(6, 2)]
-    """(6, 2) [N, N m] as that of `Authority`."""
+    """(6, 2) [N, N m] largest additional force down and up each axis; NaN where it cannot hold."""
     sound: Annotated[list[Vector], Sized(6, 2)]
-    """(6, 2) [N, N m] likewise."""
+    """(6, 2) [N, N m] largest additional force of sound thrusters."""
     holds: bool
     can_go_on: bool
 

@@ -47,7 +47,7 @@ class FaultDetection(Layout):
     residual: Annotated[Vector, Sized("n_v")]
     """(n_v,) [N, N m] that the observer finds beside model and commands, one lag behind."""
     disturbance: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [N, N m] the same, as it is made up for."""
+    """(n_v,) [N, N m] disturbance that the controller makes up for."""
     asked: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [N] thrust that was commanded."""
     way: Annotated[Vector, Sized("n_v")]

@@ -28,11 +28,11 @@ class JointFaultMemory(Layout):
     t: float
     """[s] of the last look."""
     before: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] where they were then."""
+    """(n_joints,) [rad or m] positions at the last look."""
     asked: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] ways of late."""
+    """(n_joints,) [rad or m] ways of late that were commanded."""
     moved: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [rad or m] likewise."""
+    """(n_joints,) [rad or m] ways of late that were measured."""
     since: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [s] from which on it stands and resists; infinity where it does not. Of what is
     jammed it stays.

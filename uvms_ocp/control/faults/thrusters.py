@@ -18,13 +18,11 @@ from uvms_ocp.control.faults.fault_classification import FaultFit, classify_faul
 from uvms_ocp.control.faults.fault_isolation import IsolationWindow, append_sample, isolate_fault
 from uvms_ocp.control.faults.verdicts import ActuatorHealth, FaultKind, ThrusterEffectiveness
 
-_CLEAR_LEAD = (
-    16.0  # lead from which on a look counts fully; those of a smaller one count by its square
-)
+_CLEAR_LEAD = 16.0  # from which on a look counts fully; those of a smaller one by its square
 _LOOKS = 8.0  # in a row that must agree
 _SOUND_SHARE = 0.75  # of its command that a sound thruster gives at least, else it is weak
 _STUCK_SIGMAS = 4.0  # standard deviations from which on a constant thrust is told from none
-_STUCK_SHARE = 0.1  # of the limit, likewise
+_STUCK_SHARE = 0.1  # of the limit from which on a constant thrust is told from none
 _BEYOND = 1.1  # of the limits: no thruster sticks farther out
 _TINY = 1e-12
 
@@ -33,30 +31,30 @@ class ThrusterFaultMemory(Layout):
     """Verdicts on all thrusters, and what they rest on."""
 
     lower: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N] limits of what may be asked."""
+    """(n_thrusters,) [N] lower limits of what may be asked."""
     upper: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N] upper limits of what may be asked."""
     settling: float
-    """[s] as that of `ActuatorHealthTuning`."""
+    """[s] after a start or a verdict that are not looked at."""
     window: IsolationWindow
     fault_fit: FaultFit
     started: bool
     quiet_until: float
-    """[s]"""
+    """[s] time until which nothing is looked at."""
     last: int
     """Thruster that the last look blamed; -1 for none."""
     evidence: float
-    """Looks that agree."""
+    """Number of looks in a row that agree, those of a small lead as parts of one."""
     suspect: int
-    """Counted from 0; -1 for none."""
+    """Thruster that is suspected, counted from 0; -1 for none."""
     health: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) each a `ActuatorHealth`."""
     kind: Annotated[list[int], Sized("n_thrusters")]
     """(n_thrusters,) each a `FaultKind`."""
     confidence: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) as that of `ThrusterVerdict`."""
+    """(n_thrusters,) residual of the next best explanation, over that of the fault."""
     since: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [s] likewise."""
+    """(n_thrusters,) [s] time from which on the fault explains the motion."""
 
 
 def detect_thruster_faults(
@@ -112,8 +110,8 @@ def _mark(thruster_faults: ThrusterFaultMemory) -> None:
 def _conclude_fault(
     thruster_faults: ThrusterFaultMemory, effectiveness: ThrusterEffectiveness, t: float
 ) -> int:
-    """The verdict, unless so little is missing that it does no harm, and what comes of commands
-    from now on.
+    """Write the verdict, and what comes of commands from now on, unless so little is missing that it
+    does no harm; return the thruster, or -1.
     """
     i = thruster_faults.last
     _select_thruster(thruster_faults, i)
@@ -138,7 +136,7 @@ def _conclude_fault(
 
 
 def _select_thruster(thruster_faults: ThrusterFaultMemory, i: int) -> None:
-    """All that is kept of thruster i."""
+    """Copy what the window keeps of thruster i into the memory of the fit."""
     window = thruster_faults.window
     thruster_faults.fault_fit.count = min(window.count, len(window.time))
     for j in range(thruster_faults.fault_fit.count):
@@ -152,7 +150,7 @@ def _select_thruster(thruster_faults: ThrusterFaultMemory, i: int) -> None:
 
 
 def _constant(thruster_faults: ThrusterFaultMemory, i: int) -> float:
-    """Thrust [N] at which it is stuck; 0 where that cannot be told from none."""
+    """Return the thrust [N] at which thruster i is stuck; 0 where that cannot be told from none."""
     lower = thruster_faults.lower[i]
     upper = thruster_faults.upper[i]
     constant = thruster_faults.fault_fit.constant

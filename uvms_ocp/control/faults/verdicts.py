@@ -89,7 +89,7 @@ class FaultKind(enum.IntEnum):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class ThrusterVerdict:
-    """On one thruster."""
+    """Verdict of the monitor on one thruster."""
 
     health: ActuatorHealth = ActuatorHealth.GOOD
     kind: FaultKind = FaultKind.NONE
@@ -106,7 +106,7 @@ class ThrusterVerdict:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class JointVerdict:
-    """On one joint."""
+    """Verdict of the monitor on one joint."""
 
     health: ActuatorHealth = ActuatorHealth.GOOD
     kind: FaultKind = FaultKind.NONE

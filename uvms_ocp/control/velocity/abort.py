@@ -79,7 +79,7 @@ class AbortMemory(Layout):
     contact_after: float
     """[s]"""
     sunk: float
-    """[m] as that of `Abort`."""
+    """[m] in the floor, from which on a hull, joint or tool counts as sunk."""
     sunk_since: float
     """[s] since when it has been deeper than that in the floor; NaN: not asked yet."""
     high: Annotated[list[int], Sized("n_tasks")]

@@ -25,7 +25,7 @@ class AscentMemory(Layout):
     pose: FunctionField
     """Q to position (3,) [m] and rotation (9,) of the frame in W, column by column."""
     altitude: float
-    """[m] as that of `Abort`."""
+    """[m] above the floor, or the start of the phase, that is safe."""
     place: Annotated[Vector, Sized(3)]
     """(3,) [m] of the frame in W."""
     rotation: Annotated[Vector, Sized(9)]

@@ -52,7 +52,7 @@ class StopMemory(Layout):
     n_limits: int
     """Number of limits that count."""
     reach: Annotated[list[Vector], Sized("n_limits", "n_v")]
-    """(n_limits, n_v) [m, or 1] as that of `PositionLimit`, finite."""
+    """(n_limits, n_v) [m, or 1] upper bound on the rate of each position per unit of velocity."""
     room: Annotated[Vector, Sized("n_limits")]
     """(n_limits,) [m] that is left before each limit at least."""
 

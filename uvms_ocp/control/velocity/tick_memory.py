@@ -73,9 +73,9 @@ class TickMemory(Layout):
     lands: Annotated[list[int], Sized("n_tasks")]
     """(n_tasks,) which of them ask for one altitude."""
     rest_altitude: Annotated[Vector, Sized("n_tasks")]
-    """(n_tasks,) [m] as that of `Task`."""
+    """(n_tasks,) [m] at which tasks that read the altimeter let nothing sink before the first echo."""
     rests_on: Annotated[list[list[int]], Sized("n_channels", "n_quantities")]
-    """(n_channels, n_quantities) as that of `LevelsProblem`."""
+    """(n_channels, n_quantities) 1 where a quantity is unknown without the channel."""
     channel: Annotated[list[int], Sized("n_channels")]
     """(n_channels,) each of these among all `CHANNELS`."""
     altimeter: int
@@ -126,7 +126,7 @@ class TickMemory(Layout):
     lift: float
     """[N] of all thrusters at most."""
     passive: Annotated[Vector, Sized(swing.N_PASSIVE)]
-    """(4,) [rad, N] as that of `LevelsProblem`."""
+    """(4,) [rad, N] turn from the mean attitude, and unknown weight at the tool: see `N_PASSIVE`."""
     is_joint: Annotated[list[int], Sized("n_v")]
     """(n_v,) which axes are of joints."""
     faster: Annotated[Vector, Sized("n_v")]
@@ -152,7 +152,7 @@ class TickMemory(Layout):
     phase_quantities: Annotated[Vector, Sized("n_quantities")]
     """(n_quantities,) [their units] what phases may end on."""
     last_phase_quantities: Annotated[Vector, Sized("n_quantities")]
-    """(n_quantities,) [their units] the same of the last tick that did not hold."""
+    """(n_quantities,) [their units] what phases may end on, of the last tick that did not hold."""
     why: int
     """`AbortReason` of the mission's end, as a number."""
     due: int

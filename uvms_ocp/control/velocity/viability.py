@@ -53,7 +53,7 @@ class ViabilityMemory(Layout):
     quantity: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) index of what they limit."""
     relative: Annotated[list[int], Sized("n_limits")]
-    """(n_limits,) as that of `PositionLimit`."""
+    """(n_limits,) 1 where positions tell only how the measured quantity changes."""
     asks: Annotated[list[int], Sized("n_limits")]
     """(n_limits,) which of them Python is asked about."""
     pairs: Annotated[list[int], Sized("n_limits")]

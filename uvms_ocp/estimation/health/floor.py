@@ -53,9 +53,9 @@ class FloorPoint(Layout):
     sensor_z: float
     """[m]"""
     lowest: float
-    """[m] of the sensor until the next spot that is kept."""
+    """[m] lowest place of the sensor until the next spot that is kept."""
     highest: float
-    """[m] the same."""
+    """[m] highest place of the sensor until the next spot that is kept."""
 
 
 class FloorPoints(Layout):
@@ -80,7 +80,7 @@ def append_floor_point(floor_points: FloorPoints, new: FloorPoint) -> None:
 
 
 def forget_first(floor_points: FloorPoints) -> None:
-    """The oldest goes."""
+    """Forget the oldest spot."""
     floor_points.first = (floor_points.first + 1) % len(floor_points.kept)
     floor_points.count -= 1
 
@@ -92,7 +92,7 @@ def forget_older(floor_points: FloorPoints, t: float) -> None:
 
 
 def keep_alone(floor_points: FloorPoints, new: FloorPoint) -> None:
-    """A spot and nothing before it."""
+    """Keep a spot and nothing before it."""
     floor_points.count = 0
     append_floor_point(floor_points, new)
 
@@ -170,15 +170,6 @@ def _copy_spot(to: FloorPoint, new: FloorPoint) -> None:
     to.highest = new.sensor_z
 
 
-# Whether an echo of the altimeter fits the motion of the vehicle and what the floor did so far.
-#
-# Every echo is compared with the floor that echoes showed nearby. A floor that is nearer is
-# believed at once, as the safe case. One that is farther away is believed when echoes have agreed
-# with each other for a while in which the vehicle moved vertically, as an altimeter that is stuck
-# shows a floor that follows the vehicle, and horizontally, as floors do not sink. The floor that
-# was known before is kept beside a new one, and believed again after a few echoes.
-
-
 class FloorMemory(Layout):
     """Memory of the floor by echoes so far, and of the steps that are possible."""
 
@@ -189,7 +180,7 @@ class FloorMemory(Layout):
     relief: float
     """[m] of the highest step."""
     here: FloorPoint
-    """The newest."""
+    """Newest point of the floor."""
     accepted: FloorPoints
     before: FloorPoints
     candidates: FloorPoints

@@ -193,7 +193,7 @@ class RateAgainstAttitude(Layout):
     agree.
     """
     slow_rate: float
-    """[rad/s] the same over a longer one."""
+    """[rad/s] at which they turned apart over a longer time; 0 where they agree."""
 
 
 class DepthAgainstPosition(Layout):

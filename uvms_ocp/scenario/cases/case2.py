@@ -23,7 +23,7 @@ from uvms_ocp.planning import (
 )
 from uvms_ocp.robot import Kinematics, Obstacle, Robot, obstacle
 from uvms_ocp.scenario.cases.case1 import case1
-from uvms_ocp.scenario.preflight.forecast import forecast
+from uvms_ocp.scenario.preflight.phase_forecast import forecast
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.sim.seafloor import floor_obstacle
 from uvms_ocp.tasks import JointTracking, NullVelocity, ToolPose, ToolPosition, goals

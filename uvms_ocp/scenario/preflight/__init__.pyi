@@ -4,5 +4,5 @@ from .findings import (
     PreflightReport as PreflightReport,
     Severity as Severity,
 )
-from .forecast import forecast as forecast
+from .phase_forecast import forecast as forecast
 from .setup import Setup as Setup

@@ -10,7 +10,12 @@ import pinocchio as pin
 
 from uvms_ocp.robot.kinematics import STEEP, AltimeterBeam
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
-from uvms_ocp.scenario.preflight.forecast import Visit, main_path, points_on_ball, threshold_of
+from uvms_ocp.scenario.preflight.phase_forecast import (
+    Visit,
+    main_path,
+    points_on_ball,
+    threshold_of,
+)
 from uvms_ocp.scenario.preflight.reachability import goals_of
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks import HorizontalAttitude, LandingAltitude, MinimumAltitude, goals

@@ -20,7 +20,7 @@ from uvms_ocp.scenario.preflight.altitude import check_altitude, check_echo, che
 from uvms_ocp.scenario.preflight.collisions import check_hull, check_obstacles
 from uvms_ocp.scenario.preflight.delays import check_delays
 from uvms_ocp.scenario.preflight.findings import Finding, PreflightReport, Severity
-from uvms_ocp.scenario.preflight.forecast import Visit, forecast, threshold_of
+from uvms_ocp.scenario.preflight.phase_forecast import Visit, forecast, threshold_of
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks.goals import evaluate_pose
 from uvms_ocp.tasks.pose import PoseTask, ToolPosition, VehiclePose

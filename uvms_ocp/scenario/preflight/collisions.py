@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from uvms_ocp.robot.shapes.hull import lowest_link, skid_points
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
-from uvms_ocp.scenario.preflight.forecast import Visit
+from uvms_ocp.scenario.preflight.phase_forecast import Visit
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.nearest_passage import closest_approach
 

@@ -17,7 +17,7 @@ from uvms_ocp.robot.limits import from_joint_values
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.static_balance import rotation_at_rest
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
-from uvms_ocp.scenario.preflight.forecast import Stance, Visit, forecast
+from uvms_ocp.scenario.preflight.phase_forecast import Stance, Visit, forecast
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
 from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
