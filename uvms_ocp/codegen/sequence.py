@@ -43,7 +43,9 @@ class _Step(ctypes.Structure):
 
 
 class _Column(ctypes.Structure):
-    """Where numbers come from and go to, as sequence.c has it."""
+    """Numbers that are copied to a row at every pass: from where, to where, and how many, as
+    sequence.c has it.
+    """
 
     _fields_ = (
         ("from_", ctypes.c_void_p),

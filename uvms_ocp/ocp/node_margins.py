@@ -43,7 +43,7 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class NodeMargins:
-    """By how much the quantities of one kind stay inside their ranges, node by node."""
+    """Margins of the quantities of one kind inside their ranges, node by node."""
 
     robot: Robot
     below: Array

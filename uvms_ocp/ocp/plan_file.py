@@ -62,7 +62,7 @@ class LevelReport:
 
 
 class VerdictTolerances(MetaValue):
-    """By how much a motion that is called solved may leave what it promises."""
+    """Tolerances within which a motion that is called solved keeps what it promises."""
 
     motion: float = 1e-4
     """[m, rad, m/s, rad/s] Between a node and where its predecessor leads."""

@@ -42,7 +42,7 @@ class Peak:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class RangeCheck:
-    """By how much the quantities of one kind leave their ranges."""
+    """Result of a check of one kind of range: by how much its quantities leave it."""
 
     kind: RangeKind
     term: Term | None = None

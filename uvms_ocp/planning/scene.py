@@ -31,8 +31,8 @@ _LINKS = "its own links"
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Pair:
-    """Two shapes by index in the geometry model, and the joints that carry them (0 is the
-    world).
+    """Pair of shapes whose distance counts, by index in the geometry model, with the joints that
+    carry them (0 is the world).
     """
 
     first: int

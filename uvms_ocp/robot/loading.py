@@ -157,7 +157,7 @@ class _RobotFiles:
 
     @property
     def place(self) -> Path:
-        """Where packages are seen from: the URDF in its folder, a link too."""
+        """URDF in its own folder, behind a link too, from where its packages are looked for."""
         return self.urdf.parent.resolve() / self.urdf.name
 
     @property

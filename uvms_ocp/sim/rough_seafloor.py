@@ -179,7 +179,9 @@ class HeightField(Seafloor):
     def _first_bracket(
         self, bumps: np.ndarray, origin: np.ndarray, direction: np.ndarray, start: float, end: float
     ) -> tuple[float, float] | None:
-        """Two neighbouring samples, above and below the floor."""
+        """Find the first two neighbouring samples of a ray of which one is above and one below the
+        floor; None for no such.
+        """
         if not bumps.size:
             return None
         sideways = math.hypot(direction[0], direction[1]) * (end - start)

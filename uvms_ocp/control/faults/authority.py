@@ -64,8 +64,8 @@ def judge_authority(authority: AuthorityMemory, effectiveness: ThrusterEffective
 
 
 def _reach_out(authority: AuthorityMemory, trimmed: bool) -> None:
-    """Along all axes within the limits of the program; trimmed: of what is left, from the wrench
-    that holds the robot still.
+    """Find the largest forces along all axes within the limits of the program; trimmed: of what is
+    left, from the wrench that holds the robot still.
     """
     for axis in range(6):
         for way in range(2):
@@ -128,7 +128,7 @@ def _conclude_authority(authority: AuthorityMemory) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Authority:
-    """Along each axis of B, from the wrench that holds the robot still."""
+    """Forces that are left along each axis of B, beside the wrench that holds the robot still."""
 
     reach: np.ndarray
     """(6, 2) [N, N m] largest additional force down and up the axis, the other axes balanced; NaN

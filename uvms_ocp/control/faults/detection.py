@@ -112,7 +112,9 @@ def pause_detection(detection: FaultDetection) -> None:
 
 
 def detect_faults(detection: FaultDetection, t: float) -> bool:
-    """At time t [s]; whether anything was found faulty."""
+    """Look for faults in the sample in memory at time t [s]; return whether anything was found
+    faulty.
+    """
     detection.paused = False
     _go_on(detection)
     if not detection.encoders_trusted:

@@ -73,7 +73,9 @@ def append_sample(window: IsolationWindow, residual: Vector, t: float) -> int:
 
 
 def isolate_fault(window: IsolationWindow) -> None:
-    """In the last `window` seconds, or half of it at the beginning."""
+    """Find the thruster that explains the residual of the last `window` seconds, or of half of it
+    at the beginning.
+    """
     n = min(window.length, window.count - LATE - EARLY)
     window.thruster = -1
     window.explained = 0.0

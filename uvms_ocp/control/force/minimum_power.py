@@ -294,7 +294,9 @@ def _leave_dead_zones(allocation: LimitedThrustMemory) -> None:
 
 
 def _fix_inside_dead_zones(allocation: LimitedThrustMemory) -> bool:
-    """At the nearest thrust that can be commanded; whether there was any that was not yet fixed."""
+    """Fix thrust that is inside of a dead zone at the nearest that can be commanded; return whether
+    there was any that was not yet fixed.
+    """
     is_inside = False
     for i in range(allocation.problem.columns):
         size = abs(allocation.thrust[i])

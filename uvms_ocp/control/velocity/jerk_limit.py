@@ -25,8 +25,8 @@ _NOTHING = 1e-12  # keeps the division by a change of zero finite
 
 
 def jerk_limit_rows(symbols: TickSymbols, previous: ca.SX, change: ca.SX) -> Rows:
-    """Each axis changes by what it changed by in the tick before, give or take what its jerk
-    allows.
+    """Make rows by which each axis changes by what it changed by in the tick before, give or take
+    what its jerk allows.
 
     previous (n_v,) [m/s, rad/s]: commanded in the tick before; change (n_v,) [m/s, rad/s]: of it
     since the tick before that. Not read by the regularised pseudo-inverse.

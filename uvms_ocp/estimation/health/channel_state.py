@@ -305,7 +305,7 @@ def _mark_refused(channel: ChannelMemory, t: float) -> None:
 
 
 def _confirm_jump(channel: ChannelMemory) -> None:
-    """Two readings in a row that are off alike tell it; after a spike it begins anew."""
+    """Take a jump for true where two readings in a row are off alike; begin anew after a spike."""
     if channel.off > 0.5 * channel.refused_off:
         channel.jump = max(channel.jump, min(channel.off, channel.refused_off))
     else:
