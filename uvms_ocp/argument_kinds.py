@@ -27,7 +27,7 @@ class Violation(NamedTuple):
     """A value that does not fit."""
 
     place: str
-    """Where it is, such as ``phases[2].name``."""
+    """Place of the wrong value in the arguments, such as ``phases[2].name``."""
     problem: str
     """Predicate of a sentence whose subject is the place, such as ``= -1``."""
     allowed: str

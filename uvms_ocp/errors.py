@@ -195,7 +195,7 @@ class AdvisedStatus(Enum):
     """A numerical outcome. Members are written ``NAME = "value", "advice"``."""
 
     advice: str
-    """What to do about it, one sentence for the user."""
+    """Advice on what to do about it, one sentence for the user."""
 
     def __new__(cls: type[_Status], value: str, advice: str) -> _Status:
         status = object.__new__(cls)

@@ -32,9 +32,9 @@ class ParameterSource(NamedTuple):
     """The parameters of a function, as source."""
 
     declaration: str
-    """As a ``def`` declares them: ``self, q, t=_default_t, *, dt``."""
+    """Text with which a ``def`` declares the parameters: ``self, q, t=_default_t, *, dt``."""
     arguments: str
-    """As a call passes them on: ``self, q, t, dt=dt``."""
+    """Text with which a call passes them on: ``self, q, t, dt=dt``."""
     defaults: dict[str, Any]
     """Values of the defaults, by their names in `declaration`, which are ``_default_`` and the
     parameter.

@@ -154,8 +154,8 @@ class Signature:
     """Name, parameters and result of a kernel in C."""
 
     name: str
-    """In C, behind the prefix: that in Python, with a number where another kernel of the program
-    has it already.
+    """Name in C, behind the prefix: that in Python, with a number where another kernel of the
+    program has it already.
     """
     parameters: Mapping[str, CType]
     result: CType

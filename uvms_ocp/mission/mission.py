@@ -65,7 +65,9 @@ class Mission(TableDisplay):
     ramp: Magnitude = 0.2
     """[s] duration of the cosine step of external activations."""
     abort: Abort | None = None
-    """How it is given up; without, a robot that cannot go on holds or stops where it is."""
+    """Phase that leads to safety, and what enters it; without, a robot that cannot go on holds or
+    stops where it is.
+    """
     all_phases: tuple[Phase, ...] = field(init=False, repr=False)
     """`phases`, and that of `abort` as the last; a state counts them."""
     _targets: np.ndarray = field(init=False, repr=False)

@@ -288,8 +288,8 @@ class Abort:
     as the phase begins.
     """
     altitude: Positive = 3.0
-    """[m] that is safe: above the last floor that is known, or where none is, above where the phase
-    begins.
+    """[m] Safe altitude: above the last floor that is known, or where none is, above where the
+    phase begins.
     """
     time_limit: Positive = 60.0
     """[s] time after which the mission ends wherever the phase has led to."""
@@ -298,8 +298,8 @@ class Abort:
     thrust_after: Positive = 20.0
     """[s] time for which the limits of the thrusters keep them from what is asked for."""
     runaway_after: Positive = 5.0
-    """[s] in which an error that a phase waits for grows beyond its crests of the last 10 s and
-    more, and none shrinks, with thrusters at their limits for most of them.
+    """[s] Time in which an error that a phase waits for grows beyond its crests of the last 10 s
+    and more, and none shrinks, with thrusters at their limits for most of them.
     """
     contact: Positive = 0.3
     """Upward force that the model does not know, as a share of the thrusters' largest, that counts
@@ -308,8 +308,8 @@ class Abort:
     contact_after: Positive = 2.0
     """[s] time for which contact lasts while a minimum altitude is asked for."""
     sunk: Positive = 0.03
-    """[m] of a corner of the hull, joint or tool in the floor that the altimeter shows, which may
-    fall by 0.3 from there on.
+    """[m] Depth of a corner of the hull, joint or tool in the floor that the altimeter shows, which
+    may fall by 0.3 from there on.
     """
 
     def __post_init__(self) -> None:

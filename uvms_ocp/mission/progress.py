@@ -42,7 +42,7 @@ class MissionMemory(Layout):
     """The conditions of a mission, and where it is."""
 
     ramp: float
-    """[s] of the cosine step of external activations."""
+    """[s] Length of the cosine step of external activations."""
     targets: Annotated[list[Vector], Sized("n_phases", "n_tasks")]
     """(n_phases, n_tasks) external activations."""
     first: Annotated[list[int], Sized("n_phases")]
@@ -76,7 +76,7 @@ class MissionMemory(Layout):
     began: float
     """[s] start of the mission."""
     started: bool
-    """It has begun."""
+    """True once the mission has begun."""
     activations_before: Annotated[Vector, Sized("n_tasks")]
     """(n_tasks,) as in `MissionState`."""
     held_since: Annotated[Vector, Sized("n_transitions")]
@@ -86,11 +86,11 @@ class MissionMemory(Layout):
     fired: Annotated[list[int], Sized("n_transitions")]
     """(n_transitions,) how often each was taken."""
     completed: bool
-    """It has ended as wanted."""
+    """True where the mission has ended as wanted."""
     aborted: bool
-    """It has ended otherwise."""
+    """True where the mission has ended otherwise."""
     given_up: bool
-    """It is, or was at its end, in the abort phase."""
+    """True where the mission is, or was at its end, in the abort phase."""
     own: Annotated[list[int], Sized(6)]
     """(6,) index of each of `OWN_QUANTITIES` among the quantities, or `NONE`."""
     spent: float

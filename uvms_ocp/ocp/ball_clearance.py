@@ -152,7 +152,9 @@ class Ball:
     """
 
     centre: tuple[Finite, Finite, Finite] | VectorReference = (0.0, 0.0, 0.0)
-    """[m] in the frame; of an obstacle also a function of time, ``t -> (position, velocity)``."""
+    """[m] Centre in the frame; of an obstacle also a function of time, ``t -> (position,
+    velocity)``.
+    """
     radius: Magnitude
     """[m]"""
     frame: str | None = None

@@ -54,7 +54,7 @@ class GroupIndex:
     number: np.ndarray
     """(n,) index of the group; -1 for what nobody can loosen."""
     scale: np.ndarray
-    """(n,) [unit of the variable or row] that an amount of 1 in the measure of its group is."""
+    """(n,) [unit of the variable or row] size of an amount of 1, in the measure of the group."""
     axes: tuple[str, ...]
     """(n,) axis of each variable or row; empty where the group says it."""
 

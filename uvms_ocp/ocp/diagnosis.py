@@ -57,14 +57,15 @@ class Diagnosis:
     transcription: Transcription
     problem: OcpProblem
     p: np.ndarray
-    """(n_p,) [unit of the parameter] of the problem."""
+    """(n_p,) [unit of the parameter] parameters of the problem."""
     feasibility: float
     """Largest violation of a point that counts as usable."""
     solve: Solve
     judge: Callable[[LexicographicResult], Verdict]
     """Judges the motion of a result."""
     deadline: float | None
-    """[s] by `perf_counter`, until which longer horizons are tried; `None`: nothing is tried."""
+    """[s] Time by `perf_counter` until which longer horizons are tried; `None`: nothing is tried.
+    """
 
     def verdict(self, result: LexicographicResult, *, again: bool = True) -> SolveVerdict:
         """Judge a result, and find the reason.

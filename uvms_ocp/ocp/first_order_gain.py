@@ -54,7 +54,9 @@ class LevelGain:
     phases, and of their mean over the nominal time along the path.
     """
     gain: float
-    """By how much the residual would fall, to first order; infinite where that was not found."""
+    """Fall of the residual that one more step promises, to first order; infinite where that was not
+    found.
+    """
     stationarity: float
     """Largest entry of the gradient of the Lagrangian [cost / unit of the variable], with the
     multipliers that belong to the step.

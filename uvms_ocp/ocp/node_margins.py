@@ -47,15 +47,15 @@ class NodeMargins:
 
     robot: Robot
     below: Array
-    """(n_nodes, m) [unit of the quantity] how far inside the lower end."""
+    """(n_nodes, m) [unit of the quantity] margins inside the lower ends."""
     above: Array
-    """(n_nodes, m) [unit of the quantity] how far inside the upper end."""
+    """(n_nodes, m) [unit of the quantity] margins inside the upper ends."""
     sides: tuple[Side, ...] = ()
     """Sides on which nodes pass thin things."""
     missing: float = 0.0
-    """[unit of the quantity] what was missing between nodes when they were last asked for more."""
+    """[unit of the quantity] Excess between nodes when margins were last raised."""
     requested: float = 0.0
-    """[unit of the quantity] by how much more they were asked then."""
+    """[unit of the quantity] Rise of the margins at that time."""
 
     def at(self, nodes: Indices) -> NodeMargins:
         """Select consecutive nodes (n,)."""

@@ -47,7 +47,7 @@ class Plan(TableDisplay):
     surroundings: SurroundingsMeta = field(default_factory=SurroundingsMeta)
     """Goals, obstacles and floor of the problem, for records and scenes."""
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """[m/s] of the water in W that was reckoned with."""
+    """[m/s] Velocity of the water in W that was reckoned with."""
     plugin: str = ""
     """Name of the one of `uvms_ocp.solvers.nlp.level_solver.PLUGINS` that found the plan; empty
     where none was asked.

@@ -65,23 +65,23 @@ class VerdictTolerances(MetaValue):
     """Tolerances within which a motion that is called solved keeps what it promises."""
 
     motion: float = 1e-4
-    """[m, rad, m/s, rad/s] Between a node and where its predecessor leads."""
+    """[m, rad, m/s, rad/s] Distance between a node and where its predecessor leads."""
     forces: float = 1e-3
-    """[share of the largest force] Of forces that move it, and of their limits in the middle of
-    steps.
+    """[share of the largest force] Miss of the forces that move it, and excess over their limits in
+    the middle of steps.
     """
     force_between: float = 1e-2
-    """[share of the limit] Of thrust and torque anywhere else in a step."""
+    """[share of the limit] Excess of thrust and torque anywhere else in a step."""
     ranges: float = 3e-4
     """[unit of the quantity] Of positions, velocities, accelerations and rows of constraints, at
     nodes and between.
     """
     clearance: float = 1e-3
-    """[m] Of distances between shapes, at nodes and between."""
+    """[m] Lack of distance between shapes, at nodes and between."""
     goal: float = 1e-3
     """Residual of a level of goals that is met; of weights below 1 times their root."""
     gain: float = 2e-3
-    """[share of the residual] That one more step may promise for a level."""
+    """[share of the residual] Fall that one more step may promise for a level."""
     gain_floor: float = 1e-5
     """Gain of a residual that is none."""
 
@@ -91,7 +91,7 @@ class LevelVerdict(MetaValue):
 
     name: str
     residual: float
-    """See `LevelReport.residual`."""
+    """Residual of the level, as `LevelReport.residual` defines it."""
     gain: Number | None
     """By how much one more step would lower it, to first order, with the levels above held; `None`
     where that is not known.

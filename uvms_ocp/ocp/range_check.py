@@ -37,7 +37,7 @@ class Peak:
     time: float
     """[s] since the first node."""
     quantity: str
-    """Which of the quantities; empty where none is left."""
+    """Name of the quantity; empty where none is left."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

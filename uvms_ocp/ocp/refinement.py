@@ -59,9 +59,9 @@ class Refinement:
     problem: OcpProblem
     """Problem that is solved, whose terms are written anew in each round."""
     t0: float
-    """[s] of the first node."""
+    """[s] Time of the first node."""
     deadline: float
-    """[s] by the clock on the wall."""
+    """[s] Time by the clock on the wall at which rounds end."""
     progress: Progress | None = None
     """Callback after every iteration."""
 
@@ -205,7 +205,7 @@ class Reach:
     radius: float = np.inf
     """[m, rad] for the next round."""
     off: float = np.inf
-    """[m] by which rows were off after the last round."""
+    """[m] Largest error of rows after the last round."""
     was_reached: bool = False
     """The last round went as far as it might."""
 

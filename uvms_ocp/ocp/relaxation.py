@@ -46,7 +46,7 @@ class Relaxation:
 
     group: BoundGroup
     amount: float
-    """[-, or unit of the row] by which the group gives way, in its measure."""
+    """[-, or unit of the row] Amount by which the group gives way, in its measure."""
     axes: tuple[str, ...]
     """Axes on which it matters most."""
 
@@ -56,7 +56,7 @@ class PhaseOne:
     """Result of phase one: the point of least violation."""
 
     x: np.ndarray
-    """(n_x,) [unit of x] that point."""
+    """(n_x,) [unit of x] variables of the point that was found."""
     converged: bool
     """The search ended at a minimum."""
     relaxations: tuple[Relaxation, ...]

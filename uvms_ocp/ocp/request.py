@@ -70,7 +70,7 @@ class OcpRequest:
     """[s]"""
     n_steps: AtLeastOne = 40
     current: FiniteTriple = (0.0, 0.0, 0.0)
-    """[m/s] of the water in W."""
+    """[m/s] Velocity of the water in W."""
     plugin: str = AUTO
     time_limit: Positive = DAY
     """[s] for the solver; by default its iterations end it, however busy the machine is."""

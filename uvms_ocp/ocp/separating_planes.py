@@ -39,12 +39,12 @@ class Planes:
     joints: Indices
     """(n, 2) joints of the plane and of the point."""
     normal: Array
-    """(n, 3) in the frame of the plane's joint."""
+    """(n, 3) normals in the frames of the planes' joints."""
     centre: Array
     """(n, 3) [m] the point, in the frame of its joint."""
     offset: Array
-    """(n,) [m] of the plane from the origin of its joint, and the radius of the ball around the
-    centre.
+    """(n,) [m] distance of the plane from the origin of its joint, and the radius of the ball
+    around the centre.
     """
 
     def heights(self, poses: Poses) -> Array:

@@ -55,7 +55,7 @@ class ShapeClearance(Term):
     at: At = At.PATH
     scene: CollisionScene
     margins: Array
-    """(n_pairs,) [m] of the pairs of the scene."""
+    """(n_pairs,) [m] distances that the pairs of the scene keep at least."""
     n_rows: AtLeastOne = 10
     """Rows of each node on pairs with what stands in the world."""
     n_own_rows: AtLeastOne = 6

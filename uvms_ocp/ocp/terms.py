@@ -54,11 +54,11 @@ class StageSymbols:
     thrust: ca.SX
     """(n_thrusters,) [N]; with `Actuation.WRENCH` (n_vehicle,) [N, N m]."""
     thrust_share: ca.SX
-    """(n_thrusters,) in shares of the limits."""
+    """(n_thrusters,) thrust in shares of the limits."""
     torque: ca.SX
     """(n_joints,) [N m or N]"""
     torque_share: ca.SX
-    """(n_joints,) in shares of the limits."""
+    """(n_joints,) torque in shares of the limits."""
 
 
 @checked_dataclass(eq=False)
@@ -152,7 +152,7 @@ class TaskTerm(TaskRows):
     """
 
     tolerance: Magnitude = 0.0
-    """[unit of the row] By which the range of every row is widened."""
+    """[unit of the row] Width by which the range of every row is widened."""
 
     def residual(self, stage: StageSymbols, parameters: ca.SX) -> Residual:
         residual = self.task.residual(stage.tick, parameters)

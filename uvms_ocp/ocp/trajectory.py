@@ -39,8 +39,8 @@ class Trajectory:
     a: np.ndarray
     """(N, n_v) [m/s2, rad/s2] constant over each step."""
     thrust: np.ndarray
-    """(N, n_thrusters) [N] at the middle of each step; with `Actuation.WRENCH` (N, n_vehicle) [N, N
-    m].
+    """(N, n_thrusters) [N] thrust at the middle of each step; with `Actuation.WRENCH` the wrench
+    (N, n_vehicle) [N, N m].
     """
     torque: np.ndarray
     """(N, n_joints) [N m or N]"""

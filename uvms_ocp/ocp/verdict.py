@@ -46,7 +46,7 @@ class Verdict:
     broken: tuple[RangeCheck, ...]
     """Ranges that are left by more than their tolerance."""
     check: MotionCheck
-    """By how much ranges are left, at nodes and between them."""
+    """Excess over ranges, at nodes and between them."""
     report: VerdictReport
     """The part of the verdict that a plan keeps."""
 

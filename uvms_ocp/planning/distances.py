@@ -60,11 +60,11 @@ class Contacts:
     distance: Array
     """(n,) [m] signed."""
     normal: Array
-    """(n, 3) in W, from the first shape to the second."""
+    """(n, 3) unit vectors in W, from the first shape to the second."""
     first: Array
-    """(n, 3) [m] in W, on the first shape."""
+    """(n, 3) [m] nearest points in W on the first shapes."""
     second: Array
-    """(n, 3) [m] in W, on the second."""
+    """(n, 3) [m] nearest points in W on the second shapes."""
 
 
 @dataclass(slots=True, eq=False)

@@ -173,9 +173,9 @@ class CostWeights:
     smoothness: Annotated[float, Range(0.0)] = 1e-3
     """Weight of the snap, in units of one rest-to-rest move by 1 m or 1 rad over the same time."""
     collision: Annotated[float, Range(0.0)] = 100.0
-    """[1/m] Of the penalty of clearance, per metre travelled."""
+    """[1/m] Weight of the penalty of clearance, per metre travelled."""
     limits: Annotated[float, Range(0.0)] = 1.0
-    """[1/s] Of the penalties of positions, velocities and accelerations beyond limits, per
+    """[1/s] Weight of the penalties of positions, velocities and accelerations beyond limits, per
     second.
     """
     clearance: Positive = 0.06

@@ -58,11 +58,11 @@ class ToolGoalOptions:
     attempts: int = 80
     """Guesses: the one of the caller, then random ones around it, farther and farther."""
     spread: float = 0.5
-    """[m or rad] of the first random guesses; the last are five times as far, to come from another
-    side.
+    """[m or rad] Spread of the first random guesses; the last are five times as far, to come from
+    another side.
     """
     clearance: float = 0.005
-    """[m] that the goal keeps from everything."""
+    """[m] Distance that the goal keeps from everything."""
     damping: float = 1e-3
     """With lengths in m: added to the diagonal of the normal matrix, times the squared error where
     that is less than 1.
@@ -209,7 +209,7 @@ class PostureGoal:
     rpy: FiniteTriple | None = None
     """[rad] Roll, pitch, yaw of the vehicle."""
     joints: Mapping[str, float] = field(default_factory=dict)
-    """[m or rad] by name."""
+    """[m or rad] Positions of joints by name."""
 
     def __post_init__(self) -> None:
         _check_turn(self.rpy)

@@ -43,9 +43,9 @@ class SamplingOptions:
     step: Positive = 0.5
     """[m, rad] Length of one extension of a tree, over all axes together."""
     clearance: float = 0.005
-    """[m] that edges keep."""
+    """[m] Distance that edges keep."""
     room: Positive = 1.0
-    """[m or rad] How far beyond start and goal unlimited axes are sampled."""
+    """[m or rad] Distance beyond start and goal within which unlimited axes are sampled."""
     seed: Count = 0
 
 

@@ -49,7 +49,7 @@ class NearestPair:
     distance: float
     """[m]; infinite where there are no pairs."""
     time: float
-    """[s] where it is."""
+    """[s] Time of the smallest distance."""
     pair: str
     """The two shapes it is between; empty where there are no pairs."""
 

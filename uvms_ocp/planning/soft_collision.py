@@ -78,8 +78,8 @@ class SoftCollisionOptions:
     pieces: AtLeastOne = 10
     weights: CostWeights = field(default_factory=CostWeights)
     solver: DescentSolver = field(default_factory=TrustRegion)
-    """On the banded structure; or another one, which may take joint limits as hard bounds on the
-    nodes.
+    """Solver on the banded structure; or another one, which may take joint limits as hard bounds on
+    the nodes.
     """
     restarts: Count = 2
     """Further attempts, from randomly bent starts, while the result collides."""

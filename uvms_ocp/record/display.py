@@ -32,7 +32,7 @@ class SmallTable:
 
     title: str
     words: str = ""
-    """What there is to say before the rows, whole, whatever its length."""
+    """Text before the rows, whole, whatever its length."""
     head: tuple[str, ...] = ()
     """Names of the columns, if they have any."""
     rows: tuple[tuple[str, ...], ...]

@@ -46,7 +46,7 @@ class Record(display.TableDisplay):
     """
 
     series: Mapping[str, np.ndarray]
-    """By name, read-only, (n, ...) each; ``t`` (n,) [s] is always there."""
+    """Arrays (n, ...) by name, read-only; ``t`` (n,) [s] is always there."""
     meta: RunMeta | PlanMeta
 
     def __len__(self) -> int:

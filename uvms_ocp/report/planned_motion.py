@@ -59,7 +59,7 @@ class PlannedMotion:
     """Samples of a planned motion, both ends included, and the distances at them."""
 
     request: PlanRequest | OcpRequest
-    """What was to be planned, with which robot."""
+    """Request of what was to be planned, with which robot."""
     scene: CollisionScene
     """Shapes among which it moves, and its axes."""
     t: Array

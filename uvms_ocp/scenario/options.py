@@ -100,10 +100,10 @@ class RunOptions:
     dt: Bound = 1 / 200
     """[s] control period."""
     duration: Bound = 120.0
-    """[s] at which an incomplete mission is stopped."""
+    """[s] Time at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
-    """[Hz] of the rows of the record, as near to it as whole ticks allow; by default every tick has
-    one.
+    """[Hz] Rate of the rows of the record, as near to it as whole ticks allow; by default every
+    tick has one.
     """
 
     def start(self, X_WB: pin.SE3, joints: ArrayLike | None = None) -> np.ndarray:

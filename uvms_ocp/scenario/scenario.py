@@ -124,7 +124,7 @@ class Scenario(FieldTable):
     dt: float = 1 / 200
     """[s] control period."""
     duration: float = 120.0
-    """[s] at which an incomplete mission is stopped."""
+    """[s] Time at which an incomplete mission is stopped."""
     record_rate: Positive | None = None
     """[Hz] of the rows of the record, at least 0.1, as near to it as whole ticks allow; by default
     every tick has one. See `uvms_ocp.record.row_rates`.

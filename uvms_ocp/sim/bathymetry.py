@@ -33,11 +33,11 @@ class Bathymetry(Seafloor):
     """
 
     x: Annotated[Array, Shape("n"), Range(open=True)]
-    """(n,) [m] in W."""
+    """(n,) [m] grid lines along x in W."""
     y: Annotated[Array, Shape("m"), Range(open=True)]
-    """(m,) [m] in W."""
+    """(m,) [m] grid lines along y in W."""
     z: Annotated[Array, Shape("m", "n"), Range(open=True)]
-    """(m, n) [m] in W, up."""
+    """(m, n) [m] heights in W, upwards."""
 
     def __post_init__(self) -> None:
         for name, axis in (("x", self.x), ("y", self.y)):

@@ -143,7 +143,7 @@ class UniformCurrent(UniformField):
     """
 
     value: np.ndarray
-    """(3,) [m/s] in W."""
+    """(3,) [m/s] velocity in W."""
 
     def __init__(self, velocity: ArrayLike) -> None:
         object.__setattr__(self, "value", _flow("velocity of the current", velocity, (3,)))
@@ -224,11 +224,11 @@ class OnsetCurrent(UniformField):
     """
 
     value: np.ndarray
-    """(3,) [m/s] in W."""
+    """(3,) [m/s] velocity in W after the onset."""
     start: float
     """[s] until which the water rests."""
     rise: float
-    """[s] that the step takes."""
+    """[s] Time that the step takes."""
 
     def __init__(self, velocity: ArrayLike, *, start: Finite, rise: Positive) -> None:
         """Velocity (3,) [m/s] once it has set in; start, rise [s] as the fields.

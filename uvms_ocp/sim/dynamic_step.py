@@ -236,11 +236,11 @@ class PlantMemory(Layout):
     t: float
     """[s] time of the state."""
     dt: float
-    """[s] of a control period."""
+    """[s] Control period."""
     n_steps: int
-    """In a period."""
+    """Number of steps in a period."""
     step_dt: float
-    """[s] of a step."""
+    """[s] Length of a step."""
     q: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad]"""
     v: Annotated[Vector, Sized("n_v")]
@@ -260,7 +260,7 @@ class PlantMemory(Layout):
     asked_torque: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N]"""
     share: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) as of `ThrusterCondition`, like the next."""
+    """(n_thrusters,) share of its command that each thruster gives."""
     offset: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) [N]"""
     decay: Annotated[Vector, Sized("n_decays")]
@@ -278,9 +278,9 @@ class PlantMemory(Layout):
     torque: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] that the motors gave in the last step."""
     contact: Annotated[Vector, Sized("n_points")]
-    """(n_points,) [N] of the last step."""
+    """(n_points,) [N] contact forces of the last step."""
     v_before: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] at the beginning of the period."""
+    """(n_v,) [m/s, rad/s] velocity at the beginning of the period."""
     q_next: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad] after a step, as the next four."""
     v_next: Annotated[Vector, Sized("n_v")]

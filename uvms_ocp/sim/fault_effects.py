@@ -24,9 +24,9 @@ class Sample:
 
     value: Any
     stamp: float
-    """[s] at which the sensor says that it was taken."""
+    """[s] Time at which the sensor says that it was taken."""
     extra_delay: float = 0.0
-    """[s] on top of the sensor's own."""
+    """[s] Delay on top of the sensor's own."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)

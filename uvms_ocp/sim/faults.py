@@ -74,7 +74,7 @@ class FaultModel:
     """Effect and values of one kind of fault."""
 
     effect: str
-    """In words."""
+    """Effect in words."""
     values: tuple[ValueRange, ...] = ()
     fewest: int | None = None
     """Number of values that must be given; all by default."""
@@ -202,7 +202,7 @@ class Fault:
     onset: float = 0.0
     """[s]"""
     end: Bound = math.inf
-    """[s] from which all is well again; inf: never."""
+    """[s] Time from which all is well again; inf: never."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "target", target_of(self.target).name)

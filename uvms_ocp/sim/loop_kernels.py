@@ -48,7 +48,7 @@ class LoopMemory(Layout):
     k: int
     """Number of the tick, from 0."""
     t: float
-    """[s] its time."""
+    """[s] Time of the tick."""
     dt: float
     """[s] control period."""
     started: bool
@@ -68,7 +68,7 @@ class LoopMemory(Layout):
     none.
     """
     commanded: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s] in the tick before."""
+    """(n_v,) [m/s, rad/s] velocity commanded in the tick before."""
     response: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s] velocity that commands have brought about."""
     braked: bool
@@ -76,9 +76,9 @@ class LoopMemory(Layout):
     has_range: bool
     """There is an altimeter, whose range the filter estimates."""
     range: Annotated[Vector, Sized(2)]
-    """(2,) [m] of the altimeter, and its standard deviation, NaN for none."""
+    """(2,) [m] range of the altimeter, and its standard deviation, NaN for none."""
     since: Annotated[Vector, Sized(N_CHANNELS)]
-    """(9,) [s] when the verdict on each channel changed."""
+    """(9,) [s] times at which the verdicts on the channels changed."""
     trusts: Annotated[list[int], Sized(N_CHANNELS)]
     """(9,) the `Trust` in each channel that there is, in the order of `Readings`."""
     news: bool

@@ -136,7 +136,7 @@ class FaultMaker(Protocol):
     onset: float
     """[s], 0 or more."""
     end: float
-    """[s] from which all is well again; inf: never."""
+    """[s] Time from which all is well again; inf: never."""
 
     def __call__(self, scenario: Any) -> Disturbance:
         """Return the fault in a run of a `Scenario`."""

@@ -65,17 +65,17 @@ class KinematicMemory(Layout):
     t: float
     """[s] time of the state."""
     dt: float
-    """[s] of a control period."""
+    """[s] Control period."""
     q: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad]"""
     v: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s]"""
     a: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s2, rad/s2] by which v changed in the last period."""
+    """(n_v,) [m/s2, rad/s2] change of v in the last period, over its length."""
     asked: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s, rad/s]"""
     change: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m, rad] in a period."""
+    """(n_v,) [m, rad] motion in a period."""
     q_next: Annotated[Vector, Sized("n_q")]
     """(n_q,) [m, rad] after it."""
 

@@ -62,7 +62,7 @@ class HeightField(Seafloor):
     """
 
     z: Finite
-    """[m] of the plane."""
+    """[m] Height of the plane."""
     centres: Annotated[Array, Shape("n", 2), Range(open=True)]
     """(n, 2) [m] x, y in W."""
     heights: Annotated[Array, Shape("n"), Range(0.0, open=True)]

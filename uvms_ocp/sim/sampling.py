@@ -68,7 +68,7 @@ class ChannelSampler(Layout):
     error: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] error of the sample."""
     errors: Annotated[list[Vector], Sized(N_DRAWN, "n_width")]
-    """(N_DRAWN, n_width) [unit of the channel] of the next samples, in order."""
+    """(N_DRAWN, n_width) [unit of the channel] errors of the next samples, in order."""
     losses: Annotated[Vector, Sized(N_DRAWN)]
     """(N_DRAWN,) in [0, 1): a reading is lost where it is below `dropout`."""
     n_used: int
@@ -78,29 +78,29 @@ class ChannelSampler(Layout):
     sample: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] value of the last sample."""
     stamped: float
-    """[s] when it was taken, by its own clock."""
+    """[s] Time when the sample was taken, by its own clock."""
     extra_delay: float
-    """[s] on top of the sensor's own."""
+    """[s] Delay on top of the sensor's own."""
     lost: bool
     """The reading never arrives."""
     n_waiting: int
     """Readings under way, in order of arrival."""
     arrival: Annotated[Vector, Sized("n_room")]
-    """(n_room,) [s] of each."""
+    """(n_room,) [s] times of arrival of the samples on their way."""
     taken: Annotated[Vector, Sized("n_room")]
-    """(n_room,) [s] when it was taken."""
+    """(n_room,) [s] times at which the samples on their way were taken."""
     stamps: Annotated[Vector, Sized("n_room")]
     """(n_room,) [s] `stamped`"""
     values: Annotated[list[Vector], Sized("n_room", "n_width")]
     """(n_room, n_width) [unit of the channel]"""
     newest: float
-    """[s] when the reading was taken that arrived last."""
+    """[s] Time at which the reading was taken that arrived last."""
     fresh: bool
     """A new one arrived at this tick."""
     value: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] the last that arrived."""
     stamp: float
-    """[s] its own."""
+    """[s] Time of that reading, by its own clock."""
 
 
 class SensorsMemory(Layout):
@@ -133,7 +133,7 @@ class SensorsMemory(Layout):
     find_range: CallbackField
     """Finds the range to any other floor."""
     range: float
-    """[m] what it finds."""
+    """[m] Range that the beam finds."""
     turn: FunctionField
     """Quaternion (4,) and rotation vector (3,) in B to `turned`."""
     turned: Annotated[Vector, Sized(4)]
@@ -143,7 +143,7 @@ class SensorsMemory(Layout):
     order: Annotated[list[int], Sized(N_CHANNELS)]
     """(n,) their numbers, in the order of `Readings`."""
     channels: Annotated[list[ChannelSampler], Sized(N_CHANNELS)]
-    """By `ChannelIndex`."""
+    """Samplers of the channels, by `ChannelIndex`."""
     crowded: bool
     """More readings of one were under way than there is room for."""
 

@@ -56,7 +56,7 @@ class FlatSeafloor(Seafloor):
     """
 
     z: float
-    """[m] in W."""
+    """[m] Height in W."""
 
     def __post_init__(self) -> None:
         if not abs(self.z) <= _DEEPEST:

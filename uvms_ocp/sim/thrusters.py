@@ -37,9 +37,9 @@ class Thrusters:
     time_constant: np.ndarray
     """(n,) [s]"""
     factor: np.ndarray
-    """(n,) [W/N^exponent] of the electrical power, NaN where the file gives none."""
+    """(n,) [W/N^exponent] electrical power at a thrust of 1 N, NaN where the file gives none."""
     exponent: np.ndarray
-    """(n,) of the thrust in the electrical power."""
+    """(n,) exponents of the thrust in the electrical power."""
 
     @staticmethod
     def of(robot: Robot) -> Thrusters:

@@ -147,7 +147,7 @@ class _JointRow(NamedTuple):
     upper: ca.SX
     """[rad/s or m/s]"""
     activation: ca.SX
-    """In [0, 1]."""
+    """Activation in [0, 1]."""
     margin: ca.SX
     """[rad or m] to the nearer limit."""
 

@@ -40,8 +40,8 @@ class PiecewisePolynomial(FieldTable):
     breaks: Array
     """(n_pieces + 1,) [s] strictly increasing times at which the pieces begin and end."""
     coefficients: Array
-    """(degree + 1, n_pieces, n_axes) [axis] of ascending powers of the unit-interval time of each
-    piece.
+    """(degree + 1, n_pieces, n_axes) [axis] coefficients of ascending powers of the unit-interval
+    time of each piece.
     """
 
     def __post_init__(self) -> None:

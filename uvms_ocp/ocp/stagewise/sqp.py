@@ -74,11 +74,11 @@ class _CostModel(NamedTuple):
     """A quadratic model of the cost of one level."""
 
     damping: float
-    """In units of the largest curvature of the cost up to 1."""
+    """Damping of steps, in units of the largest curvature of the cost up to 1."""
     has_curvature: bool
     """The Hessian has the curvature of constraints; if not, it is that of Gauss and Newton."""
     penalty_above: float
-    """[1/unit of the row] what it costs to miss levels above; infinite: they are hard."""
+    """[1/unit of the row] Price of missing levels above; infinite: they are hard."""
 
 
 _MODELS = (

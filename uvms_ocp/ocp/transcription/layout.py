@@ -54,7 +54,7 @@ class RowLayout:
     total: np.ndarray
     """(1,), or none where the steps together may take any time."""
     terms: tuple[np.ndarray, ...]
-    """(n_nodes, n_rows) of each block."""
+    """Indices (n_nodes, n_rows) of the rows of each block."""
     costs: np.ndarray
     """(n_levels,) row of each level's cost."""
     n_state: int
@@ -66,7 +66,7 @@ class RowLayout:
     upper: np.ndarray
     """(n_rows,) [unit of the row]"""
     names: tuple[str, ...]
-    """(n_rows,) of what each row stands for, in reports."""
+    """(n_rows,) names of what each row stands for, in reports."""
     constraints: np.ndarray
     """(n_constraints,) rows that are constraints, in ascending order."""
     levels: tuple[np.ndarray, ...]

@@ -52,7 +52,7 @@ class TermRows:
     numbers: TermNumbers
     """Numbers of the problem that was built in."""
     kinds: RowKinds
-    """Which rows have bounds, and which."""
+    """Kinds of the rows: equalities, and which bounds the others have."""
     level: np.ndarray
     """(m,) level of each row, or CONSTRAINT."""
     state_only: np.ndarray

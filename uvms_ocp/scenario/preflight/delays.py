@@ -68,7 +68,7 @@ class DelayedAxes:
     axes: slice
     """Columns of the axes among those of v (n_v,)."""
     delay: float
-    """[s] of sensors and actuators together."""
+    """[s] Delay of sensors and actuators together."""
     loop: Mapping[str, float]
     """Bandwidth and reset [1/s] of their control loop, and its observer's [rad/s]."""
 

@@ -37,10 +37,11 @@ class Finding:
     check: str
     """Name of the check, such as ``reachability``."""
     text: str
-    """What was found, and the cure."""
+    """Sentence on what was found, and the cure."""
     phase: str = ""
-    """Name of the phase concerned."""
+    """Name of the phase concerned; empty for all."""
     figures: Mapping[str, Any] = field(default_factory=dict)
+    """Numbers behind the finding [m, rad, N] by name."""
 
 
 @checked_dataclass(repr=False)

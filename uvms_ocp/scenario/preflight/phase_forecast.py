@@ -30,7 +30,7 @@ class Stance:
     position: np.ndarray
     """(3,) [m] p_WB of the vehicle in W."""
     yaw: float
-    """[rad] of the vehicle."""
+    """[rad] Heading of the vehicle in W."""
     likely: bool = True
     """True for a stance that is likely, and not merely possible."""
 

@@ -61,9 +61,9 @@ class VelocityBox:
     """
 
     lower: Array
-    """(n,) in normal units, -inf where no row is bounded on both sides."""
+    """(n,) lower bounds in normal units, -inf where no row is bounded on both sides."""
     upper: Array
-    """(n,) in normal units."""
+    """(n,) upper bounds in normal units, inf where no row is bounded on both sides."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -111,7 +111,7 @@ class NormalRows:
     box: VelocityBox
     """Velocity box of the first level."""
     level: Array
-    """(levels,) [rate/velocity] by which the rows of each level have been divided."""
+    """(levels,) [rate/velocity] divisors of the rows of each level."""
     velocity: float
     """[velocity] v = velocity w."""
     unit: float
@@ -349,7 +349,7 @@ class _BoundTerms:
     down: Array
     """(M,) gap to the lower bound; 0 where rounding is as large."""
     noise: Array
-    """(M,) what rounding leaves open of a row."""
+    """(M,) amount that rounding leaves open of each row."""
     unit: float
     """`NormalRows.unit`."""
 

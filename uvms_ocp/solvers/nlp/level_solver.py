@@ -164,9 +164,9 @@ class NlpPoint:
     x: np.ndarray
     """(n_x,) [unit of x]"""
     x_multipliers: np.ndarray | None = None
-    """(n_x,) [1/unit of x] of the bounds of x."""
+    """(n_x,) [1/unit of x] multipliers of the bounds of x."""
     row_multipliers: np.ndarray | None = None
-    """(n_rows,) [1/unit of the row] in the numbering of the program."""
+    """(n_rows,) [1/unit of the row] multipliers in the numbering of the program."""
 
     @property
     def warm(self) -> bool:
@@ -213,7 +213,7 @@ class NlpLinearization:
 
     cost: float
     gradient: np.ndarray
-    """(n_x,) [1/unit of x] of the cost."""
+    """(n_x,) [1/unit of x] gradient of the cost."""
     rows: np.ndarray
     """(m,) [unit of the row]"""
     jacobian: ca.DM

@@ -189,7 +189,7 @@ class LevelNlp:
     nlp: Mapping[str, Expression]
     """X, p, f and g."""
     rows: np.ndarray
-    """(n_g,) which rows of the program those of g are."""
+    """(n_g,) indices in the program of the rows of g."""
     functions: Mapping[str, ca.Function] = field(default_factory=dict)
     """Derivative functions by the names the NLP solver asks for (``nlp_jac_g``, ...), as far as
     there are any.
@@ -237,7 +237,7 @@ class RowRanges:
     levels: tuple[LevelRows, ...]
     """Levels from the highest to the lowest."""
     lower: np.ndarray
-    """(n_constraints,) [unit of the row] of the shared constraints."""
+    """(n_constraints,) [unit of the row] lower ends of the shared constraints."""
     upper: np.ndarray
     """(n_constraints,) [unit of the row]"""
 

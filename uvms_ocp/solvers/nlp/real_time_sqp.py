@@ -160,9 +160,9 @@ class SqpPoint:
     """Point reached by the levels so far."""
 
     x: np.ndarray
-    """(n,) [unit of x] as the model of the levels has them."""
+    """(n,) [unit of x] variables as the model of the levels has them."""
     rows: tuple[np.ndarray, ...]
-    """(m,) [unit of the row] of every level."""
+    """(m,) [unit of the row] values of the rows of every level."""
     merit: LevelMerit
     reached: tuple[float, ...] = ()
     """(n,) norm of the residual of each level that had its turn, at its end."""
@@ -454,7 +454,7 @@ class SqpResult:
     steps: int
     """Steps that were made, the one that failed included."""
     solve_time: float
-    """[s] by the clock that was given."""
+    """[s] Time of the solve, by the clock that was given."""
     reached: tuple[float, ...] = ()
     """(n,) norm of the residual of each level after its own turn in the step that led to x; levels
     below may have raised it by `SqpOptions.tolerance`, and levels that had no turn are missing.

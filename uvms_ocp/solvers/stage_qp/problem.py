@@ -305,7 +305,7 @@ class WarmStart:
     costate: Array
     """(n_x,) [1/unit of x]"""
     y: Array
-    """(M,) [1/unit of the row] of rows, then of bounds."""
+    """(M,) [1/unit of the row] multipliers of rows, then of bounds."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -329,7 +329,7 @@ class FlatSolution:
     iterations: int
     """Factorisations."""
     value: Array
-    """(M,) [unit of the row] of rows and variables."""
+    """(M,) [unit of the row] values of rows and variables."""
     worst: float
     """Largest residual of `kkt`, relative to the terms of its condition."""
     shape: StageShape
