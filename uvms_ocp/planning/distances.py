@@ -34,9 +34,9 @@ class NearPairs:
     """
 
     sample: Indices
-    """(n,)"""
+    """(n,) index of the sample of each pair."""
     pair: Indices
-    """(n,)"""
+    """(n,) index of the pair in the scene."""
     distance: Array
     """(n,) [m]"""
     gradient: Array

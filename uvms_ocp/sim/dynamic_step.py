@@ -256,25 +256,25 @@ class PlantMemory(Layout):
     joint_energy: Annotated[Vector, Sized(1)]
     """(1,) [J] so far."""
     asked_thrust: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N] commanded thrust."""
     asked_torque: Annotated[Vector, Sized("n_joints")]
-    """(n_joints,) [N m or N]"""
+    """(n_joints,) [N m or N] commanded torque."""
     share: Annotated[Vector, Sized("n_thrusters")]
     """(n_thrusters,) share of its command that each thruster gives."""
     offset: Annotated[Vector, Sized("n_thrusters")]
-    """(n_thrusters,) [N]"""
+    """(n_thrusters,) [N] thrust at which stuck thrusters stay."""
     decay: Annotated[Vector, Sized("n_decays")]
     """(n_thrusters * N_DECAYS,) `Thrusters.decay` of a step."""
     u: Annotated[Vector, Sized("n_water")]
-    """(3 * n_links,) [m/s]"""
+    """(3 * n_links,) [m/s] velocities of the water at the links."""
     Du_Dt: Annotated[Vector, Sized("n_water")]
-    """(3 * n_links,) [m/s2]"""
+    """(3 * n_links,) [m/s2] the water's own accelerations at the links."""
     floor_z: Annotated[Vector, Sized("n_points")]
     """(n_points,) [m]"""
     floor_normal: Annotated[Vector, Sized("n_normals")]
     """(3 * n_points,)"""
     brake: float
-    """[N m s/rad]"""
+    """[N m s/rad] Friction of the brakes, 0 where they are open."""
     torque: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [N m or N] that the motors gave in the last step."""
     contact: Annotated[Vector, Sized("n_points")]

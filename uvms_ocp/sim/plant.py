@@ -73,7 +73,7 @@ class KinematicMemory(Layout):
     a: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m/s2, rad/s2] change of v in the last period, over its length."""
     asked: Annotated[Vector, Sized("n_v")]
-    """(n_v,) [m/s, rad/s]"""
+    """(n_v,) [m/s, rad/s] commanded velocity."""
     change: Annotated[Vector, Sized("n_v")]
     """(n_v,) [m, rad] motion in a period."""
     q_next: Annotated[Vector, Sized("n_q")]

@@ -72,9 +72,9 @@ class MinimumAltitude(Task):
     margin: Positive = 0.5
     """[m] Delta"""
     gain: Positive = 0.4
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[m/s]"""
+    """[m/s] Largest rate that is asked for."""
 
     @property
     def rest_altitude(self) -> float:
@@ -135,9 +135,9 @@ class LandingAltitude(Task):
     safeguard: Positive = 0.17
     """[m] Delta_safeguard"""
     gain: Positive = 0.4
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.2
-    """[m/s]"""
+    """[m/s] Largest rate that is asked for."""
 
     @property
     def rest_altitude(self) -> float:

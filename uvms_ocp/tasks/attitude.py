@@ -61,9 +61,9 @@ class AngleTask(Task):
     frame: str = "base_link"
     """Frame whose angle is kept small."""
     gain: Positive
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive
-    """[rad/s]"""
+    """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation
     """[rad] activation rises over this range."""
     aim: Positive
@@ -162,9 +162,9 @@ class HorizontalAttitude(AngleTask):
     name: str = "HA"
     task_class: TaskClass = TaskClass.SAFETY
     gain: Positive = 0.2
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[rad/s]"""
+    """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.025, 0.1)
     """[rad]"""
     aim: Positive = 0.025
@@ -257,9 +257,9 @@ class Alignment(TargetTask):
     name: str = "AT"
     task_class: TaskClass = TaskClass.PREREQUISITE
     gain: Positive = 0.6
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.2
-    """[rad/s]"""
+    """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.0, 0.07)
     """[rad]"""
     aim: Positive = 0.035
@@ -304,9 +304,9 @@ class FieldOfView(TargetTask):
     axis: tuple[float, float, float] = (1.0, 0.0, 0.0)
     """(3,) optical axis in `frame`, of length 1."""
     gain: Positive = 0.6
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.3
-    """[rad/s]"""
+    """[rad/s] Largest rate that is asked for."""
     activation: SmoothActivation = SmoothActivation(0.3, 0.5)
     """[rad]"""
     aim: Positive = 0.4

@@ -39,9 +39,9 @@ class Clearance(Task):
     margin: Positive = 0.2
     """[m] range of the activation beyond the threshold."""
     gain: Positive = 0.5
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[m/s]"""
+    """[m/s] Largest rate that is asked for."""
     _pairs: NearestPairs = field(init=False, repr=False)
     """See `nearest_pairs`."""
 

@@ -49,9 +49,9 @@ class JointLimits(Task):
     guard: float = 0.0
     """Share of the robot's range on each side that is never used."""
     gain: Positive = 0.2
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[rad/s or m/s]"""
+    """[rad/s or m/s] Largest rate that is asked for."""
 
     def __post_init__(self) -> None:
         if not (self.guard >= 0 and self.guard + self.margin < 0.5):
@@ -168,9 +168,9 @@ class JointTracking(Task):
     goal: VectorGoal
     """Positions of the joints (len(joints),) [rad or m], constant or over time."""
     gain: Positive = 0.5
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[rad/s or m/s]"""
+    """[rad/s or m/s] Largest rate that is asked for."""
 
     def __post_init__(self) -> None:
         value, _ = evaluate_vector(self.name, self.goal, 0.0)
@@ -217,7 +217,7 @@ class Manipulability(Task):
     frame: str = "tool"
     """Frame whose Jacobian has the manipulability."""
     gain: Positive = 0.1
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     target: Positive = 0.12
     """[unit of mu] value that the rate leads to."""
     activation: SmoothActivation = SmoothActivation(0.02, 0.05)

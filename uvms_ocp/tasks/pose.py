@@ -49,13 +49,13 @@ class PoseTask(Task):
     goal: PoseGoal
     """X_WF [m]."""
     gain_linear: Positive
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     gain_angular: Positive
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation_linear: Positive = 0.5
-    """[m/s]"""
+    """[m/s] Largest rate that is asked for."""
     saturation_angular: Positive = 0.5
-    """[rad/s]"""
+    """[rad/s] Largest rate that is asked for."""
 
     def __post_init__(self) -> None:
         evaluate_pose(self.name, self.goal, 0.0)
@@ -104,9 +104,9 @@ class VehiclePose(PoseTask):
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "base_link"
     gain_linear: Positive = 0.2
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     gain_angular: Positive = 0.5
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
 
 
 @checked_dataclass(eq=False)
@@ -118,9 +118,9 @@ class ToolPose(PoseTask):
     task_class: TaskClass = TaskClass.ACTION
     frame: str = "tool"
     gain_linear: Positive = 0.6
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     gain_angular: Positive = 0.6
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
 
 
 @checked_dataclass(eq=False)
@@ -135,9 +135,9 @@ class ToolPosition(Task):
     goal: PoseGoal
     """X_WF [m], of which the translation is used."""
     gain: Positive = 0.6
-    """[1/s]"""
+    """[1/s] Rate that is asked for, per error."""
     saturation: Positive = 0.5
-    """[m/s]"""
+    """[m/s] Largest rate that is asked for."""
 
     def __post_init__(self) -> None:
         evaluate_pose(self.name, self.goal, 0.0)
