@@ -12,16 +12,20 @@ from .cases.transit import obstacle_field as obstacle_field, transit as transit
 from .options import RunOptions as RunOptions, activate as activate
 from .plan_replay import ReplayResult as ReplayResult, replay as replay
 from .preflight.checks import check_mission as check_mission
+from .preflight.findings import (
+    Finding as Finding,
+    PreflightReport as PreflightReport,
+    Severity as Severity,
+)
+from .preflight.phase_forecast import (
+    forecast as forecast,
+)
 from .preflight.robot_check import (
     check_robot as check_robot,
     check_robot_files as check_robot_files,
 )
 from .preflight.setup import (
-    Finding as Finding,
-    PreflightReport as PreflightReport,
     Setup as Setup,
-    Severity as Severity,
-    forecast as forecast,
 )
 from .recorded_estimate import (
     RecordedEstimate as RecordedEstimate,
