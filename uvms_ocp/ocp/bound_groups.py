@@ -76,7 +76,7 @@ def variable_groups(transcription: Transcription) -> GroupIndex:
     group_of_entry, scale_of_entry, axis_of_entry = _entry_groups(transcription)
     layout = transcription.variables
     groups = tuple(dict.fromkeys(group for group in group_of_entry if group))
-    index = {group: i for i, group in enumerate(groups)}
+    index: dict[BoundGroup | None, int] = {group: i for i, group in enumerate(groups)}
     number_of_entry = np.array([index.get(group, _NO_GROUP) for group in group_of_entry])
     nodes, entries = np.nonzero((layout.all_columns >= 0) & (number_of_entry != _NO_GROUP))
     columns = layout.all_columns[nodes, entries]

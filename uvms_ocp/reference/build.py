@@ -60,7 +60,7 @@ def build_reference(folder: Path | str) -> Path:
         "Theory": theory_pages(),
         "Files and commands": generated_pages(),
     }
-    texts = []
+    texts = list[str]()
     for pages in sections.values():
         texts += pages.values()
     modules = documented_modules("\n".join(texts))
