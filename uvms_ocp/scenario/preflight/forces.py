@@ -25,10 +25,8 @@ from uvms_ocp.robot.thrusters import (
     without_free_motions,
 )
 from uvms_ocp.scenario.preflight.findings import Finding, Severity
-from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Visit, threshold_of
 from uvms_ocp.scenario.preflight.robot_check import LARGEST_TILT, tilt_text
-from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.sim.currents import water_at
 from uvms_ocp.tasks import attitude
