@@ -121,3 +121,13 @@ def test_axes_that_fit_the_inertia_when_turned_alone_are_doubted(
     texts = [finding.text for finding in check_robot(load_robot(tmp_path / "robot.urdf")).findings]
     is_doubted = any("fits its body only when turned so" in text for text in texts)
     assert is_doubted == (lies_turned and stated == "Y_UP")
+
+
+@pytest.mark.parametrize("n_faces", [12, 11])
+def test_a_mesh_with_a_hole_is_told(n_faces: int, tmp_path: Path) -> None:
+    text = collada(CORNERS, "").replace('count="12"', f'count="{n_faces}"')
+    indices = FACES.split()
+    text = text.replace(FACES, " ".join(indices[: 3 * n_faces]))
+    robot = robot_of_mesh(tmp_path, text)
+    texts = [finding.text for finding in check_robot(robot).findings]
+    assert any("mesh 'm.dae': not closed" in text for text in texts) == (n_faces == 11)

@@ -1,5 +1,5 @@
-"""Doubts about sizes and axes of meshes, by the inertia of their body and by one another: a mesh in
-another unit, or with another axis up, loads without a word.
+"""Doubts about meshes: sizes and axes, by the inertia of their body and by one another, and holes. A
+mesh in another unit, with another axis up, or open, loads without a word.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from uvms_ocp.robot.link_boxes import box_corners
 from uvms_ocp.robot.robot import Robot
+from uvms_ocp.robot.shapes.signed_distance import Body
 from uvms_ocp.robot.urdf_meshes import collada_asset
 
 _MAX_RATIO = 8.0  # of lengths, above which no coarse inertia or simple shape explains it
@@ -73,6 +74,19 @@ def mesh_axis_doubts(robot: Robot) -> Iterator[str]:
                     f"mesh {file.name!r} states {up_axis}, and fits its body only when turned so; it"
                     " is read with z up: turn its <origin>, or save it with z up"
                 )
+
+
+def open_meshes(robot: Robot) -> Iterator[str]:
+    """Yield the names of the files of collision meshes that are not closed: they are surfaces, and
+    nothing is inside them.
+    """
+    told = set[str]()
+    for shape in robot.collision_model.geometryObjects:
+        body = Body(shape.geometry)
+        file = Path(shape.meshPath)
+        if file.name not in told and body.is_mesh and body.solid is None:
+            told.add(file.name)
+            yield repr(file.name)
 
 
 def _misfit(sides: np.ndarray, expected: np.ndarray) -> float:

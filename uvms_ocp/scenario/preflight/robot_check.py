@@ -30,7 +30,7 @@ from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.shapes.shape_pairs import links_without_shape
 from uvms_ocp.robot.unknowns import joints_without_inertia, unknowns
 from uvms_ocp.robot.up_axis import TURN, signs_of_z_down
-from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_doubts
+from uvms_ocp.scenario.preflight.mesh_sizes import mesh_axis_doubts, mesh_size_doubts, open_meshes
 
 FORCE_TOLERANCE = 0.5  # [N] residual of a trimmed robot with its arm stowed
 MOMENT_TOLERANCE = 0.5  # [N m]
@@ -39,6 +39,7 @@ LARGEST_TILT = np.deg2rad(15.0)
 _RANK_TOLERANCE = 1e-6  # relative to the largest singular value
 _HULL_SHARE = 0.9  # of the hull, within which floats and ballast for trim are placed
 _SMALLEST_REACH = 0.1  # [m] from the origin to a border of the hull, a hand's breadth
+_SHOWN_MESHES = 4
 _TRIANGLE_TOLERANCE = 1e-3  # relative; published inertias are rounded
 _LIMITING = (
     "give vehicle_limits and joints in hydrodynamics.yaml, velocity and effort of joints in <limit>"
@@ -263,6 +264,16 @@ def _shapes(robot: Robot) -> Iterator[RobotFinding]:
         )
     for doubt in (*mesh_size_doubts(robot), *mesh_axis_doubts(robot)):
         yield _warning("shapes", doubt)
+    holed = list(open_meshes(robot))
+    if holed:
+        shown = ", ".join(holed[:_SHOWN_MESHES])
+        if len(holed) > _SHOWN_MESHES:
+            shown += f" and {len(holed) - _SHOWN_MESHES} more"
+        yield _warning(
+            "shapes",
+            f"mesh {shown}: not closed, a surface that has no inside; what is wholly within it does"
+            " not touch it: close it, or give a box, cylinder or sphere for contact",
+        )
     unshaped = links_without_shape(robot)
     if unshaped and robot.collision_model.ngeoms:
         text = f"{', '.join(unshaped)}: nothing is told of what they touch; give them <collision>"
