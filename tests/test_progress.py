@@ -8,8 +8,10 @@ from dataclasses import replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
+import numpy as np
 import pytest
 from compiler import needs_compiler
 from tqdm.auto import tqdm
@@ -17,8 +19,11 @@ from tqdm.auto import tqdm
 import uvms_ocp as uo
 from uvms_ocp.cli.printing import busy, console_of
 from uvms_ocp.codegen import compile as building
+from uvms_ocp.ocp import OcpLevel, Planner, TaskTerm, single_phase
 from uvms_ocp.progress import progress_bar
+from uvms_ocp.robot import State
 from uvms_ocp.scenario import case1
+from uvms_ocp.tasks import ToolPosition
 
 SHORT = replace(case1(), duration=1.0)
 
@@ -53,6 +58,43 @@ def test_a_run_shows_its_phase_and_what_that_waits_for_and_nothing_stays(
 
 def test_a_run_that_is_over_soon_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert shown_by_a_run(monkeypatch, silent=60.0) == ""
+
+
+def solve_plan(**options: Any) -> bool:
+    robot = uo.load_robot("planar5")
+    q = robot.configuration()
+    goal = uo.Kinematics(robot, q).pose(robot.tools[0])
+    goal.translation[0] += 0.1
+    problem = single_phase(
+        robot=robot,
+        start=State(q=q, v=np.zeros(robot.n_v)),
+        duration=2.0,
+        n_steps=6,
+        levels=(
+            OcpLevel(
+                name="tool", terms=(TaskTerm(task=ToolPosition(frame=robot.tools[0], goal=goal)),)
+            ),
+        ),
+    )
+    return Planner(problem).plan(**options).status.usable
+
+
+def shown_by_a_plan(monkeypatch: pytest.MonkeyPatch, silent: float, **options: Any) -> str:
+    monkeypatch.setattr("uvms_ocp.ocp.planner._SILENT", silent)
+    monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
+    with redirect_stderr(Terminal()) as terminal:
+        assert solve_plan(**options)
+    return terminal.getvalue()
+
+
+def test_a_plan_shows_level_and_iteration_and_nothing_stays(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown = shown_by_a_plan(monkeypatch, silent=0.0)
+    assert "planning: level 'tool', iteration " in shown
+    assert shown.split("\r")[-2].strip() == ""
+    assert shown_by_a_plan(monkeypatch, silent=60.0) == ""
+    assert shown_by_a_plan(monkeypatch, silent=0.0, progress=lambda moment: None) == ""
 
 
 def test_who_is_given_every_tick_shows_it_alone() -> None:

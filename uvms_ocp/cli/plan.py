@@ -151,11 +151,7 @@ def _by_ocp(request: OcpRequest, progress: Progress) -> PlanOutput:
 
 def _describe_iteration(iteration: IterationReport) -> str:
     """Describe an iteration in a line; Ctrl-C keeps the best plan so far."""
-    return (
-        f"level {iteration.level!r}, iteration {iteration.iteration}, residual"
-        f" {iteration.residual:.3g}, constraints broken by {iteration.violation:.1e}"
-        " (Ctrl-C stops)"
-    )
+    return f"{iteration} (Ctrl-C stops)"
 
 
 def _changed(defaults: Mapping[str, Any], **options: Any) -> dict[str, Any]:

@@ -39,12 +39,15 @@ from uvms_ocp.ocp.trajectory import (
 )
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Verdict, judge_motion
+from uvms_ocp.progress import progress_bar
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
+_SILENT = 2.0  # [s] that a plan may take without a word
+_BAR = "{elapsed} planning: {desc}"
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
 _unchecked = unchecked_constructor(Plan)
@@ -111,8 +114,9 @@ class Planner:
         towards several postures. t0 [s]: time of the first node, for goals that move. diagnose:
         where a goal is missed, try longer horizons to say why, and where constraints are, look for
         what would have to give way, within the time limit of the options. progress: called every
-        iteration; a `KeyboardInterrupt` from it ends the search with the best plan so far, whose
-        status says so. Ctrl-C does too, and raises `Interrupted`, whose `result` is that plan.
+        iteration, in place of a line of text where somebody looks (`uvms_ocp.progress`); a
+        `KeyboardInterrupt` from it ends the search with the best plan so far, whose status says so.
+        Ctrl-C does too, and raises `Interrupted`, whose `result` is that plan.
         """
         presses: list[object] = []
 
@@ -121,8 +125,19 @@ class Planner:
                 raise KeyboardInterrupt
             if progress is not None:
                 progress(moment)
+            else:
+                show(moment)
 
-        with on_interrupt(presses.append), self.transcription.turn:
+        def show(moment: IterationReport) -> None:
+            if not bar.disable:
+                bar.set_description_str(str(moment), refresh=False)
+                bar.update()
+
+        with (
+            on_interrupt(presses.append),
+            self.transcription.turn,
+            progress_bar(shown=progress is None, delay=_SILENT, bar_format=_BAR) as bar,
+        ):
             plan = self._planned(
                 problem or self.problem,
                 guess,
@@ -130,6 +145,7 @@ class Planner:
                 perf_counter() + self.options.time_limit,
                 diagnose,
                 report,
+                None if bar.disable else show,
             )
         if presses:
             raise Interrupted(plan.reason, plan)
@@ -158,6 +174,7 @@ class Planner:
         ends: float,
         diagnose: bool,
         progress: Progress,
+        progress_of_diagnosis: Progress | None,
     ) -> Plan:
         begin = perf_counter()
         refusal = self._refusal(problem)
@@ -174,12 +191,10 @@ class Planner:
         else:
             start = guess
         finder, refined, note = self._second_try(refinement, start, refinement.solved(start))
-        plan = finder._plan(
-            problem,
-            finder._court(problem, refined, t0, ends if diagnose else None).verdict(refined.result),
-            t0,
-            begin,
+        court = finder._court(
+            problem, refined, t0, ends if diagnose else None, progress_of_diagnosis
         )
+        plan = finder._plan(problem, court.verdict(refined.result), t0, begin)
         return replace_unchecked(plan, reason=plan.reason + note)
 
     def _refusal(self, problem: OcpProblem) -> tuple[OcpStatus, str] | None:
@@ -255,7 +270,12 @@ class Planner:
         return self.transcription.pack(guess)
 
     def _court(
-        self, problem: OcpProblem, refined: RefinedResult, t0: float, deadline: float | None
+        self,
+        problem: OcpProblem,
+        refined: RefinedResult,
+        t0: float,
+        deadline: float | None,
+        progress: Progress | None,
     ) -> Diagnosis:
         def solve(varied: OcpProblem, x: np.ndarray | None, limit: float) -> LexicographicResult:
             numbers = self.transcription.parameters(
@@ -266,7 +286,12 @@ class Planner:
             else:
                 guess = self.transcription.unpack(x, varied)
             return self.solve(
-                numbers, guess, problem=varied, time_limit=limit, tightened=refined.tightened
+                numbers,
+                guess,
+                problem=varied,
+                time_limit=limit,
+                progress=progress,
+                tightened=refined.tightened,
             )
 
         def judge(result: LexicographicResult) -> Verdict:

@@ -30,6 +30,12 @@ class IterationReport:
     violation: float
     """Largest violation of constraints, bounds and levels above."""
 
+    def __str__(self) -> str:
+        return (
+            f"level {self.level!r}, iteration {self.iteration}, residual {self.residual:.3g},"
+            f" constraints broken by {self.violation:.1e}"
+        )
+
 
 Progress: TypeAlias = Callable[[IterationReport], object]
 """Callback after every iteration; a `KeyboardInterrupt` from it stops the solve at the best point
