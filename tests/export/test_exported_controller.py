@@ -29,8 +29,8 @@ from uvms_ocp.scenario.part_factories import our_controller
 from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.solvers import LexicographicActiveSet
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 pytestmark = [needs_compiler, pytest.mark.slow]
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")

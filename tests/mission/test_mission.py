@@ -13,8 +13,8 @@ from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, HorizontalAttitude
 from uvms_ocp.tasks.hierarchy import Hierarchy
 from uvms_ocp.tasks.joints import JointLimits
-from uvms_ocp.tasks.pose import NullVelocity
 from uvms_ocp.tasks.task import TaskClass
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 NEAR = Below(quantity="HA.tilt", limit=0.1)
 

@@ -54,8 +54,9 @@ from uvms_ocp.tasks.activation import SmoothActivation
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Residual, Task, zero_residual
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 GOAL = pin.SE3(np.eye(3), np.array([1.0, 0.2, 0.0]))
 ROBOT_BALL = Ball(frame="tool", radius=0.1)

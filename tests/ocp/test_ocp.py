@@ -28,7 +28,8 @@ from uvms_ocp.sim.environment import Environment
 from uvms_ocp.sim.seafloor import FlatSeafloor
 from uvms_ocp.solvers.nlp.level_solver import NlpOptions
 from uvms_ocp.solvers.stage_qp import StageQp, StageQpOptions, StageQpSolver, StageQpStatus
-from uvms_ocp.tasks.pose import NullVelocity, UnderActuation, VehiclePose
+from uvms_ocp.tasks.pose import VehiclePose
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity, UnderActuation
 
 
 def test_the_tool_reaches_its_goal_within_all_limits(

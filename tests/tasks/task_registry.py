@@ -16,8 +16,9 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.altitude import LandingAltitude, MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, UnderActuation, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity, UnderActuation
 
 Displacement = Callable[[Robot, np.ndarray, np.ndarray], np.ndarray]
 TARGET = np.array([0.7, -1.1, -4.0])

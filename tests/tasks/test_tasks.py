@@ -17,8 +17,9 @@ from uvms_ocp.tasks.activation import SmoothActivation
 from uvms_ocp.tasks.altitude import MinimumAltitude
 from uvms_ocp.tasks.attitude import Alignment, FieldOfView, HorizontalAttitude
 from uvms_ocp.tasks.joints import JointLimits, JointTracking, Manipulability
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, VehiclePose
 from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 STEP = 1e-6
 

@@ -37,8 +37,9 @@ from uvms_ocp.ocp.terms import (
 )
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks import JointTracking, LandingAltitude, MinimumAltitude, attitude
-from uvms_ocp.tasks.pose import NullVelocity, PoseTask, ToolPosition
+from uvms_ocp.tasks.pose import PoseTask, ToolPosition
 from uvms_ocp.tasks.task import Residual, Task, TaskClass, bounded_residual, zero_residual
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 from uvms_ocp.types import Bound
 
 _ROWS: dict[tuple[type[Task], str], tuple[int, ...]] = {

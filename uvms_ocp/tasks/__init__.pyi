@@ -13,10 +13,8 @@ from .joints import (
     Manipulability as Manipulability,
 )
 from .pose import (
-    NullVelocity as NullVelocity,
     ToolPose as ToolPose,
     ToolPosition as ToolPosition,
-    UnderActuation as UnderActuation,
     VehiclePose as VehiclePose,
 )
 from .task import (
@@ -27,4 +25,8 @@ from .task import (
     determined_by_goal as determined_by_goal,
     equality_rows as equality_rows,
     zero_residual as zero_residual,
+)
+from .vehicle_velocity import (
+    NullVelocity as NullVelocity,
+    UnderActuation as UnderActuation,
 )

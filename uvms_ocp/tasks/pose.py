@@ -1,6 +1,4 @@
-"""Tasks on poses and velocities: vehicle pose (PC), tool pose (T) and position, null velocity (NR),
-under-actuation.
-"""
+"""Tasks on poses: vehicle pose (PC), tool pose (T) and tool position."""
 
 from __future__ import annotations
 
@@ -11,8 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from uvms_ocp.checks import checked_dataclass
-from uvms_ocp.errors import InvalidInput
-from uvms_ocp.robot import spatial, symbolic_bodies, thrusters
+from uvms_ocp.robot import spatial, thrusters
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.tasks.activation import saturate
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
@@ -165,60 +162,5 @@ class ToolPosition(Task):
 
 
 def pose_parameters(pose: pin.SE3, rate: np.ndarray) -> np.ndarray:
-    """Pose [m] and rate (6,) [m/s, rad/s] as the flat vector (18,) that `PoseTask.rows` reads."""
+    """Return pose [m] and rate (6,) [m/s, rad/s] as the flat vector (18,) that `PoseTask.rows` reads."""
     return np.concatenate([pose.translation, pose.rotation.ravel(order="F"), rate])
-
-
-# Tasks on generalized velocities themselves: vehicle null velocity (NR) and under-actuation.
-
-
-@checked_dataclass(eq=False)
-class VehicleVelocity(Task):
-    """Shared part of tasks on chosen vehicle axes (0-2 linear, 3-5 angular, in B).
-
-    Raises `InvalidInput` for other axes or none.
-    """
-
-    reactive: ClassVar[bool] = False
-    task_class: TaskClass = TaskClass.CONSTRAINT
-    axes: tuple[int, ...]
-    """Indices in the vehicle's part of v."""
-
-    def __post_init__(self) -> None:
-        if not self.axes or not set(self.axes) <= set(range(6)):
-            raise InvalidInput(f"{self.name}: axes {self.axes}; give some of 0 to 5")
-
-
-@checked_dataclass(eq=False)
-class NullVelocity(VehicleVelocity):
-    """NR: the vehicle stands still."""
-
-    symbolic_numbers: ClassVar[tuple[str, ...]] = ()
-    name: str = "NR"
-    axes: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
-
-    def residual(self, symbols: TickSymbols, parameters: ca.SX) -> Residual:
-        """Velocity of the axes = 0 [m/s, rad/s]."""
-        return zero_residual(symbols.velocity[list(self.axes)])
-
-    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        return equality_rows(symbols.velocity_rows(list(self.axes)), ca.SX.zeros(len(self.axes)))
-
-
-@checked_dataclass(eq=False)
-class UnderActuation(VehicleVelocity):
-    """Axes without thrust keep their measured velocity, so that the other rows reckon with it.
-
-    Of all that no thruster drives these are the motions that no thruster works on, see
-    `uvms_ocp.robot.thrusters.free_motions`.
-    """
-
-    symbolic_numbers: ClassVar[tuple[str, ...]] = ()
-    name: str = "UA"
-    axes: tuple[int, ...]
-
-    def rows(self, symbols: TickSymbols, parameters: ca.SX) -> Rows:
-        rows = symbols.velocity_rows(list(self.axes))
-        if self.axes == thrusters.undriven_axes(symbols.robot):
-            rows = ca.SX(symbolic_bodies.sparse(thrusters.free_motions(symbols.robot)[1]))
-        return equality_rows(rows, rows @ symbols.velocity)

@@ -32,8 +32,9 @@ from uvms_ocp.sim.currents import OnsetCurrent
 from uvms_ocp.tasks import Alignment, JointTracking, LandingAltitude
 from uvms_ocp.tasks.goals import PoseReference
 from uvms_ocp.tasks.hierarchy import Hierarchy
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
 from uvms_ocp.tasks.task import Task
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 from uvms_ocp.types import Finite, Magnitude, Point
 
 # Case 1 of the paper: way point, alignment, landing, tool frame.

@@ -16,7 +16,8 @@ from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Visit
 from uvms_ocp.scenario.preflight.reachability import ArmReach, goals_of
 from uvms_ocp.scenario.preflight.setup import Setup
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 DELAYS = "delays"
 _MARGIN = 1.25  # of the dead time up to which the loops are stable, over the one that is known

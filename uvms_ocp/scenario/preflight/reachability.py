@@ -20,7 +20,8 @@ from uvms_ocp.scenario.preflight.findings import Finding, Severity
 from uvms_ocp.scenario.preflight.phase_forecast import Stance, Visit, forecast
 from uvms_ocp.scenario.preflight.setup import Setup
 from uvms_ocp.tasks.goals import PoseGoal, evaluate_pose
-from uvms_ocp.tasks.pose import NullVelocity, ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.pose import ToolPose, ToolPosition, VehiclePose
+from uvms_ocp.tasks.vehicle_velocity import NullVelocity
 
 REACHED = 1e-3  # [m, rad] what counts as reached: the thresholds at which a tool task ends
 _MARGIN = 1e-3  # share of the range by which starts keep away from the limits
