@@ -66,18 +66,17 @@ def _named_records(
         compared = {"first": first, "second": second}
     if len(compared) < 2:
         raise InvalidInput(f"{len(compared)} runs by name; give two or more")
-    taken = [name for name in compared if name.partition(" ")[0] in ("figure", "change")]
-    if taken:
-        raise InvalidInput(f"a run is called {taken[0]!r}, as a column is; give another name")
-    records = {
-        name: what if isinstance(what, Record) else what.to_record()
-        for name, what in compared.items()
-    }
-    (name, reference), *others = records.items()
+    records = dict[str, Record]()
+    for name, motion in compared.items():
+        is_column = name.partition(" ")[0] in ("figure", "change")
+        if is_column:
+            raise InvalidInput(f"a run is called {name!r}, as a column is; give another name")
+        records[name] = motion if isinstance(motion, Record) else motion.to_record()
+    (reference_name, reference), *others = records.items()
     for other_name, record in others:
         if record.meta.kind != reference.meta.kind:
             raise InvalidInput(
-                f"{name} is a {reference.meta.kind}, {other_name} a {record.meta.kind};"
+                f"{reference_name} is a {reference.meta.kind}, {other_name} a {record.meta.kind};"
                 " give runs alone or plans alone"
             )
     return records

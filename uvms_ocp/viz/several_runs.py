@@ -69,11 +69,10 @@ class RunGroup:
         t = self._common_times()
         lines = dict[str, _Line]()
         for label in labels:
-            values = [
-                np.interp(t, record["t"], of_run[label], right=np.nan)
-                for record, (of_run, _) in zip(self.records, curves, strict=True)
-                if label in of_run
-            ]
+            values = []
+            for record, (of_run, _) in zip(self.records, curves, strict=True):
+                if label in of_run:
+                    values.append(np.interp(t, record["t"], of_run[label], right=np.nan))
             low, middle, high = np.nanpercentile(values, (BAND[0], 50.0, BAND[1]), axis=0)
             lines[label] = (t, middle, np.array([low, high]))
         return lines, unit
@@ -110,7 +109,9 @@ def figure_several_runs(
         raise InvalidInput("differences of one run; give two or more, the first is what counts")
     if not names:
         names = _shared_quantities(groups)
-    contents = [[group.lines(name) for group in groups] for name in names]
+    contents = []
+    for name in names:
+        contents.append([group.lines(name) for group in groups])
     title = ", ".join(style.label_text(name) for name in names[:4])
     if differences:
         title += f" less that of {style.label_text(groups[0].name)}"
@@ -128,10 +129,9 @@ def figure_several_runs(
         unit = of_groups[0][1]
         axis.set_ylabel(f"{style.label_text(name, 24)}\n[{unit}]")
     _mark_phases(axes, groups)
-    handles = [
-        Line2D([], [], color=_color(k), label=style.label_text(group.name))
-        for k, group in enumerate(groups)
-    ]
+    handles = []
+    for k, group in enumerate(groups):
+        handles.append(Line2D([], [], color=_color(k), label=style.label_text(group.name)))
     style.heading_legend(figure, handles)
     return figure
 
@@ -146,14 +146,19 @@ def _groups(runs: Mapping[str, Record | Sequence[Record]]) -> list[RunGroup]:
     return groups
 
 
+def _all_records(groups: Sequence[RunGroup]) -> list[Record]:
+    records = list[Record]()
+    for group in groups:
+        records += group.records
+    return records
+
+
 def _shared_quantities(groups: Sequence[RunGroup]) -> tuple[str, ...]:
     """Return the quantities that all records measure, in the order of the first, 12 at most."""
-    records = [record for group in groups for record in group.records]
-    shared = [
-        name
-        for name in records[0].meta.quantities
-        if all(name in record.meta.quantities for record in records)
-    ]
+    records = _all_records(groups)
+    shared = list(records[0].meta.quantities)
+    for record in records[1:]:
+        shared = [name for name in shared if name in record.meta.quantities]
     if not shared:
         raise InvalidInput("the runs measure no quantity in common; give names such as 'q', 'q.z'")
     return tuple(shared[:_MOST_PANELS])
@@ -179,7 +184,9 @@ def _less_the_first(lines_of_groups: list[dict[str, _Line]]) -> list[dict[str, _
 
 def _draw(axis: Axes, lines_of_groups: Sequence[Mapping[str, _Line]]) -> None:
     """Draw lines of a group in its colour, each column of a series with its dashes, named once."""
-    labels = dict.fromkeys(label for lines in lines_of_groups for label in lines)
+    labels = dict[str, None]()  # each once, in their order
+    for lines in lines_of_groups:
+        labels |= dict.fromkeys(lines)
     dashes = {label: _DASHES[k % len(_DASHES)] for k, label in enumerate(labels)}
     for k, lines in enumerate(lines_of_groups):
         for label, (t, values, band) in lines.items():
@@ -200,13 +207,13 @@ def _mark_phases(axes: Sequence[Axes], groups: Sequence[RunGroup]) -> None:
     """Shade the phases that all runs have at the same times; else mark, in each run's colour, where
     its phases begin. Bands of many runs have no phases of their own.
     """
-    last = max(float(record["t"][-1]) for group in groups for record in group.records)
-    first = min(float(record["t"][0]) for group in groups for record in group.records)
-    spans_of_groups = [
-        (k, phase_spans(group.records[0]))
-        for k, group in enumerate(groups)
-        if len(group.records) == 1
-    ]
+    records = _all_records(groups)
+    last = max(float(record["t"][-1]) for record in records)
+    first = min(float(record["t"][0]) for record in records)
+    spans_of_groups = []
+    for k, group in enumerate(groups):
+        if len(group.records) == 1:
+            spans_of_groups.append((k, phase_spans(group.records[0])))
     if spans_of_groups and _agree(spans_of_groups, last):
         style.shade_phases(axes, max((spans for _, spans in spans_of_groups), key=_end))
     else:
