@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 from compiler import long_without_compiler
 
-from uvms_ocp.viz.scene.page import browser, missing
+from uvms_ocp.viz.scene.pictures import browser, missing
 
 pytestmark = [pytest.mark.slow, long_without_compiler]
 if missing():

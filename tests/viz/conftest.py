@@ -9,7 +9,7 @@ from synthetic_record import synthetic_record
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.viz.scene.page import browser, missing
+from uvms_ocp.viz.scene.pictures import browser, missing
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page import browser, served
+from uvms_ocp.viz.scene.page_server import served
+from uvms_ocp.viz.scene.pictures import browser
 
 EXPECTED = Path(__file__).with_name("scene_picture.png")
 SIZE = (960, 540)

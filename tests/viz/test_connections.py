@@ -17,11 +17,12 @@ from urllib.parse import urlsplit
 import pytest
 
 import uvms_ocp
-from uvms_ocp.viz.scene import page
+from uvms_ocp.viz.scene import page_server
+from uvms_ocp.viz.scene.page import ScenePage
 
-PAGE = page.ScenePage(html="<p>" + "x" * 2_000_000, height=100)
+PAGE = ScenePage(html="<p>" + "x" * 2_000_000, height=100)
 OPENS_SOCKETS = {
-    "viz/scene/page.py",
+    "viz/scene/page_server.py",
     "campaign/cluster.py",
     "campaign/dispatch.py",
 }  # the last on the client of the second
@@ -39,7 +40,7 @@ def _connected(address: str) -> socket.socket:
 def test_a_browser_that_goes_in_the_middle_of_a_page_prints_nothing(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    with page.served(PAGE) as address:
+    with page_server.served(PAGE) as address:
         for _ in range(5):
             with _connected(address) as gone:
                 gone.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
@@ -54,12 +55,12 @@ def test_a_browser_that_goes_in_the_middle_of_a_page_prints_nothing(
 def test_who_connects_and_asks_nothing_keeps_nobody_out_for_long(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(page, "_PATIENCE", 0.3)
+    monkeypatch.setattr(page_server, "_PATIENCE", 0.3)
     before = active_count()
-    with page.served(PAGE) as address, ExitStack() as idle:
+    with page_server.served(PAGE) as address, ExitStack() as idle:
         for _ in range(80):
             idle.enter_context(_connected(address))
-        assert active_count() - before <= page._MOST_CONNECTIONS + 1
+        assert active_count() - before <= page_server._MOST_CONNECTIONS + 1
         time.sleep(1.0)
         connection = HTTPConnection(urlsplit(address).netloc, timeout=10)
         connection.request("GET", "/")
@@ -76,7 +77,7 @@ def test_few_modules_open_sockets() -> None:
         if NETWORKS.search(path.read_text("utf-8"))
     }
     assert ports <= OPENS_SOCKETS
-    assert "viz/scene/page.py" in ports
+    assert "viz/scene/page_server.py" in ports
 
 
 def test_the_processes_of_a_campaign_and_of_a_page_listen_to_this_machine_alone() -> None:
@@ -84,9 +85,9 @@ def test_the_processes_of_a_campaign_and_of_a_page_listen_to_this_machine_alone(
     psutil = pytest.importorskip("psutil")
     from uvms_ocp.campaign.cluster import connected
 
-    with page.served(PAGE), socket.socket() as client, suppress(OSError):
+    with page_server.served(PAGE), socket.socket() as client, suppress(OSError):
         client.bind(("127.0.0.1", 8787))  # Dask's port, as of another campaign
-    with page.served(PAGE), connected(None, 1):
+    with page_server.served(PAGE), connected(None, 1):
         tree = (psutil.Process(), *psutil.Process().children(recursive=True))
         sockets = [connection for process in tree for connection in process.net_connections("inet")]
         listening = [

@@ -14,8 +14,8 @@ from synthetic_record import synthetic_record
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import ScenePage, show
-from uvms_ocp.viz.scene import page as pictures
-from uvms_ocp.viz.scene.page import write_frames
+from uvms_ocp.viz.scene import pictures
+from uvms_ocp.viz.scene.pictures import write_frames
 
 pytestmark = pytest.mark.slow
 

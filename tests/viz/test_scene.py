@@ -34,7 +34,8 @@ from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.collision_model import CollisionModel
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
 from uvms_ocp.robot.thrusters import thruster_matrix
-from uvms_ocp.viz.scene.page import CommandLog, ScenePage, served
+from uvms_ocp.viz.scene.page import CommandLog, ScenePage
+from uvms_ocp.viz.scene.page_server import served
 from uvms_ocp.viz.scene.shapes import draw_shape, tube
 from uvms_ocp.viz.scene.show import show, write_scene
 from uvms_ocp.viz.series import floor_heights, phase_spans

@@ -27,7 +27,9 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
-from uvms_ocp.viz.scene.page import ScenePage, missing, served
+from uvms_ocp.viz.scene.page import ScenePage
+from uvms_ocp.viz.scene.page_server import served
+from uvms_ocp.viz.scene.pictures import missing
 
 pytestmark = pytest.mark.slow
 

@@ -23,7 +23,8 @@ from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import show
 from uvms_ocp.viz.scene import page as pages
-from uvms_ocp.viz.scene.page import ScenePage, served
+from uvms_ocp.viz.scene.page import ScenePage
+from uvms_ocp.viz.scene.page_server import served
 
 VIEWER = "class Viewer{"
 IDE = (  # the policy of a page of outputs in VS Code

@@ -270,7 +270,7 @@ def show_scene(
 
 def _serve(console: Console, page: ScenePage, port: int, what: str, browser: bool) -> None:
     """Serve a page until Ctrl-C."""
-    from uvms_ocp.viz.scene.page import served
+    from uvms_ocp.viz.scene.page_server import served
 
     with suppress(KeyboardInterrupt), served(page, port) as address:
         console.print(f"{address} shows {what}; Ctrl-C stops", highlight=False)
@@ -281,7 +281,7 @@ def _serve(console: Console, page: ScenePage, port: int, what: str, browser: boo
 
 
 def _film(console: Console, page: ScenePage, folder: Path, fps: float) -> None:
-    from uvms_ocp.viz.scene.page import write_frames
+    from uvms_ocp.viz.scene.pictures import write_frames
 
     with console.status("drawing frames"):
         n = len(write_frames(page, folder, fps=fps))

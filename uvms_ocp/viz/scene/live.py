@@ -31,7 +31,8 @@ from uvms_ocp.scenario.scenario import Scenario
 from uvms_ocp.types import AtLeastOne, Count, Positive
 from uvms_ocp.viz.scene import animation, posed, surroundings
 from uvms_ocp.viz.scene.details import legend, page_details, readout
-from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page, served
+from uvms_ocp.viz.scene.page import CommandLog, ScenePage, asset, build_page
+from uvms_ocp.viz.scene.page_server import served
 
 # The page of a run that goes on: the scene as the run begins, and what the page's script needs to
 # move it.

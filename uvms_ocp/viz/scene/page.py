@@ -1,5 +1,5 @@
-"""HTML page of a meshcat scene without its server; served on the loopback address, or drawn as
-pictures by Chromium.
+"""HTML page of a meshcat scene without its server: commands are collected, and packed into one
+page.
 """
 
 from __future__ import annotations
@@ -8,31 +8,26 @@ import base64
 import hashlib
 import html
 import json
-import os
 import re
-import shutil
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
-from threading import BoundedSemaphore, Thread
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import numpy as np
 import umsgpack  # type: ignore[import-untyped]
 
-from uvms_ocp.checks import checked, checked_dataclass
-from uvms_ocp.errors import InvalidInput, OutputError, plain_line
+from uvms_ocp.checks import checked_dataclass
+from uvms_ocp.errors import plain_line
 from uvms_ocp.record.output import as_output_errors
-from uvms_ocp.types import AtLeastOne, Positive
+from uvms_ocp.types import AtLeastOne
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    pass
 
 # The parts of meshcat that scenes use, imported without the deprecation warning that its unused
 # server raises.
@@ -65,26 +60,6 @@ _FROM_THE_SIDE = (0.5, -1.0, 0.45)
 _SCRIPTS = ("stage", "camera", "legend", "time", "arrows", "joints", "drag", "live", "main")
 """One after the other: the page's script."""
 _MARK = re.compile("__([A-Z]+)__")
-
-_HOST = "127.0.0.1"
-_MOST_CONNECTIONS = 32
-_PATIENCE = 10.0  # [s] with a browser that neither asks nor takes what it asked for
-FRAMES = "/frames"
-"""The path at which a live page hears of frames, as server-sent events."""
-
-CHROMIUM = "UVMS_OCP_CHROMIUM"
-"""The variable that says where Chromium is, unless it is found by its name."""
-_NAMES = ("chromium", "chromium-browser", "google-chrome")
-_DRAWN_BY_THE_PROCESSOR = (
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-)
-_MOST_FRAMES = 100_000
-
-
-# A meshcat scene without meshcat's server: commands are collected here and packed into one HTML
-# page.
 
 
 @dataclass(kw_only=True, slots=True)
@@ -261,179 +236,3 @@ def _data_block(value: object) -> str:
     """Return JSON that nothing in it can end early; numbers that JSON has not are null."""
     finite = json.loads(json.dumps(value), parse_constant=lambda name: None)
     return json.dumps(finite, allow_nan=False).replace("<", "\\u003c")
-
-
-# One page for the browsers of this machine, and what a live one is told: served on the loopback
-# address alone.
-
-
-@contextmanager
-def served(
-    page: ScenePage, port: int = 0, frames: Callable[[], Iterator[str]] | None = None
-) -> Iterator[str]:
-    """Serve the page while the context lasts; gives its address. port: 0 for any that is free.
-
-    frames: makes the lines that a live page is told, for each browser in a thread of its own.
-    Raises `OutputError` where the port is taken.
-    """
-    try:
-        server = _PageServer((_HOST, port), _handler_of(page, frames))
-    except (OSError, OverflowError) as error:
-        raise OutputError(
-            f"port {port} of {_HOST} cannot be served ({error}); give another, or 0 for any"
-        ) from error
-    thread = Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        yield f"http://{_HOST}:{server.server_port}/"
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
-
-
-class _PageServer(ThreadingHTTPServer):
-    """Turns away whoever comes while all connections are taken."""
-
-    request_queue_size = _MOST_CONNECTIONS
-
-    def __init__(self, *arguments: Any) -> None:
-        self._free = BoundedSemaphore(_MOST_CONNECTIONS)
-        super().__init__(*arguments)
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self._free.release()
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        if not isinstance(sys.exc_info()[1], OSError):  # a browser that has gone
-            super().handle_error(request, client_address)
-
-
-def _handler_of(
-    page: ScenePage, frames: Callable[[], Iterator[str]] | None
-) -> type[BaseHTTPRequestHandler]:
-    body = page.html.encode()
-
-    class Handler(BaseHTTPRequestHandler):
-        """Knows one page, and no one but those who ask for this machine by its loopback address."""
-
-        timeout = _PATIENCE
-
-        def do_GET(self) -> None:
-            # A name that another site has led here is no loopback address.
-            is_local = self.headers.get("Host", "").partition(":")[0] in (_HOST, "localhost")
-            if is_local and self.path == FRAMES and frames is not None:
-                self._send(frames())
-                return
-            is_page = is_local and self.path == "/"
-            if is_page:
-                status = 200
-            elif is_local:
-                status = 404
-            else:
-                status = 403
-            self.send_response(status)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(body) if is_page else 0))
-            self.end_headers()
-            if is_page:
-                self.wfile.write(body)
-
-        def _send(self, lines: Iterator[str]) -> None:
-            self.send_response(200)
-            self.send_header("Content-Type", "text/event-stream")
-            self.send_header("Cache-Control", "no-store")
-            self.end_headers()
-            for line in lines:
-                self.wfile.write(f"data: {line}\n\n".encode())
-            self.wfile.write(b"event: end\ndata: end\n\n")
-
-        def log_message(self, format: str, *args: Any) -> None:
-            """Drop the message, which nobody reads."""
-
-    return Handler
-
-
-# Pictures of a page, such as the frames of a video: drawn by a Chromium without a window, which
-# playwright drives.
-
-
-def missing() -> str:
-    """Return what to install before pictures can be made; empty where nothing is missing."""
-    try:
-        import playwright.sync_api  # noqa: F401 - only whether it is there
-    except ImportError:
-        return 'playwright is not installed; run: pip install "uvms-ocp[video]"'
-    if _chromium() is None:
-        return (
-            f"no {', '.join(_NAMES)} is found; install Chromium, or say where it is by {CHROMIUM}"
-        )
-    return ""
-
-
-def _chromium() -> str | None:
-    return os.environ.get(CHROMIUM) or next(filter(None, map(shutil.which, _NAMES)), None)
-
-
-@contextmanager
-def browser() -> Iterator[Browser]:
-    """Yield a Chromium without a window. Raises `InvalidInput` with what is missing."""
-    advice = missing()
-    if advice:
-        raise InvalidInput(advice)
-    from playwright.sync_api import sync_playwright
-
-    flags = [
-        *_DRAWN_BY_THE_PROCESSOR,
-        *(["--no-sandbox"] if os.geteuid() == 0 else []),
-    ]  # root has no sandbox
-    with sync_playwright() as driver:
-        chromium = driver.chromium.launch(executable_path=_chromium(), args=flags)
-        try:
-            yield chromium
-        finally:
-            chromium.close()
-
-
-@checked
-def write_frames(
-    page: ScenePage,
-    folder: Path | str,
-    *,
-    fps: Positive = 25.0,
-    width: AtLeastOne = 1280,
-    height: AtLeastOne = 720,
-    view: str = "mission",
-) -> tuple[Path, ...]:
-    """Write what the page shows as ``00000.png``, ``00001.png`` and so on; returns their paths.
-
-    fps [Hz]: pictures per second of the run. width, height [px]. view: the camera, ``mission``,
-    ``vehicle`` or ``tool``. A video from them: ``ffmpeg -framerate 25 -i %05d.png -pix_fmt yuv420p
-    video.mp4``. Raises `InvalidInput` where playwright or Chromium is missing, or the run is too
-    long for so many pictures, and `OutputError` where the folder cannot be written.
-    """
-    folder = Path(folder)
-    with browser() as chromium, served(page) as address:
-        sheet = chromium.new_page(viewport={"width": width, "height": height})
-        sheet.goto(f"{address}#t=0&view={view}&film")
-        duration = float(sheet.evaluate("DETAILS.duration"))
-        if duration * fps > _MOST_FRAMES:
-            raise InvalidInput(
-                f"fps = {fps:g} for {duration:g} s; give fewer than {_MOST_FRAMES} pictures"
-            )
-        with as_output_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-            paths = [folder / f"{k:05d}.png" for k in range(int(duration * fps) + 1)]
-            for k, path in enumerate(paths):
-                sheet.evaluate("(t) => drawnAt(t)", k / fps)
-                sheet.screenshot(path=path)
-            return tuple(paths)
