@@ -229,3 +229,26 @@ def test_prefixes_that_are_declared_nowhere_are_taken(tmp_path: Path) -> None:
     assert proposal.robot.description.dvl == "s_dvl"
     X = proposal.robot.model.frames[proposal.robot.frame_id("s_dvl")].placement
     np.testing.assert_allclose(X.translation, [0.0, 0.0, -0.2])
+
+
+def test_of_several_bodies_the_driven_one_is_the_robot_and_has_its_total_mass(
+    tmp_path: Path,
+) -> None:
+    text = (
+        "<mujoco model='m'><compiler settotalmass='14' balanceinertia='true'/><worldbody>"
+        "<body name='arm'><joint name='j'/><geom size='0.1' mass='3'/>"
+        "<body name='hand'><joint name='k'/><geom size='0.1' mass='4'/></body></body>"
+        "<body name='crate'><joint type='slide'/><geom size='0.1'/></body></worldbody>"
+        "<actuator><motor joint='k'/></actuator></mujoco>"
+    )
+    (tmp_path / "m.xml").write_text(text, encoding="utf-8")
+    robot = load_robot(tmp_path / "m.xml", base="fixed")
+    assert robot.joint_names == ("j", "k")
+    masses = [inertia.mass for inertia in robot.model.inertias]
+    assert sum(masses) == pytest.approx(14.0)
+    assert masses[-1] == pytest.approx(8.0)
+    moments = robot.model.inertias[2].inertia
+    np.testing.assert_allclose(moments, 0.4 * 8.0 * 0.1**2 * np.eye(3))
+    notes = "\n".join(read_robot_xml(tmp_path / "m.xml").notes)
+    assert "body of the world" in notes
+    assert "compiler balanceinertia" in notes

@@ -111,12 +111,14 @@ class _MjcfReader:
         else:
             writer.add_link(_WORLD)
             self._add_body(writer, body, parent=_WORLD, X_PB=X_WB, childclass=None)
+        if self.compiler.total_mass > 0.0:
+            writer.scale_masses(self.compiler.total_mass)
         self._note_unread()
         return writer.root
 
     def _only_robot(self) -> tuple[Element, pin.SE3]:
-        """Return the body of the world that is the robot: the only one with joints, else the only
-        one.
+        """Return the body of the world that is the robot: the only one with joints, the only one of
+        several that actuators drive, or else the only one.
         """
         bodies = list[tuple[Element, pin.SE3]]()
         for world in self.root.findall("worldbody"):
@@ -127,6 +129,9 @@ class _MjcfReader:
             if any(element.tag in ("joint", "freejoint") for element in body.iter())
         ]
         candidates = moving or bodies
+        if len(candidates) > 1:
+            driven = [(body, X) for body, X in candidates if self._is_driven(body)]
+            candidates = driven if len(driven) == 1 else candidates
         if len(candidates) != 1:
             names = ", ".join(body.get("name", "unnamed") for body, _ in candidates[:10])
             raise InvalidInput(
@@ -137,6 +142,10 @@ class _MjcfReader:
             if body is not candidates[0][0]:
                 self.unread["body of the world"] += 1
         return candidates[0]
+
+    def _is_driven(self, body: Element) -> bool:
+        """Check whether an actuator drives a joint of a body, or of those that hang on it."""
+        return any(joint.get("name") in self.efforts for joint in body.iter("joint"))
 
     def _bodies_in(self, element: Element, X: pin.SE3) -> Iterator[tuple[Element, pin.SE3]]:
         for child in element:
@@ -380,6 +389,7 @@ class _MjcfReader:
         for element in self.root:
             if element.tag not in _SECTIONS | _SECTIONS_WITHOUT_EFFECT:
                 self.unread[element.tag] += 1
+        self.unread.update(f"compiler {word}" for word in self.compiler.unread)
         option = self.root.find("option")
         if option is not None and (option.get("density") or option.get("viscosity")):
             self.unread["option density, viscosity"] += 1

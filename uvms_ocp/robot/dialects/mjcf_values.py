@@ -17,6 +17,8 @@ from uvms_ocp.robot.urdf_elements import Element, quoted, to_floats
 _MOST_INCLUDED = 50
 _MAIN = "main"
 _ACTUATORS = {"motor", "position", "velocity", "general", "intvelocity", "damper", "cylinder"}
+_UNREAD_OPTIONS = ("boundmass", "boundinertia", "balanceinertia")
+_OFF = ("0", "0.0", "false")
 _SHORTEST = 1e-9  # norm of a quaternion or an axis
 
 
@@ -68,6 +70,10 @@ class Compiler:
     """``auto``: where a body states none, ``true``: always, ``false``: never."""
     geom_groups: tuple[int, int] = (0, 5)
     """Groups of geoms that have inertia."""
+    total_mass: float = 0.0
+    """[kg] that all bodies are scaled to; 0 where they are not."""
+    unread: tuple[str, ...] = ()
+    """Options that change inertias and are not read."""
 
     def angle(self, value: float) -> float:
         """Return an angle of the file in [rad]."""
@@ -93,6 +99,8 @@ def read_compiler(root: Element) -> Compiler:
         mesh_folder=words.get("meshdir", words.get("assetdir", "")),
         inertia_of_geoms=words.get("inertiafromgeom", "auto"),
         geom_groups=(low, high),
+        total_mass=max(number(words, "settotalmass", -1.0), 0.0),
+        unread=tuple(word for word in _UNREAD_OPTIONS if words.get(word, "0") not in _OFF),
     )
 
 

@@ -122,6 +122,16 @@ class UrdfWriter:
         name = self.free_name(f"{child}_fixed", "joint")
         self._add_ends(name, "fixed", parent, child, X_PC)
 
+    def scale_masses(self, total: float) -> None:
+        """Scale masses and moments of all links so that they weigh so much together [kg]."""
+        masses = self.root.findall("link/inertial/mass")
+        present = sum(float(mass.get("value", "0")) for mass in masses)
+        if not present > 0.0:
+            return
+        for element in (*masses, *self.root.findall("link/inertial/inertia")):
+            for key, value in element.attrib.items():
+                element.set(key, repr(float(value) * total / present))
+
     def free_name(self, name: str, tag: str) -> str:
         """Return the name, or a longer one where a link or joint has it already."""
         names = {element.get("name") for element in self.root.findall(tag)}
