@@ -16,6 +16,7 @@ import pytest
 from uvms_ocp.errors import RobotDataError
 from uvms_ocp.robot.dialects.robot_xml import read_robot_xml
 from uvms_ocp.robot.loading import load_robot
+from uvms_ocp.robot.own_meshes import with_own_meshes
 from uvms_ocp.robot.proposal import find_urdf, propose
 from uvms_ocp.robot.robot import Robot
 
@@ -252,3 +253,19 @@ def test_of_several_bodies_the_driven_one_is_the_robot_and_has_its_total_mass(
     notes = "\n".join(read_robot_xml(tmp_path / "m.xml").notes)
     assert "body of the world" in notes
     assert "compiler balanceinertia" in notes
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_urdf_that_is_written_of_it_is_the_same_robot(name: str, tmp_path: Path) -> None:
+    text, _ = with_own_meshes(FOLDER / name)
+    (tmp_path / "robot.urdf").write_text(text, encoding="utf-8")
+    written = load_robot(tmp_path / "robot.urdf")
+    direct = load_robot(FOLDER / name)
+    assert written.joint_names == direct.joint_names
+    for of_written, of_direct in zip(written.model.inertias, direct.model.inertias, strict=True):
+        assert of_written.isApprox(of_direct, 1e-12)
+    for frame in ("hull", "fore", "tcp"):
+        X, X_direct = (
+            robot.model.frames[robot.frame_id(frame)].placement for robot in (written, direct)
+        )
+        assert X.isApprox(X_direct, 1e-12)

@@ -35,7 +35,8 @@ def check_robot(
     robot: Annotated[
         str,
         typer.Argument(
-            help="URDF, a folder with robot.urdf and hydrodynamics.yaml, or a name, see `uvms-ocp list`."
+            help="Robot file (URDF, SDF, MJCF, xacro), a folder with one and hydrodynamics.yaml, or a"
+            " name, see `uvms-ocp list`."
         ),
     ],
     files: opt.RobotFiles = opt.AS_WRITTEN,
@@ -112,15 +113,17 @@ def new_robot(
     source: Annotated[
         Path | None,
         typer.Option(
-            "--from", metavar="URDF|DIR", help="A URDF, or a folder with one, of whatever maker."
+            "--from",
+            metavar="FILE|DIR",
+            help="A URDF, SDF, MJCF or xacro, or a folder with one, of whatever maker.",
         ),
     ] = None,
     files: opt.RobotFiles = opt.AS_WRITTEN,
 ) -> None:
-    """Write a robot to begin with: of a URDF, with its roles and water proposed, or a box of a
+    """Write a robot to begin with: of a robot file, with its roles and water proposed, or a box of a
     vehicle with an arm.
 
-    With --from the folder gets a copy of the URDF and its meshes, and a hydrodynamics.yaml in which
+    With --from the folder gets a copy of it as a URDF, its meshes, and a hydrodynamics.yaml in which
     every proposal is marked; what the URDF leaves open is asked in one line each, and answered by
     options.
 
@@ -129,7 +132,7 @@ def new_robot(
     """
     if source is None:
         if files != opt.AS_WRITTEN:
-            raise InvalidInput("options of a robot's files need one: give --from URDF")
+            raise InvalidInput("options of a robot's files need one: give --from FILE")
         _write(
             {
                 out / name: (TEMPLATES / name).read_text(encoding="utf-8")
