@@ -66,8 +66,8 @@ class Refinement:
     """Callback after every iteration."""
 
     def solved(self, guess: MotionGuess) -> RefinedResult:
-        """Solve in rounds; where shapes ask nodes for more in the end, again from there without
-        that, as it was asked for at motions that are left behind.
+        """Solve in rounds; where nodes are asked for more in the end, again from there without that,
+        as it was asked for at motions that are left behind.
         """
         motion = guess.trajectory if isinstance(guess, Plan) else guess
         if len(motion.q) == self.problem.n_steps + 1:
@@ -75,7 +75,7 @@ class Refinement:
         else:  # a guess that `solve` refuses
             q = np.tile(self.problem.start.q, (self.problem.n_steps + 1, 1))
         best = self._in_rounds(guess, q)
-        if not best.has_sides:
+        if best.tightened.nothing:
             return best
         for _ in range(_MOST_RESTARTS):
             if self._left <= 0 or best.result.violation > USABLE:
