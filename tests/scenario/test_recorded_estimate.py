@@ -164,6 +164,26 @@ def test_channels_of_others_are_estimated_from_what_they_read(sound: Record) -> 
     assert (error <= 5.0 * estimate["q_std"][late, :3]).all(), error.max(axis=0)
 
 
+@pytest.mark.parametrize("name", ["attitude", "angular_velocity"])
+def test_a_channel_of_others_that_is_slower_than_the_robot_s_is_not_silent(
+    name: str, sound: Record
+) -> None:
+    robot = mission().robot
+    channels = {}
+    for channel in ("position", "attitude", "linear_velocity", "angular_velocity"):
+        rows = sound[f"measured_{channel}"]
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if channel == name:
+            rows = rows[::10]
+        channels[channel] = Channel(t=rows[:, -1], values=rows[:, :-1])
+    joints = sound["measured_joint_positions"]
+    joints = joints[np.isfinite(joints).all(axis=1)]
+    channels["joint_positions"] = Channel(t=joints[:, -1], values=joints[:, :-1])
+    estimate = estimate_recording(Recording(name="dive", channels=channels), robot).record
+    alarms = [alarm.text for alarm in estimate.run_meta.alarms]
+    assert not [text for text in alarms if text.startswith(name)], alarms
+
+
 def test_noise_that_is_larger_than_expected_is_proposed() -> None:
     scenario = mission()
     expected = robot_sensors(scenario.robot.description)

@@ -86,7 +86,8 @@ def estimate_recording(
 
     recording: record of a run with noisy sensors, with its commands, or channels of others: of
     these the filter gets no commands and, at every tick of dt [s], the newest reading. specs: what
-    to expect of the sensors, by default as the robot's file says. faults: of sensors, on top.
+    to expect of the sensors, by default as the robot's file says, of channels of others at the
+    rates that they have. faults: of sensors, on top.
     folder: a new one, to which rows go in place of memory.
 
     Of each channel: ``readings`` that arrived, ``delay_s`` by which on average, how many the filter
@@ -102,6 +103,8 @@ def estimate_recording(
     run = None
     if isinstance(recording, Recording):
         title = f"estimate of {recording.name}"
+        if specs is None:
+            expected = _at_own_rates(expected, recording)
         arrivals, n_ticks, dt = _sent(recording, robot, expected, dt)
     else:
         run = recording
@@ -294,6 +297,19 @@ def _sent(
         arrivals[name] = _arriving(name, ticks, values, stamps, robot)
         n_ticks = max(n_ticks, int(ticks[-1]) + 1)
     return arrivals, n_ticks, dt
+
+
+def _at_own_rates(specs: SensorSpecs, recording: Recording) -> SensorSpecs:
+    """Return specifications with the rates at which channels were recorded: what comes as often as it
+    usually does is not silent.
+    """
+    at_own_rates = {}
+    for name, channel in recording.channels.items():
+        spec = getattr(specs, name, None)
+        if spec is not None:
+            usual_interval = float(np.median(np.diff(channel.t)))  # [s]
+            at_own_rates[name] = replace(spec, rate=1.0 / usual_interval)
+    return replace(specs, **at_own_rates)
 
 
 def _arriving(
