@@ -16,7 +16,12 @@ from uvms_ocp.identification.model import stage_of
 from uvms_ocp.identification.output_error import FitStatus, Noise
 from uvms_ocp.identification.parameters import Free, Prior
 from uvms_ocp.identification.rollout import PreparedRecording, Rollout
-from uvms_ocp.identification.uncertainty import DETERMINED, numbers, standard_errors
+from uvms_ocp.identification.uncertainty import (
+    DETERMINED,
+    IdentifiedNumber,
+    numbers,
+    standard_errors,
+)
 
 NOISE = Noise(velocity=0.02, rate=0.02, vertical=0.02)
 SEARCH = Search(step=0.05, stretch=10.0)
@@ -42,8 +47,13 @@ def fitted() -> FitContext:
     )  # what recordings tell alone
 
 
+def identified() -> tuple[IdentifiedNumber, ...]:
+    """Return the numbers of the fit."""
+    return numbers(fitted().vehicle, fitted().estimate)
+
+
 def test_where_all_is_determined_a_file_has_what_the_search_has_found() -> None:
-    estimate = exported_estimate(fitted(), 1.0)
+    estimate = exported_estimate(fitted(), 1.0, identified())
     assert estimate.usable
     assert estimate.kept == ()
     assert estimate.estimate is fitted().estimate
@@ -56,7 +66,7 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
     inflation = (1.1 * DETERMINED / sigma.max()) ** 2
     still_open = standard_errors(fitted().vehicle, left, inflation) > DETERMINED
     assert 0 < still_open.sum() < len(sigma)
-    estimate = exported_estimate(fitted(), inflation)
+    estimate = exported_estimate(fitted(), inflation, identified())
     assert estimate.kept == tuple(np.array(unknowns.names)[still_open])
     np.testing.assert_array_equal(estimate.estimate.shared[still_open], unknowns.start[still_open])
     beside = replace(left, shared=np.where(still_open, unknowns.start, left.shared))
@@ -70,8 +80,33 @@ def test_what_stays_open_is_as_declared_and_the_others_are_best_beside_it() -> N
 def test_of_a_search_that_has_not_converged_no_file_is_made() -> None:
     one = fitted()
     assert not exported_estimate(
-        replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6
+        replace(one, estimate=replace(one.estimate, status=FitStatus.STALLED)), 1e6, identified()
     ).usable
+
+
+def test_where_nothing_is_determined_there_is_no_answer() -> None:
+    vague = tuple(replace(number, informed=False) for number in identified())
+    estimate = exported_estimate(fitted(), 1.0, vague)
+    assert estimate.estimate.status is FitStatus.NO_ANSWER
+    assert not estimate.usable
+
+
+def test_a_mass_of_next_to_nothing_that_nothing_determines_is_never_exported() -> None:
+    name = "added_mass surge"
+    unknowns = fitted().vehicle.shared
+    place = unknowns.names.index(name)
+    vague = tuple(
+        replace(number, informed=number.informed and number.name != name) for number in identified()
+    )
+    shared = fitted().estimate.shared.copy()
+    shared[place] = -20.0
+    strayed = replace(fitted(), estimate=replace(fitted().estimate, shared=shared))
+    estimate = exported_estimate(strayed, 1.0, vague)
+    if estimate.usable:
+        assert estimate.estimate.shared[place] == unknowns.start[place]
+        assert name in estimate.kept
+    else:
+        assert estimate.estimate.status is FitStatus.NO_ANSWER
 
 
 def test_what_is_believed_of_a_delay_is_as_wide_in_seconds_wherever_it_is_found() -> None:

@@ -211,7 +211,7 @@ def identify(
 
     calibrated.yaml has what was learnt, each number with its source; hydrodynamics.yaml is the
     robot's file with these in their places, for --hydrodynamics of other commands. Where the search
-    does not converge neither is written. report.json has numbers and verdicts of report.md.
+    does not converge, or determines nothing, neither is written. report.json has numbers and verdicts of report.md.
     """
     calibration_settings = read_settings(settings)
     if axes:
@@ -245,8 +245,7 @@ def identify(
         written = claim.written()
     n_determined = sum(number.determined for number in result.numbers)
     console.print(
-        f"{result.estimate.status.value};"
-        f" {n_determined} of {len(result.numbers)} numbers determined"
+        f"{result.status.value}; {n_determined} of {len(result.numbers)} numbers determined"
     )
     for line in (*result.verdicts, *result.worse_than_still, *result.disagreed):
         print_line(console, str(line))

@@ -88,6 +88,13 @@ class Calibration(TableDisplay):
     """Vehicles that have seen those, which bound their predictions."""
 
     @property
+    def status(self) -> FitStatus:
+        """Reason for which the search ended; `NO_ANSWER` where it converged and nothing comes of it."""
+        if self.exported.estimate.status is FitStatus.NO_ANSWER:
+            return FitStatus.NO_ANSWER
+        return self.estimate.status
+
+    @property
     def verdicts(self) -> tuple[str, ...]:
         """One line on each set of predictions that was asked for: what they are worth."""
         sets = {"left out": self.left_out, "predicted": self.predicted}
@@ -200,7 +207,7 @@ def calibrate(
         tests = uncertainty.whiteness(joined_residuals, fitted.noise)
         identified = uncertainty.numbers(subject.vehicle, fitted.estimate, inflation, tests)
         balance = validation.StaticBalance(subject.vehicle)
-        exported = exported_estimate(fitted, inflation)
+        exported = exported_estimate(fitted, inflation, identified)
         directions = uncertainty.unidentifiable_directions(
             subject.vehicle, fitted.estimate, inflation
         )

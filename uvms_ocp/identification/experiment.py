@@ -466,6 +466,9 @@ class KnotCommands:
         from scipy.sparse.linalg import spsolve  # a tenth of a second
 
         square = (self.sent.T @ self.sent).tocsc()
+        if np.linalg.matrix_rank(square.toarray(), hermitian=True) < self.n_knots:
+            # Knots that no command shows stay at 0.
+            return np.asarray(np.linalg.pinv(self.sent.toarray()) @ sent)
         return np.asarray(spsolve(square, self.sent.T @ sent)).reshape(self.n_knots, -1)
 
 

@@ -4,12 +4,14 @@ all else is fitted anew about it.
 An unknown that recordings do not determine ends anywhere, often at next to nothing, and a vehicle
 would fly with it. The others have taken its part where they were fitted with it: they are not
 kept as they were either. What is next to nothing because the recordings say so, as drag that
-another one takes the place of, stays so: as it was before it would contradict them.
+another one takes the place of, stays so: as it was before it would contradict them. What no body in
+water has, and nothing determines, is never exported: where the recordings contradict the declared
+value too, there is no answer, as where nothing is determined at all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +19,10 @@ import numpy as np
 from uvms_ocp.identification import parameters, uncertainty
 from uvms_ocp.identification.fit import FitContext
 from uvms_ocp.identification.output_error import Estimate, FitStatus
+
+_OF_BODIES = ("mass", "added_mass", "volume")
+"""Quantities that no body in water has next to none of."""
+_FARTHEST = 100.0  # times the declared value, or part of it
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
@@ -29,15 +35,18 @@ class ExportedEstimate:
 
     @property
     def usable(self) -> bool:
-        """True if a file may be made of it: the search has converged."""
+        """True if a file may be made of it: the search has converged, and something is determined."""
         return self.estimate.status is FitStatus.CONVERGED
 
 
-def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
+def exported_estimate(
+    fitted: FitContext, inflation: float, identified: Sequence[uncertainty.IdentifiedNumber]
+) -> ExportedEstimate:
     """Hold undetermined numbers at their declared values where the recordings allow it, else one
-    quantity after the other.
+    quantity after the other, and one number after the other.
 
-    inflation: samples that miss alike, as `variance_inflation` finds.
+    inflation: samples that miss alike, as `variance_inflation` finds. identified: all numbers of the
+    fit.
     """
     shared = fitted.vehicle.shared
     estimate = fitted.estimate
@@ -46,6 +55,9 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
     is_held = np.zeros(len(is_open), dtype=bool)
     best = estimate
     if estimate.status is FitStatus.CONVERGED:
+        if not any(number.determined for number in identified):
+            unanswered = replace(estimate, status=FitStatus.NO_ANSWER)
+            return ExportedEstimate(estimate=unanswered)
         for is_chosen in _choices(shared, is_open):
             if (is_chosen <= is_held).all():
                 continue
@@ -55,15 +67,41 @@ def exported_estimate(fitted: FitContext, inflation: float) -> ExportedEstimate:
             if held_fit is not None and 2.0 * (held_fit.cost - estimate.cost) < allowed:
                 is_held = candidate
                 best = held_fit
+        is_impossible = _impossible(fitted, best, identified) & ~is_held
+        if is_impossible.any():
+            is_held |= is_impossible
+            best = _refitted(fitted, is_held) or replace(estimate, status=FitStatus.NO_ANSWER)
     return ExportedEstimate(estimate=best, kept=tuple(np.array(shared.names)[is_held].tolist()))
 
 
 def _choices(shared: parameters.Unknowns, is_open: np.ndarray) -> Iterator[np.ndarray]:
-    """Yield masks (n,) [bool] of open unknowns: all, then quantity by quantity."""
+    """Yield masks (n,) [bool] of open unknowns: all, then quantity by quantity, then one by one."""
     yield is_open
     quantities = np.array([name.partition(" ")[0] for name in shared.names])
     for name in dict.fromkeys(quantities.tolist()):
         yield is_open & (quantities == name)
+    for place in np.flatnonzero(is_open):
+        yield np.arange(len(is_open)) == place
+
+
+def _impossible(
+    fitted: FitContext, estimate: Estimate, identified: Sequence[uncertainty.IdentifiedNumber]
+) -> np.ndarray:
+    """Mark unknowns (n,) [bool] of masses and volumes that nothing determines, and that are so far
+    from what was declared that no body has them.
+    """
+    vehicle = fitted.vehicle
+    is_determined = {number.name: number.determined for number in identified}
+    values = uncertainty.values_of(vehicle, estimate.shared)
+    declared = uncertainty.values_of(vehicle, vehicle.shared.start)
+    names = [name for _, name in uncertainty.slopes_of(vehicle, estimate.shared)[0]]
+    impossible_names = set()
+    for name, value, before in zip(names, values, declared, strict=True):
+        is_of_body = name.partition(" ")[0] in _OF_BODIES
+        is_open = is_of_body and before > 0.0 and not is_determined.get(name, False)
+        if is_open and not 1.0 / _FARTHEST < value / before < _FARTHEST:
+            impossible_names.add(name)
+    return np.array([name in impossible_names for name in vehicle.shared.names])
 
 
 def _refitted(fitted: FitContext, is_held: np.ndarray) -> Estimate | None:

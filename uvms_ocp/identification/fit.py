@@ -368,5 +368,9 @@ def constant_slopes(
     start = problem.resumed(replace(fitted.estimate, shared=point))
     H = problem.solve(start, iterations=0).information
     stiffness = H[np.ix_(learnt, learnt)] + _NOTHING * np.eye(int(learnt.sum()))
-    slopes = -np.linalg.solve(stiffness, H[np.ix_(learnt, ~learnt)])
+    to_constants = H[np.ix_(learnt, ~learnt)]
+    try:
+        slopes = -np.linalg.solve(stiffness, to_constants)
+    except np.linalg.LinAlgError:  # unknowns that nothing tells do not move
+        slopes = -np.linalg.pinv(stiffness, hermitian=True) @ to_constants
     return tuple(np.array(all_unknowns.names)[~learnt].tolist()), slopes

@@ -209,6 +209,13 @@ class FitStatus(AdvisedStatus):
         "stalled",
         "No step lowers the cost: look at the recordings' doubts, and at starts and priors.",
     )
+    NO_ANSWER = (
+        "no answer",
+        (
+            "No number is determined: look at the recordings' doubts, learn less, or record what"
+            " the report asks for."
+        ),
+    )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -307,7 +314,10 @@ class OutputErrorProblem:
         """
         if blocks is None:
             blocks = self.blocks(point)
-        next_point = self._moved(point, blocks, _NEARLY_NONE, frozen=False)
+        try:
+            next_point = self._moved(point, blocks, _NEARLY_NONE, frozen=False)
+        except np.linalg.LinAlgError:  # there is no such step
+            return point, self._total(point, [block.cost for block in blocks])
         with np.errstate(all="ignore"):
             costs = []
             for k, outputs in enumerate(self._all_seen(next_point)):
@@ -374,7 +384,11 @@ class OutputErrorProblem:
         at_upper = (point.shared >= shared.upper) & (g < 0.0)
         is_free = ~(at_lower | at_upper)
         stiffness = H[np.ix_(is_free, is_free)] + _NEARLY_NONE * np.eye(int(is_free.sum()))
-        decrease = 0.5 * float(g[is_free] @ np.linalg.solve(stiffness, g[is_free]))
+        try:
+            step = np.linalg.solve(stiffness, g[is_free])
+        except np.linalg.LinAlgError:  # a step of any length
+            return np.inf
+        decrease = 0.5 * float(g[is_free] @ step)
         cost = self._total(point, [block.cost for block in blocks])
         return decrease / max(cost, np.finfo(float).tiny)
 

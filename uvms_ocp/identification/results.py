@@ -70,8 +70,8 @@ def report_data(calibration: Calibration) -> dict[str, Any]:
     for comparison in calibration.comparisons:
         shortfalls.extend(shortfall_data(shortfall) for shortfall in comparison.worse_than_still)
     data: dict[str, Any] = {
-        "status": calibration.estimate.status.value,
-        "advice": calibration.estimate.status.advice,
+        "status": calibration.status.value,
+        "advice": calibration.status.advice,
         "file_usable": calibration.exported.usable,
         "numbers": [_number_data(number) for number in calibration.numbers],
         "seen_worse_than_still": shortfalls,
@@ -121,7 +121,7 @@ def _finite(value: float) -> float | None:
 def _number_table(calibration: Calibration) -> Iterator[str]:
     """Tabulate the identified numbers, after what the search and the intervals rest on."""
     yield report_prose.NUMBERS.format(
-        status=calibration.estimate.status,
+        status=calibration.status,
         inflation=calibration.inflation,
         below=100 * DETERMINED_BELOW,
         most=uncertainty.MISSES,

@@ -124,8 +124,9 @@ def _source(name: str, calibration: Calibration) -> str:
 def _verdict(number: IdentifiedNumber, calibration: Calibration) -> str:
     if number.name in calibration.exported.kept:
         return "not determined, as before"
-    verdict = "identified" if number.determined else "not determined"
-    return f"{verdict}, +-{number.sigma:.2g}"
+    if number.determined:
+        return f"identified, +-{number.sigma:.2g}"
+    return f"not determined, +-{number.sigma:.2g}, and as before it contradicts the recordings"
 
 
 def _written(value: np.ndarray) -> str:

@@ -87,7 +87,14 @@ def covariance(vehicle: Vehicle, estimate: Estimate, inflation: float = 1.0) -> 
     widening = np.where(is_delay, np.cosh(estimate.shared) / np.cosh(shared.start), 1.0)
     prior_sigma = shared.sigma * np.maximum(widening, 1.0) ** 2
     prior = np.diag(1.0 / prior_sigma**2 + _NOTHING)
-    return np.asarray(np.linalg.inv(_data(vehicle, estimate, inflation) + prior) + estimate.assumed)
+    known = _data(vehicle, estimate, inflation) + prior
+    try:
+        covariance_by_data = np.linalg.inv(known)
+    except np.linalg.LinAlgError:  # unknowns that differ by powers of ten in what is known of them
+        scale = 1.0 / np.sqrt(np.diag(known))
+        scaled = known * np.outer(scale, scale) + _NOTHING * np.eye(len(known))
+        covariance_by_data = np.linalg.inv(scaled) * np.outer(scale, scale)
+    return np.asarray(covariance_by_data + estimate.assumed)
 
 
 def unidentifiable_directions(
