@@ -99,3 +99,12 @@ def test_a_single_row_is_a_vector() -> None:
 )
 def test_times_rise_by_even_steps(series: np.ndarray, expected: bool) -> None:
     assert are_times(series) == expected
+
+
+def test_a_few_times_beside_an_array_tell_its_rows(tmp_path: Path) -> None:
+    thrust = np.arange(48.0).reshape(6, 8)  # whose rows rise as times would
+    np.savez(tmp_path / "a.npz", t=0.1 * np.arange(6), u=thrust)
+    columns = [f"u[{k}]" for k in range(8)]
+    mapping = {"channels": {"thrust": {"time": "t", "columns": columns}}}
+    recording = mapped_recording(tmp_path / "a.npz", RecordingMapping.model_validate(mapping))
+    np.testing.assert_array_equal(recording.channels["thrust"].values, thrust)

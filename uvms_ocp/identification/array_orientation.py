@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _FEWEST_TIMES = 8  # that are no chance
+_FEWEST_ALONE = 3  # of a vector, where no longer one tells
 _UNEVEN = 5.0  # times the usual step, within which most steps between times are
 
 
@@ -25,9 +26,11 @@ class OrientedArray:
     """Shape whose rows were taken for samples without evidence."""
 
 
-def oriented(array: np.ndarray, n_times: Collection[int]) -> OrientedArray:
+def oriented(
+    array: np.ndarray, n_times: Collection[int], n_few_times: Collection[int] = ()
+) -> OrientedArray:
     """Turn an array (n,) or (n, k) so that its rows are samples; n_times: lengths of vectors of times
-    that stand beside it in a file.
+    that stand beside it in a file; n_few_times: of those that are short.
 
     A single row is a vector. Where an array is wider than long, and no time tells, its rows are
     taken for samples and it is said so.
@@ -41,6 +44,9 @@ def oriented(array: np.ndarray, n_times: Collection[int]) -> OrientedArray:
     rows_have_times = n_rows in n_times
     columns_have_times = n_columns in n_times
     if rows_have_times == columns_have_times:
+        rows_have_times = n_rows in n_few_times
+        columns_have_times = n_columns in n_few_times
+    if rows_have_times == columns_have_times:
         rows_have_times = are_times(table[:, 0])
         columns_have_times = are_times(table[0])
     shape = f"{n_rows} rows by {n_columns} columns"
@@ -53,9 +59,19 @@ def oriented(array: np.ndarray, n_times: Collection[int]) -> OrientedArray:
     return OrientedArray(values=table, remark=remark)
 
 
+def are_few_times(series: np.ndarray) -> bool:
+    """Recognise times (n,) that are fewer than those that are no chance."""
+    return len(series) < _FEWEST_TIMES and _rise(series, _FEWEST_ALONE)
+
+
 def are_times(series: np.ndarray) -> bool:
     """Recognise times (n,): they rise throughout, mostly by even steps."""
-    if len(series) < _FEWEST_TIMES or not np.isfinite(series).all():
+    return _rise(series, _FEWEST_TIMES)
+
+
+def _rise(series: np.ndarray, fewest: int) -> bool:
+    """Check that at least so many numbers (n,) rise throughout, mostly by even steps."""
+    if len(series) < fewest or not np.isfinite(series).all():
         return False
     steps = np.diff(series)
     usual = float(np.median(steps))

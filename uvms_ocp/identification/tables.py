@@ -25,7 +25,12 @@ import numpy as np
 
 from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput, optional_module
-from uvms_ocp.identification.array_orientation import OrientedArray, are_times, oriented
+from uvms_ocp.identification.array_orientation import (
+    OrientedArray,
+    are_few_times,
+    are_times,
+    oriented,
+)
 from uvms_ocp.identification.file_kinds import kind_of
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording
 from uvms_ocp.identification.text_tables import (
@@ -176,11 +181,13 @@ def _arrays(path: Path) -> _Arrays:
         if numbers.dtype.kind not in "biuf" or numbers.ndim not in (1, 2) or not numbers.size:
             continue
         tables[name] = numbers.astype(float)
-    n_times = {table.size for table in tables.values() if _is_vector_of_times(table)}
+    vectors = [table.ravel() for table in tables.values() if table.size == max(table.shape)]
+    n_times = {len(vector) for vector in vectors if are_times(vector)}
+    n_few_times = {len(vector) for vector in vectors if are_few_times(vector)}
     columns: dict[str, np.ndarray] = {}
     sources: dict[str, OrientedArray] = {}
     for name, table in tables.items():
-        source = oriented(table, n_times)
+        source = oriented(table, n_times, n_few_times)
         n_columns = source.values.shape[1]
         if name and n_columns == 1:
             names = [name]
@@ -189,11 +196,6 @@ def _arrays(path: Path) -> _Arrays:
         columns |= zip(names, source.values.T, strict=True)
         sources |= dict.fromkeys(names, source)
     return _Arrays(columns=columns, sources=sources)
-
-
-def _is_vector_of_times(table: np.ndarray) -> bool:
-    """Recognise times that stand alone, in a row or a column."""
-    return table.size == max(table.shape) and are_times(table.ravel())
 
 
 def _npy_arrays(path: Path) -> Mapping[str, np.ndarray]:
