@@ -15,7 +15,13 @@ import numpy as np
 from spoiled.sound import DURATION
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.recording import Channel, Recording, rotations, split_at_gaps
+from uvms_ocp.identification.recording import (
+    Channel,
+    Recording,
+    interpolated,
+    rotations,
+    split_at_gaps,
+)
 from uvms_ocp.identification.tables import write_columns
 
 Rng = np.random.Generator
@@ -135,6 +141,50 @@ def _heading(values: np.ndarray, rng: Rng) -> np.ndarray:
     about_z = (0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2))
     turn = _turned(about_z, (0.0, 0.0, 0.0, 1.0))
     return turn(values, rng)
+
+
+def _slightly_turned(values: np.ndarray, rng: Rng) -> np.ndarray:
+    angle = np.deg2rad(rng.uniform(4.0, 20.0)) * rng.choice([-1.0, 1.0])
+    turn = _turned((0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2)), (0.0, 0.0, 0.0, 1.0))
+    return turn(values, rng)
+
+
+def _flattened(values: np.ndarray, _: Rng) -> np.ndarray:
+    """Make attitudes of roll and pitch in rad that are read as deg, beside yaw."""
+    from scipy.spatial.transform import Rotation
+
+    angles = Rotation.from_quat(values).as_euler("xyz") * [np.pi / 180.0, np.pi / 180.0, 1.0]
+    return np.asarray(Rotation.from_euler("xyz", angles).as_quat())
+
+
+def _tilted(values: np.ndarray, rng: Rng) -> np.ndarray:
+    """Turn axes by 4 to 15 deg about a horizontal one."""
+    from scipy.spatial.transform import Rotation
+
+    angle = np.deg2rad(rng.uniform(4.0, 15.0)) * rng.choice([-1.0, 1.0])
+    axis = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]][rng.integers(2)]
+    return np.asarray(values @ Rotation.from_rotvec(angle * np.array(axis)).as_matrix().T)
+
+
+def _one_of_three(factor: float, rng: Rng) -> np.ndarray:
+    """Return factors of three columns, of which one has `factor`."""
+    return np.where(np.arange(3) == rng.integers(3), factor, 1.0)
+
+
+def _from_air(values: np.ndarray, _: Rng) -> np.ndarray:
+    """Turn heights to pressures in kPa of a vehicle that begins at the surface."""
+    depth = values[0, 2] - values[:, 2]
+    return np.column_stack([values[:, :2], 101.3 + 9.807 * np.abs(depth)])
+
+
+def _from_a_lever(recording: Recording, rng: Rng) -> Recording:
+    velocity = recording.channels["linear_velocity"]
+    rate = recording.channels["angular_velocity"]
+    turning = interpolated(velocity.t, rate.t, rate.values)
+    direction = rng.normal(size=3)
+    place = rng.uniform(0.08, 0.4) * direction / np.linalg.norm(direction)
+    values = velocity.values + np.cross(turning, place)
+    return _with_channel(recording, "linear_velocity", replace(velocity, values=values))
 
 
 def _in_world(recording: Recording, _: Rng) -> Recording:
@@ -299,6 +349,7 @@ def _cut(text: str, rng: Rng) -> str:
     return f"{whole}\n{last.split(',')[0]}"
 
 
+_ALONE = "times the way that the velocity says"
 _VELOCITY = "linear_velocity"
 _RATE = "angular_velocity"
 _FORCE = "specific_force"
@@ -316,6 +367,7 @@ _GAPS = "gaps, the longest"
 _JUMPED = "differ at the end by another time than at the beginning"
 _MIXED = "the vehicle accelerates as with"
 _SPIKES = "jumps to .* and back"
+_UPWARDS = np.array([0.0, 0.0, 1.0])
 _FLIP_Z = np.array([1.0, -1.0, -1.0])
 _SENSORS = (_VELOCITY, _RATE)
 
@@ -428,12 +480,91 @@ KINDS = (
     ),
     Kind(
         "frame",
-        "pressure as height, without an accelerometer",
+        "pressure as height, without velocity and accelerometer",
         "position",
-        ("a pressure in mbar",),
+        (": a pressure in",),
         _without(
-            _values("position", lambda x, _: x * [1.0, 1.0, -98.0] + [0.0, 0.0, 1013.0]), _FORCE
+            _values("position", lambda x, _: x * [1.0, 1.0, -98.0] + [0.0, 0.0, 1013.0]),
+            _FORCE,
+            _VELOCITY,
         ),
+    ),
+    Kind(
+        "frame",
+        "pressure in kPa as height",
+        "position",
+        (_ALONE,),
+        _values("position", lambda x, _: x * [1.0, 1.0, -9.807] + [0.0, 0.0, 101.3]),
+    ),
+    Kind(
+        "frame",
+        "pressure in kPa as height, from the surface on, without velocity and accelerometer",
+        "position",
+        ("begins as large as air in kPa",),
+        _without(_values("position", _from_air), _FORCE, _VELOCITY),
+    ),
+    Kind(
+        "frame",
+        "a height of the other sign",
+        "position",
+        ("moves against the velocity",),
+        _values("position", lambda x, _: x * [1.0, 1.0, -1.0]),
+    ),
+    Kind(
+        "frame",
+        "heights from far below",
+        "position",
+        ("from where, or in which unit",),
+        _values("position", lambda x, rng: x + rng.uniform(150.0, 600.0) * _UPWARDS),
+    ),
+    Kind(
+        "unit",
+        "one velocity in mm/s",
+        _VELOCITY,
+        ("alone up to",),
+        _values(_VELOCITY, lambda x, rng: x * _one_of_three(1e3, rng)),
+    ),
+    Kind(
+        "unit",
+        "one rate in deg/s",
+        _RATE,
+        ("times as fast as the attitude: in deg/s",),
+        _values(_RATE, lambda x, rng: x * _one_of_three(180.0 / np.pi, rng)),
+    ),
+    Kind(
+        "unit",
+        "roll and pitch in rad beside yaw in deg",
+        _ATTITUDE,
+        ("in rad beside deg",),
+        _values(_ATTITUDE, _flattened),
+    ),
+    Kind(
+        "mounting",
+        "a velocity of another scale",
+        _VELOCITY,
+        ("times the way that the position goes",),
+        _values(_VELOCITY, lambda x, rng: x * rng.choice([0.85, 0.93, 1.05, 1.15, 1.3])),
+    ),
+    Kind(
+        "mounting",
+        "a velocity of turned axes",
+        _VELOCITY,
+        ("how is it mounted",),
+        _values(_VELOCITY, _tilted),
+    ),
+    Kind(
+        "mounting",
+        "a heading that is turned a little",
+        _ATTITUDE,
+        ("beside the way of the position",),
+        _values(_ATTITUDE, _slightly_turned),
+    ),
+    Kind(
+        "mounting",
+        "a lever arm of 0.08 to 0.4 m",
+        _VELOCITY,
+        ("measured elsewhere than the position",),
+        _from_a_lever,
     ),
     Kind(
         "attitude",

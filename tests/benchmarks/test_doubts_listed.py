@@ -14,10 +14,12 @@ import pytest
 
 import uvms_ocp.identification as package
 from uvms_ocp.identification import (
+    column_scale_checks,
     command_checks,
     gravity_checks,
     joint_checks,
     mapped_recordings,
+    mounting_checks,
     rate_checks,
     run_recordings,
     sample_checks,
@@ -42,6 +44,8 @@ PARTS = (
     "% as they are",
     "§, as the file says",
     "deg about z: format",
+    "§: in §",
+    "§ § +- §",
 )
 """Parts of doubts that stand by themselves in the code, and notes of what was read."""
 CHECKS = (
@@ -52,10 +56,18 @@ CHECKS = (
     rate_checks,
     joint_checks,
     command_checks,
+    column_scale_checks,
+    mounting_checks,
 )
 """Modules whose texts are all doubts."""
 PARTLY = {
-    mapped_recordings: ("_doubts", "_factors"),
+    mapped_recordings: (
+        "_doubts",
+        "_factors",
+        "_pressure_remarks",
+        "_depth_doubts",
+        "_time_doubts",
+    ),
     run_recordings: ("_spoiled",),
     settings_checks: ("check_settings", "_of_current", "_of_thrust"),
 }

@@ -393,7 +393,7 @@ STRANGERS: dict[str, Stranger] = {
     "pressure": Stranger(
         PRESSURE,
         one("position", "x y press"),
-        doubts=(r"in mbar. give offset: \[0, 0, -1013\], scale: \[1, 1, -0.0102\]",),
+        doubts=(r"in mbar, .* give offset: \[0, 0, -1013.25\], scale: \[1, 1, -0.010197\]",),
     ),
     "pressure, as told": Stranger(
         PRESSURE, one("position", "x y press", offset=[0, 0, -1013], scale=[1, 1, -0.0102]), READ

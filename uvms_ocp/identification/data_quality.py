@@ -4,18 +4,29 @@ what is at rest is held up against gravity, and motion follows commands.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from uvms_ocp.checks import checked, checked_dataclass
+from uvms_ocp.identification.column_scale_checks import of_columns
 from uvms_ocp.identification.command_checks import of_commands
 from uvms_ocp.identification.gravity_checks import of_gravity
 from uvms_ocp.identification.joint_checks import of_joints
+from uvms_ocp.identification.mounting_checks import of_mounting
 from uvms_ocp.identification.rate_checks import PARTNER, of_rates
 from uvms_ocp.identification.recording import CHANNEL_KINDS, Recording
 from uvms_ocp.identification.sample_checks import has_times, of_poses, of_samples
 from uvms_ocp.identification.stuck_checks import of_stuck
 from uvms_ocp.identification.stuck_column_checks import of_stuck_columns
 from uvms_ocp.record.row_files import forget
+
+_SAID_BETTER = (
+    (": a pressure in", "read as m"),
+    ("a depth of the other sign", "above a surface at 0: z down"),
+)
+"""Parts of doubts, and of those that say the same by more evidence."""
+_OF_WAYS = {"position", "attitude", "linear_velocity", "angular_velocity", "specific_force"}
+"""Channels whose doubts keep a mounting from being estimated."""
 
 
 @checked_dataclass()
@@ -44,6 +55,12 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
         is_timed = CHANNEL_KINDS[name].command or has_times(channel)
         if is_timed and name not in wrong:
             sound[name] = channel
+    # First each column, then its channel: axes and clocks of one with a unit of its own say nothing.
+    of_other_columns = list(of_columns(replace(recording, channels=sound)))
+    issues += of_other_columns
+    forget(channel.values for channel in sound.values())
+    for name, _ in of_other_columns:
+        sound.pop(name, None)
     remaining = replace(recording, channels=sound)
     for check in (of_poses, of_rates, of_joints, of_gravity, of_stuck):
         issues += check(remaining)
@@ -52,6 +69,22 @@ def check_data_quality(recording: Recording) -> tuple[QualityIssue, ...]:
     has_other_axes = any(name in PARTNER and "its axes fit" in text for name, text in issues)
     if not has_other_axes:
         issues += of_stuck_columns(remaining)
+        # What else is wrong with these would be taken for a scale, or for a place.
+        doubted = {name for name, _ in issues}
+        if not doubted & _OF_WAYS:
+            issues += of_mounting(remaining)
         issues += of_commands(remaining)
         forget(channel.values for channel in sound.values())
-    return tuple(QualityIssue(channel=name, problem=text) for name, text in issues)
+    distinct = _without_repetitions(issues)
+    return tuple(QualityIssue(channel=name, problem=text) for name, text in distinct)
+
+
+def _without_repetitions(issues: Sequence[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Yield channels and texts but for those that another one of the channel says better."""
+    for name, text in issues:
+        texts_of_channel = [other for channel, other in issues if channel == name]
+        is_said_better = False
+        for part, better in _SAID_BETTER:
+            is_said_better |= part in text and any(better in other for other in texts_of_channel)
+        if not is_said_better:
+            yield name, text

@@ -8,15 +8,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from uvms_ocp.identification.column_scale_checks import height_scale
+from uvms_ocp.identification.pressure_units import PRESSURE, likely_unit, read_in, unit_by_size
 from uvms_ocp.identification.recording import Channel, Recording, rotations
 
 G = 9.81
 """[m/s2] specific force at rest."""
-PRESSURE = 700.0
-"""[mbar] Pressure of air where people are; more than any height of a vehicle in water [m]."""
-
 _LIKE_G = (0.8, 1.2)  # shares of G that are gravity, or units of g
 _FREE = 0.3  # share of G below which gravity is not there
+_HIGH = 50.0  # [m] above the zero of a world, which is somewhere in the water or at its bottom
 _UPRIGHT = 0.7  # share of the mean force that stays along an axis which is vertical
 
 
@@ -37,9 +37,27 @@ def of_gravity(recording: Recording) -> Iterator[tuple[str, str]]:
         is_proven = bool(up[2] > _UPRIGHT * np.linalg.norm(up))
         if not is_proven:
             yield "attitude", _turned(up)
-    if position is not None and not is_proven:
-        for text in _of_height(position.values[:, 2]):
-            yield "position", text
+    if position is not None:
+        z = position.values[:, 2]
+        if z.min() > PRESSURE:
+            yield "position", _pressure(z)
+        elif z.min() > 0.0 and unit_by_size(z) == "kPa" and height_scale(recording) is None:
+            reading = read_in("kPa", z)
+            yield (
+                "position",
+                (
+                    f"z is {z.min():.4g} to {z.max():.4g}, and begins as large as air in kPa: a"
+                    f" pressure, or m of depth? As a pressure it has {reading.keys()}, as a depth"
+                    " world: NED"
+                ),
+            )
+        elif z.min() > 0.0 and not is_proven:
+            yield "position", _above_surface(z)
+        elif z.min() > _HIGH:
+            yield (
+                "position",
+                f"z is {z.min():.4g} to {z.max():.4g} m above 0: from where, or in which unit?",
+            )
 
 
 def _of_force(force: np.ndarray) -> Iterator[str]:
@@ -88,15 +106,19 @@ def _turned(up: np.ndarray) -> str:
     )
 
 
-def _of_height(z: np.ndarray) -> Iterator[str]:
-    """Check heights (n,) [m] of a vehicle in water, below a surface at 0."""
-    if z.min() > PRESSURE:
-        yield (
-            f"z is {z.min():.4g} to {z.max():.4g}: a pressure in mbar? give offset: [0, 0, -1013],"
-            " scale: [1, 1, -0.0102]"
-        )
-    elif z.min() > 0.0:
-        yield (
-            f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give"
-            " world: NED, or -NAME for z"
-        )
+def _pressure(z: np.ndarray) -> str:
+    """Describe heights (n,) [m] that are larger than any of a vehicle in water."""
+    unit = likely_unit(z)
+    reading = read_in(unit, z)
+    return (
+        f"z is {z.min():.4g} to {z.max():.4g}: a pressure in {unit}, {reading.evidence}? give"
+        f" {reading.keys()}"
+    )
+
+
+def _above_surface(z: np.ndarray) -> str:
+    """Describe heights (n,) [m] of a vehicle in water that are above a surface at 0."""
+    return (
+        f"z is {z.min():.3g} to {z.max():.3g} m, above a surface at 0: z down (NED)? give world: NED,"
+        " or -NAME for z"
+    )

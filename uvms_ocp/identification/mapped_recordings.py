@@ -4,7 +4,7 @@ unit, the axes and the frame of their channel, without what is missing or repeat
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -21,7 +21,16 @@ from uvms_ocp.identification.channel_mapping import (
     require_meaning,
     units_of,
 )
+from uvms_ocp.identification.clock_segments import continued as continued_clocks
 from uvms_ocp.identification.messages import TopicColumns, message_rows, topics_of
+from uvms_ocp.identification.pressure_units import (
+    PRESSURE,
+    PRESSURE_UNITS,
+    likely_unit,
+    read_in,
+    told_by_name,
+    unit_by_size,
+)
 from uvms_ocp.identification.text_tables import TextFormat
 from uvms_ocp.robot.spatial import continuous_quaternions
 
@@ -33,6 +42,9 @@ _FOREIGN = 0.5  # of all rows, above which those without any cell are of other c
 _LARGEST_ANGLE = 2.5 * np.pi
 # of the usual interval, within which a message that says the same again is the same message
 _AT_ONCE = 0.05
+_FEW = 10  # samples that tell no rate
+_EVENLY = 0.98  # of all intervals that are the usual one, of what is sent evenly
+_ABOVE = 0.5  # [m] above the surface, that no depth is throughout
 _NORM_ERROR = 0.05  # of a quaternion, beyond what few digits make of it
 _OFTEN = 0.01  # of all samples, from which on such norms are no outliers
 _UNIX_TIME = {"ns": 1e17, "us": 1e14, "ms": 1e11}
@@ -57,6 +69,9 @@ def mapped_recording(
     name = name or source.name.partition(".")[0]
     rows = _mapped_rows(source, mapping, name)
     _pass_midnight(rows.values())
+    clocks = continued_clocks({key: table.values[:, 0] for key, table in rows.items()})
+    for key, t in clocks.times.items():
+        rows[key] = replace(rows[key], values=np.column_stack([t, rows[key].values[:, 1:]]))
     channels = {}
     for key, channel_mapping in mapping.channels.items():
         channels[key] = _samples(key, channel_mapping, rows[key])
@@ -65,8 +80,21 @@ def mapped_recording(
         if channel_mapping.frame == "W":
             channels_in_body[key] = replace(channels[key], values=_in_body(key, channels))
     start = min(channel.t[0] for channel in channels_in_body.values())
-    issues: list[tuple[str, str]] = []
+    issues = list(_time_doubts(mapping))
     notes: list[str] = []
+    if clocks.wraps:
+        notes.append(f"a counter of times began anew {clocks.wraps} times, and goes on here")
+    if clocks.boots:
+        first_key = next(iter(mapping.channels))
+        issues.append(
+            (
+                first_key,
+                (
+                    f"times go back by up to {clocks.back:.3g} s in the file, {clocks.boots} times:"
+                    " boots, or a clock that was set? What follows each is a part of its own"
+                ),
+            )
+        )
     for key, channel_mapping in mapping.channels.items():
         issues.extend(_doubts(key, channel_mapping, rows[key]))
     for table in rows.values():
@@ -213,8 +241,11 @@ def _in_unit(key: str, mapping: ChannelMapping, table: tables.TableColumns) -> t
     numbers = values[:, 1:]
     for missing in mapping.missing:
         numbers = np.where(np.isclose(numbers, missing, rtol=1e-12), np.nan, numbers)
-    factors, notes, remarks = _factors(key, mapping, table.units[1 : values.shape[1]])
+    file_units = table.units[1 : values.shape[1]]
+    factors, notes, remarks = _factors(key, mapping, file_units)
     numbers = _with_constants(mapping, numbers * factors)
+    if key == "position":
+        remarks = [*_pressure_remarks(mapping, file_units, numbers), *remarks]
     if key == "attitude" and mapping.format != "rpy" and mapping.lost == "never":
         # Zeros: its sender knows no attitude.
         norms = np.linalg.norm(numbers, axis=1, keepdims=True)
@@ -270,6 +301,8 @@ def _factors(
         return np.full(len(file_units), factors.get(mapping.unit or "", 1.0)), (), []
     units = [recordings.unit_named(unit) or unit.strip() for unit in file_units]
     foreign_units = sorted({unit for unit in units if unit and unit not in factors})
+    if key == "position":  # of which more is said
+        foreign_units = [unit for unit in foreign_units if unit not in PRESSURE_UNITS]
     converted_units = sorted({unit for unit in units if factors.get(unit, 1.0) != 1.0})
     notes: tuple[str, ...] = ()
     if converted_units:
@@ -284,6 +317,54 @@ def _factors(
     return np.array([factors.get(unit, 1.0) for unit in units]), notes, remarks
 
 
+def _is_sent_evenly(is_open: np.ndarray) -> bool:
+    """Check whether rows (n, 1 + k) [bool] without any number are those between samples of a sensor
+    that is slower than its table: whole rows come evenly.
+    """
+    is_empty = is_open[:, 1:].all(axis=1)
+    is_whole = ~is_open.any(axis=1)
+    if not (is_empty | is_whole).all() or is_whole.sum() < _FEW:
+        return False
+    strides = np.diff(np.flatnonzero(is_whole))
+    usual = np.median(strides)
+    return bool(usual >= 2 and (np.abs(strides - usual) <= 1).mean() > _EVENLY)
+
+
+def _pressure_remarks(
+    mapping: ChannelMapping, file_units: Sequence[str], numbers: np.ndarray
+) -> Iterator[str]:
+    """Yield a doubt about a height, the last of numbers (n, 3), that is a pressure by the name or the
+    unit of its column, and is read as metres.
+    """
+    name = mapping.columns[-1]
+    if not isinstance(name, str) or mapping.scale != 1.0 or mapping.unit is not None:
+        return
+    is_pressure, unit = told_by_name(name)
+    unit_in_file = recordings.unit_named(file_units[-1]) if file_units else ""
+    if unit_in_file in PRESSURE_UNITS:
+        is_pressure = True
+        unit = unit_in_file
+    known_heights = numbers[np.isfinite(numbers[:, -1]), -1]
+    if not is_pressure or not len(known_heights):
+        return
+    sign = -1.0 if name.startswith("-") else 1.0
+    pressures = sign * known_heights
+    unit = unit or unit_by_size(pressures)
+    if not unit and pressures.min() > PRESSURE:
+        unit = likely_unit(pressures)
+    if unit:
+        reading = read_in(unit, pressures)
+        yield (
+            f"{name} is a pressure in {unit}, read as m, {reading.evidence}: give"
+            f" {reading.keys(sign)}"
+        )
+    else:
+        yield (
+            f"{name} is a pressure in a unit that nothing tells, read as m: give its offset and"
+            f" scale, as of kPa {read_in('kPa', np.array([200.0])).keys(sign)}"
+        )
+
+
 def _doubts(
     key: str, mapping: ChannelMapping, table: tables.TableColumns
 ) -> Iterator[tuple[str, str]]:
@@ -292,6 +373,8 @@ def _doubts(
     """
     for remark in table.remarks:
         yield key, remark
+    if key == "position":
+        yield from ((key, text) for text in _depth_doubts(mapping, rows=table.values))
     repeated = sorted({name for name in mapping.fields if mapping.fields.count(name) > 1})
     if repeated:
         yield (
@@ -304,7 +387,7 @@ def _doubts(
     rows = table.values
     is_open = ~np.isfinite(rows)
     n_open = int(is_open.any(axis=1).sum())
-    if n_open:
+    if n_open and not _is_sent_evenly(is_open):
         names = _named(mapping, is_open.any(axis=0))
         text = f"{n_open} of {len(rows)} rows have NaN ({names}) and are left out"
         if recordings.CHANNEL_KINDS[key].command:
@@ -330,6 +413,42 @@ def _doubts(
                 " rad where it is so"
             ),
         )
+
+
+def _depth_doubts(mapping: ChannelMapping, rows: np.ndarray) -> Iterator[str]:
+    """Yield a doubt about a depth, by its name, of rows (n, 4) that is above the surface throughout."""
+    name = str(mapping.columns[-1])
+    if "depth" not in name.lower() or rows.shape[1] != 4 or not np.isfinite(rows[:, 3]).any():
+        return
+    up = -1.0 if mapping.world == "NED" else 1.0
+    lowest = float(np.nanmin(up * rows[:, 3]))
+    if lowest > _ABOVE:
+        yield (
+            f"{name} is {lowest:.3g} m and more above a surface at 0: a depth of the other sign? give"
+            " the opposite"
+        )
+
+
+def _time_doubts(mapping: RecordingMapping) -> Iterator[tuple[str, str]]:
+    """Yield channels whose times are read from the same column as those of most others, and in
+    another unit.
+    """
+    by_source = defaultdict[tuple[str, str, object], dict[str, str]](dict)
+    for key, channel in mapping.channels.items():
+        if channel.time and not isinstance(channel.time, float):
+            source = (channel.file, channel.topic, channel.time)
+            by_source[source][key] = channel.time_unit or "s"
+    for (_, _, time), units in by_source.items():
+        usual_unit, _ = Counter(units.values()).most_common(1)[0]
+        for key, unit in units.items():
+            if unit != usual_unit:
+                yield (
+                    key,
+                    (
+                        f"its times are the column {time} in {unit}, and other channels read it in"
+                        f" {usual_unit}: give time_unit: {usual_unit}"
+                    ),
+                )
 
 
 def _norm_doubts(quaternions: np.ndarray) -> Iterator[str]:

@@ -1,7 +1,9 @@
 """Cure a proposed mapping: what a doubt about a first reading says is applied to the mapping, and
-judged by what is doubtful then.
+judged by what is doubtful then, and by what speaks against it.
 
-The cures of each doubt stand in ``proposed_mapping.toml``.
+The cures of each doubt stand in ``proposed_mapping.toml``. A time column has one unit, whichever
+channel shows it. A cure of the whole file that one channel alone would explain as well is said to be
+one of two.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from uvms_ocp.errors import UvmsError
@@ -42,6 +45,20 @@ class FirstReading:
     ranges: Mapping[str, str]
     """Smallest and largest value, and rate, of each channel that can be read."""
     doubts: Sequence[Doubt]
+    is_above_water: bool = False
+    """True where every height is above 0: some world has its zero at the bottom, but not most."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Candidate:
+    """A mapping with one cure applied."""
+
+    channel: str
+    """Name of the channel that the cure is about."""
+    channels: MappedChannels
+    keys: str
+    """What the cure says, as YAML."""
+    is_of_whole_file: bool
 
 
 def apply_cures(
@@ -60,16 +77,31 @@ def apply_cures(
             doubts_before = result.doubts
             lowest_score = _score(channels, result, doubts_before)
             best = None
-            for channel, candidate in _candidates(doubt, channels, cures):
-                candidate_result = first_reading(path, candidate)
-                score = _score(candidate, candidate_result, doubts_before)
+            rival = None
+            for candidate in _candidates(doubt, channels, cures):
+                candidate_result = first_reading(path, candidate.channels)
+                score = _score(candidate.channels, candidate_result, doubts_before)
                 if score < lowest_score:
                     lowest_score = score
-                    best = (channel, candidate, candidate_result)
+                    best = (candidate, candidate_result)
+                    rival = None
+                elif score == lowest_score and rival is None and not candidate.is_of_whole_file:
+                    rival = candidate
             if best is not None:
-                channel, channels, result = best
-                cured[channel].append(doubt.problem)
+                chosen, result = best
+                channels = chosen.channels
+                cured[chosen.channel].append(_cured_text(doubt, chosen, rival))
     return channels, cured
+
+
+def _cured_text(doubt: Doubt, chosen: _Candidate, rival: _Candidate | None) -> str:
+    """Say which doubt was cured, and what of one channel alone would cure it as well."""
+    if rival is None or not chosen.is_of_whole_file:
+        return doubt.problem
+    return (
+        f"{doubt.problem} ({rival.keys} of {rival.channel} alone would explain it as well: which"
+        " is so?)"
+    )
 
 
 def first_reading(path: Path, channels: MappedChannels) -> FirstReading:
@@ -91,7 +123,9 @@ def first_reading(path: Path, channels: MappedChannels) -> FirstReading:
     for issue in data_quality.check_data_quality(recording):
         if "are left out" not in issue.problem:
             doubts.append(Doubt(channel=issue.channel, problem=issue.problem))
-    return FirstReading(ranges=ranges, doubts=doubts)
+    position = recording.channels.get("position")
+    is_above_water = position is not None and bool(position.values[:, 2].min() > 0.0)
+    return FirstReading(ranges=ranges, doubts=doubts, is_above_water=is_above_water)
 
 
 def _reading_without_a_channel(path: Path, channels: MappedChannels, error: str) -> FirstReading:
@@ -107,14 +141,18 @@ def _reading_without_a_channel(path: Path, channels: MappedChannels, error: str)
     if not readable:
         return FirstReading(ranges={}, doubts=[doubt])
     result = first_reading(path, readable)
-    return FirstReading(ranges=result.ranges, doubts=[doubt, *result.doubts])
+    return FirstReading(
+        ranges=result.ranges,
+        doubts=[doubt, *result.doubts],
+        is_above_water=result.is_above_water,
+    )
 
 
 def _score(
     channels: MappedChannels, result: FirstReading, doubts_before: Sequence[Doubt]
-) -> tuple[int, int, int]:
-    """Count what a cure leaves: channels that cannot be read, doubts, and doubts from before whose
-    channel no longer reads.
+) -> tuple[int, int, int, bool]:
+    """Count what a cure leaves: channels that cannot be read, doubts, doubts from before whose
+    channel no longer reads, and a vehicle out of the water.
     """
     n_unreadable = len(channels) - len(result.ranges)
     # A doubt about degrees hides others, that would follow from these values.
@@ -123,13 +161,13 @@ def _score(
     for doubt in result.doubts:
         if doubt.channel not in result.ranges and doubt in doubts_before:
             n_hidden += 1
-    return n_unreadable + n_hiding, len(result.doubts), n_hidden
+    return n_unreadable + n_hiding, len(result.doubts), n_hidden, result.is_above_water
 
 
 def _candidates(
     doubt: Doubt, channels: MappedChannels, cures: Sequence[Mapping[str, Any]]
-) -> Iterator[tuple[str, MappedChannels]]:
-    """Yield for each cure of a doubt its channel, and all channels with the cure applied."""
+) -> Iterator[_Candidate]:
+    """Yield all channels with each cure of a doubt applied."""
     for cure in cures:
         match = re.search(cure["doubt"], doubt.problem)
         if match is None or cure.get("channel", doubt.channel) != doubt.channel:
@@ -137,16 +175,40 @@ def _candidates(
         channel = cure.get("of", doubt.channel)
         if channel not in channels:
             continue
+        last_column = str(channels[channel]["columns"][-1])
+        if not re.search(cure.get("last_column", ""), last_column.lower()):
+            continue
         groups = match.groupdict()
         keys = yaml.safe_load(cure.get("keys", "{}").replace("VALUE", groups.get("value", "")))
         axes = cure.get("axes", groups.get("axes", ""))
         if axes:
             keys["columns"] = _turned(channels[channel], axes.split(", "))
+        new_name = channel
         if "all" in cure:
-            yield channel, _with_frames(channels, keys)
-        elif keys.get("columns") != []:
+            cured_channels = _with_frames(channels, keys)
+        elif "same_time" in cure:
+            cured_channels = _with_time(channels, channel, keys)
+        elif keys.get("columns") == []:
+            continue
+        else:
             new_name = cure.get("becomes", channel)
-            yield new_name, _with_keys(channels, channel, new_name, keys)
+            cured_channels = _with_keys(channels, channel, new_name, keys)
+        yield _Candidate(
+            channel=new_name,
+            channels=cured_channels,
+            keys=yaml.safe_dump(keys, default_flow_style=True).strip(),
+            is_of_whole_file="all" in cure,
+        )
+
+
+def _with_time(channels: MappedChannels, channel: str, keys: Mapping[str, Any]) -> MappedChannels:
+    """Set keys such as ``time_unit`` in all channels that have their times from the same column."""
+    source = [channels[channel].get(key) for key in ("file", "topic", "time")]
+    changed = MappedChannels()
+    for name, old_keys in channels.items():
+        has_same_time = [old_keys.get(key) for key in ("file", "topic", "time")] == source
+        changed[name] = {**old_keys, **keys} if has_same_time else old_keys
+    return changed
 
 
 def _with_frames(channels: MappedChannels, keys: Mapping[str, Any]) -> MappedChannels:
@@ -165,10 +227,26 @@ def _with_keys(
     changed = MappedChannels()
     for name, old_keys in channels.items():
         if name == channel:
-            changed[new_name] = {**old_keys, **keys}
+            changed[new_name] = {**old_keys, **keys, **_composed_scale(old_keys, keys)}
         else:
             changed[name] = old_keys
     return changed
+
+
+def _composed_scale(old_keys: Mapping[str, Any], keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Return offset and scale that do what those of a channel do, and then those of a cure; none
+    where only one of the two has any.
+    """
+    if "scale" not in keys or not {"offset", "scale"} & old_keys.keys():
+        return {}
+    old_offset = np.asarray(old_keys.get("offset", 0.0))
+    old_scale = np.asarray(old_keys.get("scale", 1.0))
+    offset = old_offset + np.asarray(keys.get("offset", 0.0)) / old_scale
+    scale = old_scale * np.asarray(keys["scale"])
+    composed = {"scale": scale.tolist()}
+    if np.any(offset):
+        composed["offset"] = offset.tolist()
+    return composed
 
 
 def _turned(channel: Mapping[str, Any], axes: Sequence[str]) -> list[str | float]:

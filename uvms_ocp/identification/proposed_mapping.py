@@ -36,8 +36,10 @@ _SUFFIX = re.compile(_TABLE["unit"])
 _NOTHING = re.compile("$.")
 _JOINT_STATE = {"name", "position", "velocity", "effort"}
 """Fields of a message about joints, as in ROS: names beside arrays."""
-_MIXED_UNITS = ("position",)
-"""Channels whose columns may have a unit each: a depth is of another sensor than x and y."""
+_OF_TWO_SENSORS = ("position",)
+"""Channels some of whose columns may have no unit beside others: a depth is of another sensor than x
+and y.
+"""
 _COPIED_KEYS = ("format", "frame", "world", "body", "offset", "scale")
 """Keys of a mapping that a form may say."""
 
@@ -179,7 +181,11 @@ def _keys_of(
     factors = channel_mapping.units_of(form["channel"], form.get("format"))
     if len(measured_units) == 1 and measured_units <= factors.keys():
         keys["unit"] = measured_units.pop()
-    elif form["channel"] in _MIXED_UNITS and known_units and known_units <= factors.keys():
+    elif (
+        known_units
+        and known_units <= factors.keys()
+        and (form["channel"] in _OF_TWO_SENSORS or known_units == measured_units)
+    ):
         keys["scale"] = [factors.get(unit, 1.0) for unit in units]
     rows = {name: value for name, value in form.get("rows", {}).items() if name in names}
     if rows:

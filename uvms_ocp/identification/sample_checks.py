@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from uvms_ocp.identification.gravity_checks import PRESSURE
+from uvms_ocp.identification.pressure_units import PRESSURE
 from uvms_ocp.identification.recording import (
     CHANNEL_KINDS,
     SECONDS,
@@ -61,6 +61,11 @@ _FASTEST = {
 }
 """Size [unit of the channel] that no channel has for long, and the unit that it would be in."""
 
+_PLAUSIBLE = 0.15  # share of these below which a column beside it is as it should be
+_DEGREE = np.pi / 180.0
+_FACTORS = {"mm/s, or cm/s": 1e-3, "mm, or cm": 1e-3, "deg/s": _DEGREE, "deg": _DEGREE}
+"""Of the first unit that each text names."""
+
 # Commands.
 _PULSES = (900.0, 2200.0)  # [us] widths
 _NARROW = (
@@ -103,7 +108,10 @@ def of_poses(recording: Recording) -> Iterator[tuple[str, str]]:
         is_pressure = position.values[:, 2].min() > PRESSURE
         places = position.values[:, :2] if is_pressure else position.values[:, :3]
         _, rate = smoothed(position.undelayed_t, places, WINDOW, derivative=1)
-        for text in _too_fast(rate, _FASTEST_SWIM, "m/s", "mm, or cm"):
+        labels = CHANNEL_KINDS["position"].columns[: rate.shape[1]]
+        if is_pressure:
+            labels = ()
+        for text in _too_fast(rate, _FASTEST_SWIM, "m/s", "mm, or cm", labels):
             yield "position", text
     if attitude is not None:
         _, omega = angular_rate(attitude, WINDOW)
@@ -285,13 +293,30 @@ def _units(name: str, channel: Channel) -> Iterator[str]:
     """Check the unit of a channel by its size, unless single values are in no unit at all."""
     if name in _FASTEST and not any(_far_off(name, channel)):
         fastest, likely_unit = _FASTEST[name]
-        yield from _too_fast(channel.values, fastest, CHANNEL_KINDS[name].unit, likely_unit)
+        kind = CHANNEL_KINDS[name]
+        yield from _too_fast(channel.values, fastest, kind.unit, likely_unit, kind.columns)
 
 
-def _too_fast(values: np.ndarray, fastest: float, unit: str, likely_unit: str) -> Iterator[str]:
+def _too_fast(
+    values: np.ndarray, fastest: float, unit: str, likely_unit: str, labels: Sequence[str] = ()
+) -> Iterator[str]:
+    """Check sizes of values (n, k) [unit]; by labels of the columns, which of them alone is so."""
     usual = float(np.percentile(np.abs(values).max(axis=1), _FOR_LONG))
-    if usual > fastest:
-        yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {likely_unit}?"
+    if usual <= fastest:
+        return
+    by_column = np.percentile(np.abs(values), _FOR_LONG, axis=0)
+    is_fast = by_column > fastest
+    is_slow = by_column < _PLAUSIBLE * fastest
+    if labels and is_fast.any() and is_slow.any() and (is_fast | is_slow).all():
+        names = " and ".join(np.array(labels)[is_fast])
+        factor = _FACTORS[likely_unit]
+        scales = ", ".join(f"{factor:.10g}" if fast else "1" for fast in is_fast)
+        yield (
+            f"{names} alone up to {usual:.3g} {unit} for a tenth of the time: {likely_unit}? give"
+            f" scale: [{scales}]"
+        )
+        return
+    yield f"up to {usual:.3g} {unit} for a tenth of the time: is it in {likely_unit}?"
 
 
 def _no_force(name: str, channel: Channel) -> Iterator[str]:

@@ -34,6 +34,8 @@ _LEAST_SAMPLES = 20  # in each half of a series, to tell an offset
 _NOTABLE_DELAY = 0.175  # [s] offset from which on it is reported
 _JUMP = 0.3  # [s] between the offsets of the two halves that is a jump of a clock
 _AGREES = 0.6  # correlation from which on two magnitudes agree
+_FAR_AGREES = 0.85  # the same, of an offset that is far from any usual one
+_FAR_BETTER = 0.15  # correlation by which it must be better than any other
 _BETTER = 0.01  # correlation by which an offset must be better than another
 _PARTED = 0.2  # correlation by which two halves must disagree
 _SCALE = 1.9  # factor from which on it is one of units: the smallest of these is that of knots
@@ -141,9 +143,45 @@ def offset(
             by_shift[k] = correlation(expected_size[part], shifted)
         return by_shift
 
+    of_all = agreement(inside)
+    rises_outwards = of_all.argmax() in (0, len(_SHIFTS) - 1)
+    surplus = _BETTER if rises_outwards else _FAR_BETTER
+    least = max(_FAR_AGREES, of_all.max() + surplus)
+    far = _far_offset(t, expected_size, np.interp(t, t_measured, measured_size), least)
+    if far is not None:
+        return far, True
     first_half, second_half = np.array_split(inside, 2)
     is_constant = not _differ(agreement(first_half), agreement(second_half))
-    return float(_SHIFTS[_best(agreement(inside))]), is_constant
+    return float(_SHIFTS[_best(of_all)]), is_constant
+
+
+def _far_offset(
+    t: np.ndarray, expected: np.ndarray, measured: np.ndarray, least: float
+) -> float | None:
+    """Find by how much [s] measured (m,) [any] comes after expected (m,) [any], at uniform t (m,) [s],
+    as far as half of the time is in common; `None` unless one offset alone agrees, by a correlation
+    of least [-].
+    """
+    n = len(t)
+    x = expected - expected.mean()
+    y = measured - measured.mean()
+    size = 1 << (2 * n - 1).bit_length()
+    products = np.fft.irfft(np.fft.rfft(y, size) * np.fft.rfft(x, size).conj(), size)
+    lags = np.r_[0 : n // 2, -(n // 2) : 0]
+    in_common = n - np.abs(lags)
+    shares = products[lags] / in_common * n / max(np.linalg.norm(x) * np.linalg.norm(y), 1e-300)
+    step = float(t[1] - t[0])
+    best = int(lags[np.argmax(shares)])
+    is_elsewhere = np.abs(lags - best) * step > 2.0 * _LARGEST_SHIFT
+    if not is_elsewhere.any():
+        return None
+    first = slice(max(0, -best), n - max(0, best))
+    second = slice(max(0, best), n - max(0, -best))
+    agreement = correlation(x[first], y[second])
+    is_alone = shares[is_elsewhere].max() < agreement - _FAR_BETTER
+    if agreement < least or not is_alone or abs(best) * step <= _LARGEST_SHIFT:
+        return None
+    return best * step
 
 
 def _best(agreement: np.ndarray) -> int:

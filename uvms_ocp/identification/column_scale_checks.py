@@ -1,0 +1,220 @@
+"""Check each column of a pose for itself against the velocity along its axis: a unit, or a sign, that
+the columns beside it do not have, such as of a depth beside x and y.
+
+Heights are of another sensor than places, and angles of a table may be of either unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uvms_ocp.identification.pressure_units import METRES, PRESSURE_UNITS, read_in, unit_by_rate
+from uvms_ocp.identification.recording import (
+    GRID,
+    Channel,
+    Recording,
+    angular_rate,
+    interpolated,
+    rotations,
+    smoothed,
+)
+from uvms_ocp.identification.series_agreement import MOVES, WINDOW, correlation
+
+_PERIOD = 2.0  # [s] over which displacements are compared
+_LEAST = 0.02  # [m] standard deviation of displacements that tell a scale
+_AGREES = 0.9  # correlation from which on two columns are of the same motion
+_SAME = 1.3  # factor by which columns of one unit may differ
+_OTHER = 1.9  # factor from which on a column is in another unit
+_CLOSE = 0.06  # share by which an observed factor may differ from that of a unit
+_FASTEST_TURN = 2.0  # [rad/s] beyond which it is the gyro that is in degrees
+_LENGTHS = {"cm": 100.0, "mm": 1000.0, "ft": 3.28084, "km": 1e-3}
+"""Numbers of each unit in a metre."""
+_DEGREES = 180.0 / np.pi
+
+
+@dataclass(frozen=True, kw_only=True, slots=True, eq=False)
+class Displacements:
+    """What position and velocity say of the way over `_PERIOD` from each of uniform times."""
+
+    by_position: np.ndarray
+    """(m, 3) [m] in W."""
+    by_velocity: np.ndarray
+    """(m, 3) [m] in W."""
+
+
+def of_columns(recording: Recording) -> Iterator[tuple[str, str]]:
+    """Yield channels and doubts about single columns in another unit, or of another sign."""
+    channels = recording.channels
+    if "attitude" in channels and {"position", "linear_velocity"} <= channels.keys():
+        for text in _of_position(recording):
+            yield "position", text
+    if {"attitude", "angular_velocity"} <= channels.keys():
+        yield from _of_angles(channels["attitude"], channels["angular_velocity"])
+
+
+def height_scale(recording: Recording) -> float | None:
+    """Return how much faster the height changes than the velocity says; `None` where nothing tells."""
+    if not {"attitude", "position", "linear_velocity"} <= recording.channels.keys():
+        return None
+    ways = displacements(recording)
+    if ways is None:
+        return None
+    return _column_factor(ways.by_velocity[:, 2], ways.by_position[:, 2], _LEAST)
+
+
+def displacements(recording: Recording) -> Displacements | None:
+    """Compute displacements by position and by velocity; `None` where they have no time in common."""
+    position = recording.channels["position"]
+    velocity = recording.channels["linear_velocity"]
+    attitude = recording.channels["attitude"]
+    t, places = smoothed(position.undelayed_t, position.values, WINDOW)
+    begin = max(t[0], velocity.undelayed_t[0], attitude.undelayed_t[0])
+    end = min(t[-1], velocity.undelayed_t[-1], attitude.undelayed_t[-1])
+    inside = (t >= begin) & (t <= end)
+    n = round(_PERIOD / GRID)
+    if inside.sum() < 4 * n:
+        return None
+    t = t[inside]
+    places = places[inside]
+    t_velocity, smooth = smoothed(velocity.undelayed_t, velocity.values, WINDOW)
+    in_body = interpolated(t, t_velocity, smooth)
+    in_world = np.einsum("nij,nj->ni", rotations(attitude, t), in_body)
+    way = np.vstack([np.zeros(3), GRID * np.cumsum((in_world[1:] + in_world[:-1]) / 2, axis=0)])
+    return Displacements(by_position=places[n:] - places[:-n], by_velocity=way[n:] - way[:-n])
+
+
+def _column_factor(expected: np.ndarray, measured: np.ndarray, least: float) -> float | None:
+    """Compute the factor, with its sign, by which measured (m,) [any] is larger than expected (m,)
+    [any]; `None` where they do not agree, or less than `least` is expected.
+    """
+    x = expected - expected.mean()
+    y = measured - measured.mean()
+    if x.std() < least or abs(correlation(x, y)) < _AGREES:
+        return None
+    return float(np.sign(x @ y) * np.linalg.norm(y) / np.linalg.norm(x))
+
+
+def _of_position(recording: Recording) -> Iterator[str]:
+    """Yield doubts about columns of a position, where not all have the same factor."""
+    ways = displacements(recording)
+    if ways is None:
+        return
+    factors = []
+    for k in range(3):
+        factors.append(_column_factor(ways.by_velocity[:, k], ways.by_position[:, k], _LEAST))
+    horizontal = [factor for factor in factors[:2] if factor is not None]
+    usual = 1.0 if not horizontal else float(np.median(np.abs(horizontal)))
+    if usual > _OTHER or usual < 1.0 / _OTHER:  # of the whole channel
+        return
+    heights = recording.channels["position"].values[:, 2]
+    for k, factor in enumerate(factors):
+        if k in recording.channels["position"].constants or factor is None:
+            continue
+        is_alone = k == 2 or _are_same([f for j, f in enumerate(factors) if j != k and f])
+        is_other = abs(factor) > _OTHER or abs(factor) < 1.0 / _OTHER
+        is_other |= k == 2 and bool(horizontal) and unit_by_rate(abs(factor), _CLOSE) == "psi"
+        if is_other and is_alone:
+            yield from _other_unit(k, factor, heights)
+        elif factor < 0.0 and k == 2 and horizontal and min(horizontal) > 0.0:
+            yield (
+                "z alone moves against the velocity: a height of the other sign? give scale: [1,"
+                " 1, -1]"
+            )
+
+
+def _are_same(factors: Sequence[float]) -> bool:
+    """Check that factors, of which there are some, are those of one unit."""
+    return bool(factors) and all(1.0 / _SAME < factor < _SAME for factor in factors)
+
+
+def _other_unit(k: int, factor: float, heights: np.ndarray) -> Iterator[str]:
+    """Yield the unit of column k that changes by a factor [unit/m]."""
+    axis = "xyz"[k]
+    beside = f"{axis} alone is {factor:.3g} times the way that the velocity says"
+    unit = unit_by_rate(abs(factor), _CLOSE) if k == 2 else ""
+    sign = -float(np.sign(factor))  # of a pressure, which falls with height
+    # A millibar is nearly a centimetre: what presses more than air does, and is nearer to it.
+    if unit and _presses(sign * heights, unit) and _is_nearest(abs(factor), unit):
+        yield _of_pressure(beside, unit, sign, heights)
+        return
+    for length, per_metre in _LENGTHS.items():
+        if abs(abs(factor) / per_metre - 1.0) < _CLOSE:
+            scale = [1.0, 1.0, 1.0]
+            scale[k] = float(np.sign(factor)) / per_metre
+            yield f"{beside}: in {length}? give scale: [{', '.join(f'{f:.7g}' for f in scale)}]"
+            return
+    if unit:
+        yield _of_pressure(beside, unit, sign, heights)
+    else:
+        yield f"{beside}: its unit?"
+
+
+def _presses(pressures: np.ndarray, unit: str) -> bool:
+    """Check that pressures (n,) [unit] have the air's in them."""
+    return read_in(unit, pressures).air > 0.0
+
+
+def _is_nearest(factor: float, unit: str) -> bool:
+    """Check that a factor [unit/m] is nearer to that of a pressure than to that of any length."""
+    of_lengths = [abs(np.log(factor / per_metre)) for per_metre in _LENGTHS.values()]
+    return bool(abs(np.log(factor * METRES * PRESSURE_UNITS[unit])) < min(of_lengths))
+
+
+def _of_pressure(beside: str, unit: str, sign: float, heights: np.ndarray) -> str:
+    """Say that heights (n,) [unit] are pressures of a sign."""
+    reading = read_in(unit, sign * heights)
+    return f"{beside}: in {unit} of pressure, {reading.evidence}? give {reading.keys(sign)}"
+
+
+def _of_angles(attitude: Channel, gyro: Channel) -> Iterator[tuple[str, str]]:
+    """Yield doubts about single angles, and single rates, that are in degrees, or not."""
+    t, omega = angular_rate(attitude, WINDOW)
+    t_gyro, rates = smoothed(gyro.undelayed_t, gyro.values, WINDOW)
+    inside = (t > t_gyro[0]) & (t < t_gyro[-1])
+    if not inside.any():
+        return
+    rates = interpolated(t[inside], t_gyro, rates)
+    omega = omega[inside]
+    factors = []
+    for k in range(3):
+        least = MOVES["angular_velocity"] / _DEGREES
+        factor = _column_factor(omega[:, k], rates[:, k], least)
+        factors.append(None if factor is None else abs(factor))
+    known = [factor for factor in factors if factor is not None]
+    if not any(1.0 / _SAME < factor < _SAME for factor in known):
+        return
+    in_degrees = [k for k, factor in enumerate(factors) if _is_about(factor, _DEGREES)]
+    if not in_degrees:
+        return
+    if np.percentile(np.abs(rates[:, in_degrees]), 90.0) > _FASTEST_TURN:
+        names = " and ".join("xyz"[k] for k in in_degrees)
+        yield (
+            "angular_velocity",
+            (
+                f"{names} alone turn {_DEGREES:.3g} times as fast as the attitude: in deg/s? give"
+                f" scale: {_scale(in_degrees, 1.0 / _DEGREES)}"
+            ),
+        )
+    else:
+        angles = " and ".join(("roll", "pitch", "yaw")[k] for k in in_degrees)
+        yield (
+            "attitude",
+            (
+                f"{angles} alone turn {_DEGREES:.3g} times slower than the angular_velocity says: in"
+                f" rad beside deg? give scale: {_scale(in_degrees, _DEGREES)}"
+            ),
+        )
+
+
+def _is_about(factor: float | None, expected: float) -> bool:
+    """Check that a factor is known and within `_SAME` of what is expected."""
+    return factor is not None and 1.0 / _SAME < factor / expected < _SAME
+
+
+def _scale(columns: Sequence[int], factor: float) -> str:
+    """Write the factors of three columns, of which some have one."""
+    scales = [f"{factor:.10g}" if k in columns else "1" for k in range(3)]
+    return f"[{', '.join(scales)}]"
