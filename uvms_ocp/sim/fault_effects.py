@@ -16,6 +16,7 @@ from uvms_ocp.robot import limits
 from uvms_ocp.sim.faults import Fault
 
 Disturb = Callable[[Any, np.ndarray], Any]
+"""Takes a value of a channel and an error (n,), and returns the value with the error."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,6 +24,7 @@ class Sample:
     """Sample that a sensor takes at one time."""
 
     value: Any
+    """Value in the form of the channel."""
     stamp: float
     """[s] Time at which the sensor says that it was taken."""
     extra_delay: float = 0.0
@@ -52,24 +54,26 @@ class ChannelFaults:
     ) -> None:
         """Raises `InvalidInput` for values or joints that the channel does not have."""
         streams = map(np.random.default_rng, seed.spawn(len(faults)))
-        self._struck = [
-            _struck(channel, fault, rng) for fault, rng in zip(faults, streams, strict=True)
-        ]
+        self._faults = []
+        for fault, rng in zip(faults, streams, strict=True):
+            self._faults.append(_channel_fault(channel, fault, rng))
         self.most_delay = float(sum(fault.values[0] for fault in faults if fault.kind == "late"))
         """[s] by which readings arrive later at most."""
 
     def __call__(self, value: Any, t: float) -> Sample | None:
         """Return the faulty value measured at time t [s]; `None` where it never arrives."""
         sample: Sample | None = Sample(value, t)
-        for struck in self._struck:
+        for channel_fault in self._faults:
             if sample is not None:
-                sample = struck.changed(sample, t)
+                sample = channel_fault.changed(sample, t)
         return sample
 
 
 @dataclass(kw_only=True, slots=True, eq=False)
-class _Struck:
-    """A part of a channel, all of it or the reading of one joint, with its fault in one run."""
+class _ChannelFault:
+    """A fault in one run, and the part of a channel that it is of: all, or the reading of one
+    joint.
+    """
 
     channel: FaultyChannel
     fault: Fault
@@ -91,7 +95,7 @@ class _Struck:
         return sample
 
     def with_value(self, sample: Sample, value: Any) -> Sample:
-        """Return the sample with this value in the part that is struck."""
+        """Return the sample with this value in the part that the fault is of."""
         if np.ndim(sample.value) == 0:
             return replace(sample, value=value)
         mixed = np.array(sample.value)
@@ -109,7 +113,10 @@ class _Struck:
         return error
 
 
-def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _Struck:
+def _channel_fault(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _ChannelFault:
+    """Find the part of a channel that a fault is of. Raises `InvalidInput` for one that the channel
+    does not have, and for another number of values.
+    """
     number = fault.location.number
     if number > len(channel.joints):
         raise InvalidInput(
@@ -129,63 +136,65 @@ def _struck(channel: FaultyChannel, fault: Fault, rng: np.random.Generator) -> _
             values = slice(errors.start, errors.stop)
     if fault.kind in ("bias", "drift", "stuck") and len(fault.values) not in (1, len(errors)):
         raise InvalidInput(f"{fault}: {len(fault.values)} values; give 1 or {len(errors)}")
-    return _Struck(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
+    return _ChannelFault(channel=channel, fault=fault, rng=rng, values=values, errors=errors)
 
 
-def _stuck(sample: Sample, struck: _Struck) -> Sample:
-    origin = struck.channel.origin
+def _stuck(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    origin = channel_fault.channel.origin
     if origin is None and np.ndim(sample.value) == 0:
         origin = 0.0
     elif origin is None:
         origin = np.zeros_like(sample.value)
-    return struck.with_value(sample, struck.channel.disturb(origin, struck.error()))
+    return channel_fault.with_value(
+        sample, channel_fault.channel.disturb(origin, channel_fault.error())
+    )
 
 
-def _spikes(sample: Sample, struck: _Struck) -> Sample:
-    (size, share) = struck.fault.values
-    rng = struck.rng
+def _spikes(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    (size, share) = channel_fault.fault.values
+    rng = channel_fault.rng
     # All three are drawn for every reading, so that another share leaves the others where they
     # were.
     strikes = rng.random()
     sign = rng.choice((-1.0, 1.0))
-    component = rng.choice(struck.errors)
+    component = rng.choice(channel_fault.errors)
     if strikes >= share:
         return sample
-    error = np.zeros(struck.channel.n)
+    error = np.zeros(channel_fault.channel.n)
     error[component] = sign * size
-    return struck.disturbed(sample, error)
+    return channel_fault.disturbed(sample, error)
 
 
-def _frozen(sample: Sample, struck: _Struck) -> Sample:
-    return struck.with_value(sample, struck.last_value)
+def _frozen(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    return channel_fault.with_value(sample, channel_fault.last_value)
 
 
-def _lost(sample: Sample, struck: _Struck) -> None:
+def _lost(sample: Sample, channel_fault: _ChannelFault) -> None:
     return None
 
 
-def _not_a_number(sample: Sample, struck: _Struck) -> Sample:
-    return struck.with_value(sample, math.nan)
+def _not_a_number(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    return channel_fault.with_value(sample, math.nan)
 
 
-def _biased(sample: Sample, struck: _Struck) -> Sample:
-    return struck.disturbed(sample, struck.error())
+def _biased(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    return channel_fault.disturbed(sample, channel_fault.error())
 
 
-def _drifting(sample: Sample, struck: _Struck) -> Sample:
-    elapsed = sample.stamp - struck.fault.onset
-    return struck.disturbed(sample, struck.error() * elapsed)
+def _drifting(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    elapsed = sample.stamp - channel_fault.fault.onset
+    return channel_fault.disturbed(sample, channel_fault.error() * elapsed)
 
 
-def _late(sample: Sample, struck: _Struck) -> Sample:
-    return replace(sample, extra_delay=sample.extra_delay + struck.fault.values[0])
+def _late(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    return replace(sample, extra_delay=sample.extra_delay + channel_fault.fault.values[0])
 
 
-def _ahead(sample: Sample, struck: _Struck) -> Sample:
-    return replace(sample, stamp=sample.stamp + struck.fault.values[0])
+def _ahead(sample: Sample, channel_fault: _ChannelFault) -> Sample:
+    return replace(sample, stamp=sample.stamp + channel_fault.fault.values[0])
 
 
-_EFFECTS: Mapping[str, Callable[[Sample, _Struck], Sample | None]] = {
+_EFFECTS: Mapping[str, Callable[[Sample, _ChannelFault], Sample | None]] = {
     "frozen": _frozen,
     "lost": _lost,
     "nan": _not_a_number,

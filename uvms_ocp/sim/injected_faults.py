@@ -60,15 +60,15 @@ class InjectedFault:
 class FaultyPlant(Plant):
     """A plant that gets commands as faults change them."""
 
-    def __init__(self, plant: Plant, struck: Sequence[InjectedFault]) -> None:
+    def __init__(self, plant: Plant, injected_faults: Sequence[InjectedFault]) -> None:
         self._plant = plant
-        self._struck = tuple(struck)
+        self._faults = tuple(injected_faults)
         self._t = 0.0
         self.state = plant.state
 
     def step(self, command: Command, dt: float) -> None:
         """Advance by dt [s], with the command that faults leave."""
-        for fault in self._struck:
+        for fault in self._faults:
             if fault.active(self._t):
                 command = fault.command(command, self._t)
         self._plant.step(command, dt)
@@ -85,18 +85,18 @@ def inject_faults(scenario: Any, plant: Plant, sensors: Sensors) -> tuple[Plant,
     makers = [fault for fault in scenario.faults if not isinstance(fault, Fault)]
     if not makers:
         return plant, sensors
-    struck = [InjectedFault(maker=maker, disturbance=maker(scenario)) for maker in makers]
+    injected_faults = [InjectedFault(maker=maker, disturbance=maker(scenario)) for maker in makers]
 
     def read(state: State, t: float) -> Readings:
         readings = sensors(state, t)
-        for fault in struck:
+        for fault in injected_faults:
             if fault.active(t):
                 readings = fault.disturbance.readings(readings, t)
         return readings
 
     names = " and ".join(part_name(maker) for maker in makers)
     faulty_sensors = WatchedSensors(read, scenario.robot, scenario.specs, f"with fault {names}")
-    return FaultyPlant(plant, struck), faulty_sensors
+    return FaultyPlant(plant, injected_faults), faulty_sensors
 
 
 def require_fault(fault: Any) -> None:

@@ -20,18 +20,19 @@ class ContactModel:
     """
 
     stiffness: Positive = 2e4
-    """[N/m]"""
+    """[N/m] Stiffness of the floor at a corner."""
     damping: Positive = 2e3
-    """[N s/m]"""
+    """[N s/m] Damping of the floor at a corner."""
     friction: Positive = 0.5
+    """[-] Coefficient of friction."""
     creep: Positive = 0.01
-    """[m/s] speed below which friction is viscous."""
+    """[m/s] Speed below which friction is viscous."""
 
     def force(
         self, depth: ca.SX, velocity_W: ca.SX, normal_W: ca.SX, dt: ca.SX
     ) -> tuple[ca.SX, ca.SX]:
-        """Force (3,) [N] in W on a point `depth` [m] below the floor that moves with velocity_W
-        (3,) [m/s], and its slope.
+        """Return the force (3,) [N] in W on a point `depth` [m] below the floor that moves with
+        velocity_W (3,) [m/s], and its slope.
 
         The slope (3, 3) [N s/m], minus the derivative with respect to velocity over a step dt [s],
         makes the step implicit.

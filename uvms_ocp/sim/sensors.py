@@ -107,11 +107,12 @@ class SensorSuite:
                 present[name] = spec
         seeds = np.random.SeedSequence(seed).spawn(len(CHANNELS))
         streams = dict(zip(CHANNELS, seeds, strict=True))
-        struck = faults_of_channels(robot, faults, {name: sources[name] for name in present}, seed)
+        present_sources = {name: sources[name] for name in present}
+        faults_by_channel = faults_of_channels(robot, faults, present_sources, seed)
         self.memory: SensorsMemory
         """Memory of the kernels."""
         self.memory, (self._read,) = make_memory(
-            _structure(robot, frame, present, struck), (sampling.read_sensors,)
+            _structure(robot, frame, present, faults_by_channel), (sampling.read_sensors,)
         )
         memory = self.memory
         self._bindings = list[CallbackBinding]()
@@ -133,8 +134,8 @@ class SensorSuite:
             sampler = memory.channels[NUMBER[name]]
             channel = _Channel(sampler, name, spec, sources[name], streams[name])
             self._channels.append(channel)
-            self._bindings += channel.ask_python(struck.get(name))
-        self.is_ideal = not struck and all(spec == _IDEAL for spec in present.values())
+            self._bindings += channel.ask_python(faults_by_channel.get(name))
+        self.is_ideal = not faults_by_channel and all(spec == _IDEAL for spec in present.values())
         """Every channel tells the truth, at every tick."""
         self._readings: dict[str, Reading[Any] | None] = {}
         self._drawn = 0
@@ -253,13 +254,13 @@ def _structure(
     robot: Robot,
     frame: str | None,
     present: Mapping[str, SensorSpec],
-    struck: Mapping[str, ChannelFaults],
+    faults_by_channel: Mapping[str, ChannelFaults],
 ) -> type[SensorsMemory]:
     n_room = 1  # readings of one sensor that are under way
     for name, spec in present.items():
         delay = spec.delay
-        if name in struck:
-            delay = spec.delay + struck[name].most_delay
+        if name in faults_by_channel:
+            delay = spec.delay + faults_by_channel[name].most_delay
         rate = min(spec.rate, _QUICKEST)
         n_room = max(n_room, 2 + min(_MOST, math.ceil(delay * rate)))
     width = max(4, robot.n_joints, robot.joint_q.stop - robot.joint_q.start)
@@ -287,12 +288,12 @@ def faults_of_channels(
             )
         if channel:
             by_channel.setdefault(channel, []).append(fault)
-    struck = dict[str, ChannelFaults]()
+    faults_by_channel = dict[str, ChannelFaults]()
     for name, channel_faults in by_channel.items():
         stream = np.random.SeedSequence([seed, int.from_bytes(name.encode(), "big")])
         faulty_channel = _faulty_channel(robot, name, sources[name])
-        struck[name] = ChannelFaults(faulty_channel, channel_faults, stream)
-    return struck
+        faults_by_channel[name] = ChannelFaults(faulty_channel, channel_faults, stream)
+    return faults_by_channel
 
 
 def _faulty_channel(robot: Robot, name: str, source: Source) -> FaultyChannel:
@@ -421,15 +422,18 @@ class _Channel:
             sample[:] = self._source.disturb(sample.copy(), error)
 
         def strike() -> None:
-            struck = None
+            faulty_sample = None
             if faults is not None:
-                value = sample.item() if self._scalar else sample.copy()
-                struck = faults(value, memory.stamped)
-            memory.lost = struck is None
-            if struck is not None:
-                sample[:] = struck.value
-                memory.stamped = struck.stamp
-                memory.extra_delay = struck.extra_delay
+                if self._scalar:
+                    value = sample.item()
+                else:
+                    value = sample.copy()
+                faulty_sample = faults(value, memory.stamped)
+            memory.lost = faulty_sample is None
+            if faulty_sample is not None:
+                sample[:] = faulty_sample.value
+                memory.stamped = faulty_sample.stamp
+                memory.extra_delay = faulty_sample.extra_delay
 
         if memory.disturbance == sampling.Disturbance.ASKED:
             yield CallbackBinding(memory.disturb, bend)
@@ -439,7 +443,10 @@ class _Channel:
 
     def reading(self) -> Reading[Any]:
         """Return the reading that arrived last."""
-        value = self._value.item() if self._scalar else self._value.copy()
+        if self._scalar:
+            value = self._value.item()
+        else:
+            value = self._value.copy()
         return signals.unchecked_reading(value=value, t=self.memory.stamp)
 
 

@@ -1,6 +1,7 @@
 """Goals of tasks: a constant or a reference, any callable ``t -> (value, rate)``.
 
-Trajectories are references. Those that tell their `end` need no Python at work.
+Trajectories are references. One that tells its `end` is sampled once, so that no Python runs at a
+tick.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ class EndingReference(Protocol):
 
     @property
     def end(self) -> float:
-        """[s] after which it rests."""
+        """Time [s] after which it rests."""
 
     def __call__(self, t: float) -> tuple[Any, np.ndarray]:
         """Return value and rate at t [s]."""
@@ -49,7 +50,8 @@ def evaluate_vector(name: str, goal: VectorGoal, t: float) -> tuple[np.ndarray, 
 
 
 def evaluate_pose(name: str, goal: PoseGoal, t: float) -> tuple[pin.SE3, np.ndarray]:
-    """Pose [m] in W and its rate (6,) [m/s, rad/s] in W, linear first, at time t [s].
+    """Return the pose [m] in W of a goal and its rate (6,) [m/s, rad/s] in W, linear first, at time
+    t [s].
 
     Raises `InvalidInput` for a goal that is not finite or no pose.
     """

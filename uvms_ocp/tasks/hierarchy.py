@@ -56,7 +56,7 @@ class Hierarchy(TableDisplay):
         return tuple(task.name for task in self.tasks)
 
     def index(self, name: str) -> int:
-        """Position of the task `name`; raises `NameNotFound`."""
+        """Return the position of the task `name`; raises `NameNotFound`."""
         require_known("task", name, self.names)
         return self.names.index(name)
 
