@@ -172,7 +172,7 @@ class DynamicController(TableDisplay):
         if joint >= 0:
             lock = self.memory.overspeed.lock
             name = self._robot.joint_names[joint]
-            alarm = f"{name} about to be faster than it may, unasked: brakes locked for {lock:g} s"
+            alarm = f"{name} about to be faster than it may, unasked: brakes locked for {lock:g} s at least"
             self.kinematic.watchdog.alarms.append((t, alarm))
         if self._detection.changed and self.monitor is not None:
             self._update_monitor(self.monitor, t)

@@ -1,6 +1,9 @@
-"""Lock the brakes where a joint whose position was doubted is about to outrun its velocity limit, and
-nobody asked it to: an arm whose weight is made up for in another posture than its own falls, however
-it is fed back.
+"""Lock the brakes where a joint is about to outrun its velocity limit, and nobody asked it to: an arm
+whose weight is made up for in another posture than its own, or without its load, falls, however it is
+fed back.
+
+An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is not
+asked whether one is; a lock lasts as long as one is.
 """
 
 from __future__ import annotations
@@ -13,10 +16,10 @@ from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
-_DOUBTFUL = 10.0  # [s] after a doubt for which a posture may be another one
+_DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
 _SHORTEST_LOCK = 0.5  # [s]
 _LONGEST_LOCK = 64.0  # [s]
-_LONGER = 8.0  # times the lock before it is the lock of a joint that falls again
+_LONGER = 64.0  # times the lock before it is the lock of a joint that falls again: no blow made it
 
 
 class OverspeedMemory(Layout):
@@ -33,13 +36,15 @@ class OverspeedMemory(Layout):
     locked_until: float
     """[s]"""
     lock: float
-    """[s] duration of the last lock, 0 before the first since the posture was sound."""
+    """[s] shortest duration of the last lock, 0 before the first since the posture was sound."""
+    thrown: bool
+    """That joint came to its limit within one tick: let go, it would before brakes can act again."""
     joint: int
     """Joint that locked the brakes in this tick, -1 for none."""
 
 
 def start_overspeed(overspeed: OverspeedMemory) -> None:
-    """Initialise the memory: no posture is doubtful."""
+    """Initialise the memory: no posture or load is doubtful."""
     overspeed.doubted_until = -math.inf
     overspeed.locked_until = -math.inf
     overspeed.joint = -1
@@ -51,21 +56,23 @@ def locks_at_overspeed(
     """Return whether brakes are to be locked at time t [s].
 
     first: index of the first joint in v (n_v,) [m/s, rad/s] as estimated, and in the reference
-    (n_v,). doubted: encoders are, or rates of joints. Every lock is longer than the one before it.
+    (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is. Every lock is longer
+    than the one before it.
     """
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
     overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
     if t < overspeed.locked_until - SAME_TIME:
+        if doubted:
+            overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
         overspeed.joint = -1
         return True
     if t > overspeed.doubted_until + SAME_TIME:
-        overspeed.joint = -1
         overspeed.lock = 0.0
-        return False
     if overspeed.joint < 0:
         return False
-    overspeed.lock = min(max(_SHORTEST_LOCK, _LONGER * overspeed.lock), _LONGEST_LOCK)
+    shortest = _LONGER * _SHORTEST_LOCK if overspeed.thrown else _SHORTEST_LOCK
+    overspeed.lock = min(max(shortest, _LONGER * overspeed.lock), _LONGEST_LOCK)
     overspeed.locked_until = t + overspeed.lock
     overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
     return True
@@ -77,6 +84,7 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
     largest_excess = 0.0
     for j in range(overspeed.count):
         rate = v[first + j]
+        growth = abs(rate - overspeed.before[j])
         expected = rate + _TICKS_TO_ACT * (rate - overspeed.before[j])
         excess = max(abs(rate), abs(expected)) - overspeed.limit[j]
         overspeed.before[j] = rate
@@ -84,4 +92,5 @@ def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, referenc
         if is_unasked and excess > largest_excess:
             largest_excess = excess
             joint = j
+            overspeed.thrown = growth > overspeed.limit[j]
     return joint
