@@ -13,6 +13,10 @@ from uvms_ocp.estimation import (
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
+_SEEN = (
+    0.25  # share of the way of a change of rate, which an encoder that goes along has gone at least
+)
+_CLEAR_WAY = 40.0  # times the noise of an encoder from which on a way of one tick tells something
 
 
 def predict_joints(filter: FilterMemory) -> None:
@@ -81,6 +85,10 @@ def _clear(filter: FilterMemory, j: int, i: int, variance: float) -> None:
 def fuse_joints(filter: FilterMemory) -> None:
     """Use what is fresh, then clone what late channels see now."""
     update.space_clones(filter, _FIRST, filtering.N_CHANNELS, JOINT_SLOTS)
+    if _are_of_one_time(filter):
+        for j in range(filter.n_joints):
+            if _is_thrown(filter, j):
+                _expect_thrown(filter, j)
     for c in range(_FIRST, filtering.N_CHANNELS):
         if filter.fresh[c] != 0.0:
             _ingest(filter, c)
@@ -89,6 +97,41 @@ def fuse_joints(filter: FilterMemory) -> None:
             update.free_expired(filter, c, filter.joint_owner, filter.joint_taken, JOINT_SLOTS)
             if update.is_due(filter, c):
                 _clone(filter, c)
+
+
+def _are_of_one_time(filter: FilterMemory) -> bool:
+    """Return whether fresh positions and rates tell of now, both."""
+    rates = _FIRST + 1
+    return (
+        filter.fresh[_FIRST] != 0.0
+        and filter.fresh[rates] != 0.0
+        and filter.lag[_FIRST] <= 0.0
+        and filter.lag[rates] <= 0.0
+        and abs(filter.stamp[_FIRST] - filter.stamp[rates]) <= filtering.EARLY
+        and update.is_of_now(filter, _FIRST)
+        and filter.now - filter.stamp[_FIRST] <= 0.5 * filter.dt
+    )
+
+
+def _is_thrown(filter: FilterMemory, j: int) -> bool:
+    """Return whether position and rate of a joint surprise alike: the position has gone at least a
+    quarter of the way of what the rate has changed by, and not much more than all.
+    """
+    rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
+    way = rate_off * max(filter.dt, filter.period[_FIRST])
+    off = filter.joint_value[0][j] - filter.joint_x[j][0]
+    is_clear = abs(way) > _CLEAR_WAY * filter.sigma[_FIRST]
+    variance = filter.joint_P[j][1][1] + filter.sigma[_FIRST + 1] * filter.sigma[_FIRST + 1]
+    surprises = rate_off * rate_off > filter.gate[_FIRST + 1] * variance
+    return is_clear and surprises and _SEEN <= off / way <= 1.0 + _SEEN
+
+
+def _expect_thrown(filter: FilterMemory, j: int) -> None:
+    """Position and rate may be as far off as their readings tell, by one and the same throw."""
+    off = filter.joint_value[0][j] - filter.joint_x[j][0]
+    rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
+    filter.joint_P[j][0][0] += off * off
+    filter.joint_P[j][1][1] += rate_off * rate_off
 
 
 def _ingest(filter: FilterMemory, c: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -66,3 +67,55 @@ def test_encoders_that_come_back_are_used_at_once_by_an_estimate_that_rates_carr
     run = HealthRun(robot, duration=END, dt=0.02, spoil=spoil, specs=specs)
     assert largest_joint_error(run, robot) < 0.05
     assert run.last_bad("joint_positions") < ONSET + 2.0 + 1.2
+
+
+def _thrown(by: float, dt: float) -> Callable[[float], np.ndarray]:
+    """The velocity of a robot whose second joint comes to a rate [rad/s] within one tick [s]."""
+
+    def motion(t: float) -> np.ndarray:
+        v = np.zeros(6 + 4)
+        v[7] = by * min(max((t - ONSET) / dt, 0.0), 1.0)
+        return v
+
+    return motion
+
+
+@pytest.mark.parametrize("by", [-1.5, 2.0])
+def test_a_joint_that_is_thrown_is_seen_by_encoder_and_rate_alike(by: float, robot: Robot) -> None:
+    """Each was refused as more than can be, and the arm fell at 31 times its limit, unseen."""
+    dt = 0.05
+    run = HealthRun(
+        robot,
+        duration=ONSET + 0.3,
+        dt=dt,
+        motion=_thrown(by, dt),
+        requested=lambda t: np.zeros(robot.n_v),
+        specs=SensorSpecs(joint_velocities=RATES[0]),
+    )
+    after = run.t > ONSET + 2.5 * dt
+    assert (run.of("joint_velocities") == Trust.GOOD).all()
+    assert (run.of("joint_positions") == Trust.GOOD).all()
+    assert np.abs(run.v_estimated[after, 7] - by).max() < 0.2 * abs(by)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.05])
+def test_a_rate_that_no_encoder_shows_is_refused(dt: float, robot: Robot) -> None:
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = readings.joint_velocities
+        if reading is None or reading.t < ONSET:
+            return readings
+        value = np.array(reading.value)
+        value[1] += 2.0
+        return replace(readings, joint_velocities=Reading(value=value, t=reading.t))
+
+    still = np.zeros(robot.n_v)
+    run = HealthRun(
+        robot,
+        duration=ONSET + 0.3,
+        dt=dt,
+        spoil=spoil,
+        motion=lambda t: still,
+        specs=SensorSpecs(joint_velocities=RATES[0]),
+    )
+    assert run.first_bad("joint_velocities", ONSET) <= dt
+    assert np.abs(run.v_estimated[:, 7]).max() < 0.2

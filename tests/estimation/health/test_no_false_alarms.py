@@ -101,12 +101,14 @@ def test_case1_with_noise_in_gusts_raises_no_alarm() -> None:
     assert not record["health"].any()
 
 
-def _repeats(sigma: float, readings: Iterable[np.ndarray]) -> list[bool]:
-    """Which readings (3,) make a sensor with noise sigma count as frozen."""
+def _repeats(sigma: float, readings: Iterable[np.ndarray], alike: bool = True) -> list[bool]:
+    """Which readings (3,) make a sensor with noise sigma count as frozen; alike: its components have
+    one resolution.
+    """
     memory = structure_of(RepetitionMemory, n_width=4)()
     why = structure_of(Complaint)()
     (look,) = bind_kernels((repeated,), (type(memory), type(why)))
-    init_repetitions(memory, sigma, size=3, each=True)
+    init_repetitions(memory, sigma, size=3, each=True, alike=alike)
     return [bool(look(memory, (ctypes.c_double * 3)(*reading), why)) for reading in readings]
 
 
@@ -126,6 +128,29 @@ def test_a_fine_sensor_that_repeats_a_component_counts_as_frozen() -> None:
     values = 0.01 * np.random.default_rng(3).standard_normal((100, 3))
     values[50:, 1] = values[50, 1]
     assert np.flatnonzero(_repeats(0.01, values))[0] in range(53, 56)
+
+
+@pytest.mark.parametrize("coarse", [0, 1, 2])
+@pytest.mark.parametrize("quantum", [1.0, 2.5, 20.0])
+def test_a_coarse_component_beside_fine_ones_does_not_count_as_frozen(
+    coarse: int, quantum: float
+) -> None:
+    """Fixes with z in steps of 5 cm beside fine x and y were lost for 58 of 60 s in a hover."""
+    sigma = 0.02
+    values = sigma * np.random.default_rng(3).standard_normal((4000, 3))
+    step = quantum * sigma
+    values[:, coarse] = step * np.round(values[:, coarse] / step)
+    assert not any(_repeats(sigma, values, alike=False))
+    frozen = values.copy()
+    fine = (coarse + 1) % 3
+    frozen[50:, fine] = frozen[50, fine]
+    assert np.flatnonzero(_repeats(sigma, frozen, alike=False))[0] in range(53, 56)
+
+
+def test_of_alike_components_one_that_never_changed_counts_as_frozen() -> None:
+    values = 0.01 * np.random.default_rng(3).standard_normal((100, 3))
+    values[:, 1] = 0.3
+    assert np.flatnonzero(_repeats(0.01, values))[0] < 6
 
 
 def test_sensors_without_noise_do_not_count_as_frozen() -> None:

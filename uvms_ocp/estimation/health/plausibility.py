@@ -281,12 +281,13 @@ def _largest(gate: PlausibilityGate, value: Vector, estimated: Vector) -> float:
 
 # Whether a sensor repeats itself although it has noise: it is frozen.
 #
-# A sensor repeats a value by chance where its resolution is no finer than its noise. All its
-# changes are multiples of its resolution, whose upper bound is their greatest common measure; so
+# A sensor repeats a value by chance where its resolution is no finer than its noise. All changes of a
+# component are multiples of its resolution, whose upper bound is their greatest common measure; so
 # the chance p of one repetition is at most that of noise staying within it, and n repetitions speak
-# against the sensor where p^n is below a chance that one does not expect to meet. A sensor at rest
-# whose resolution is much coarser than its noise has p near 1 and never alarms; nor does one
-# without noise.
+# against the sensor where p^n is below a chance that one does not expect to meet. Components of a
+# position come from instruments of their own, such as a depth beside fixes in the plane, so each has
+# its own p; of other sensors one that has never changed has that of the others. One at rest whose
+# resolution is much coarser than its noise has p near 1 and never alarms; nor does one without noise.
 
 
 class RepetitionMemory(Layout):
@@ -296,14 +297,16 @@ class RepetitionMemory(Layout):
     """[unit of the channel] that it has at least."""
     each: bool
     """Judge every component by itself, not all together alone."""
+    alike: bool
+    """All components have one resolution."""
     chance: float
     """Logarithm of that which repetitions have without a fault."""
     size: int
     """Components."""
     started: bool
-    finest: float
-    """[unit of the channel] greatest common measure of all changes so far; no finer than `_FINE` of
-    the noise.
+    finest: Annotated[Vector, Sized("n_width")]
+    """(n_width,) [unit of the channel] greatest common measure of all changes of each so far; no
+    finer than `_FINE` of the noise.
     """
     last: Annotated[Vector, Sized("n_width")]
     """(n_width,) [unit of the channel] the newest value, `size` numbers."""
@@ -311,13 +314,16 @@ class RepetitionMemory(Layout):
     """(n_width,) repetitions of each."""
 
 
-def init_repetitions(memory: RepetitionMemory, sigma: float, *, size: int, each: bool) -> None:
+def init_repetitions(
+    memory: RepetitionMemory, sigma: float, *, size: int, each: bool, alike: bool = True
+) -> None:
     """Prepare a `RepetitionMemory`: noise sigma [unit of the channel] of size components."""
     memory.noise = _SHARE * sigma
     memory.each = each
+    memory.alike = alike
     memory.chance = math.log(CHANCE)
     memory.size = size
-    memory.finest = math.inf
+    memory.finest[:size] = [math.inf] * size
 
 
 def repeated(repetition: RepetitionMemory, value: Vector, why: Complaint) -> bool:
@@ -328,7 +334,6 @@ def repeated(repetition: RepetitionMemory, value: Vector, why: Complaint) -> boo
         return False
     fresh = not repetition.started
     same = False
-    refine = repetition.finest > _ENOUGH * repetition.noise
     for i in range(repetition.size):
         if fresh:
             repetition.runs[i] = 0
@@ -337,43 +342,68 @@ def repeated(repetition: RepetitionMemory, value: Vector, why: Complaint) -> boo
             same = True
         else:
             repetition.runs[i] = 0
-            if refine:
-                repetition.finest = _common(
-                    repetition.finest, abs(value[i] - repetition.last[i]), _FINE * repetition.noise
-                )
+            if repetition.finest[i] > _ENOUGH * repetition.noise:
+                change = abs(value[i] - repetition.last[i])
+                least = _FINE * repetition.noise
+                repetition.finest[i] = _common(repetition.finest[i], change, least)
         repetition.last[i] = value[i]
     repetition.started = True
     return same and _too_often(repetition, why)
 
 
 def _too_often(repetition: RepetitionMemory, why: Complaint) -> bool:
-    worst = 0
-    longest_run = repetition.runs[0]
     together = repetition.runs[0]
     for i in range(1, repetition.size):
-        if repetition.runs[i] > longest_run:
-            worst = i
-            longest_run = repetition.runs[i]
         together = min(together, repetition.runs[i])
-    if longest_run < _LEAST or not _unlikely(repetition, longest_run, together):
-        return False
-    return set_complaint(
-        why,
-        Reason.REPEATED,
-        longest_run + 1,
-        0 if together >= _LEAST or repetition.size == 1 else worst + 1,
-    )
+    stand_still = together >= _LEAST and _are_unlikely(repetition, together)
+    least_likely = _least_likely(repetition) if repetition.each else -1
+    if stand_still or (least_likely >= 0 and (together >= _LEAST or repetition.size == 1)):
+        return set_complaint(why, Reason.REPEATED, _longest_run(repetition) + 1, 0)
+    if least_likely >= 0:
+        run = repetition.runs[least_likely]
+        return set_complaint(why, Reason.REPEATED, run + 1, least_likely + 1)
+    return False
 
 
-def _unlikely(repetition: RepetitionMemory, longest_run: int, together: int) -> bool:
-    if math.isfinite(repetition.finest):
-        p = math.erf(repetition.finest / (2.0 * repetition.noise))
-    else:
-        p = 1.0
-    log_probability = math.log(max(p, _NEVER))
-    if together >= _LEAST and together * repetition.size * log_probability < repetition.chance:
-        return True
-    return repetition.each and longest_run * log_probability < repetition.chance
+def _are_unlikely(repetition: RepetitionMemory, together: int) -> bool:
+    """Return whether so many repetitions of all components together cannot be by chance."""
+    log_probability = 0.0
+    for i in range(repetition.size):
+        log_probability += together * _log_probability(repetition, i)
+    return log_probability < repetition.chance
+
+
+def _least_likely(repetition: RepetitionMemory) -> int:
+    """Return the component whose repetitions are the least likely; -1 where all may be by
+    chance.
+    """
+    component = -1
+    least = repetition.chance
+    for i in range(repetition.size):
+        log_probability = repetition.runs[i] * _log_probability(repetition, i)
+        if repetition.runs[i] >= _LEAST and log_probability < least:
+            least = log_probability
+            component = i
+    return component
+
+
+def _longest_run(repetition: RepetitionMemory) -> int:
+    longest = 0
+    for i in range(repetition.size):
+        longest = max(longest, repetition.runs[i])
+    return longest
+
+
+def _log_probability(repetition: RepetitionMemory, i: int) -> float:
+    """Return the logarithm of the chance of one repetition of a component."""
+    finest = repetition.finest[i]
+    if repetition.alike and not math.isfinite(finest):
+        for k in range(repetition.size):
+            finest = min(finest, repetition.finest[k])
+    if not math.isfinite(finest):
+        return 0.0
+    p = math.erf(finest / (2.0 * repetition.noise))
+    return math.log(max(p, _NEVER))
 
 
 def _common(measure: float, step: float, tolerance: float) -> float:
