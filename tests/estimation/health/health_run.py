@@ -13,7 +13,7 @@ import pinocchio as pin
 from uvms_ocp.estimation.estimator import Estimator
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.robot.robot import Robot
-from uvms_ocp.robot.signals import Command, Readings, SensorSpecs, State, Trust
+from uvms_ocp.robot.signals import Command, Reading, Readings, SensorSpecs, State, Trust
 from uvms_ocp.sim.seafloor import FlatSeafloor, Seafloor
 from uvms_ocp.sim.sensors import SensorSuite
 
@@ -104,5 +104,29 @@ def between(name: str, defect: str, start: float, end: float) -> Spoil:
         if not start <= t < end or getattr(readings, name) is None:
             return readings
         return corruptors.with_defect(readings, name, corrupt, t)
+
+    return spoil
+
+
+def drifting(channel: str, rate: np.ndarray | float, onset: float) -> Spoil:
+    """A channel is off by what grows with a rate [unit of the channel per s] from the onset [s]
+    on.
+    """
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = getattr(readings, channel)
+        if reading is None or reading.t < onset:
+            return readings
+        off = np.asarray(rate) * (reading.t - onset)
+        if channel == "attitude":
+            turn = pin.Quaternion(pin.exp3(off))
+            value = (pin.Quaternion(reading.value) * turn).coeffs()
+        else:
+            value = reading.value + off
+        if np.ndim(value) == 0:
+            value = float(value)
+        fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
+        fields[channel] = Reading(value=value, t=reading.t)
+        return Readings(**fields)
 
     return spoil

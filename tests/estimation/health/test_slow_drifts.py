@@ -8,9 +8,8 @@ from collections import deque
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from health_run import HealthRun
+from health_run import HealthRun, drifting
 
 from uvms_ocp.robot.loading import load_robot
 from uvms_ocp.robot.robot import Robot
@@ -19,26 +18,6 @@ from uvms_ocp.robot.signals import Reading, Readings, SensorSpec, SensorSpecs, T
 # [s]
 ONSET = 3.0
 END = 28.0
-
-
-def drifting(channel: str, rate: np.ndarray | float):
-    def spoil(readings: Readings, t: float) -> Readings:
-        reading = getattr(readings, channel)
-        if reading is None or reading.t < ONSET:
-            return readings
-        off = np.asarray(rate) * (reading.t - ONSET)
-        if channel == "attitude":
-            turn = pin.Quaternion(pin.exp3(off))
-            value = (pin.Quaternion(reading.value) * turn).coeffs()
-        else:
-            value = reading.value + off
-        if np.ndim(value) == 0:
-            value = float(value)
-        fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
-        fields[channel] = Reading(value=value, t=reading.t)
-        return Readings(**fields)
-
-    return spoil
 
 
 @pytest.fixture(scope="module", name="robot")
@@ -64,7 +43,7 @@ def test_a_slow_drift_is_found(
     run = HealthRun(
         robot,
         duration=END,
-        spoil=drifting(channel, np.asarray(rate)),
+        spoil=drifting(channel, np.asarray(rate), ONSET),
         motion=lambda t: still,
         dt=0.02,
     )
@@ -89,7 +68,7 @@ def test_an_encoder_is_checked_by_the_rate_of_its_joint(
     run = HealthRun(
         robot,
         duration=24.0,
-        spoil=drifting(channel, rate * (np.arange(robot.n_joints) == 2)),
+        spoil=drifting(channel, rate * (np.arange(robot.n_joints) == 2), ONSET),
         motion=None if sways else lambda t: still,
         dt=0.02,
         specs=specs,
@@ -151,7 +130,7 @@ def test_fixes_carry_the_height_while_depths_drift(robot: Robot) -> None:
     """
     still = np.zeros(robot.n_v)
     run = HealthRun(
-        robot, duration=END, spoil=drifting("depth", 0.03), motion=lambda t: still, dt=0.02
+        robot, duration=END, spoil=drifting("depth", 0.03, ONSET), motion=lambda t: still, dt=0.02
     )
     assert np.abs(run.q_estimated[:, 2] - run.q[:, 2]).max() < 0.15
     assert np.abs(run.v_estimated[run.t > 1.0, :3]).max() < 0.1

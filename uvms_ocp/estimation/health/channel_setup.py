@@ -69,6 +69,8 @@ def health_memory(
     memory.order[: len(specs)] = [int(NUMBER[name]) for name in specs]
     memory.clean = tuning.clean
     memory.clock = tuning.clock
+    memory.culprit = -1
+    memory.blamed_at = -math.inf
     memory.late = tuning.late
     memory.history.length = max((spec.delay for spec in specs.values()), default=0.0) + TOO_LATE
     memory.history.spacing = memory.history.length / (N_ESTIMATES - 2)
@@ -143,7 +145,11 @@ def _set_channel(channel: ChannelMemory, robot: Robot, name: str, spec: SensorSp
     channel.rival, channel.other_rival = _two(_RIVALS.get(name, ()))
     plain = not name.startswith("joint") or _is_plain(robot)
     plausibility.init_repetitions(
-        channel.repeats, spec.sigma, size=channel.size, each=plain and name not in _WHOLE
+        channel.repeats,
+        spec.sigma,
+        size=channel.size,
+        each=plain and name not in _WHOLE,
+        alike=name != "position",
     )
 
 

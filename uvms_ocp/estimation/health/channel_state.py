@@ -12,7 +12,7 @@ import math
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
-from uvms_ocp.estimation.filter_memory import N_CHANNELS
+from uvms_ocp.estimation.filter_memory import N_CHANNELS, ChannelIndex
 from uvms_ocp.estimation.health import plausibility, redundancy
 from uvms_ocp.estimation.health.floor import FloorMemory
 from uvms_ocp.estimation.health.tuning import (
@@ -31,6 +31,8 @@ speed.
 LEAST_TO_SUSPECT = 0.05
 """[s] of silence of a quick sensor: as long as joints are fed back without encoders."""
 _LEAST_TO_LOSE = 0.25  # [s] of silence of a quick sensor
+_BLAMED_FOR = 3.0  # [s] for which what was found to be wrong by height explains what others say
+_AGREES = 0.3  # share of what is allowed by which fixes and depths agree
 _PERIODS_TO_SUSPECT = 2.5  # of silence: 0.5 s of a 5 Hz DVL, before a watchdog of 0.6 s holds
 _PERIODS_TO_LOSE = 8.0  # of silence, or of nothing but refused readings
 
@@ -187,6 +189,11 @@ class HealthMemory(Layout):
     velocity: redundancy.VelocityAgainstPosition
     rate: redundancy.RateAgainstAttitude
     depth: redundancy.DepthAgainstPosition
+    heights: redundancy.HeightPairs
+    culprit: int
+    """`ChannelIndex` of the one that height is wrong by, -1 for none."""
+    blamed_at: float
+    """[s] when it was found last."""
     encoder: redundancy.RateAgainstEncoder
 
 
@@ -267,12 +274,11 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
     quiet = health.t - channel.used_at
     period = max(channel.period, health.dt)
     trust = _by_silence(channel, quiet, period)
-    if (
-        channel.gated
-        and channel.refused_at >= health.t - _LEAST_TO_LOSE - period
-        and (_is_suspect(health, channel.rival) or _is_suspect(health, channel.other_rival))
-    ):
-        trust = min(trust, int(Trust.SUSPECT))
+    if channel.gated and channel.refused_at >= health.t - _LEAST_TO_LOSE - period:
+        if is_vouched_for(health, channel.number):
+            trust = int(Trust.GOOD)
+        elif _is_suspect(health, channel.rival) or _is_suspect(health, channel.other_rival):
+            trust = min(trust, int(Trust.SUSPECT))
     if trust != Trust.GOOD:
         _be_silent(channel, quiet, health.t, trust != channel.trust)
     elif health.t - channel.bad_at <= health.clean:
@@ -284,6 +290,34 @@ def update_trust(health: HealthMemory, channel: ChannelMemory) -> bool:
         channel.shift = 0.0
     channel.trust = trust
     return channel.changed
+
+
+def culprit_of_height(health: HealthMemory) -> int:
+    """Return the `ChannelIndex` of the channel that height is, or was not long ago, wrong by; -1 for
+    none.
+    """
+    if health.t - health.blamed_at <= _BLAMED_FOR:
+        return health.culprit
+    return -1
+
+
+def is_vouched_for(health: HealthMemory, number: int) -> bool:
+    """Return whether others tell that it is not this channel which is wrong where it does not agree
+    with the estimate.
+
+    Of what tells of the height another one is to blame; or a depth agrees with fixes, and it is
+    neither.
+    """
+    is_of_height = (
+        number == ChannelIndex.POSITION
+        or number == ChannelIndex.DEPTH
+        or number == ChannelIndex.LINEAR_VELOCITY
+        or number == ChannelIndex.ALTIMETER_RANGE
+    )
+    culprit = culprit_of_height(health)
+    if is_of_height and culprit >= 0:
+        return number != culprit
+    return number == ChannelIndex.DEPTH and 0.0 <= health.heights.fixes_and_depths < _AGREES
 
 
 def _mark_used(channel: ChannelMemory, t: float) -> None:

@@ -5,6 +5,7 @@ encoders, and depths.
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
@@ -32,6 +33,10 @@ _BLIND = 1.2  # [s] without a velocity, in which a vehicle may have gone anywher
 # [s], [rad/s]
 _TURN_SPAN = 1.0
 _TURN = 0.03
+# shares of what is allowed, which is eight standard deviations of noise
+_DOUBTFUL = 0.4
+_CLEAR = 2.0
+_CLEAR_BY = 0.2
 # fixes, fixes, [m]
 _FIRST = 10
 _LAST = 5
@@ -40,6 +45,7 @@ _DEPTH = 0.05
 _ENCODER_SPAN = 10.0
 _SLOW_JOINT = 0.001
 _RATE_DELAY = 0.05
+_SEEN = 0.25  # of the way of a change of rate, which an encoder that goes along has gone at least
 _RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
 
 
@@ -211,6 +217,8 @@ class DepthAgainstPosition(Layout):
     """[m] the sum of the first differences."""
     last: Annotated[Vector, Sized(_LAST)]
     """(5,) [m] of the newest ones, in a ring."""
+    ratio: float
+    """Change of the difference, as a share of what is allowed; -1 where it is not known."""
 
 
 class RateAgainstEncoder(Layout):
@@ -224,6 +232,16 @@ class RateAgainstEncoder(Layout):
     """[rad/s or m/s] of a drift."""
     noise: float
     """[rad or m] of a difference of two positions."""
+    awaited: bool
+    """The rates of the newest position have not come yet."""
+    position_t: float
+    """[s] of the newest position."""
+    position_before_t: float
+    """[s] of the one before it."""
+    position: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] the newest one."""
+    position_before: Annotated[Vector, Sized("n_joints")]
+    """(n_joints,) [rad or m] the one before it."""
     t: float
     """[s] of the last rates."""
     rate: Annotated[Vector, Sized("n_joints")]
@@ -282,7 +300,9 @@ def init_comparisons(
     )
     encoder.tolerance = _SLOW_JOINT + bias["joint_velocities"]
     encoder.noise = _SIGMAS * math.sqrt(2.0) * noise["joint_positions"]
+    depth.ratio = -1.0
     velocity.t = rate.t = depth.t = encoder.t = encoder.newer_t = -math.inf
+    encoder.position_t = encoder.position_before_t = -math.inf
     rate.turn[3] = 1.0
 
 
@@ -344,28 +364,47 @@ def _append_offset(window: DriftWindow, offset: Vector, t: float, is_comparable:
 def drift_rate(window: DriftWindow, first: int) -> float:
     """Rate [m/s] at which the two places of a window drift apart along axes `first` to 2; 0 where
     they agree, or too little is known.
+    """
+    if drift_ratio(window, first, window.least) > 1.0:
+        return _change(window, first) / _time_of_change(window)
+    return 0.0
 
-    Thirds of the span are compared by their medians, which fixes that are far off now and then do
-    not move.
+
+def drift_ratio(window: DriftWindow, first: int, least: float) -> float:
+    """Return by how much the two places of a window drift apart along axes `first` to 2, as a share
+    of what is allowed; -1 where less is known than of a span of least [s].
     """
     samples = window.samples
     n = samples.count // 3
-    if n == 0 or span_of(samples) < window.least:
-        return 0.0
-    time = mean_time(samples, samples.count - n, n) - mean_time(samples, 0, n)
+    if n == 0 or span_of(samples) < least:
+        return -1.0
+    way = samples.value[ring_slot(samples, samples.count - 1)][3] - samples.value[samples.first][3]
+    allowed = (
+        window.tolerance * _time_of_change(window)
+        + window.share * way
+        + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * window.noise
+    )
+    return _change(window, first) / allowed
+
+
+def _change(window: DriftWindow, first: int) -> float:
+    """[m] along axes `first` to 2 from the first third of the span to the last one, by their medians,
+    which fixes that are far off now and then do not move.
+    """
+    samples = window.samples
+    n = samples.count // 3
     squared = 0.0
     for i in range(first, 3):
         change = median_of(samples, i, samples.count - n, n) - median_of(samples, i, 0, n)
         squared += change * change
-    way = samples.value[ring_slot(samples, samples.count - 1)][3] - samples.value[samples.first][3]
-    allowed = (
-        window.tolerance * time
-        + window.share * way
-        + _SIGMAS * _MEDIAN * math.sqrt(2.0 / n) * window.noise
-    )
-    if squared > allowed * allowed:
-        return math.sqrt(squared) / time
-    return 0.0
+    return math.sqrt(squared)
+
+
+def _time_of_change(window: DriftWindow) -> float:
+    """[s] from the first third of the span to the last one."""
+    samples = window.samples
+    n = samples.count // 3
+    return mean_time(samples, samples.count - n, n) - mean_time(samples, 0, n)
 
 
 def _way_at(comparison: VelocityAgainstPosition, i: int, t: float) -> float:
@@ -458,6 +497,7 @@ def depth_difference(comparison: DepthAgainstPosition, z: float, climb: float, t
     """Return by how much [m] the two differ, by the z [m] of a fix at time t [s] and the climb
     [m/s]; 0 where they agree.
     """
+    comparison.ratio = -1.0
     if not abs(t - comparison.t) <= _GAP:
         return 0.0
     difference = z - comparison.depth - (t - comparison.t) * climb
@@ -471,9 +511,67 @@ def depth_difference(comparison: DepthAgainstPosition, z: float, climb: float, t
     for i in range(1, _LAST + 1):
         total += comparison.last[(comparison.count + i) % _LAST]
     by = abs(total / _LAST - comparison.first / _FIRST)
-    if comparison.count >= _FIRST + _LAST and by > comparison.tolerance:
+    if comparison.count >= _FIRST + _LAST:
+        comparison.ratio = by / comparison.tolerance
+    if comparison.ratio > 1.0:
         return by
     return 0.0
+
+
+# Three channels tell the height: which of them is wrong, by all three pairs at once.
+
+
+class HeightPairs(Layout):
+    """Drifts of the three pairs of channels that tell of the height, as shares of what is allowed;
+    -1 where too little is known.
+    """
+
+    fixes_and_velocity: float
+    depths_and_velocity: float
+    fixes_and_depths: float
+
+
+class Culprit(IntEnum):
+    """Channel that explains what the pairs disagree by."""
+
+    UNKNOWN = 0
+    FIXES = 1
+    DEPTHS = 2
+    VELOCITY = 3
+
+
+def compare_heights(
+    pairs: HeightPairs, velocity: VelocityAgainstPosition, depth: DepthAgainstPosition
+) -> None:
+    """Update all three pairs."""
+    pairs.fixes_and_velocity = max(
+        drift_ratio(velocity.quick, 2, _DRIFT_SPAN), drift_ratio(velocity.slow, 2, _DRIFT_SPAN)
+    )
+    pairs.depths_and_velocity = drift_ratio(velocity.depth, 2, _DRIFT_SPAN)
+    pairs.fixes_and_depths = depth.ratio
+
+
+def culprit_of(pairs: HeightPairs) -> int:
+    """Return the `Culprit`: the one channel without which hardly anything is left to explain, where
+    without either other one much is.
+
+    A pair that disagrees blames one of two; the pair of the other two tells whether it was this
+    one.
+    """
+    without_fixes = pairs.depths_and_velocity
+    without_depths = pairs.fixes_and_velocity
+    without_velocity = pairs.fixes_and_depths
+    least = min(without_fixes, min(without_depths, without_velocity))
+    if least < 0.0 or max(without_fixes, max(without_depths, without_velocity)) < _DOUBTFUL:
+        return Culprit.UNKNOWN
+    needed = _CLEAR * least + _CLEAR_BY
+    if min(without_depths, without_velocity) >= needed:
+        return Culprit.FIXES
+    if min(without_fixes, without_velocity) >= needed:
+        return Culprit.DEPTHS
+    if min(without_fixes, without_depths) >= needed:
+        return Culprit.VELOCITY
+    return Culprit.UNKNOWN
 
 
 def update_joint_rates(comparison: RateAgainstEncoder, rates: Vector, t: float) -> None:
@@ -490,11 +588,41 @@ def update_joint_rates(comparison: RateAgainstEncoder, rates: Vector, t: float) 
     comparison.t = t
 
 
-def is_adrift(comparison: RateAgainstEncoder, value: Vector, t: float) -> bool:
-    """Return whether the encoder of a joint, `worst`, drifts from its rate, by values (n_joints,)
-    [rad or m] at time t [s].
+def update_encoders(comparison: RateAgainstEncoder, value: Vector, t: float) -> None:
+    """Take in the positions (n_joints,) [rad or m] of the joints at time t [s]."""
+    comparison.position_before_t = comparison.position_t
+    comparison.position_t = t
+    for i in range(comparison.n):
+        comparison.position_before[i] = comparison.position[i]
+        comparison.position[i] = value[i]
+    comparison.awaited = True
+
+
+def is_seen_by_encoder(comparison: RateAgainstEncoder, i: int, rate: float, t: float) -> bool:
+    """Return whether the encoder of joint i has gone along with a rate [rad/s or m/s] at time t [s]
+    that is another one than at the last reading.
+
+    What changes evenly has gone half of the way that the change makes at its end, and what stops at
+    once less; an encoder whose rate alone is wrong has gone none of it.
     """
-    if not abs(t - comparison.t) <= _BLIND:
+    span = comparison.position_t - comparison.position_before_t
+    change = rate - comparison.rate[i]
+    is_of_now = abs(comparison.position_t - t) <= 0.5 * span
+    if not (is_of_now and span <= _GAP and comparison.noise < _SEEN * abs(change) * span):
+        return False
+    gone = (comparison.position[i] - comparison.position_before[i]) / span - comparison.rate[i]
+    return _SEEN <= gone / change <= 1.0 + _SEEN
+
+
+def is_adrift(comparison: RateAgainstEncoder) -> bool:
+    """Return whether the encoder of a joint, `worst`, drifts from its rate, by its newest position,
+    once rates of the same time are known.
+    """
+    t = comparison.position_t
+    if not comparison.awaited or t > comparison.t:
+        return False
+    comparison.awaited = False
+    if not comparison.t - t <= _BLIND:
         comparison.newer_t = -math.inf
         return False
     first = comparison.newer_t == -math.inf
@@ -506,7 +634,8 @@ def is_adrift(comparison: RateAgainstEncoder, value: Vector, t: float) -> bool:
     for i in range(comparison.n):
         mark = comparison.older[i]
         late = _RATE_DELAY * abs(comparison.rate[i])
-        offset = value[i] - comparison.way[i] - (t - comparison.t) * comparison.rate[i]
+        way = comparison.way[i] - (comparison.t - t) * comparison.rate[i]
+        offset = comparison.position[i] - way
         if due and not first:
             mark[:4] = comparison.newer[i][:4]
         if due:

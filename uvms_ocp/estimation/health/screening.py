@@ -17,7 +17,9 @@ from uvms_ocp.estimation.health.channel_state import (
     ChannelMemory,
     HealthMemory,
     ScreeningResult,
+    culprit_of_height,
     exclude,
+    is_vouched_for,
     suspect,
 )
 from uvms_ocp.estimation.health.tuning import Complaint, Reason, set_complaint
@@ -94,6 +96,10 @@ def _compare_with_estimate(
 ) -> None:
     if channel.number == ChannelIndex.ALTIMETER_RANGE:
         screening.used = _is_floor(health, channel, estimate, screening.why)
+        if screening.why.code != Reason.NONE and is_vouched_for(health, channel.number):
+            # It is the height that has jumped, not the floor.
+            screening.used = True
+            screening.why.code = Reason.NONE
     elif channel.gate.exists and not _agrees(health, channel, estimate, screening.why):
         screening.used = channel.agreed < _CONFIRMED
         if screening.used:
@@ -122,7 +128,7 @@ def _agrees(
     if carried and is_persistent(channel):
         growth -= 0.5 * gate.base
     allowed = gate.base + growth + moved
-    if not error <= allowed and not _goes_on(channel):
+    if not (error <= allowed or _goes_on(channel) or _are_seen(health, channel, estimate, allowed)):
         set_complaint(why, Reason.OFF, error, allowed)
         channel.off_in_a_row += 1
         return False
@@ -146,6 +152,27 @@ def _goes_on(channel: ChannelMemory) -> bool:
         and plausibility.distance(channel.gate, channel.value, channel.used_value)
         <= channel.gate.base
     )
+
+
+def _are_seen(
+    health: HealthMemory,
+    channel: ChannelMemory,
+    estimate: plausibility.PastEstimate,
+    allowed: float,
+) -> bool:
+    """Return whether rates of joints that are farther off the estimate than allowed [rad/s or m/s]
+    are those that the encoders show too: then it is the estimate that is off.
+    """
+    if channel.number != ChannelIndex.JOINT_VELOCITIES:
+        return False
+    seen = health.encoder.n > 0
+    for i in range(health.encoder.n):
+        rate = channel.value[i]
+        is_off = not abs(rate - estimate.v[channel.gate.start + i]) <= allowed
+        seen = seen and (
+            not is_off or redundancy.is_seen_by_encoder(health.encoder, i, rate, channel.stamp)
+        )
+    return seen
 
 
 def is_persistent(channel: ChannelMemory) -> bool:
@@ -226,9 +253,14 @@ def compare(
         _compare_attitude(health, channel, why)
     elif channel.number == ChannelIndex.JOINT_VELOCITIES:
         redundancy.update_joint_rates(health.encoder, channel.value, channel.stamp)
-    elif channel.number == ChannelIndex.JOINT_POSITIONS and redundancy.is_adrift(
-        health.encoder, channel.value, channel.stamp
-    ):
+        _compare_encoders(health, why)
+    elif channel.number == ChannelIndex.JOINT_POSITIONS:
+        redundancy.update_encoders(health.encoder, channel.value, channel.stamp)
+        _compare_encoders(health, why)
+
+
+def _compare_encoders(health: HealthMemory, why: Complaint) -> None:
+    if redundancy.is_adrift(health.encoder):
         set_complaint(why, Reason.ENCODER_DRIFT, health.encoder.worst, health.encoder.drift)
         _suspect_likelier(health, ChannelIndex.JOINT_POSITIONS, ChannelIndex.JOINT_VELOCITIES, -1)
 
@@ -261,60 +293,98 @@ def _compare_fix(
     slow = redundancy.drift_rate(health.velocity.slow, 0)
     plausibility.rotate(estimate.q, estimate.v, v_W)
     by = redundancy.depth_difference(health.depth, channel.value[2], v_W[2], channel.stamp)
+    _find_culprit(health)
+    culprit = culprit_of_height(health)
     if is_comparable and quick > 0.0:
         set_complaint(why, Reason.DRIFT, quick, 0.0)
-        # The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
-        # fixes jumped.
-        guilty = _is_guilty(health, channel)
-        velocity_is_guilty = _is_guilty(health, velocity)
-        if (
-            velocity.present
-            and (velocity_is_guilty or not guilty)
-            and exclude(velocity, why, health.t, health.clean)
-        ):
-            health.exposed = True
-        if guilty == velocity_is_guilty and slow > 0.0:
-            suspect(channel, why, health.t)
+        _blame_quick_drift(health, channel, velocity, why, slow)
     elif is_comparable and slow > 0.0:
-        # Nothing tells which of the two drifts, but for depths where it is along z.
         set_complaint(why, Reason.DRIFT, slow, 0.0)
-        if redundancy.drift_rate(health.velocity.slow, 2) > 0.0 and _agrees_with_velocity(
-            health, depth
-        ):
-            exclude(channel, why, health.t, health.clean)
-        else:
-            _suspect_likelier(health, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
+        _blame_slow_drift(health, channel, velocity, why)
     if by > 0.0:
         set_complaint(why, Reason.DEPTH, by, 0.0)
-        if (
-            not _agrees_with_velocity(health, depth)
-            and redundancy.drift_rate(health.velocity.slow, 2) == 0.0
-            and is_comparable
-        ):
+        if culprit == ChannelIndex.DEPTH:
             exclude(depth, why, health.t, health.clean)
+        elif culprit == ChannelIndex.POSITION:
+            exclude(channel, why, health.t, health.clean)
         else:
             _suspect_likelier(health, ChannelIndex.DEPTH, ChannelIndex.POSITION, -1)
 
 
+def _find_culprit(health: HealthMemory) -> None:
+    """Find which channel height is wrong by; what was found is remembered for a while."""
+    redundancy.compare_heights(health.heights, health.velocity, health.depth)
+    culprit = redundancy.culprit_of(health.heights)
+    if culprit == redundancy.Culprit.UNKNOWN:
+        return
+    health.blamed_at = health.t
+    if culprit == redundancy.Culprit.FIXES:
+        health.culprit = int(ChannelIndex.POSITION)
+    elif culprit == redundancy.Culprit.DEPTHS:
+        health.culprit = int(ChannelIndex.DEPTH)
+    else:
+        health.culprit = int(ChannelIndex.LINEAR_VELOCITY)
+
+
+def _blame_quick_drift(
+    health: HealthMemory,
+    position: ChannelMemory,
+    velocity: ChannelMemory,
+    why: Complaint,
+    slow: float,
+) -> None:
+    """Blame fixes or the DVL, which drift apart quickly; slow [m/s]: at which they do for longer.
+
+    The DVL is not used until it agrees again, as the filter cannot find out by itself; unless
+    fixes jumped, or depths tell that they drift.
+    """
+    if culprit_of_height(health) == ChannelIndex.POSITION:
+        exclude(position, why, health.t, health.clean)
+        return
+    guilty = _is_guilty(health, position)
+    velocity_is_guilty = _is_guilty(health, velocity)
+    if (
+        velocity.present
+        and (velocity_is_guilty or not guilty)
+        and exclude(velocity, why, health.t, health.clean)
+    ):
+        health.exposed = True
+    is_told = culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY
+    if guilty == velocity_is_guilty and slow > 0.0 and not is_told:
+        suspect(position, why, health.t)
+
+
+def _blame_slow_drift(
+    health: HealthMemory, position: ChannelMemory, velocity: ChannelMemory, why: Complaint
+) -> None:
+    """Blame fixes or the DVL, which drift apart slowly: nothing tells which of the two, but for
+    depths where it is along z too.
+    """
+    if culprit_of_height(health) == ChannelIndex.POSITION:
+        exclude(position, why, health.t, health.clean)
+    elif culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY:
+        if exclude(velocity, why, health.t, health.clean):
+            health.exposed = True
+    else:
+        _suspect_likelier(health, ChannelIndex.POSITION, ChannelIndex.LINEAR_VELOCITY, -1)
+
+
 def _compare_depth(health: HealthMemory, channel: ChannelMemory, why: Complaint) -> None:
-    """Stop using depths that drift from what the DVL tells, where fixes do not."""
+    """Blame depths, or the DVL, where what it tells and depths drift apart."""
     if redundancy.compare_place(health.velocity, channel.value, channel.stamp, 2):
         rate = redundancy.drift_rate(health.velocity.depth, 2)
     else:
         rate = 0.0
     if rate > 0.0:
         set_complaint(why, Reason.DEPTH_DRIFT, rate, 0.0)
-        if (
-            health.channels[ChannelIndex.POSITION].present
-            and redundancy.drift_rate(health.velocity.slow, 2) == 0.0
-        ):
+        if not health.channels[ChannelIndex.POSITION].present:
+            suspect(channel, why, health.t)
+        elif culprit_of_height(health) == ChannelIndex.LINEAR_VELOCITY:
+            suspect(health.channels[ChannelIndex.LINEAR_VELOCITY], why, health.t)
+        elif culprit_of_height(health) == ChannelIndex.DEPTH:
             exclude(channel, why, health.t, health.clean)
         else:
-            suspect(channel, why, health.t)
-
-
-def _agrees_with_velocity(health: HealthMemory, depth: ChannelMemory) -> bool:
-    return depth.present and redundancy.drift_rate(health.velocity.depth, 2) == 0.0
+            _suspect_likelier(health, ChannelIndex.DEPTH, ChannelIndex.LINEAR_VELOCITY, -1)
 
 
 def _suspect_likelier(health: HealthMemory, first: int, second: int, likely: int) -> None:
