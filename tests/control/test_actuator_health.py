@@ -307,6 +307,27 @@ FAILS = {  # share and constant [N] of a thruster that fails
 }
 
 
+@pytest.mark.parametrize("first", [-9.0, 0.0, 12.0])
+@pytest.mark.parametrize("kind", [FaultKind.DEAD, FaultKind.WEAK, FaultKind.REVERSED])
+def test_a_fault_from_before_the_window_is_no_thruster_that_sticks_at_what_it_was_asked(
+    kind: FaultKind, first: float
+) -> None:
+    """A dead thruster that was found after 12 s "gives 39 N whatever it is asked"."""
+    share, _ = FAILS[kind]
+    rng = np.random.default_rng(4)
+    n = 70
+    fit = structure_of(FaultFit, n_looks=n)()
+    fit.count = n
+    fit.bandwidth = 3.0
+    time = 0.1 * np.arange(n)
+    requested = first + 8.0 * np.sin(1.3 * time) + 5.0 * np.sin(3.1 * time)
+    along = (share - 1.0) * requested + 4.0 + 0.01 * rng.normal(size=n)
+    assign(fit, time=time, asked=requested, along=along)
+    classify_fault(fit)
+    assert fit.share == pytest.approx(share, abs=0.01)
+    assert fit.constant == 0.0
+
+
 @pytest.mark.parametrize("kind", FAILS)
 def test_share_constant_and_onset_are_those_that_the_residual_was_made_with(
     kind: FaultKind,

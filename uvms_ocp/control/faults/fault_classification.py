@@ -77,6 +77,7 @@ def classify_fault(fit: FaultFit) -> None:
     fit.dead = math.inf
     for k in range(max(fit.count - _AFTER, 1)):
         _try_onset(fit, k)
+    _try_before(fit)
     loss = fit.shares.best_slope
     follows = fit.stops.least > fit.shares.least and not 1.0 - _NOTHING < loss < 1.0 + _REVERSED
     stuck = fit.stops.least < _STUCK * fit.dead
@@ -104,6 +105,20 @@ def _try_onset(fit: FaultFit, k: int) -> None:
     fit.dead = min(fit.dead, _scatter(fit.stops.y, fit.count))
     _try_line(fit.shares, fit.count, fit.time[k])
     _try_line(fit.stops, fit.count, fit.time[k])
+
+
+def _try_before(fit: FaultFit) -> None:
+    """Explain the looks by a fault that began before the first of them: one that shows late.
+
+    Where it then sticks cannot be told from what else pushes all the time; taken for one that began
+    in the window, a dead thruster would stick at what it was asked at the first look.
+    """
+    for j in range(fit.count):
+        fit.shares.x[j] = -fit.asked[j]
+        fit.shares.y[j] = fit.along[j]
+        fit.stops.y[j] = fit.along[j] + fit.asked[j]
+    fit.dead = min(fit.dead, _scatter(fit.stops.y, fit.count))
+    _try_line(fit.shares, fit.count, fit.time[0])
 
 
 def _scatter(y: Vector, n: int) -> float:

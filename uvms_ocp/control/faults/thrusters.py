@@ -156,7 +156,7 @@ def _constant(thruster_faults: ThrusterFaultMemory, i: int) -> float:
     constant = thruster_faults.fault_fit.constant
     possible = _BEYOND * lower <= constant <= _BEYOND * upper
     clear = abs(constant) > max(
-        _STUCK_SIGMAS * thruster_faults.fault_fit.sigma, _STUCK_SHARE * upper
+        _STUCK_SIGMAS * thruster_faults.fault_fit.sigma, _STUCK_SHARE * max(upper, -lower)
     )
     if possible and clear:
         return min(max(constant, lower), upper)
