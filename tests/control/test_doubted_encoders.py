@@ -32,6 +32,7 @@ FAULTS = (
     "joint2_position:bias=-0.5",
     "joint3_position:bias=0.3",
     "joint2_position:drift=0.016",
+    "joint3_position:drift=-0.2",
     "joint2_position:stuck=0.3",
     "joint_positions:frozen",
     "joint_positions:spikes=0.05,0.5",
@@ -106,3 +107,25 @@ def test_brakes_lock_an_arm_that_falls_from_a_posture_that_nothing_else_tells(
     assert rates.max() <= 1.25
     home = record["q"][0, 7:]
     assert np.abs(record["q"][:, 7:] - home).max() <= 0.35
+
+
+@pytest.mark.slow
+@long_without_compiler
+@pytest.mark.parametrize(
+    ("name", "dt", "fault"),
+    [
+        (ROBOTS[0], 0.02, "joint3_position:drift=-0.2"),
+        (ROBOTS[1], 0.05, "joint2_position:drift=0.2"),
+        (ROBOTS[0], 0.05, "payload:mass=3,0.0005"),
+    ],
+)
+def test_brakes_lock_an_arm_that_falls_though_nothing_is_doubted(
+    name: str, dt: float, fault: str
+) -> None:
+    """An encoder that drifts without a sensor of its rate took its joint along to 4.7 and 5.7 times
+    the velocity limit, and a load that nobody knew of to 2.1 times.
+    """
+    scenario = hover(name, dt, fault, rates=None)
+    record = scenario.run()
+    rates = np.abs(record["v"][:, 6:]) / scenario.robot.limits.velocity[6:]
+    assert rates.max() <= 1.02

@@ -15,6 +15,7 @@ from uvms_ocp.control.force.overspeed import (
 
 DT = 0.02
 LIMIT = 0.8  # [rad/s]
+VEHICLE_LIMIT = 1.0  # [m/s]
 FIRST = 1  # joints come after one axis of the vehicle
 
 
@@ -22,6 +23,7 @@ def guard() -> OverspeedMemory:
     memory = structure_of(OverspeedMemory, n_joints=2)()
     memory.count = 2
     memory.limit[:] = [LIMIT, LIMIT]
+    memory.vehicle_limit[0] = VEHICLE_LIMIT
     start_overspeed(memory)
     return memory
 
@@ -35,8 +37,8 @@ def first_lock(
     for k in range(round(end / DT)):
         t = k * DT
         rate = acceleration * t
-        v = [9.0, 0.0, rate]
-        reference = [0.0, 0.0, asked * rate]
+        v = [9.0, 0.0, rate]  # a fast vehicle is no fast joint
+        reference = [9.0, 0.0, asked * rate]
         if locks_at_overspeed(memory, FIRST, v, reference, t <= doubted, t):
             return t, rate
     return end, 0.0
@@ -78,16 +80,23 @@ def test_a_joint_that_falls_again_is_locked_for_longer() -> None:
     assert locks == [0.5, 32.0, 64.0, 64.0]
 
 
+@pytest.mark.parametrize("cause", ["doubt", "vehicle"])
 @pytest.mark.parametrize("end", [0.2, 3.0, 20.0])
-def test_a_lock_holds_as_long_as_an_encoder_is_doubted(end: float) -> None:
-    """A lock of 4 s ended while an encoder drifted on, and the arm fell at 1.4 times its limit."""
+def test_a_lock_holds_as_long_as_an_encoder_is_doubted_or_a_vehicle_is_carried_off(
+    end: float, cause: str
+) -> None:
+    """A lock of 4 s ended while an encoder drifted on, and the arm fell at 1.4 times its limit; one
+    of half a second while a thruster that pushed the other way turned the vehicle, at 2.0 times.
+    """
     memory = guard()
     memory.before[:] = [LIMIT, 0.0]
     locked = list[float]()
     for k in range(round(30.0 / DT)):
         t = k * DT
         rate = 1.1 * LIMIT if k == 0 else 0.0
-        if locks_at_overspeed(memory, FIRST, [0.0, rate, 0.0], [0.0] * 3, t <= end, t):
+        doubted = cause == "doubt" and t <= end
+        speed = -0.7 if cause == "vehicle" and t <= end else 0.3
+        if locks_at_overspeed(memory, FIRST, [speed, rate, 0.0], [0.0] * 3, doubted, t):
             locked.append(t)
     assert max(locked) == pytest.approx(end + 0.5, abs=0.35)
 

@@ -3,7 +3,8 @@ whose weight is made up for in another posture than its own, or without its load
 fed back.
 
 An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is not
-asked whether one is; a lock lasts as long as one is.
+asked whether one is; a lock lasts as long as one is, or as the vehicle is carried off: it would throw
+the arm.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
+_CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
 _SHORTEST_LOCK = 0.5  # [s]
 _LONGEST_LOCK = 64.0  # [s]
@@ -29,6 +31,8 @@ class OverspeedMemory(Layout):
     """Joints."""
     limit: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] largest velocities."""
+    vehicle_limit: Annotated[Vector, Sized(6)]
+    """(6,) [m/s, rad/s] largest velocities of the vehicle."""
     before: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] velocities of the tick before."""
     doubted_until: float
@@ -56,14 +60,14 @@ def locks_at_overspeed(
     """Return whether brakes are to be locked at time t [s].
 
     first: index of the first joint in v (n_v,) [m/s, rad/s] as estimated, and in the reference
-    (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is. Every lock is longer
-    than the one before it.
+    (n_v,). doubted: encoders are, or rates of joints; it keeps locked what is, as does a vehicle that
+    is carried off. Every lock is longer than the one before it.
     """
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
     overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
     if t < overspeed.locked_until - SAME_TIME:
-        if doubted:
+        if doubted or _is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
         overspeed.joint = -1
         return True
@@ -76,6 +80,15 @@ def locks_at_overspeed(
     overspeed.locked_until = t + overspeed.lock
     overspeed.doubted_until = max(overspeed.doubted_until, overspeed.locked_until + _DOUBTFUL)
     return True
+
+
+def _is_carried_off(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> bool:
+    """Return whether the vehicle does by far not move as it is asked to."""
+    carried_off = False
+    for i in range(first):
+        off = abs(v[i] - reference[i])
+        carried_off = carried_off or off > _CARRIED_OFF * overspeed.vehicle_limit[i]
+    return carried_off
 
 
 def _fastest_unasked(overspeed: OverspeedMemory, first: int, v: Vector, reference: Vector) -> int:

@@ -410,6 +410,8 @@ class ForceTick:
         memory.overspeed.count = robot.n_joints
         joint_limits = robot.limits.velocity[robot.joint_v].tolist()
         memory.overspeed.limit[: robot.n_joints] = joint_limits
+        vehicle_limits = robot.limits.velocity[: robot.n_vehicle].tolist()
+        memory.overspeed.vehicle_limit[: robot.n_vehicle] = vehicle_limits
         if (
             laws.search is not None
             and laws.residual_filter is not None
