@@ -4,6 +4,7 @@ and no sound one is lost.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -79,15 +80,69 @@ def test_spikes_of_the_dvl_lose_neither_depth_nor_fixes(seed: int, robot: Robot)
         if is_new:
             spikes[velocity.t] = rng.choice([-0.5, 0.5]) if rng.random() < 0.3 else 0.0
         value = velocity.value + np.array([0.0, 0.0, spikes[velocity.t]])
-        fields = {name: getattr(readings, name) for name in Readings.__dataclass_fields__}
-        fields["linear_velocity"] = Reading(value=value, t=velocity.t)
-        return Readings(**fields)
+        return replace(readings, linear_velocity=Reading(value=value, t=velocity.t))
 
     still = np.zeros(robot.n_v)
     run = HealthRun(robot, duration=END, spoil=spoil, motion=lambda t: still, dt=STEP, seed=seed)
     assert run.first_bad("linear_velocity", ONSET) < 3.0
     for name in ("position", "depth", "altimeter_range"):
         assert not (run.of(name) == Trust.LOST).any()
+
+
+STEPS = (
+    ("linear_velocity", (0.3, 0.0, 0.0)),
+    ("linear_velocity", (0.0, 0.0, 0.15)),
+    ("position", (1.0, 0.0, 0.0)),
+    ("position", (0.0, 0.0, 0.4)),
+    ("depth", 0.3),
+    ("depth", 3.0),
+)
+
+
+@pytest.mark.parametrize("sways", [False, True])
+@pytest.mark.parametrize(("channel", "step"), STEPS)
+def test_what_was_wrong_for_five_seconds_is_trusted_again_and_so_is_all_else(
+    channel: str, step: tuple[float, ...] | float, sways: bool, robot: Robot
+) -> None:
+    """It was doubted for 20 s, and so was a DVL from 11 s after the end of a jump of fixes on."""
+    begin = 8.0
+    end = begin + 5.0
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        reading = getattr(readings, channel)
+        if reading is None or not begin <= reading.t < end:
+            return readings
+        value = reading.value + np.asarray(step)
+        spoilt = Reading(value=float(value) if np.ndim(value) == 0 else value, t=reading.t)
+        return replace(readings, **{channel: spoilt})
+
+    still = np.zeros(robot.n_v)
+    run = HealthRun(
+        robot, duration=34.0, spoil=spoil, motion=None if sways else lambda t: still, dt=STEP
+    )
+    assert run.first_bad(channel, begin) < 4.0
+    for name in ("position", "linear_velocity", "depth", "altimeter_range"):
+        assert run.last_bad(name) < end + 6.0
+
+
+@pytest.mark.parametrize(("bias", "end"), [(0.1, 10.0), (0.5, 8.0), (2.0, 7.0)])
+def test_a_fault_of_the_gyro_that_is_over_blames_nobody_later(
+    bias: float, end: float, robot: Robot
+) -> None:
+    """Attitudes, compared over 20 s, were suspect from 10 s after the end of the fault on, for 8 to
+    10 s.
+    """
+
+    def spoil(readings: Readings, t: float) -> Readings:
+        rate = readings.angular_velocity
+        if rate is None or not ONSET <= rate.t < end:
+            return readings
+        return replace(readings, angular_velocity=Reading(value=rate.value + bias, t=rate.t))
+
+    run = HealthRun(robot, duration=34.0, spoil=spoil, dt=STEP)
+    assert run.first_bad("angular_velocity", ONSET) < 1.0
+    assert run.last_bad("angular_velocity") < end + 3.0
+    assert (run.of("attitude") == Trust.GOOD).all()
 
 
 @pytest.mark.parametrize("size", [0.5, 1.0, 3.0])

@@ -35,6 +35,8 @@ _TURN_SPAN = 1.0
 _TURN = 0.03
 # shares of what is allowed, which is eight standard deviations of noise
 _DOUBTFUL = 0.4
+_DRIFTS = 0.6
+_AGREES_AGAIN = 0.2
 _CLEAR = 2.0
 _CLEAR_BY = 0.2
 # fixes, fixes, [m]
@@ -154,6 +156,8 @@ class DriftWindow(Layout):
     """[m] standard deviation of a difference."""
     samples: SampleRing
     """(3,) [m] differences in W, and the length of the way [m]."""
+    drifted: bool
+    """They drifted apart, and it is not known yet that this is over."""
 
 
 class VelocityAgainstPosition(Layout):
@@ -175,6 +179,8 @@ class VelocityAgainstPosition(Layout):
     """Position fixes over a longer time, for slow drifts."""
     depth: DriftWindow
     """Depths over that longer time, along z alone."""
+    quick_depth: DriftWindow
+    """Depths over a few seconds."""
 
 
 class RateAgainstAttitude(Layout):
@@ -281,12 +287,12 @@ def init_comparisons(
     """Prepare all four; noise and bias [unit of the channel] of each channel."""
     fix = noise["position"]
     turn = math.sqrt(2.0) * noise["attitude"]
-    quick, slow = velocity.quick, velocity.slow
-    quick.span = _DRIFT_SPAN + 0.5
-    quick.least = _DRIFT_SPAN
-    quick.spacing = _SPACING
-    quick.tolerance = _DRIFT + _SIGMAS * math.sqrt(2.0) * fix / _DRIFT_SPAN
-    for window, sigma in ((slow, fix), (velocity.depth, noise["depth"])):
+    for window, sigma in ((velocity.quick, fix), (velocity.quick_depth, noise["depth"])):
+        window.span = _DRIFT_SPAN + 0.5
+        window.least = _DRIFT_SPAN
+        window.spacing = _SPACING
+        window.tolerance = _DRIFT + _SIGMAS * math.sqrt(2.0) * sigma / _DRIFT_SPAN
+    for window, sigma in ((velocity.slow, fix), (velocity.depth, noise["depth"])):
         window.span = _LONG_SPAN
         window.least = _LONG_LEAST
         window.spacing = _LONG_SPACING
@@ -311,9 +317,9 @@ def update_velocity(comparison: VelocityAgainstPosition, v_W: Vector, t: float) 
     dt = t - comparison.t
     is_connected = 0.0 <= dt <= _BLIND
     if not is_connected:
-        comparison.quick.samples.count = comparison.slow.samples.count = (
-            comparison.depth.samples.count
-        ) = comparison.ways.count = 0
+        comparison.quick.samples.count = comparison.slow.samples.count = 0
+        comparison.depth.samples.count = comparison.quick_depth.samples.count = 0
+        comparison.ways.count = 0
     squared = 0.0
     for i in range(3):
         step = 0.5 * dt * (v_W[i] + comparison.velocity[i]) if is_connected else 0.0
@@ -346,9 +352,24 @@ def compare_place(comparison: VelocityAgainstPosition, value: Vector, t: float, 
     if first == 0:
         _append_offset(comparison.quick, offset, t, is_comparable)
         _append_offset(comparison.slow, offset, t, is_comparable)
+        _forget_what_is_over(comparison.slow, comparison.quick, first)
     else:
+        _append_offset(comparison.quick_depth, offset, t, is_comparable)
         _append_offset(comparison.depth, offset, t, is_comparable)
+        _forget_what_is_over(comparison.depth, comparison.quick_depth, first)
     return is_comparable
+
+
+def _forget_what_is_over(slow: DriftWindow, quick: DriftWindow, first: int) -> None:
+    """Begin the longer comparison anew where a drift, or a jump, that shows in the quick one has
+    ended: it would be blamed for as long as the longer one remembers, on a sound channel too.
+    """
+    ratio = drift_ratio(quick, first, quick.least)
+    if ratio > _DRIFTS:
+        quick.drifted = True
+    elif quick.drifted and 0.0 <= ratio < _AGREES_AGAIN:
+        quick.drifted = False
+        slow.samples.count = 0
 
 
 def _append_offset(window: DriftWindow, offset: Vector, t: float, is_comparable: bool) -> None:
@@ -450,6 +471,9 @@ def compare_turns(comparison: RateAgainstAttitude, quaternion: Vector, t: float)
     comparison.slow_rate = _turn_in(
         comparison.slow_offsets, offset, t, _LONG_SPAN, _LONG_SPACING, comparison.slow_tolerance
     )
+    if comparison.quick_rate > 0.0:
+        # What has turned apart by a fault that was found must not count again when it is over.
+        comparison.slow_offsets.count = 0
 
 
 def _turn_in(
