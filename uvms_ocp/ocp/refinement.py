@@ -38,7 +38,8 @@ _GAIN = 1e-3  # share of a residual that is not worth another round
 # share of what rows were off before, above which a round goes less far from where they are written
 _FALLS = 0.6
 _AT_THE_END = 0.99  # share of the reach from which on a round has gone as far as it may
-_MOST_RESTARTS = 3
+_MOST_RESTARTS = 5
+_MOST_IN_VAIN = 2  # in a row: one may end dearer, and the next cheaper, as planes lie elsewhere
 _PATIENCE = 3  # rounds of which one leaves so much less between nodes than the one before them
 _HELPS = 0.9
 _ZERO = 1e-4  # residual of a level that is met
@@ -75,20 +76,23 @@ class Refinement:
         else:  # a guess that `solve` refuses
             q = np.tile(self.problem.start.q, (self.problem.n_steps + 1, 1))
         best = self._in_rounds(guess, q)
-        if best.tightened.nothing:
-            return best
+        latest = best
+        n_in_vain = 0
         for _ in range(_MOST_RESTARTS):
-            if self._left <= 0 or best.result.violation > USABLE:
+            is_over = best.tightened.nothing or n_in_vain == _MOST_IN_VAIN
+            if is_over or self._left <= 0 or latest.result.violation > USABLE:
                 break
-            path = self._path(best)
-            again = self._in_rounds(path, path.q).after(best.result)
-            if again.is_interrupted:
-                return best.after_all(again).stopped_as(again.result)
-            gain = _gain(best.result, again.result)
-            if again.result.violation > USABLE or again.lack > best.lack or gain <= _GAIN:
-                return best.after_all(again)
-            best = again
-        return best
+            path = self._path(latest)
+            latest = self._in_rounds(path, path.q).after(latest.result)
+            if latest.is_interrupted:
+                return best.after_all(latest).stopped_as(latest.result)
+            is_kept = latest.result.violation <= USABLE and latest.lack <= best.lack
+            if is_kept and _gain(best.result, latest.result) > _GAIN:
+                best = latest
+                n_in_vain = 0
+            else:
+                n_in_vain += 1
+        return best.after_all(latest)
 
     def _in_rounds(self, guess: Guess, q: np.ndarray) -> RefinedResult:
         """Return the last round that is no worse, or usable, written first at configurations q
