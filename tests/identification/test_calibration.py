@@ -184,6 +184,28 @@ def test_the_command_writes_all_of_it(tmp_path: Path) -> None:
         assert (tmp_path / "out" / name).stat().st_size > 0
 
 
+@pytest.mark.slow
+def test_of_a_vehicle_at_rest_there_is_no_answer_and_no_file(tmp_path: Path) -> None:
+    settings = tmp_path / "my.yaml"
+    settings.write_text(SETTINGS)
+    recording = case()[1]
+    channels = {}
+    for name, channel in recording.channels.items():
+        values = np.tile(channel.values[0], (len(channel.t), 1))
+        if name != "attitude":
+            values = 1e-3 * np.random.default_rng(0).normal(size=values.shape)
+        channels[name] = replace(channel, values=values)
+    write_recording(replace(recording, channels=channels), tmp_path / "rest.csv")
+    result = CliRunner().invoke(
+        app,
+        ["identify", str(settings), str(tmp_path / "rest.csv"), "--out", str(tmp_path / "out")],
+    )
+    assert result.exit_code == 3, result.output
+    assert "no answer; 0 of " in result.output
+    assert not list((tmp_path / "out").glob("*.yaml"))
+    assert json.loads((tmp_path / "out/report.json").read_text())["status"] == "no answer"
+
+
 def test_what_stays_open_is_told_as_it_was_before() -> None:
     found = replace(case()[2], exported=replace(case()[2].exported, kept=("added_mass sway",)))
     assert "sway not determined, as before" in variant_text(found, ["drive2"])
