@@ -6,6 +6,7 @@ classes, frames, and joints beside their origin.
 from __future__ import annotations
 
 import builtins
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,10 @@ from uvms_ocp.robot.proposal import find_urdf, propose
 from uvms_ocp.robot.robot import Robot
 
 FOLDER = Path(__file__).parent / "dialects"
-OTHERS = ("arm.sdf", "arm.xml", "arm.urdf.xacro")
+needs_xacro = pytest.mark.skipif(
+    find_spec("xacrodoc") is None, reason='needs pip install "uvms-ocp[xacro]"'
+)
+OTHERS = ("arm.sdf", "arm.xml", pytest.param("arm.urdf.xacro", marks=needs_xacro))
 
 
 @pytest.mark.parametrize("name", OTHERS)
@@ -186,6 +190,7 @@ def test_xacro_without_its_package_names_the_extra(monkeypatch: pytest.MonkeyPat
         load_robot(FOLDER / "arm.urdf.xacro")
 
 
+@needs_xacro
 def test_packages_of_xacro_are_found_beside_the_file(tmp_path: Path) -> None:
     (tmp_path / "parts_description").mkdir()
     part = (FOLDER / "part.xacro").read_text(encoding="utf-8")
@@ -201,6 +206,7 @@ def test_packages_of_xacro_are_found_beside_the_file(tmp_path: Path) -> None:
         load_robot(file)
 
 
+@needs_xacro
 def test_packages_in_groups_of_a_workspace_are_found(tmp_path: Path) -> None:
     package = tmp_path / "parts" / "parts_description"
     package.mkdir(parents=True)

@@ -166,6 +166,7 @@ def vehicle_numbers(robot: Robot, key: str) -> np.ndarray:
     return np.diag(total)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "interval"), [("added_mass", ADDED_MASS_INTERVAL), ("quadratic_drag", DRAG_INTERVAL)]
 )
