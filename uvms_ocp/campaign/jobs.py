@@ -79,6 +79,8 @@ def attempt_job(
 ) -> RunResult:
     """Run a job and return its whole row; an exception becomes one too, with its text, and so does
     the end of the time `limit` [s].
+
+    stuck: called where a run does not end by itself then.
     """
     begin = perf_counter()
     try:

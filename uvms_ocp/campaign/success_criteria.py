@@ -65,6 +65,8 @@ def _parse(text: str) -> MetricBound:
 def judged(table: Any, bounds: Sequence[MetricBound]) -> Any:
     """Add `success` to a table of runs by these bounds, and `outcome` of what finished without it;
     return it unchanged without bounds.
+
+    Raises `NameNotFound` for a bound on what the campaign does not measure.
     """
     if not bounds:
         return table

@@ -167,7 +167,12 @@ class CoalDistances:
     def near(
         self, x: Samples, thresholds: Annotated[Array, Shape("self.scene.n_pairs")]
     ) -> NearPairs:
-        """Find the pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad]."""
+        """Find the pairs closer than their thresholds (n_pairs,) [m] at x (n, n_axes) [m, rad].
+
+        The derivative of a distance is ``n'(J_p2 - J_p1)`` with the normal n and the witness points
+        p1, p2, which lie on one line along n: one wrench ``[n; p x n]`` at the origin serves both
+        shapes, in penetration too.
+        """
         near_contacts: list[_Contact] = []
         jacobians = np.zeros((x.shape[0], 6, self.scene.coordinates.robot.model.nvExtended))
         self._bounds.moved_to(x, self.scene)

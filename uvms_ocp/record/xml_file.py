@@ -40,7 +40,7 @@ def read_xml(path: Path | str) -> ElementTree.Element:
 
 def read_xml_with_any_prefix(path: Path | str) -> ElementTree.Element:
     """Read a file as `read_xml` does, with prefixes of names as part of them: readers that know no
-    namespaces take prefixes that are declared nowhere.
+    namespaces take prefixes that are declared nowhere. Raises `InvalidInput` as `read_xml` does.
     """
     text = read_xml_text(Path(path))
     text = _PREFIXED_TAG.sub(r"\1_", text)

@@ -36,6 +36,9 @@ def check_hull(setup: Setup) -> Iterator[Finding]:
 def check_obstacles(setup: Setup, visits: Sequence[Visit]) -> Iterator[Finding]:
     """Find places at which a shape of the robot, its joints as at the start, would be inside an
     obstacle.
+
+    The way between these places is not looked at: whether it is free, the clearance task and a plan
+    have to see to.
     """
     if not setup.environment.obstacles:
         return
