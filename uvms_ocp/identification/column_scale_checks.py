@@ -115,7 +115,8 @@ def _of_position(recording: Recording) -> Iterator[str]:
             continue
         is_alone = k == 2 or _are_same([f for j, f in enumerate(factors) if j != k and f])
         is_other = abs(factor) > _OTHER or abs(factor) < 1.0 / _OTHER
-        is_other |= k == 2 and bool(horizontal) and unit_by_rate(abs(factor), _CLOSE) == "psi"
+        falls = k == 2 and bool(horizontal) and factor < 0.0  # with height, as a pressure
+        is_other |= falls and unit_by_rate(-factor, _CLOSE) == "psi"
         if is_other and is_alone:
             yield from _other_unit(k, factor, heights)
         elif factor < 0.0 and k == 2 and horizontal and min(horizontal) > 0.0:

@@ -4,7 +4,7 @@ delay, from what position and attitude say of the way.
 Over two seconds, the way of the body by its position is what the sensor has measured, scaled,
 turned by its mounting and by the heading, less what its place sweeps as the vehicle turns. All of
 these are linear where they are small: least squares tell them jointly, and parts of the recording,
-one after the other left out, how sure they are. What lies outside of what is tolerated by two
+one after the other left out, how sure they are. What lies outside of what is tolerated by three
 standard errors is said, with its cure. A turn about z is of the sensor or of the heading: only a
 tilted vehicle tells these apart.
 """
@@ -29,9 +29,11 @@ from uvms_ocp.identification.series_agreement import WINDOW, explained
 _PERIOD = 2.0  # [s] of each way
 _STRIDE = 0.25  # [s] between the beginnings of two
 _PARTS = 10  # of a recording, one of which is left out at a time
-_LEAST_WAYS = 40
-_EXPLAINED = 0.5  # share of the way that must be explained, or other things are wrong
-_SURE = 2.0  # standard errors
+_LEAST_WAYS = 100
+_EXPLAINED = 0.8  # share of the way that must be explained, or other things are wrong
+_SURE = (
+    3.0  # standard errors: ten numbers are looked at, and parts of a recording are not independent
+)
 _ROUNDS = 3  # of least squares: turns are not small
 _MOST_DELAY = 0.3  # [s] that is a small one
 _LEAST_FACTOR = 0.2
@@ -73,8 +75,10 @@ def of_mounting(recording: Recording) -> Iterator[tuple[str, str]]:
     mounting = estimated_mounting(recording)
     if mounting is None or mounting.share < _EXPLAINED:
         return
-    excess = mounting.scale - 1.0
-    if abs(excess) - _SURE * mounting.scale_sigma > _SCALE and mounting.scale_sigma < _UNSURE_SCALE:
+    # Noise of what is read makes the scale larger than it is, by no more than what is unexplained.
+    tolerated = _SCALE + (1.0 - mounting.share)
+    surplus_scale = abs(mounting.scale - 1.0) - _SURE * mounting.scale_sigma
+    if surplus_scale > tolerated and mounting.scale_sigma < _UNSURE_SCALE:
         yield (
             "linear_velocity",
             (
