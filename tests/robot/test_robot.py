@@ -343,8 +343,11 @@ def test_a_missing_empty_or_foreign_urdf_is_refused(tmp_path: Path) -> None:
     empty.touch()
     with pytest.raises(RobotDataError, match="the XML is broken"):
         load_robot(urdf=empty)
+    empty.write_text("<html/>", encoding="utf-8")
+    with pytest.raises(RobotDataError, match="the root element is <html>"):
+        load_robot(urdf=empty)
     empty.write_text("<sdf/>", encoding="utf-8")
-    with pytest.raises(RobotDataError, match="the root element is <sdf>"):
+    with pytest.raises(RobotDataError, match="no <model> in the <sdf>"):
         load_robot(urdf=empty)
 
 
