@@ -107,3 +107,15 @@ def test_a_fall_long_after_another_is_a_new_one() -> None:
     for t in (0.0, 20.0, 40.0):
         assert locks_at_overspeed(memory, FIRST, [0.0, 1.1 * LIMIT, 0.0], [0.0] * 3, False, t)
         assert memory.lock == 0.5
+
+
+@pytest.mark.parametrize("doubted", [False, True])
+def test_a_quick_loop_catches_an_arm_whose_posture_is_sound(doubted: bool) -> None:
+    """At 200 Hz it does, and learns the load that made it fall: locked, it never would."""
+    memory = guard()
+    locks = list[bool]()
+    for k in range(400):
+        rate = 1.1 * LIMIT if k >= 200 else 0.0
+        fast = [0.0, rate, 0.0]
+        locks.append(locks_at_overspeed(memory, FIRST, fast, [0.0] * 3, doubted, 0.005 * k))
+    assert any(locks) == doubted

@@ -2,9 +2,9 @@
 whose weight is made up for in another posture than its own, or without its load, falls, however it is
 fed back.
 
-An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is not
-asked whether one is; a lock lasts as long as one is, or as the vehicle is carried off: it would throw
-the arm.
+An encoder that drifts slowly enough takes its joint along and is doubted by nobody, so that it is
+not asked whether one is, but where the loop is quick enough to catch an arm and to learn its load.
+A lock lasts as long as one is, or as the vehicle is carried off: it would throw the arm.
 """
 
 from __future__ import annotations
@@ -16,6 +16,10 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
+_CAUGHT = (
+    1.0  # [s] in which a quick loop catches an arm whose posture is sound, under a load unknown
+)
+_SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is thrown
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
 _DOUBTFUL = 10.0  # [s] after a doubt or a lock for which a posture, or a load, may be another one
@@ -35,6 +39,8 @@ class OverspeedMemory(Layout):
     """(6,) [m/s, rad/s] largest velocities of the vehicle."""
     before: Annotated[Vector, Sized("n_joints")]
     """(n_joints,) [rad/s or m/s] velocities of the tick before."""
+    before_t: float
+    """[s] time of the tick before."""
     doubted_until: float
     """[s]"""
     locked_until: float
@@ -49,6 +55,7 @@ class OverspeedMemory(Layout):
 
 def start_overspeed(overspeed: OverspeedMemory) -> None:
     """Initialise the memory: no posture or load is doubtful."""
+    overspeed.before_t = -math.inf
     overspeed.doubted_until = -math.inf
     overspeed.locked_until = -math.inf
     overspeed.joint = -1
@@ -66,6 +73,8 @@ def locks_at_overspeed(
     if doubted:
         overspeed.doubted_until = t + _DOUBTFUL
     overspeed.joint = _fastest_unasked(overspeed, first, v, reference)
+    catches_none = t - overspeed.before_t >= _SLOW_TICK - SAME_TIME
+    overspeed.before_t = t
     if t < overspeed.locked_until - SAME_TIME:
         if doubted or _is_carried_off(overspeed, first, v, reference):
             overspeed.locked_until = max(overspeed.locked_until, t + _SHORTEST_LOCK)
@@ -73,7 +82,9 @@ def locks_at_overspeed(
         return True
     if t > overspeed.doubted_until + SAME_TIME:
         overspeed.lock = 0.0
-    if overspeed.joint < 0:
+    is_doubtful = doubted or t <= overspeed.doubted_until + SAME_TIME
+    if overspeed.joint < 0 or not (is_doubtful or catches_none):
+        overspeed.joint = -1
         return False
     shortest = _LONGER * _SHORTEST_LOCK if overspeed.thrown else _SHORTEST_LOCK
     overspeed.lock = min(max(shortest, _LONGER * overspeed.lock), _LONGEST_LOCK)
