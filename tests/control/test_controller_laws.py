@@ -171,6 +171,7 @@ class Asking(KinematicController):
         self.a = a
         self.dt = dt
         self.guide = None
+        self.watchdog = SimpleNamespace(alarms=[])
 
     def observe(self, measurement: StateEstimate, t: float) -> SimpleNamespace:
         return SimpleNamespace(measurement=measurement, t=t, restriction=FREE, damps_turns=False)
