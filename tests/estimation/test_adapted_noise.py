@@ -91,6 +91,7 @@ def test_the_velocity_of_a_mission_errs_as_much_as_it_says_however_late_the_dvl(
     assert (share == 1.0) == (force is not None)
 
 
+@pytest.mark.slow
 @long_without_compiler
 def test_without_a_dvl_the_vehicle_may_jerk_as_much_as_any(monkeypatch: pytest.MonkeyPatch) -> None:
     assert flown(monkeypatch, delay=0.0, faults=("linear_velocity:lost@20",))[2] == 1.0

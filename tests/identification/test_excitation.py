@@ -94,6 +94,7 @@ def test_the_fastest_of_the_sines_turns_as_often_as_it_is_told(waves: float, fas
     assert np.flatnonzero(heard).tolist() == list(range(1, fastest + 1))
 
 
+@pytest.mark.slow
 def test_the_information_is_what_output_error_finds_in_a_recording() -> None:
     task = assignment()
     commands = found().commands
@@ -203,6 +204,7 @@ def test_a_design_tells_every_number_better_than_any_signal_by_hand() -> None:
     assert ratios.max() < 0.7
 
 
+@pytest.mark.slow
 def test_what_matters_is_known_better_where_nothing_else_does() -> None:
     task = assignment(matter=("quadratic_drag surge",))
     name = [each.name for each in found().numbers].index("quadratic_drag surge")

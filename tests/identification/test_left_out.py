@@ -102,6 +102,7 @@ def test_what_is_judged_does_not_change_what_the_others_tell() -> None:
     assert (one.shared != two.shared).all()
 
 
+@pytest.mark.slow
 def test_horizons_are_cut_where_recordings_are_too_short_and_longer_ones_left_out() -> None:
     for one in found():
         assert [each.asked for each in one.horizons] == [3.0, 60.0]
@@ -141,6 +142,7 @@ def test_predictions_err_by_what_is_expected_of_them() -> None:
             assert "surge" not in horizon.extrapolated + horizon.uninformative
 
 
+@pytest.mark.slow
 def test_what_the_others_never_did_is_extrapolated() -> None:
     auv, rollout = problem()
     truth = auv.shared.start + np.array([0.1, 0.3, -0.2])

@@ -118,6 +118,7 @@ def test_of_one_vehicle_all_is_predicted_that_one_vehicle_could_explain() -> Non
     assert "Recordings differ" not in text(same_vehicle())
 
 
+@pytest.mark.slow
 def test_of_two_ballasts_one_vehicle_falls_short_of_each_alone_and_the_report_says_so() -> None:
     heave = shares(other_ballast())["heave"]
     assert heave.alone > heave.together + 10.0
@@ -140,6 +141,7 @@ def test_vehicles_of_their_own_find_the_ballast_that_each_recording_had() -> Non
     assert abs(bounds.together.estimate.shared[0] - truth()[0]) < 0.9 * BALLAST[0]
 
 
+@pytest.mark.slow
 def test_what_one_vehicle_of_another_ballast_misses_is_the_fits() -> None:
     prepared = (driven(2, truth() + BALLAST), driven(3, truth() + BALLAST))
     heave = shares(bounded(prepared))["heave"]
@@ -203,6 +205,7 @@ def test_a_recording_that_the_vehicle_was_identified_on_is_not_predicted() -> No
         list(predict_others(identified(), identified().prepared))
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_weighs_another_is_worse_than_standing_still_and_named() -> None:
     auv, rollout = problem()
     heavy = truth() - 5.0 * BALLAST

@@ -80,8 +80,9 @@ def assert_same(one: Plan, other: Plan) -> None:
         )
 
 
+@pytest.mark.slow
 @needs_compiler
-@pytest.mark.parametrize("after", [pytest.param(None, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("after", [None, 3])
 def test_the_plan_does_not_depend_on_when_machine_code_is_there(
     robot: Robot, later: Later, after: int | None
 ) -> None:

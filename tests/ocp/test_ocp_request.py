@@ -177,6 +177,7 @@ def test_a_guess_along_a_curve_has_its_pace_and_takes_all_the_time(planar: Robot
     np.testing.assert_allclose(guess.q, np.outer([0.0, 0.25, 0.5, 0.75, 1.0], way), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_level_floor_is_kept_clear_of() -> None:
     robot = load_robot("girona_maris7_full")
     here = Kinematics(robot, robot.configuration()).pose("tool").translation
@@ -190,6 +191,7 @@ def test_a_level_floor_is_kept_clear_of() -> None:
     assert above.distances[:, above.scene.groups()["seafloor"]].min() > 0.06 - 5e-4
 
 
+@pytest.mark.slow
 def test_samples_of_iterates_that_left_their_manifold_are_configurations() -> None:
     robot = load_robot("girona_maris7_full")
     result = solve_ocp(

@@ -122,6 +122,7 @@ def test_the_hessian_of_the_optimiser_is_positive_semi_definite(
     assert eigenvalues[0] > -1e-10 * eigenvalues[-1]
 
 
+@pytest.mark.slow
 def test_the_exact_hessian_of_the_collision_cost_matches_differences(
     capsule_scene: CollisionScene,
 ) -> None:
