@@ -38,8 +38,8 @@ _GAIN = 1e-3  # share of a residual that is not worth another round
 # share of what rows were off before, above which a round goes less far from where they are written
 _FALLS = 0.6
 _AT_THE_END = 0.99  # share of the reach from which on a round has gone as far as it may
-_MOST_RESTARTS = 5
-_MOST_IN_VAIN = 2  # in a row: one may end dearer, and the next cheaper, as planes lie elsewhere
+_MOST_RESTARTS = 12
+_MOST_IN_VAIN = 3  # in a row: one may end dearer, and the next cheaper, as planes lie elsewhere
 _PATIENCE = 3  # rounds of which one leaves so much less between nodes than the one before them
 _HELPS = 0.9
 _ZERO = 1e-4  # residual of a level that is met
