@@ -68,7 +68,8 @@ class Refinement:
 
     def solved(self, guess: MotionGuess) -> RefinedResult:
         """Solve in rounds; where nodes are asked for more in the end, again from there without that,
-        as it was asked for at motions that are left behind.
+        as it was asked for at motions that are left behind, and where rows follow the motion, as it
+        creeps along shapes by rounds that gain little each.
         """
         motion = guess.trajectory if isinstance(guess, Plan) else guess
         if len(motion.q) == self.problem.n_steps + 1:
@@ -79,8 +80,10 @@ class Refinement:
         latest = best
         n_in_vain = 0
         for _ in range(_MOST_RESTARTS):
-            is_over = best.tightened.nothing or n_in_vain == _MOST_IN_VAIN
-            if is_over or self._left <= 0 or latest.result.violation > USABLE:
+            is_final = best.tightened.nothing and not self._terms
+            if is_final or n_in_vain == _MOST_IN_VAIN:
+                break
+            if self._left <= 0 or latest.result.violation > USABLE:
                 break
             path = self._path(latest)
             latest = self._in_rounds(path, path.q).after(latest.result)
