@@ -45,7 +45,6 @@ def test_a_plan_costs_less_than_one_that_begins_where_the_robot_stays(
     chosen, stayed = chosen_and_stayed(reach(robot, shift=shift), staged)
     assert chosen.levels[0].residual < 1e-5
     assert chosen.levels[1].residual ** 2 < 0.99 * stayed.levels[1].residual ** 2
-    assert chosen.iterations < stayed.iterations
 
 
 @pytest.mark.slow

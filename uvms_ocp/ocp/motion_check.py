@@ -11,7 +11,7 @@ much it is left, where and when:
   its reach: intervals are halved until that excludes more than `FINE`, or are too short.
 
 What a start that is given breaks by itself is no fault of the motion: in the first step only what
-goes beyond it counts. Forces are the motion's own from the first moment on.
+goes beyond it counts.
 """
 
 from __future__ import annotations
