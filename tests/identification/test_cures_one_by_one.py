@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from motions import DOWN, changed, recorded
+from proposals import read_as_proposed
 
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
 from uvms_ocp.identification.gravity_checks import G
 from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.recording import Channel, Recording, rotations
 from uvms_ocp.identification.tables import write_columns
 
@@ -57,12 +56,6 @@ def written(recording: Recording, path: Path, *, times: float = 1.0, depth: bool
     return path
 
 
-def as_proposed(path: Path) -> Recording:
-    """Read a file by the mapping that is proposed for it."""
-    mapping = RecordingMapping.model_validate(yaml.safe_load(propose_mapping(path)))
-    return mapped_recording(path, mapping)
-
-
 def require_same(read: Recording, truth: Recording) -> None:
     """Check that all channels have the values of another recording."""
     assert set(read.channels) == set(truth.channels)
@@ -89,7 +82,7 @@ SPOILED: dict[str, tuple[str, Change]] = {
 def test_what_alone_is_wrong_is_turned_alone(name: str, spoil: Change, tmp_path: Path) -> None:
     truth = dive()
     spoiled = changed(truth, name, values=spoil(truth.channels[name].values))
-    require_same(as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
+    require_same(read_as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
 
 
 def test_a_file_that_is_ned_and_frd_throughout_is_turned_as_a_whole(tmp_path: Path) -> None:
@@ -99,7 +92,7 @@ def test_a_file_that_is_ned_and_frd_throughout_is_turned_as_a_whole(tmp_path: Pa
         spoiled = changed(spoiled, name, values=truth.channels[name].values @ DOWN)
     attitude = truth.channels["attitude"].values * [1.0, -1.0, -1.0, 1.0]
     spoiled = changed(spoiled, "attitude", values=attitude)
-    require_same(as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
+    require_same(read_as_proposed(written(spoiled, tmp_path / "dive.csv")), truth)
 
 
 @pytest.mark.parametrize(("sign", "moves"), [(1.0, 0.0), (1.0, 1.0), (-1.0, 1.0)])
@@ -115,14 +108,14 @@ def test_a_depth_of_either_sign_turns_nothing_else(
     spoiled = changed(
         truth, "position", values=truth.channels["position"].values * [1.0, 1.0, sign]
     )
-    read = as_proposed(written(spoiled, tmp_path / "dive.csv", depth=True))
+    read = read_as_proposed(written(spoiled, tmp_path / "dive.csv", depth=True))
     require_same(read, truth)
 
 
 @pytest.mark.parametrize("times", [1e3, 1e9])
 def test_channels_of_one_time_column_have_one_unit(times: float, tmp_path: Path) -> None:
     truth = dive()
-    require_same(as_proposed(written(truth, tmp_path / "dive.csv", times=times)), truth)
+    require_same(read_as_proposed(written(truth, tmp_path / "dive.csv", times=times)), truth)
 
 
 def test_a_time_column_that_is_read_in_two_units_is_doubted(tmp_path: Path) -> None:

@@ -16,14 +16,14 @@ import pinocchio as pin
 import pytest
 import yaml
 from motions import DOWN, recorded
+from proposals import read_as_proposed
 from px4 import write_ulog
 from typer.testing import CliRunner
 
 from uvms_ocp.cli.commands import app
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.identification import messages
-from uvms_ocp.identification.channel_mapping import RecordingMapping, read_mapping
-from uvms_ocp.identification.mapped_recordings import mapped_recording
+from uvms_ocp.identification.channel_mapping import read_mapping
 from uvms_ocp.identification.messages import messages as reader
 from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.reading import read_recording
@@ -31,12 +31,6 @@ from uvms_ocp.identification.recording import CHANNEL_KINDS, Channel, Recording,
 from uvms_ocp.identification.tables import write_columns, write_recording
 
 GOOD = recorded()
-
-
-def read_as_proposed(path: Path) -> Recording:
-    return mapped_recording(
-        path, RecordingMapping.model_validate(yaml.safe_load(propose_mapping(path)))
-    )
 
 
 def columns_of(recording: Recording, names: Mapping[str, str]) -> dict[str, np.ndarray]:

@@ -9,15 +9,25 @@ import numpy as np
 import pytest
 import yaml
 from motions import changed, recorded
+from proposals import read_as_proposed
 from scipy.spatial.transform import Rotation
 
-from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
-from uvms_ocp.identification.mapped_recordings import mapped_recording
-from uvms_ocp.identification.proposed_mapping import propose_mapping
 from uvms_ocp.identification.tables import write_columns
 
 GOOD = recorded()
+
+
+def attitude_and_velocity() -> dict[str, np.ndarray]:
+    """Columns that stand beside those of a position."""
+    columns = {}
+    for k, axis in enumerate("xyzw"):
+        columns[f"q{axis}"] = GOOD.channels["attitude"].values[:, k]
+    for k, axis in enumerate("xyz"):
+        columns[f"v{axis}"] = GOOD.channels["linear_velocity"].values[:, k]
+    return columns
+
+
 FACTORS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 
 
@@ -31,15 +41,9 @@ def test_a_depth_has_the_unit_of_its_own_name(units: tuple[str, ...], tmp_path: 
     for name, unit, values in zip(("x", "y", "depth"), units, upwards.T, strict=True):
         label = f"{name}_{unit}" if unit else name
         columns[label] = values / FACTORS[unit]
-    for k, axis in enumerate("xyzw"):
-        columns[f"q{axis}"] = GOOD.channels["attitude"].values[:, k]
-    for k, axis in enumerate("xyz"):
-        columns[f"v{axis}"] = GOOD.channels["linear_velocity"].values[:, k]
+    columns |= attitude_and_velocity()
     write_columns(tmp_path / "dive.csv", columns)
-    mapping = RecordingMapping.model_validate(
-        yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))
-    )
-    read = mapped_recording(tmp_path / "dive.csv", mapping)
+    read = read_as_proposed(tmp_path / "dive.csv")
     np.testing.assert_allclose(read.channels["position"].values, position.values, atol=1e-9)
 
 
@@ -50,10 +54,7 @@ def test_an_angle_has_the_unit_of_its_own_name(tmp_path: Path) -> None:
     columns |= {"roll_deg": np.degrees(angles[:, 0]), "pitch_deg": np.degrees(angles[:, 1])}
     columns["yaw_rad"] = angles[:, 2]
     write_columns(tmp_path / "dive.csv", columns)
-    mapping = RecordingMapping.model_validate(
-        yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))
-    )
-    read = mapped_recording(tmp_path / "dive.csv", mapping).channels["attitude"].values
+    read = read_as_proposed(tmp_path / "dive.csv").channels["attitude"].values
     same = np.abs((read * attitude.values).sum(axis=1))
     np.testing.assert_allclose(same, 1.0, atol=1e-9)
 
@@ -82,13 +83,7 @@ def test_a_height_of_the_other_sign_keeps_the_units_beside_it(tmp_path: Path) ->
     columns = {"t": position.t}
     for name, values in zip(("x_mm", "y_mm", "z_m"), position.values.T, strict=True):
         columns[name] = 1e3 * values if name != "z_m" else -values
-    for k, axis in enumerate("xyzw"):
-        columns[f"q{axis}"] = GOOD.channels["attitude"].values[:, k]
-    for k, axis in enumerate("xyz"):
-        columns[f"v{axis}"] = GOOD.channels["linear_velocity"].values[:, k]
+    columns |= attitude_and_velocity()
     write_columns(tmp_path / "dive.csv", columns)
-    mapping = RecordingMapping.model_validate(
-        yaml.safe_load(propose_mapping(tmp_path / "dive.csv"))
-    )
-    read = mapped_recording(tmp_path / "dive.csv", mapping)
+    read = read_as_proposed(tmp_path / "dive.csv")
     np.testing.assert_allclose(read.channels["position"].values, position.values, atol=1e-9)

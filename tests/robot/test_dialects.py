@@ -101,9 +101,14 @@ JOINT = "<joint name='j' type='{}'><parent>hull</parent><child>b</child><axis><x
 )  # fmt: skip
 def test_what_sdf_alone_has_is_refused_by_name(model: str, said: str, tmp_path: Path) -> None:
     text = f"<sdf version='1.9'><model name='m'>{model}</model></sdf>"
-    (tmp_path / "m.sdf").write_text(text, encoding="utf-8")
+    require_refused(tmp_path / "m.sdf", text, said)
+
+
+def require_refused(path: Path, text: str, said: str) -> None:
+    """A file with this text is refused, in words that hold what is said."""
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(RobotDataError) as caught:
-        load_robot(tmp_path / "m.sdf")
+        load_robot(path)
     assert said in str(caught.value)
 
 
@@ -124,10 +129,7 @@ BODY = "<body name='b'>{}<geom size='1'/></body>"
 )
 def test_what_mjcf_alone_has_is_refused_by_name(content: str, said: str, tmp_path: Path) -> None:
     text = f"<mujoco model='m'><worldbody>{content}</worldbody></mujoco>"
-    (tmp_path / "m.xml").write_text(text, encoding="utf-8")
-    with pytest.raises(RobotDataError) as caught:
-        load_robot(tmp_path / "m.xml")
-    assert said in str(caught.value)
+    require_refused(tmp_path / "m.xml", text, said)
 
 
 def test_what_has_no_place_in_a_urdf_is_named(tmp_path: Path) -> None:

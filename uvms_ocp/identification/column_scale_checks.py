@@ -37,7 +37,7 @@ _DEGREES = 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Displacements:
-    """What position and velocity say of the way over `_PERIOD` from each of uniform times."""
+    """Ways over `_PERIOD` from each of uniform times, by positions and by velocities."""
 
     by_position: np.ndarray
     """(m, 3) [m] in W."""

@@ -57,7 +57,7 @@ class _Candidate:
     """Name of the channel that the cure is about."""
     channels: MappedChannels
     keys: str
-    """What the cure says, as YAML."""
+    """Keys of the mapping that make the cure, as YAML."""
     is_of_whole_file: bool
 
 

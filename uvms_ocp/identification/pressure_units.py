@@ -37,7 +37,7 @@ class PressureReading:
     air: float
     """[unit] pressure at the surface; 0 of a gauge."""
     evidence: str
-    """What tells the air, or that nothing does."""
+    """Evidence for the pressure at the surface, or that there is none, in words."""
 
     def keys(self, sign: float = 1.0) -> str:
         """Write offset and scale for the last of three columns, which has the sign of the mapping."""

@@ -64,7 +64,7 @@ _FASTEST = {
 _PLAUSIBLE = 0.15  # share of these below which a column beside it is as it should be
 _DEGREE = np.pi / 180.0
 _FACTORS = {"mm/s, or cm/s": 1e-3, "mm, or cm": 1e-3, "deg/s": _DEGREE, "deg": _DEGREE}
-"""Of the first unit that each text names."""
+"""Factors from the first unit that each text names to m, m/s, rad or rad/s."""
 
 # Commands.
 _PULSES = (900.0, 2200.0)  # [us] widths

@@ -251,11 +251,6 @@ class RefinedResult:
         """True where a level was stopped by hand."""
         return NlpStatus.INTERRUPTED in self.result.level_status
 
-    @property
-    def has_sides(self) -> bool:
-        """True where shapes ask nodes for more."""
-        return any(term.has_sides for term in self.tightened.terms)
-
     def after(self, before: LexicographicResult) -> RefinedResult:
         """Return this result with the iterations of an earlier one as well."""
         spent = tuple(a + b for a, b in zip(before.iterations, self.result.iterations, strict=True))

@@ -8,7 +8,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
-from uvms_ocp.robot.signals import Command, Readings, State, StateEstimate
+from uvms_ocp.robot.signals import SAME_TIME, Command, Readings, State, StateEstimate
 from uvms_ocp.scenario.part_factories import MissionController
 from uvms_ocp.scenario.scenario_run import RunParts, ScenarioRun
 from uvms_ocp.sim.loop import SingleTicks, has_diverged
@@ -16,8 +16,6 @@ from uvms_ocp.types import Finite
 
 if TYPE_CHECKING:
     from uvms_ocp.scenario.scenario import Scenario
-
-_SAME_TIME = 1e-6  # [s] rounding of sums of periods
 
 
 class SteppedRun:
@@ -104,10 +102,10 @@ class SteppedRun:
         Raises `InvalidInput` for a time that has passed.
         """
         end = self._scenario.duration if until is None else until
-        if until is not None and until < self.t - _SAME_TIME:
+        if until is not None and until < self.t - SAME_TIME:
             raise InvalidInput(f"until = {until:g} s has passed, it is t = {self.t:g} s")
         dt = self._scenario.dt
-        while not self.finished and (self.command is None or self.t + dt <= end + _SAME_TIME):
+        while not self.finished and (self.command is None or self.t + dt <= end + SAME_TIME):
             self.step()
         return self.record
 
@@ -118,5 +116,5 @@ class SteppedRun:
         """
         if self.command is None:
             raise InvalidInput("no tick yet; take a step first")
-        is_over = self.finished or self.t + self._scenario.dt > self._scenario.duration + _SAME_TIME
+        is_over = self.finished or self.t + self._scenario.dt > self._scenario.duration + SAME_TIME
         return self._run.record_of(self._ticks.recorder, stopped_by_hand=not is_over)

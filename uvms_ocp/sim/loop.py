@@ -191,7 +191,7 @@ class SingleTicks:
         measured = {}
         if self._keeps_readings:
             measured = self._new_readings(self.readings) | {"brakes": self.command.brakes}
-        row = _row(self.t, self.plant.state, self.estimate, self.command, asked_thrust, measured)
+        row = _row(self.t, state, self.estimate, self.command, asked_thrust, measured)
         row.setdefault("controller_time", spent)  # one that measures itself knows better
         row.update(telemetry)
         self.recorder.append(row)

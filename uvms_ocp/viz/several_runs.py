@@ -21,8 +21,6 @@ from uvms_ocp.viz.series import PhaseSpan, phase_spans, require_rows
 BAND = (5.0, 95.0)
 """Percentiles [%] of many runs that a band reaches from and to, about their median."""
 
-_PANEL_HEIGHT = 1.75  # [in]
-_MOST_PANELS = 12
 _SAME_PHASE = 0.01  # share of the longest run by which phases may begin earlier or later
 _POINTS_OF_BANDS = 600
 _DASHES: tuple[Any, ...] = (
@@ -116,7 +114,7 @@ def figure_several_runs(
     if differences:
         title += f" less that of {style.label_text(groups[0].name)}"
     if ax is None:
-        figure, axes = style.stacked(len(names), _PANEL_HEIGHT, title, fig, width)
+        figure, axes = style.stacked(len(names), task_figures.PANEL_HEIGHT, title, fig, width)
     else:
         figure, axes = style.panels(ax, len(names), fig)
     for axis, name, of_groups in zip(axes, names, contents, strict=True):
@@ -161,7 +159,7 @@ def _shared_quantities(groups: Sequence[RunGroup]) -> tuple[str, ...]:
         shared = [name for name in shared if name in record.meta.quantities]
     if not shared:
         raise InvalidInput("the runs measure no quantity in common; give names such as 'q', 'q.z'")
-    return tuple(shared[:_MOST_PANELS])
+    return tuple(shared[: task_figures.MOST_PANELS])
 
 
 def _less_the_first(lines_of_groups: list[dict[str, _Line]]) -> list[dict[str, _Line]]:

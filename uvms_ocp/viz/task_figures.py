@@ -16,10 +16,10 @@ from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record, quantity
 from uvms_ocp.viz import series as recorded, style
 
-_PANEL_HEIGHT = 1.75  # [in]
+PANEL_HEIGHT = 1.75  # [in]
 _TASK_HEIGHT = 0.56  # [in] of the activation of a task
 _ROW_HEIGHT = 0.5  # [in] of the activation of one row
-_MOST_PANELS = 12
+MOST_PANELS = 12
 _LOG_FLOOR = 1e-9  # [m, rad] below this an error is rounding
 _A_TABLE = 2  # axes of a series with columns
 _ALTITUDES = ("LA.altitude", "MAC.altitude")
@@ -98,7 +98,7 @@ def _quantity_figure(
     if not drawn_rows:
         return None
     title += recorded.estimate_suffix(record)
-    figure, axes = style.stacked(len(drawn_rows), _PANEL_HEIGHT, title, *page)
+    figure, axes = style.stacked(len(drawn_rows), PANEL_HEIGHT, title, *page)
     for axis, (name, label, color) in zip(axes, drawn_rows, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
@@ -195,7 +195,7 @@ def figure_altitude(
     closer_top = 2.5 * max([*limits, float(altitude[lowest])])
     n_panels = 2 if closer_top < highest else 1
     title = "Altitude of the altimeter above the floor"
-    figure, axes = style.stacked(n_panels, _PANEL_HEIGHT, title, fig, width)
+    figure, axes = style.stacked(n_panels, PANEL_HEIGHT, title, fig, width)
     for axis in axes:
         axis.plot(t, altitude, color=style.BLUE, label="altitude")
         for limit in limits:
@@ -229,7 +229,7 @@ def figure_quantities(
         if not has_figure:
             rows.append((name, f"{style.label_text(name, 24)}\n", style.BLUE))
     title = "Quantities of other tasks"
-    return _quantity_figure(record, rows[:_MOST_PANELS], title, _panel, (fig, width))
+    return _quantity_figure(record, rows[:MOST_PANELS], title, _panel, (fig, width))
 
 
 @style.styled
@@ -253,7 +253,7 @@ def figure_of(
     title = ", ".join(style.label_text(name) for name in names[:4])
     title += recorded.estimate_suffix(record)
     if ax is None:
-        figure, axes = style.stacked(len(names), _PANEL_HEIGHT, title, fig, width)
+        figure, axes = style.stacked(len(names), PANEL_HEIGHT, title, fig, width)
     else:
         figure, axes = style.panels(ax, len(names), fig)
     for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):

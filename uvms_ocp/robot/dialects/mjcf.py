@@ -67,7 +67,7 @@ def urdf_of_mjcf(path: Path, root: Element) -> tuple[Element, tuple[str, ...]]:
 
 
 class _MjcfReader:
-    """What the sections of a file say of the bodies."""
+    """Bodies, joints and shapes of a file, collected from all its sections."""
 
     def __init__(self, findings: Findings, path: Path, root: Element) -> None:
         self.findings = findings

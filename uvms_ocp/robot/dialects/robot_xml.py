@@ -24,7 +24,7 @@ class RobotXml:
 
     root: Element
     notes: tuple[str, ...] = ()
-    """What of the file has no place in a URDF, one line each."""
+    """Parts of the file that have no place in a URDF, a line each."""
     is_urdf: bool = True
     """True where the file itself is this URDF."""
 

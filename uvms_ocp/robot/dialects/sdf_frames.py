@@ -49,7 +49,7 @@ class PlacedFrame:
     above: str
     """Frame that its pose is relative to."""
     X: pin.SE3
-    """Its pose there."""
+    """Pose of this frame in the frame `above`."""
     attached_to: str | None
     """Frame that it is fixed to; `None` for a link, which is fixed to itself."""
 
