@@ -39,7 +39,7 @@ class Terminal(StringIO):
 
 
 def shown_by_a_run(monkeypatch: pytest.MonkeyPatch, silent: float) -> str:
-    monkeypatch.setattr("uvms_ocp.scenario.scenario_run._SILENT", silent)
+    monkeypatch.setattr("uvms_ocp.scenario.scenario_run.SILENT", silent)
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))  # however fast the run is
     with redirect_stderr(Terminal()) as terminal:
         assert len(SHORT.run()["t"]) > 100
@@ -80,7 +80,7 @@ def solve_plan(**options: Any) -> bool:
 
 
 def shown_by_a_plan(monkeypatch: pytest.MonkeyPatch, silent: float, **options: Any) -> str:
-    monkeypatch.setattr("uvms_ocp.ocp.planner._SILENT", silent)
+    monkeypatch.setattr("uvms_ocp.ocp.planner.SILENT", silent)
     monkeypatch.setattr("tqdm.auto.tqdm", partial(tqdm, mininterval=0.0))
     with redirect_stderr(Terminal()) as terminal:
         assert solve_plan(**options)

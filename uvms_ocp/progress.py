@@ -9,6 +9,8 @@ from typing import Any
 
 from uvms_ocp.checks import checked
 
+SILENT = 2.0
+"""[s] that work may take without a word."""
 _shown_by_user = True
 """What `show_progress` was told last."""
 

@@ -13,9 +13,8 @@ from uvms_ocp.estimation import (
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
-_SEEN = (
-    0.25  # share of the way of a change of rate, which an encoder that goes along has gone at least
-)
+# share of the way of a change of rate, which an encoder that goes along has gone at least
+_SEEN = 0.25
 _CLEAR_WAY = 40.0  # times the noise of an encoder from which on a way of one tick tells something
 
 

@@ -39,14 +39,13 @@ from uvms_ocp.ocp.trajectory import (
 )
 from uvms_ocp.ocp.transcription.transcription import Transcription
 from uvms_ocp.ocp.verdict import Verdict, judge_motion
-from uvms_ocp.progress import progress_bar
+from uvms_ocp.progress import SILENT, progress_bar
 from uvms_ocp.solvers import LexicographicNlp, LexicographicResult, NlpOptions, NlpStatus
 from uvms_ocp.solvers.nlp.level_solver import AUTO, IPOPT, STAGEWISE
 from uvms_ocp.solvers.nlp.solve_monitor import IterationReport, Progress
 from uvms_ocp.types import DAY, Bound, Finite, Shape
 
 _COARSE: dict[str, Any] = {"convergence": 1e-2, "max_iterations": 20}
-_SILENT = 2.0  # [s] that a plan may take without a word
 _BAR = "{elapsed} planning: {desc}"
 _FEW_STEPS = 100  # through which the virtual machine takes no longer than a compiler
 
@@ -136,7 +135,7 @@ class Planner:
         with (
             on_interrupt(presses.append),
             self.transcription.turn,
-            progress_bar(shown=progress is None, delay=_SILENT, bar_format=_BAR) as bar,
+            progress_bar(shown=progress is None, delay=SILENT, bar_format=_BAR) as bar,
         ):
             plan = self._planned(
                 problem or self.problem,

@@ -20,7 +20,7 @@ from uvms_ocp.estimation.health.channel_setup import sizes_of
 from uvms_ocp.estimation.health.guarded_estimator import GuardedEstimator
 from uvms_ocp.interrupts import Interrupted
 from uvms_ocp.mission import MissionState
-from uvms_ocp.progress import progress_bar
+from uvms_ocp.progress import SILENT, progress_bar
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.recorder import Recorder
 from uvms_ocp.record.run_meta import RunMeta
@@ -34,7 +34,6 @@ from uvms_ocp.sim.own_parts import plant_name
 if TYPE_CHECKING:
     from uvms_ocp.scenario.scenario import Scenario
 
-_SILENT = 2.0  # [s] that a run may take without a bar
 _BAR_EVERY = 40  # ticks between two updates of the bar
 _BAR_TEXT = 60  # letters of a bar's text, however long the name of a phase is
 
@@ -264,7 +263,7 @@ def run_bar(
     Yields the function that is to get the times [s] of ticks.
     """
     with progress_bar(
-        shown=shown, total=scenario.duration, delay=_SILENT, bar_format="{elapsed} |{bar}| {desc}"
+        shown=shown, total=scenario.duration, delay=SILENT, bar_format="{elapsed} |{bar}| {desc}"
     ) as bar:
 
         def show_time(t: float) -> None:

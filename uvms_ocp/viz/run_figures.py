@@ -132,6 +132,8 @@ def plot(
     fig: axes of the caller's, one for each name, or a figure or subfigure, drawn on in the caller's
     style; by default a figure of our own, of the width of a page or a column of a journal, or [in].
     """
+    if differences and isinstance(what, Plan | Record):
+        what = [what]  # which is refused as a list of one
     if not isinstance(what, Plan | Record):
         if not what:
             raise InvalidInput(f"what = {what}; give a run or a plan, or one or more of them")
@@ -143,8 +145,6 @@ def plot(
             fig=fig,
             width=width,
         )
-    if differences:
-        raise InvalidInput("differences of one run; give two or more, the first is what counts")
     record = _thinned_record(what)
     if names or ax is not None or fig is not None:
         return tasks.figure_of(record, *_flattened(names), ax=ax, fig=fig, width=width)

@@ -16,9 +16,8 @@ from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector
 from uvms_ocp.robot.signals import SAME_TIME
 
 _TICKS_TO_ACT = 2.0  # until brakes act on what is seen
-_CAUGHT = (
-    1.0  # [s] in which a quick loop catches an arm whose posture is sound, under a load unknown
-)
+# [s] in which a quick loop catches an arm whose posture is sound, under an unknown load
+_CAUGHT = 1.0
 _SLOW_TICK = 0.02  # [s] of control from which on a loop catches no arm that is thrown
 _UNASKED = 0.25  # share of the limit by which a joint is off the velocity that is asked of it
 _CARRIED_OFF = 0.5  # share of the limit by which a vehicle is off the velocity that is asked of it
@@ -48,7 +47,9 @@ class OverspeedMemory(Layout):
     lock: float
     """[s] shortest duration of the last lock, 0 before the first since the posture was sound."""
     thrown: bool
-    """That joint came to its limit within one tick: let go, it would before brakes can act again."""
+    """True where the joint came to its limit within one tick: let go, it would do so again before the
+    brakes can act.
+    """
     joint: int
     """Joint that locked the brakes in this tick, -1 for none."""
 
