@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_cures_one_by_one import NAMES, as_proposed, dive
+from proposals import read_as_proposed
+from test_cures_one_by_one import NAMES, dive
 
 from uvms_ocp.identification.channel_mapping import RecordingMapping
 from uvms_ocp.identification.data_quality import check_data_quality
@@ -56,7 +57,7 @@ def error(recording: Recording) -> float:
     ],
 )
 def test_a_pressure_becomes_a_height(column: str, unit: str, air: float, tmp_path: Path) -> None:
-    assert error(as_proposed(log(tmp_path, column, unit, air=air))) < 0.05
+    assert error(read_as_proposed(log(tmp_path, column, unit, air=air))) < 0.05
 
 
 @pytest.mark.parametrize("column", ["press_kpa", "pressure"])
@@ -64,7 +65,7 @@ def test_a_pressure_without_a_velocity_is_told_by_name_or_doubted(
     column: str, tmp_path: Path
 ) -> None:
     path = log(tmp_path, column, "kPa", without="linear_velocity")
-    read = as_proposed(path)
+    read = read_as_proposed(path)
     if error(read) > 0.05:
         assert "a pressure in a unit that nothing tells" in propose_mapping(path)
 
