@@ -11,10 +11,9 @@ from uvms_ocp.estimation import (
     vehicle_model,
 )
 from uvms_ocp.estimation.filter_memory import JOINT_SLOTS, JOINT_STATES, FilterMemory
+from uvms_ocp.estimation.joint_travel import goes_along
 
 _FIRST = int(filtering.ChannelIndex.JOINT_POSITIONS)
-# share of the way of a change of rate, which an encoder that goes along has gone at least
-_SEEN = 0.25
 _CLEAR_WAY = 40.0  # times the noise of an encoder from which on a way of one tick tells something
 
 
@@ -113,16 +112,14 @@ def _are_of_one_time(filter: FilterMemory) -> bool:
 
 
 def _is_thrown(filter: FilterMemory, j: int) -> bool:
-    """Return whether position and rate of a joint surprise alike: the position has gone at least a
-    quarter of the way of what the rate has changed by, and not much more than all.
-    """
+    """Return whether position and rate of a joint surprise alike."""
     rate_off = filter.joint_value[1][j] - filter.joint_x[j][1]
     way = rate_off * max(filter.dt, filter.period[_FIRST])
     off = filter.joint_value[0][j] - filter.joint_x[j][0]
     is_clear = abs(way) > _CLEAR_WAY * filter.sigma[_FIRST]
     variance = filter.joint_P[j][1][1] + filter.sigma[_FIRST + 1] * filter.sigma[_FIRST + 1]
     surprises = rate_off * rate_off > filter.gate[_FIRST + 1] * variance
-    return is_clear and surprises and _SEEN <= off / way <= 1.0 + _SEEN
+    return is_clear and surprises and goes_along(off, way)
 
 
 def _expect_thrown(filter: FilterMemory, j: int) -> None:

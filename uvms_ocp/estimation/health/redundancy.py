@@ -10,6 +10,7 @@ from typing import Annotated
 
 from uvms_ocp.codegen.kernel_layout import Layout, Sized, Vector, zeros
 from uvms_ocp.estimation.health.plausibility import angle_between, conjugate, small_rotation
+from uvms_ocp.estimation.joint_travel import LEAST_TRAVEL, goes_along
 from uvms_ocp.estimation.vehicle_model import multiply, normalize
 
 LONGEST = 64
@@ -47,7 +48,6 @@ _DEPTH = 0.05
 _ENCODER_SPAN = 10.0
 _SLOW_JOINT = 0.001
 _RATE_DELAY = 0.05
-_SEEN = 0.25  # of the way of a change of rate, which an encoder that goes along has gone at least
 _RATE_SIGMAS = 5.0  # of the way that rates integrate to, beside what its bias may make of it
 
 
@@ -626,16 +626,15 @@ def is_seen_by_encoder(comparison: RateAgainstEncoder, i: int, rate: float, t: f
     """Return whether the encoder of joint i has gone along with a rate [rad/s or m/s] at time t [s]
     that is another one than at the last reading.
 
-    What changes evenly has gone half of the way that the change makes at its end, and what stops at
-    once less; an encoder whose rate alone is wrong has gone none of it.
+    An encoder whose rate alone is wrong has gone none of the way.
     """
     span = comparison.position_t - comparison.position_before_t
     change = rate - comparison.rate[i]
     is_of_now = abs(comparison.position_t - t) <= 0.5 * span
-    if not (is_of_now and span <= _GAP and comparison.noise < _SEEN * abs(change) * span):
+    if not (is_of_now and span <= _GAP and comparison.noise < LEAST_TRAVEL * abs(change) * span):
         return False
     gone = (comparison.position[i] - comparison.position_before[i]) / span - comparison.rate[i]
-    return _SEEN <= gone / change <= 1.0 + _SEEN
+    return goes_along(gone, change)
 
 
 def is_adrift(comparison: RateAgainstEncoder) -> bool:
