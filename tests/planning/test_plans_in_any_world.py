@@ -22,8 +22,8 @@ from uvms_ocp.report.planned_motion import motion_record, plan_report
 from uvms_ocp.robot.loading import list_robots
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.robot.shapes.obstacles import obstacle
+from uvms_ocp.viz.colours import THRESHOLD
 from uvms_ocp.viz.plan_figures import figure_vehicle_motion
-from uvms_ocp.viz.style import THRESHOLD
 
 HERE = pin.SE3.Identity()
 

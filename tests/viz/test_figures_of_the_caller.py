@@ -20,8 +20,9 @@ from matplotlib.text import Text
 from uvms_ocp import viz
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
+from uvms_ocp.viz.contrast import contrast, legible
 from uvms_ocp.viz.run_figures import FIGURES, write_figure
-from uvms_ocp.viz.style import DPI, contrast, legible
+from uvms_ocp.viz.style import DPI
 
 STYLES = ["default", "dark_background", "seaborn-v0_8-darkgrid"]
 OPTIONAL = {"fig": None, "width": "page"}

@@ -17,8 +17,8 @@ from uvms_ocp.errors import InvalidInput, NameNotFound
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.robot import Robot
 from uvms_ocp.viz import plot
+from uvms_ocp.viz.label_text import label_texts
 from uvms_ocp.viz.several_runs import BAND
-from uvms_ocp.viz.style import label_texts
 
 ERROR = "T.position_error"
 

@@ -12,7 +12,9 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.types import Mask, Shape
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, style
+from uvms_ocp.viz.colours import BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION
+from uvms_ocp.viz.label_text import label_text
 
 _Success = Annotated[Mask, Shape("n")]
 _COLUMNS = 3  # of histograms beside each other
@@ -30,17 +32,17 @@ def figure_rate(
     success: _Success,
     interval: tuple[float, float],
     *,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw the share of successes over the number of runs; success (n,) of all runs in their order,
     interval of the whole.
     """
-    figure = style.titled(2.4, "Success rate, and its 95 % interval at the end", fig, width)
+    figure = layout.titled(2.4, "Success rate, and its 95 % interval at the end", fig, width)
     axis = figure.subplots()
     n = np.arange(1, len(success) + 1)
-    axis.axhspan(100 * interval[0], 100 * interval[1], color=style.BLUE, alpha=0.15, lw=0)
-    axis.plot(n, 100 * np.cumsum(success) / n, color=style.BLUE)
+    axis.axhspan(100 * interval[0], 100 * interval[1], color=BLUE, alpha=0.15, lw=0)
+    axis.plot(n, 100 * np.cumsum(success) / n, color=BLUE)
     axis.set(xlabel="runs", ylabel="successes [%]", xlim=(1, max(2, len(success))))
     return figure
 
@@ -49,14 +51,14 @@ def figure_rate(
 def figure_outcomes(outcomes: Sequence[Mapping[str, Any]]) -> Figure:
     """Draw the shares of all outcomes with their intervals; rows as the report has them."""
     rows = list(outcomes)[:_MOST_BARS][::-1]
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.7 + 0.28 * len(rows)))
+    figure = style.RecordFigure(figsize=(layout.WIDTH, 0.7 + 0.28 * len(rows)))
     axis = figure.subplots()
     labels = []
     colors = []
     errors = []  # [%] below and above each share
     for row in rows:
-        labels.append(style.label_text(row["outcome"], _LONGEST_NAME))
-        colors.append(style.GREEN if row["outcome"] == "completed" else style.VERMILLION)
+        labels.append(label_text(row["outcome"], _LONGEST_NAME))
+        colors.append(GREEN if row["outcome"] == "completed" else VERMILLION)
         errors.append((100 * (row["share"] - row["lower"]), 100 * (row["upper"] - row["share"])))
     shares = np.array([100 * row["share"] for row in rows])
     axis.barh(labels, shares, xerr=np.maximum(np.array(errors).T, 0.0), color=colors)
@@ -82,8 +84,8 @@ def figure_spread(
     values: Mapping[str, np.ndarray],
     success: _Success,
     *,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw histograms of figures of merit, values (n,) [unit in the name] by name, NaN where a run
     has none; success (n,).
@@ -96,8 +98,8 @@ def figure_spread(
             shapes = f"success has shape {success.shape}, values[{name!r}] {column.shape}"
             raise InvalidInput(f"{shapes}; give one of each per run")
     names = [name for name, column in values.items() if (np.abs(column) <= _LARGEST).any()]
-    figure = style.titled(1.7, "", fig, width)
-    n_columns = _COLUMNS if style.inches(figure) > style.NARROW else 1
+    figure = layout.titled(1.7, "", fig, width)
+    n_columns = _COLUMNS if layout.inches(figure) > layout.NARROW else 1
     n_rows = max(1, -(-len(names) // n_columns))
     if fig is None:
         figure.set_figheight(1.7 * n_rows)
@@ -110,10 +112,10 @@ def figure_spread(
             parts,
             bins=edges,
             stacked=True,
-            color=[style.GREEN, style.VERMILLION],
+            color=[GREEN, VERMILLION],
             label=["success", "failure"],
         )
-        axis.set_xlabel(style.label_text(name))
+        axis.set_xlabel(label_text(name))
     for axis in axes[len(names) :]:
         axis.set_axis_off()
     axes[0].legend()
@@ -127,18 +129,18 @@ def figure_sensitivity(rows: Sequence[Mapping[str, Any]], figure_name: str) -> F
     """
     figure_rows = [row for row in rows if row["figure"] == figure_name]
     bars = sorted(figure_rows, key=lambda row: row["pawn"])[-_MOST_BARS:]
-    figure = style.RecordFigure(figsize=(style.WIDTH, 0.8 + 0.28 * len(bars)))
+    figure = style.RecordFigure(figsize=(layout.WIDTH, 0.8 + 0.28 * len(bars)))
     axis = figure.subplots()
     colors = []
     for row in bars:
         has_effect = row["pawn"] > row["pawn_floor"]
-        colors.append(style.ORANGE if has_effect else style.FADED)
+        colors.append(ORANGE if has_effect else FADED)
     axis.barh(
-        [style.label_text(row["parameter"], _LONGEST_NAME) for row in bars],
+        [label_text(row["parameter"], _LONGEST_NAME) for row in bars],
         [row["pawn"] for row in bars],
         color=colors,
     )
     if bars:
-        axis.axvline(bars[0]["pawn_floor"], color=style.THRESHOLD, lw=0.9, ls=(0, (5, 3)))
+        axis.axvline(bars[0]["pawn_floor"], color=THRESHOLD, lw=0.9, ls=(0, (5, 3)))
     axis.set_xlabel(f"PAWN index of {figure_name} [-]; left of the dashed line nothing is told")
     return figure

@@ -12,9 +12,11 @@ from uvms_ocp.errors import InvalidInput, require_known
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_positions
 from uvms_ocp.record.tables import unit_of
-from uvms_ocp.viz import series, style
+from uvms_ocp.viz import layout, series, style
+from uvms_ocp.viz.colours import BLACK, BLUE, GREEN, ORANGE, VERMILLION
+from uvms_ocp.viz.label_text import label_text
 
-_COLORS = (style.BLUE, style.VERMILLION, style.GREEN, style.ORANGE)
+_COLORS = (BLUE, VERMILLION, GREEN, ORANGE)
 _SMOOTHNESS = {
     "step": ("step of v / (a_max dt)", 1e-4),
     "jerk": ("jerk [m/s³, rad/s³]", 1e-2),
@@ -28,8 +30,8 @@ def figure_joint_comparison(
     records: Mapping[str, Record],
     phase: str | None = None,
     *,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw the positions of all joints during the last stay in a phase, for runs by name, over time
     since its start.
@@ -42,10 +44,10 @@ def figure_joint_comparison(
     if phase is None:
         phase = _last_shared_phase(records)
     title = (
-        f"Joint positions in phase {style.label_text(phase)}"
+        f"Joint positions in phase {label_text(phase)}"
         f" [{unit_of('q', 'joints', next(iter(records.values())).meta)}]"
     )
-    figure, axes = style.stacked(len(joints), 0.6, title, fig, width)
+    figure, axes = layout.stacked(len(joints), 0.6, title, fig, width)
     for (_, record), color in zip(records.items(), _COLORS, strict=False):
         spans = {span.name: span for span in series.phase_spans(record)}
         require_known("phase", phase, spans)
@@ -55,8 +57,8 @@ def figure_joint_comparison(
         for axis, column in zip(axes, positions.T, strict=True):
             axis.plot(record["t"][rows] - span.start, column, color=color, lw=1.0)
     for axis, name in zip(axes, joints, strict=True):
-        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    axes[-1].set_xlabel(series.axis_label(f"time since phase {style.label_text(phase)} began", "t"))
+        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
+    axes[-1].set_xlabel(series.axis_label(f"time since phase {label_text(phase)} began", "t"))
     _name_runs(figure, records)
     return figure
 
@@ -76,8 +78,8 @@ def _name_runs(figure: Figure, names: Iterable[str]) -> None:
     """Add the legend of runs, a colour each."""
     lines = []
     for name, color in zip(names, _COLORS, strict=False):
-        lines.append(Line2D([], [], color=color, label=style.label_text(name)))
-    style.heading_legend(figure, lines)
+        lines.append(Line2D([], [], color=color, label=label_text(name)))
+    layout.heading_legend(figure, lines)
 
 
 def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
@@ -98,17 +100,17 @@ def _joints_of(records: Mapping[str, Record]) -> tuple[str, ...]:
 
 @style.styled
 def figure_paths(
-    paths: Mapping[str, np.ndarray], *, fig: style.Given = None, width: style.Width = "page"
+    paths: Mapping[str, np.ndarray], *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure:
     """Draw from above and from the side `paths` (n, 3) [m] in W by name, such as a tool's planned
     and tracked one.
     """
-    figure = style.titled(3.3, "Paths", fig, width)
-    views = style.abreast(figure)
-    for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
+    figure = layout.titled(3.3, "Paths", fig, width)
+    views = layout.abreast(figure)
+    for axis, (i, j) in zip(views, layout.VIEWS.values(), strict=True):
         for k, (name, path) in enumerate(paths.items()):
             color = _COLORS[k % len(_COLORS)]
-            label = style.label_text(name)
+            label = label_text(name)
             axis.plot(
                 path[:, i],
                 path[:, j],
@@ -119,10 +121,10 @@ def figure_paths(
             )
             axis.plot(path[0, i], path[0, j], "o", color=color, ms=4)
             axis.plot(path[-1, i], path[-1, j], "*", color=color, ms=8)
-    start = Line2D([], [], color=style.BLACK, ls="", marker="o", label="start")
-    end = Line2D([], [], color=style.BLACK, ls="", marker="*", label="end")
+    start = Line2D([], [], color=BLACK, ls="", marker="o", label="start")
+    end = Line2D([], [], color=BLACK, ls="", marker="*", label="end")
     path_lines = views[0].get_lines()[::3]  # each path has a line, a start and an end
-    style.heading_legend(figure, [*path_lines, start, end])
+    layout.heading_legend(figure, [*path_lines, start, end])
     return figure
 
 
@@ -130,24 +132,24 @@ def figure_paths(
 def figure_transitions(
     runs: Mapping[str, Mapping[str, np.ndarray]],
     *,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw how smoothly runs change phase; thin lines: changes.
 
     runs: by name, the series (n,) [s, -, m/s3 or rad/s3, m/s or rad/s] that
     `uvms_ocp.report.transition_series` gives.
     """
-    figure, axes = style.stacked(3, 1.5, "Smoothness of phase changes", fig, width)
+    figure, axes = layout.stacked(3, 1.5, "Smoothness of phase changes", fig, width)
     for (_, run), color in zip(runs.items(), _COLORS, strict=False):
         for axis, name in zip(axes, _SMOOTHNESS, strict=True):
             axis.plot(run["t"], np.maximum(run[name], _SMOOTHNESS[name][1]), color=color, lw=0.8)
             for time in run["changes"]:
                 axis.axvline(time, color=color, lw=0.6, alpha=0.6)
     for axis, (label, floor) in zip(axes, _SMOOTHNESS.values(), strict=True):
-        style.logarithmic(axis)
+        layout.logarithmic(axis)
         axis.set_ylabel(label)
         axis.set_ylim(bottom=floor)
-    axes[0].axhline(1.0, color=style.BLACK, lw=0.6, ls="--")
+    axes[0].axhline(1.0, color=BLACK, lw=0.6, ls="--")
     _name_runs(figure, runs)
     return figure

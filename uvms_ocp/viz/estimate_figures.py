@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 
 from uvms_ocp.record.record import Record
 from uvms_ocp.record.run_meta import joint_errors
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, marks, style
+from uvms_ocp.viz.colours import AXES_XYZ, LINES
+from uvms_ocp.viz.label_text import label_texts
 from uvms_ocp.viz.series import axis_label, axis_names, has_vehicle, phase_spans
 
 _FITTING = 98.0  # [%] of the ticks whose bands fit; before the first readings they are endless
@@ -20,7 +22,7 @@ _Panel = tuple[str, Sequence[str], Sequence[str], np.ndarray, np.ndarray]
 
 @style.styled
 def figure_estimate(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw errors of position, attitude and joints, estimate less truth, within two standard
     deviations that the filter gives.
@@ -30,13 +32,13 @@ def figure_estimate(
     panels = _panels(record)
     if not panels:
         return None
-    figure, axes = style.stacked(
+    figure, axes = layout.stacked(
         len(panels), 1.5, "Estimate less truth, and two standard deviations", fig, width
     )
     for axis, (label, names, colors, errors, spreads) in zip(axes, panels, strict=True):
         _draw(axis, record["t"], names, colors, errors, spreads)
         axis.set_ylabel(label)
-    style.shade_phases(axes, phase_spans(record))
+    marks.shade_phases(axes, phase_spans(record))
     return figure
 
 
@@ -51,16 +53,16 @@ def _panels(record: Record) -> list[_Panel]:
         place = 1e3 * (measured - q)[:, :3]
         turn = 1e3 * _turns(q[:, 3:7], measured[:, 3:7])
         panels = [
-            (position, ("x", "y", "z"), style.AXES_XYZ, place, 1e3 * spread[:, :3]),
-            (attitude, ("roll", "pitch", "yaw"), style.AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
+            (position, ("x", "y", "z"), AXES_XYZ, place, 1e3 * spread[:, :3]),
+            (attitude, ("roll", "pitch", "yaw"), AXES_XYZ, turn, 1e3 * spread[:, 3:6]),
         ]
     errors = joint_errors(record.series, record.meta)
     if errors is None:
         return panels
     n = errors.shape[1]
     if n and spread.shape[1] >= n:
-        names = style.label_texts(axis_names(record, n), 10)
-        colors = [style.LINES[i % len(style.LINES)] for i in range(n)]
+        names = label_texts(axis_names(record, n), 10)
+        colors = [LINES[i % len(LINES)] for i in range(n)]
         panels.append(
             (
                 axis_label("joints", "q", "joints", "m", record.meta),
@@ -104,4 +106,4 @@ def _draw(
         1e-9,
     )
     axis.set_ylim(-1.2 * largest, 1.2 * largest)
-    style.legend_beside(axis)
+    layout.legend_beside(axis)

@@ -6,10 +6,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, marks, style
+from uvms_ocp.viz.colours import GREEN, ORANGE, VERMILLION
+from uvms_ocp.viz.label_text import label_text
 from uvms_ocp.viz.series import axis_label, intervals_of, phase_spans
 
-_STATE_COLORS = {"good": style.GREEN, "suspect": style.ORANGE, "lost": style.VERMILLION}
+_STATE_COLORS = {"good": GREEN, "suspect": ORANGE, "lost": VERMILLION}
 _MOST_ALARMS = 8  # written below the bars
 _HEIGHT = 0.62  # of a bar, of the space of a channel
 _LINE = 0.17  # [in] of text
@@ -17,7 +19,7 @@ _LINE = 0.17  # [in] of text
 
 @style.styled
 def figure_health(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw one bar over time per channel, green where it was good, and below the bars what was said
     against channels.
@@ -27,7 +29,7 @@ def figure_health(
     t = record["t"]
     names = record.meta.channels
     alarms = _alarm_lines(record)
-    figure = style.titled(
+    figure = layout.titled(
         1.0 + 0.26 * len(names) + _LINE * len(alarms), "Health of the sensors", fig, width
     )
     axis = figure.subplots()
@@ -38,13 +40,13 @@ def figure_health(
                 if state == code:
                     pieces.append((t[start], t[end] - t[start]))
             axis.broken_barh(pieces, (row - _HEIGHT / 2, _HEIGHT), facecolors=color, lw=0)
-    axis.set_yticks(range(len(names)), [style.label_text(name) for name in names])
+    axis.set_yticks(range(len(names)), [label_text(name) for name in names])
     axis.set_ylim(len(names) - 0.5, -0.5)
     axis.grid(visible=False, axis="y")
     axis.set_xlabel(axis_label("time", "t"))
     if alarms:
         figure.supxlabel("\n".join(alarms), x=0.01, ha="left", fontsize=style.points(7))
-    style.shade_phases([axis], phase_spans(record), letters_beside=12)
+    marks.shade_phases([axis], phase_spans(record), letters_beside=12)
     patches = [Patch(color=color, label=name) for name, color in _STATE_COLORS.items()]
     figure.legend(handles=patches, loc="outside upper right", ncols=len(patches))
     return figure
@@ -57,9 +59,7 @@ def _alarm_lines(record: Record) -> list[str]:
         for alarm in record.run_meta.alarms
         if alarm.text.partition(" ")[0] in record.run_meta.channels
     ]
-    lines = [
-        style.label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_ALARMS]
-    ]
+    lines = [label_text(f"{alarm.t:.2f} s  {alarm.text}", 110) for alarm in alarms[:_MOST_ALARMS]]
     n_more = len(alarms) - len(lines)
     if n_more:
         return [*lines, f"and {n_more} more"]

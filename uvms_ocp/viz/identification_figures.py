@@ -22,7 +22,9 @@ from uvms_ocp.identification.validation import (
     Profile,
     errors,
 )
-from uvms_ocp.viz import series, style
+from uvms_ocp.viz import layout, series, style
+from uvms_ocp.viz.colours import BLACK, BLUE, FADED, GREEN, ORANGE, THRESHOLD, VERMILLION
+from uvms_ocp.viz.label_text import label_text
 
 _AXES_OF_SENSOR = 3
 _UNITS = ("m/s", "rad/s", "-")
@@ -31,7 +33,7 @@ _PARTS = ("linear", "angular")
 """Parts of the velocity, as the sensors measure them."""
 _VERTICAL = 2  # place of its sensor
 _COLUMNS = 4  # of profiles beside each other
-_PREDICTORS = (style.BLUE, style.FADED, style.ORANGE, style.GREEN)
+_PREDICTORS = (BLUE, FADED, ORANGE, GREEN)
 """Colours of the calibrated vehicle, the vehicle before, and those that know less."""
 _BAR_WIDTH = 0.2  # of the distance between horizons
 _ROOM = 1.15  # of the tallest bar but those of the vehicle before, which may be anywhere
@@ -43,9 +45,9 @@ def figure_residuals(comparison: Comparison) -> Figure:
     """Draw the residuals, simulated less measured, and their autocorrelation."""
     residuals = comparison.residuals
     tests = {test.channel: test for test in comparison.whiteness}
-    name = style.label_text(comparison.name)
+    name = label_text(comparison.name)
     title = f"{name}: what the search has left, and its autocorrelation"
-    figure = style.titled(0.95 * len(CHANNELS) + 0.6, title)
+    figure = layout.titled(0.95 * len(CHANNELS) + 0.6, title)
     grid = figure.subplots(
         len(CHANNELS), 2, sharex="col", squeeze=False, gridspec_kw={"width_ratios": (3, 1)}
     )
@@ -54,7 +56,7 @@ def figure_residuals(comparison: Comparison) -> Figure:
         sensor, column = divmod(i, _AXES_OF_SENSOR)
         simulated = residuals.rows[sensor][:, column]
         measured = residuals.measured[sensor][:, column]
-        over_time.plot(residuals.t[sensor], simulated - measured, color=style.BLUE, lw=0.6)
+        over_time.plot(residuals.t[sensor], simulated - measured, color=BLUE, lw=0.6)
         over_time.set_ylabel(f"{name}\n[{_UNITS[sensor]}]")
         if name in tests:
             _correlation(over_lags, tests[name])
@@ -65,10 +67,10 @@ def figure_residuals(comparison: Comparison) -> Figure:
 
 def _correlation(axis: Axes, test: Whiteness) -> None:
     lags = test.interval * np.arange(len(test.correlation))
-    axis.axhspan(-test.bound, test.bound, color=style.FADED, alpha=0.5, lw=0)
-    axis.vlines(lags[1:], 0.0, test.correlation[1:], color=style.BLUE, lw=1.2)
+    axis.axhspan(-test.bound, test.bound, color=FADED, alpha=0.5, lw=0)
+    axis.vlines(lags[1:], 0.0, test.correlation[1:], color=BLUE, lw=1.2)
     axis.set_ylim(-1.05, 1.05)
-    color = style.THRESHOLD if test.white else style.VERMILLION
+    color = THRESHOLD if test.white else VERMILLION
     if test.p > LEAST_P:
         p = f"p = {test.p:.2g}"
     else:
@@ -82,7 +84,7 @@ def figure_profiles(profiles: Sequence[Profile]) -> Figure:
     take for them.
     """
     n_rows = -(-len(profiles) // _COLUMNS)
-    figure = style.titled(
+    figure = layout.titled(
         1.5 * n_rows + 0.7, "Root of the deviance, a number held (grey: by standard errors)"
     )
     axes = figure.subplots(n_rows, _COLUMNS, sharex=True, sharey=True, squeeze=False).ravel()
@@ -96,15 +98,15 @@ def figure_profiles(profiles: Sequence[Profile]) -> Figure:
 
 def _profile(axis: Axes, profile: Profile) -> None:
     number = profile.number
-    color = style.VERMILLION if profile.differs else style.BLUE
+    color = VERMILLION if profile.differs else BLUE
     for end in (-INTERVAL, INTERVAL):
-        axis.axhline(end, color=style.THRESHOLD, lw=0.7, ls=(0, (5, 3)))
+        axis.axhline(end, color=THRESHOLD, lw=0.7, ls=(0, (5, 3)))
     straight = (np.array(number.interval) - number.value) / number.sigma
     scanned = (np.array(profile.values) - number.value) / number.sigma
-    axis.plot(straight, (-INTERVAL, INTERVAL), color=style.FADED, lw=2.5)
+    axis.plot(straight, (-INTERVAL, INTERVAL), color=FADED, lw=2.5)
     axis.plot(scanned, profile.roots, color=color, lw=1.0, marker="o", ms=3)
     axis.set_title(
-        f"{style.label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}",
+        f"{label_text(number.name)}\n{number.value:.4g} ± {number.sigma:.2g}",
         fontsize=style.points(7),
     )
 
@@ -117,7 +119,7 @@ def figure_left_out(recordings: Sequence[HeldOutRecording]) -> Figure:
     predictions: list[HorizonPrediction] = []
     for recording in recordings:
         predictions += recording.horizons
-    figure = style.titled(
+    figure = layout.titled(
         4.6, "Recordings that were not seen: errors by horizon; taller bars are cut"
     )
     axes = figure.subplots(2, 4).ravel()
@@ -180,8 +182,8 @@ def write_identification_figures(calibration: Calibration, folder: Path | str) -
 @style.styled
 def figure_predicted(comparison: Comparison) -> Figure:
     """Draw velocities, roll and pitch, measured and predicted from commands alone."""
-    title = f"{style.label_text(comparison.name)}: measured and predicted"
-    figure, axes = style.stacked(len(AXES) + 2, 1.0, title)
+    title = f"{label_text(comparison.name)}: measured and predicted"
+    figure, axes = layout.stacked(len(AXES) + 2, 1.0, title)
     for i, name in enumerate(AXES):
         sensor, column = divmod(i, _AXES_OF_SENSOR)
         axes[i].set_ylabel(series.axis_label(name, "v", _PARTS[sensor]))
@@ -189,7 +191,7 @@ def figure_predicted(comparison: Comparison) -> Figure:
     for axis, name, angle in ((axes[-2], "roll", _roll), (axes[-1], "pitch", _pitch)):
         axis.set_ylabel(f"{name} [deg]")
         _draw(axis, comparison, _VERTICAL, angle)
-    style.heading_legend(figure, axes[0].get_lines())
+    layout.heading_legend(figure, axes[0].get_lines())
     return figure
 
 
@@ -210,11 +212,11 @@ def _draw(
     calibrated = comparison.calibrated
     t = calibrated.t[sensor]
     measured = column(calibrated.measured[sensor])
-    axis.plot(t, measured, color=style.BLACK, lw=0.7, label="measured")
+    axis.plot(t, measured, color=BLACK, lw=0.7, label="measured")
     for name, predicted, color in (
-        ("before", comparison.before, style.FADED),
-        ("at rest in balance", comparison.balance, style.GREEN),
-        ("calibrated", calibrated, style.VERMILLION),
+        ("before", comparison.before, FADED),
+        ("at rest in balance", comparison.balance, GREEN),
+        ("calibrated", calibrated, VERMILLION),
     ):
         t = predicted.t[sensor]
         axis.plot(t, column(predicted.rows[sensor]), color=color, lw=0.9, label=name)
@@ -226,7 +228,7 @@ def figure_intervals(calibration: Calibration) -> Figure:
     faded.
     """
     numbers = calibration.numbers
-    figure = style.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
+    figure = layout.titled(0.17 * len(numbers) + 1.0, "Half widths of 95 % intervals")
     axis = figure.subplots()
     places = np.arange(len(numbers))
     widths = []
@@ -234,9 +236,9 @@ def figure_intervals(calibration: Calibration) -> Figure:
     for number in numbers:
         width = 100.0 * INTERVAL * number.sigma / max(number.size, 1e-300)
         widths.append(min(width, _WIDEST))
-        colors.append(style.BLUE if number.determined else style.FADED)
+        colors.append(BLUE if number.determined else FADED)
     axis.barh(places, widths, color=colors)
-    axis.set_yticks(places, [style.label_text(number.name) for number in numbers])
+    axis.set_yticks(places, [label_text(number.name) for number in numbers])
     axis.set_ylim(len(numbers) - 0.4, -0.6)
     axis.set_xlabel(f"[%] of the number's size, cut off at {_WIDEST:.0f}; grey: not determined")
     return figure

@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record import run_meta
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, marks, style
+from uvms_ocp.viz.colours import AXES_XYZ, DASHES, LINES, VERMILLION
+from uvms_ocp.viz.label_text import label_text
 from uvms_ocp.viz.series import PhaseSpan, axis_label, has_vehicle, phase_spans
 
 _ZOOM = 1.0  # [s] on each side of a transition
@@ -27,7 +29,7 @@ _VELOCITY_PANELS = (
 
 @style.styled
 def figure_velocities(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw linear and angular velocity of the vehicle in B, whole run and a zoom on every change of
     phase.
@@ -36,8 +38,8 @@ def figure_velocities(
         return None
     spans = phase_spans(record)
     changes = [span.start for span in spans[1:]]
-    figure = style.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity", fig, width)
-    changes = changes[: max(1, int(style.inches(figure) / _ZOOM_WIDTH))]
+    figure = layout.titled(3.9 + (2.6 if changes else 0.0), "Vehicle velocity", fig, width)
+    changes = changes[: max(1, int(layout.inches(figure) / _ZOOM_WIDTH))]
     if changes:
         parts = figure.subfigures(2, 1, height_ratios=(3.4, 3.0))
     else:
@@ -53,9 +55,9 @@ def _whole_run(parent: Figure, record: Record) -> None:
     for axis, (part, label, names) in zip(axes, _VELOCITY_PANELS, strict=True):
         _velocity_lines(axis, record, part, names)
         axis.set_ylabel(label)
-        style.legend_beside(axis)
+        layout.legend_beside(axis)
     axes[-1].set_xlabel(axis_label("time", "t"))
-    style.mark_time(axes, record)
+    marks.mark_time(axes, record)
 
 
 def _zooms(
@@ -65,7 +67,7 @@ def _zooms(
     for column, change in enumerate(changes):
         for axis, (part, label, names) in zip(grid[:, column], _VELOCITY_PANELS, strict=True):
             _velocity_lines(axis, record, part, names, center=change)
-            style.mark_time([axis], record, named=False)
+            marks.mark_time([axis], record, named=False)
             axis.set_xlim(change - _ZOOM, change + _ZOOM)
             # Without it a velocity of rounding size would fill its panel.
             low, high = axis.get_ylim()
@@ -87,15 +89,13 @@ def _velocity_lines(
         is_shown = np.ones(len(t), dtype=bool)
     else:
         is_shown = np.abs(t - center) <= _ZOOM
-    for values, name, color, dashes in zip(
-        v[is_shown].T, names, style.AXES_XYZ, style.DASHES, strict=True
-    ):
+    for values, name, color, dashes in zip(v[is_shown].T, names, AXES_XYZ, DASHES, strict=True):
         axis.plot(t[is_shown], values, color=color, ls=dashes, label=name, lw=1.2)
 
 
 @style.styled
 def figure_joints(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw joint positions and velocities, with limits where the record gives them; one small panel
     per joint.
@@ -105,22 +105,22 @@ def figure_joints(
     n = len(names)
     if not names or values is None:
         return None
-    figure = style.titled(0.78 * n + 0.9, "Joints", fig, width)
+    figure = layout.titled(0.78 * n + 0.9, "Joints", fig, width)
     grid = figure.subplots(n, 2, sharex=True, squeeze=False)
     positions, velocities = _joint_bounds(record, n)
     _joint_column(grid[:, 0], record, values, positions)
     _joint_column(grid[:, 1], record, record["v"][:, -n:], velocities)
     for axis, name in zip(grid[:, 0], names, strict=True):
-        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
+        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
     for axis, title, name in zip(grid[0], ("position", "velocity"), "qv", strict=True):
         axis.set_title(
             axis_label(title, name, "joints", meta=record.meta).replace(" [", "\n["),
-            pad=1 + style.space_above(record),
+            pad=1 + marks.space_above(record),
         )
     for axis in grid[-1]:
         axis.set_xlabel(axis_label("time", "t"))
     for column in grid.T:
-        style.mark_time(column, record)
+        marks.mark_time(column, record)
     figure.align_ylabels(grid[:, 0])
     return figure
 
@@ -141,7 +141,7 @@ def _joint_column(
     axes: Sequence[Axes], record: Record, values: np.ndarray, bounds: Sequence[np.ndarray]
 ) -> None:
     for i, axis in enumerate(axes):
-        axis.plot(record["t"], values[:, i], color=style.LINES[i % len(style.LINES)])
+        axis.plot(record["t"], values[:, i], color=LINES[i % len(LINES)])
         for bound in bounds:
             if np.isfinite(bound[i]):
-                axis.axhline(bound[i], color=style.VERMILLION, lw=0.8, ls="--")
+                axis.axhline(bound[i], color=VERMILLION, lw=0.8, ls="--")

@@ -10,7 +10,9 @@ from uvms_ocp.ocp.separating_planes import support_of
 from uvms_ocp.record import meta_values
 from uvms_ocp.record.record import Record
 from uvms_ocp.robot.shapes.obstacles import build_obstacle
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, marks, style
+from uvms_ocp.viz.colours import BLACK, LINES
+from uvms_ocp.viz.label_text import label_text
 from uvms_ocp.viz.series import floor_heights, has_vehicle, phase_spans
 
 _FLOOR_COLOR = "#8C6D46"
@@ -22,16 +24,16 @@ _DIRECTIONS = 48  # in which the outermost points of an obstacle are looked for
 
 @style.styled
 def figure_path(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the vehicle's path from above and from the side, coloured by phase, with the markers and
     obstacles of the scenario.
     """
     if not has_vehicle(record):
         return None
-    figure = style.titled(3.3, "Path of the vehicle", fig, width)
-    views = style.abreast(figure)
-    for axis, (i, j) in zip(views, style.VIEWS.values(), strict=True):
+    figure = layout.titled(3.3, "Path of the vehicle", fig, width)
+    views = layout.abreast(figure)
+    for axis, (i, j) in zip(views, layout.VIEWS.values(), strict=True):
         _path_panel(axis, record, i, j)
         axis.margins(0.14)
     side_view = views[-1]
@@ -41,7 +43,7 @@ def figure_path(
         is_named = not str(line.get_label()).startswith("_")
         if is_named:
             lines_by_label[line.get_label()] = line
-    n_columns = max(1, int(style.inches(figure) / style.points(_ENTRY)))
+    n_columns = max(1, int(layout.inches(figure) / style.points(_ENTRY)))
     figure.legend(
         handles=list(lines_by_label.values()),
         loc="outside lower center",
@@ -64,9 +66,9 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
     p = record["q"][:, :3]
     for span in phase_spans(record):
         part = (t >= span.start) & (t <= span.end)
-        color = style.LINES[span.index % len(style.LINES)]
-        axis.plot(p[part, i], p[part, j], color=color, lw=2, label=style.label_text(span.label))
-    axis.plot(p[0, i], p[0, j], "o", color=style.BLACK, ms=4)
+        color = LINES[span.index % len(LINES)]
+        axis.plot(p[part, i], p[part, j], color=color, lw=2, label=label_text(span.label))
+    axis.plot(p[0, i], p[0, j], "o", color=BLACK, ms=4)
     for item in record.meta.surroundings.obstacles:
         outline = obstacle_outline(item, i, j)
         axis.fill(
@@ -78,9 +80,9 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
             zorder=1,
         )
         below = outline[:, 0].mean(), outline[:, 1].min()
-        style.note(
+        marks.note(
             axis,
-            style.label_text(item.name, 16),
+            label_text(item.name, 16),
             below,
             (0, -2),
             ha="center",
@@ -91,10 +93,10 @@ def _path_panel(axis: Axes, record: Record, i: int, j: int) -> None:
         # Names stand above and below in turn: markers of two tools are near each other.
         height = 4 - 13 * (k % 2)
         place = marker.position[i], marker.position[j]
-        axis.plot(*place, "*", color=style.BLACK, ms=7)
-        style.note(
+        axis.plot(*place, "*", color=BLACK, ms=7)
+        marks.note(
             axis,
-            style.label_text(marker.name),
+            label_text(marker.name),
             place,
             (5, height),
             fontsize=style.points(7),

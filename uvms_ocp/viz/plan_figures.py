@@ -14,8 +14,10 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import plain_line
 from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import style
+from uvms_ocp.viz import layout, marks, style
+from uvms_ocp.viz.colours import BLACK, THRESHOLD, VERMILLION, line_style
 from uvms_ocp.viz.effort_figures import figure_efforts
+from uvms_ocp.viz.label_text import label_text, label_texts
 from uvms_ocp.viz.series import axis_label, require_rows
 
 _ROWS = {
@@ -32,7 +34,7 @@ _VEHICLE = ("x", "y", "z", "roll", "pitch", "yaw")
 
 @style.styled
 def figure_vehicle_motion(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw planned vehicle axes from position to snap; `None` where none is planned."""
     return _motion(
@@ -42,7 +44,7 @@ def figure_vehicle_motion(
 
 @style.styled
 def figure_joint_motion(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw planned joints from position to snap; `None` where none is planned."""
     return _motion(
@@ -52,7 +54,7 @@ def figure_joint_motion(
 
 @style.styled
 def figure_clearance(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the distance from each obstacle and between links along the path, and the clearance that
     was wanted.
@@ -63,19 +65,19 @@ def figure_clearance(
     meta = record.plan_meta
     clearance = meta.clearance_wanted
     link_clearance = meta.link_clearance_wanted
-    figure, (axis,) = style.stacked(1, 2.8, "Clearance along the path", fig, width)
+    figure, (axis,) = layout.stacked(1, 2.8, "Clearance along the path", fig, width)
     for k, name in enumerate(meta.clearance_groups):
-        axis.plot(record["t"], d[:, k], **style.line_style(k), label=style.label_text(name, 24))
-    style.threshold(axis, clearance, f"wanted {clearance:g} m")
+        axis.plot(record["t"], d[:, k], **line_style(k), label=label_text(name, 24))
+    marks.threshold(axis, clearance, f"wanted {clearance:g} m")
     if link_clearance is not None and link_clearance != clearance:
-        style.threshold(axis, link_clearance, f"wanted {link_clearance:g} m between links", 0.5)
+        marks.threshold(axis, link_clearance, f"wanted {link_clearance:g} m between links", 0.5)
     if meta.min_clearance is not None:
         _mark_least(axis, meta.min_clearance)
     top = min(float(d.max()), max(_FAR, 5.0 * clearance))
     bottom = min(float(d.min()), 0.0)
     top = max(top, clearance, link_clearance or 0.0)
     axis.set_ylim(1.1 * bottom - 0.03 * top, 1.05 * top)
-    axis.axhspan(axis.get_ylim()[0], 0.0, color=style.VERMILLION, alpha=0.15, lw=0)
+    axis.axhspan(axis.get_ylim()[0], 0.0, color=VERMILLION, alpha=0.15, lw=0)
     axis.set_ylabel(axis_label("distance", "clearance"))
     figure.legend(loc="outside upper right", ncols=4)
     _mark_breaks([axis], record)
@@ -89,7 +91,7 @@ def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
     t = nearest.t
     distance = nearest.distance
     is_early = t < axis.get_xlim()[1] / 2.0
-    axis.plot(t, distance, "o", color=style.BLACK, ms=4, clip_on=False, zorder=3)
+    axis.plot(t, distance, "o", color=BLACK, ms=4, clip_on=False, zorder=3)
     if is_early:
         offset = (5, -4)
         side = "left"
@@ -97,7 +99,7 @@ def _mark_least(axis: Axes, nearest: meta_values.ClearanceMeta) -> None:
         offset = (-5, -4)
         side = "right"
     text = plain_line(f"{distance:.3g} m, {nearest.between}", 80)
-    style.note(axis, text, (t, distance), offset, ha=side, va="top", fontsize=style.points(7))
+    marks.note(axis, text, (t, distance), offset, ha=side, va="top", fontsize=style.points(7))
 
 
 _ALL = (figure_vehicle_motion, figure_joint_motion, figure_clearance, figure_efforts)
@@ -117,7 +119,7 @@ def write_plan_figures(record: Record, folder: Path | str) -> tuple[Path, ...]:
 
 
 def _motion(
-    record: Record, names: Collection[str], parts: Sequence[str], title: str, page: style.Page
+    record: Record, names: Collection[str], parts: Sequence[str], title: str, page: layout.Page
 ) -> Figure | None:
     """Draw one row per derivative that is recorded, one line per axis; each with its limit where it
     has one and comes near it.
@@ -129,11 +131,11 @@ def _motion(
     if not indices:
         return None
     rows = [(series, label) for series, label in _ROWS.items() if series in record.series]
-    figure, axes = style.stacked(len(rows), 1.25, title, *page)
-    axis_labels = style.label_texts([planned[i] for i in indices], 10)
+    figure, axes = layout.stacked(len(rows), 1.25, title, *page)
+    axis_labels = label_texts([planned[i] for i in indices], 10)
     for row, (series, label) in zip(axes, rows, strict=True):
         for k, (i, name) in enumerate(zip(indices, axis_labels, strict=True)):
-            row.plot(record["t"], record[series][:, i], **style.line_style(k), label=name)
+            row.plot(record["t"], record[series][:, i], **line_style(k), label=name)
         units = [tables.unit_of(series, part, record.meta) for part in parts]
         row.set_ylabel(f"{label}\n[{', '.join(units)}]")
         _draw_limits(row, record, series, indices)
@@ -155,9 +157,9 @@ def _draw_limits(row: Axes, record: Record, series: str, indices: list[int]) -> 
         colors = []
         for k, i in enumerate(indices):
             if values[i] == limit:
-                colors.append(style.line_style(k)["color"])
+                colors.append(line_style(k)["color"])
         if len(colors) == len(indices):
-            colors = [style.THRESHOLD]
+            colors = [THRESHOLD]
         for (n, color), side in itertools.product(enumerate(colors), (limit, -limit)):
             if low * 1.4 <= side <= high * 1.4:
                 row.axhline(side, color=color, lw=0.8, ls=(8 * n, (5, 8 * len(colors) - 5)))

@@ -15,7 +15,7 @@ from uvms_ocp.checks import checked
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.ocp.plan import Plan
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import style, task_figures as tasks
+from uvms_ocp.viz import layout, style, task_figures as tasks
 from uvms_ocp.viz.effort_figures import figure_efforts, figure_tracking
 from uvms_ocp.viz.estimate_figures import figure_estimate
 from uvms_ocp.viz.health_figures import figure_health
@@ -60,7 +60,7 @@ FIGURES: Mapping[str, Callable[..., Figure | None]] = style.by_name(_ALL)
 
 @checked
 def write_figures(
-    record: Record, folder: Path | str, format: Format = "png", *, width: style.Width = "page"
+    record: Record, folder: Path | str, format: Format = "png", *, width: layout.Width = "page"
 ) -> tuple[Path, ...]:
     """Write every figure that the record can fill as ``folder/<name>.png``, or in another format;
     returns the paths written.
@@ -79,7 +79,7 @@ def write_figure(
     name: str,
     folder: Path | str,
     format: Format = "png",
-    width: style.Width = "page",
+    width: layout.Width = "page",
 ) -> Path | None:
     """Write one of `FIGURES`, or of a plan's; `None` where the record cannot fill it. Raises as
     `write_figures`.
@@ -98,19 +98,19 @@ def plot(
     *names: _Names,
     differences: Literal[False] = False,
     ax: style.Panels = None,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure: ...
 @overload
-def plot(what: Plan | Record, *, width: style.Width = "page") -> style.Figures: ...
+def plot(what: Plan | Record, *, width: layout.Width = "page") -> style.Figures: ...
 @overload
 def plot(
     what: Runs,
     *names: _Names,
     differences: bool = False,
     ax: style.Panels = None,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure: ...
 @checked
 def plot(
@@ -118,8 +118,8 @@ def plot(
     *names: _Names,
     differences: bool = False,
     ax: style.Panels = None,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure | style.Figures:
     """Draw every figure that a run or a plan can fill, or one with a panel for each of the names;
     of several runs, one figure with all of them in the same panels.

@@ -15,7 +15,9 @@ from matplotlib.lines import Line2D
 
 from uvms_ocp.errors import InvalidInput
 from uvms_ocp.record.record import Record
-from uvms_ocp.viz import style, task_figures
+from uvms_ocp.viz import layout, marks, style, task_figures
+from uvms_ocp.viz.colours import DASHES, LINES, THRESHOLD
+from uvms_ocp.viz.label_text import label_text, label_texts
 from uvms_ocp.viz.series import PhaseSpan, phase_spans, require_rows
 
 BAND = (5.0, 95.0)
@@ -24,7 +26,7 @@ BAND = (5.0, 95.0)
 _SAME_PHASE = 0.01  # share of the longest run by which phases may begin earlier or later
 _POINTS_OF_BANDS = 600
 _DASHES: tuple[Any, ...] = (
-    *style.DASHES,
+    *DASHES,
     (0, (1, 1)),
     (0, (4, 1, 1, 1, 1, 1)),
     (0, (8, 2)),
@@ -90,8 +92,8 @@ def figure_several_runs(
     *names: str,
     differences: bool = False,
     ax: style.Panels = None,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw runs or plans in the same panels, one for each of the names: a quantity, a series or a
     column, as in `figure_of`; by default every quantity that all of them measure.
@@ -110,13 +112,13 @@ def figure_several_runs(
     contents = []
     for name in names:
         contents.append([group.lines(name) for group in groups])
-    title = ", ".join(style.label_text(name) for name in names[:4])
+    title = ", ".join(label_text(name) for name in names[:4])
     if differences:
-        title += f" less that of {style.label_text(groups[0].name)}"
+        title += f" less that of {label_text(groups[0].name)}"
     if ax is None:
-        figure, axes = style.stacked(len(names), task_figures.PANEL_HEIGHT, title, fig, width)
+        figure, axes = layout.stacked(len(names), task_figures.PANEL_HEIGHT, title, fig, width)
     else:
-        figure, axes = style.panels(ax, len(names), fig)
+        figure, axes = layout.panels(ax, len(names), fig)
     for axis, name, of_groups in zip(axes, names, contents, strict=True):
         lines_of_groups = [lines for lines, _ in of_groups]
         if differences:
@@ -125,12 +127,12 @@ def figure_several_runs(
             task_figures.mark_thresholds(axis, groups[0].records[0], name)
         _draw(axis, lines_of_groups)
         unit = of_groups[0][1]
-        axis.set_ylabel(f"{style.label_text(name, 24)}\n[{unit}]")
+        axis.set_ylabel(f"{label_text(name, 24)}\n[{unit}]")
     _mark_phases(axes, groups)
     handles = []
     for k, group in enumerate(groups):
-        handles.append(Line2D([], [], color=_color(k), label=style.label_text(group.name)))
-    style.heading_legend(figure, handles)
+        handles.append(Line2D([], [], color=_color(k), label=label_text(group.name)))
+    layout.heading_legend(figure, handles)
     return figure
 
 
@@ -192,13 +194,13 @@ def _draw(axis: Axes, lines_of_groups: Sequence[Mapping[str, _Line]]) -> None:
             if band is not None:
                 axis.fill_between(t, *band, color=_color(k), alpha=0.2, lw=0)
     if len(labels) > 1:
-        for name, dash in zip(style.label_texts(list(labels), 20), dashes.values(), strict=True):
-            axis.plot([], [], color=style.THRESHOLD, ls=dash, label=name)
-        style.legend_beside(axis)
+        for name, dash in zip(label_texts(list(labels), 20), dashes.values(), strict=True):
+            axis.plot([], [], color=THRESHOLD, ls=dash, label=name)
+        layout.legend_beside(axis)
 
 
 def _color(k: int) -> str:
-    return style.LINES[k % len(style.LINES)]
+    return LINES[k % len(LINES)]
 
 
 def _mark_phases(axes: Sequence[Axes], groups: Sequence[RunGroup]) -> None:
@@ -213,10 +215,10 @@ def _mark_phases(axes: Sequence[Axes], groups: Sequence[RunGroup]) -> None:
         if len(group.records) == 1:
             spans_of_groups.append((k, phase_spans(group.records[0])))
     if spans_of_groups and _agree(spans_of_groups, last):
-        style.shade_phases(axes, max((spans for _, spans in spans_of_groups), key=_end))
+        marks.shade_phases(axes, max((spans for _, spans in spans_of_groups), key=_end))
     else:
         for line, (k, spans) in enumerate(spans_of_groups):
-            style.mark_phase_starts(axes, spans, _color(k), line)
+            marks.mark_phase_starts(axes, spans, _color(k), line)
     for axis in axes:
         axis.set_xlim(first, last)
 

@@ -14,7 +14,9 @@ from matplotlib.lines import Line2D
 from uvms_ocp.errors import NameNotFound
 from uvms_ocp.record import meta_values, tables
 from uvms_ocp.record.record import Record, quantity
-from uvms_ocp.viz import series as recorded, style
+from uvms_ocp.viz import layout, marks, series as recorded, style
+from uvms_ocp.viz.colours import BLACK, BLUE, FADED, GREEN, ORANGE, VERMILLION, line_style
+from uvms_ocp.viz.label_text import label_text, label_texts
 
 PANEL_HEIGHT = 1.75  # [in]
 _TASK_HEIGHT = 0.56  # [in] of the activation of a task
@@ -37,7 +39,7 @@ _Panel = Callable[[Axes, Record, str, str], object]
 
 @style.styled
 def figure_errors(
-    record: Record, task: str = "PC", *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, task: str = "PC", *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the position and orientation error of the vehicle to its way point; faded while the task
     is off.
@@ -47,7 +49,11 @@ def figure_errors(
 
 @style.styled
 def figure_tool_error(
-    record: Record, task: str | None = None, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record,
+    task: str | None = None,
+    *,
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure | None:
     """Draw the position and orientation error of the tool, of several by their names; faded while
     the task is off.
@@ -76,12 +82,12 @@ def _tool_tasks(record: Record) -> dict[str, str]:
 
 
 def _pose_error_figure(
-    record: Record, tasks: Mapping[str, str], title: str, page: style.Page
+    record: Record, tasks: Mapping[str, str], title: str, page: layout.Page
 ) -> Figure | None:
     rows = []
     for task, tool in tasks.items():
-        for part, color in (("position", style.BLUE), ("orientation", style.VERMILLION)):
-            label = f"{style.label_text(tool, 16)}\n{part} error".lstrip()
+        for part, color in (("position", BLUE), ("orientation", VERMILLION)):
+            label = f"{label_text(tool, 16)}\n{part} error".lstrip()
             rows.append((f"{task}.{part}_error", label, color))
     return _quantity_figure(record, rows, title, _logarithmic_panel, page)
 
@@ -91,21 +97,21 @@ def _quantity_figure(
     rows: Sequence[tuple[str, str, str]],
     title: str,
     panel: _Panel,
-    page: style.Page,
+    page: layout.Page,
 ) -> Figure | None:
     """Draw one panel per row (quantity, label, colour) that the record has."""
     drawn_rows = [row for row in rows if quantity(record, row[0]) is not None]
     if not drawn_rows:
         return None
     title += recorded.estimate_suffix(record)
-    figure, axes = style.stacked(len(drawn_rows), PANEL_HEIGHT, title, *page)
+    figure, axes = layout.stacked(len(drawn_rows), PANEL_HEIGHT, title, *page)
     for axis, (name, label, color) in zip(axes, drawn_rows, strict=True):
         panel(axis, record, name, color)
         axis.set_ylabel(recorded.axis_label(label, name, meta=record.meta))
-    style.mark_time(axes, record)
-    active = Line2D([], [], color=style.BLACK, label="task active")
-    inactive = Line2D([], [], color=style.FADED, lw=0.9, label="task off")
-    style.heading_legend(figure, [active, inactive])
+    marks.mark_time(axes, record)
+    active = Line2D([], [], color=BLACK, label="task active")
+    inactive = Line2D([], [], color=FADED, lw=0.9, label="task off")
+    layout.heading_legend(figure, [active, inactive])
     return figure
 
 
@@ -127,7 +133,7 @@ def _panel(axis: Axes, record: Record, name: str, color: str) -> np.ndarray:
 
 def mark_thresholds(axis: Axes, record: Record, name: str) -> None:
     for limit in recorded.thresholds(record, name):
-        style.threshold(axis, limit, recorded.threshold_text(record, name, limit))
+        marks.threshold(axis, limit, recorded.threshold_text(record, name, limit))
 
 
 def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> None:
@@ -139,7 +145,7 @@ def _logarithmic_panel(axis: Axes, record: Record, name: str, color: str) -> Non
         return
     values = _panel(axis, record, name, color)
     values = values[np.isfinite(values)]
-    style.logarithmic(axis)
+    layout.logarithmic(axis)
     if len(values):
         low = float(np.percentile(values, 5))
         final = float(values[-1])
@@ -162,12 +168,12 @@ def _required(record: Record, name: str) -> np.ndarray:
 
 @style.styled
 def figure_misalignment(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the angle between the vehicle's x axis and the horizontal direction to the target (AT),
     and tilt (HA).
     """
-    rows = (("AT.misalignment", "misalignment", style.GREEN), ("HA.tilt", "tilt", style.ORANGE))
+    rows = (("AT.misalignment", "misalignment", GREEN), ("HA.tilt", "tilt", ORANGE))
     if quantity(record, "AT.misalignment") is None:
         title = "Vehicle: tilt"
     else:
@@ -177,7 +183,7 @@ def figure_misalignment(
 
 @style.styled
 def figure_altitude(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the altitude above the floor with the thresholds on it, and a closer view where it comes
     near; `None` without an echo.
@@ -195,28 +201,26 @@ def figure_altitude(
     closer_top = 2.5 * max([*limits, float(altitude[lowest])])
     n_panels = 2 if closer_top < highest else 1
     title = "Altitude of the altimeter above the floor"
-    figure, axes = style.stacked(n_panels, PANEL_HEIGHT, title, fig, width)
+    figure, axes = layout.stacked(n_panels, PANEL_HEIGHT, title, fig, width)
     for axis in axes:
-        axis.plot(t, altitude, color=style.BLUE, label="altitude")
+        axis.plot(t, altitude, color=BLUE, label="altitude")
         for limit in limits:
-            style.threshold(axis, limit, f"landed below {limit:g} m")
+            marks.threshold(axis, limit, f"landed below {limit:g} m")
     lowest_label = f"lowest: {altitude[lowest]:.3f} m"
-    axes[-1].plot(
-        t[lowest], altitude[lowest], "v", color=style.VERMILLION, ms=5, label=lowest_label
-    )
+    axes[-1].plot(t[lowest], altitude[lowest], "v", color=VERMILLION, ms=5, label=lowest_label)
     label = recorded.axis_label("altitude", name)
     axes[0].set(ylabel=label, ylim=(0, 1.05 * max(highest, 0.1, *limits)))
     if n_panels > 1:
         axes[1].set(ylabel=f"{label},\nnear the floor", ylim=(0, closer_top))
     curve, *_, mark = axes[-1].get_lines()
-    style.heading_legend(figure, [curve, mark])
-    style.mark_time(axes, record)
+    layout.heading_legend(figure, [curve, mark])
+    marks.mark_time(axes, record)
     return figure
 
 
 @style.styled
 def figure_quantities(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw what the tasks measure and no other figure shows, own tasks included; `None` where there
     is nothing.
@@ -227,7 +231,7 @@ def figure_quantities(
         task, _, quantity_name = name.rpartition(".")
         has_figure = task in tasks and quantity_name in _QUANTITIES_WITH_FIGURES
         if not has_figure:
-            rows.append((name, f"{style.label_text(name, 24)}\n", style.BLUE))
+            rows.append((name, f"{label_text(name, 24)}\n", BLUE))
     title = "Quantities of other tasks"
     return _quantity_figure(record, rows[:MOST_PANELS], title, _panel, (fig, width))
 
@@ -238,8 +242,8 @@ def figure_of(
     name: str,
     *names: str,
     ax: style.Panels = None,
-    fig: style.Given = None,
-    width: style.Width = "page",
+    fig: style.Canvas = None,
+    width: layout.Width = "page",
 ) -> Figure:
     """Draw one panel for each of the names: a quantity such as ``T.position_error``, a series such
     as ``thrust``, or a column ``q.z``.
@@ -250,31 +254,31 @@ def figure_of(
     recorded.require_rows(record)
     names = (name, *names)
     curves = [curves_of(record, name) for name in names]
-    title = ", ".join(style.label_text(name) for name in names[:4])
+    title = ", ".join(label_text(name) for name in names[:4])
     title += recorded.estimate_suffix(record)
     if ax is None:
-        figure, axes = style.stacked(len(names), PANEL_HEIGHT, title, fig, width)
+        figure, axes = layout.stacked(len(names), PANEL_HEIGHT, title, fig, width)
     else:
-        figure, axes = style.panels(ax, len(names), fig)
+        figure, axes = layout.panels(ax, len(names), fig)
     for axis, curve_name, (lines, unit) in zip(axes, names, curves, strict=True):
-        n_before = style.n_curves(axis)
-        labels = style.label_texts(list(lines), 20)
+        n_before = marks.n_curves(axis)
+        labels = label_texts(list(lines), 20)
         curves_by_label = zip(labels, lines.values(), strict=True)
         for k, (line_label, values) in enumerate(curves_by_label, start=n_before):
             axis.plot(
                 record["t"],
                 values,
-                **style.line_style(k),
+                **line_style(k),
                 lw=1.1,
                 label=line_label,
-                gid=style.CURVE,
+                gid=marks.CURVE,
             )
         if not n_before:
             mark_thresholds(axis, record, curve_name)
-        axis.set_ylabel(f"{style.label_text(curve_name, 24)}\n[{unit}]")
+        axis.set_ylabel(f"{label_text(curve_name, 24)}\n[{unit}]")
         if len(lines) > 1 or n_before:
-            style.legend_beside(axis)
-    style.mark_time(axes, record)
+            layout.legend_beside(axis)
+    marks.mark_time(axes, record)
     return figure
 
 
@@ -313,7 +317,7 @@ def _columns(record: Record, names: Sequence[str]) -> dict[str, tuple[str, int, 
 
 @style.styled
 def figure_activations(
-    record: Record, *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw one small panel per task: activation of its rows (internal bell x phase) under the
     phase's own activation.
@@ -325,10 +329,10 @@ def figure_activations(
     if not tasks:
         return None
     title = "Activation of the tasks, highest priority on top"
-    figure, axes = style.stacked(len(tasks), _TASK_HEIGHT, title, fig, width)
+    figure, axes = layout.stacked(len(tasks), _TASK_HEIGHT, title, fig, width)
     for axis, task in zip(axes, tasks, strict=True):
         _activation_panel(axis, record, task)
-    style.mark_time(axes, record, letters_beside=9)
+    marks.mark_time(axes, record, letters_beside=9)
     _legend(figure)
     return figure
 
@@ -341,16 +345,14 @@ def _activation_panel(axis: Axes, record: Record, task: meta_values.TaskMeta) ->
         return
     _draw_activation(axis, t, rows, gate)
     axis.grid(visible=False, axis="y")
-    axis.set_ylabel(
-        style.label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold"
-    )
+    axis.set_ylabel(label_text(task.name), rotation=0, ha="right", va="center", fontweight="bold")
     look = {"xycoords": "axes fraction", "va": "center", "fontsize": style.points(6.5)}
-    style.note(axis, style.label_text(task.label), (1.008, 0.5), (0, 0), **look)
+    marks.note(axis, label_text(task.label), (1.008, 0.5), (0, 0), **look)
 
 
 @style.styled
 def figure_row_activations(
-    record: Record, task: str = "JL", *, fig: style.Given = None, width: style.Width = "page"
+    record: Record, task: str = "JL", *, fig: style.Canvas = None, width: layout.Width = "page"
 ) -> Figure | None:
     """Draw the activation of every row of a task, such as each joint of JL; `None` where the task
     has no level.
@@ -359,8 +361,8 @@ def figure_row_activations(
     if rows is None or not rows.shape[1]:
         return None
     n = rows.shape[1]
-    title = f"Activation of the rows of {style.label_text(task)}"
-    figure, axes = style.stacked(n, _ROW_HEIGHT, title, fig, width)
+    title = f"Activation of the rows of {label_text(task)}"
+    figure, axes = layout.stacked(n, _ROW_HEIGHT, title, fig, width)
     if n == 1 and len(record.meta.joints) != 1:
         names = [task]
     else:
@@ -368,22 +370,22 @@ def figure_row_activations(
     gate = recorded.task_gate(record, task)
     for axis, name, row in zip(axes, names, rows.T, strict=True):
         _draw_activation(axis, record["t"], row[:, None], gate)
-        axis.set_ylabel(style.label_text(name), rotation=0, ha="right", va="center")
-    style.mark_time(axes, record)
+        axis.set_ylabel(label_text(name), rotation=0, ha="right", va="center")
+    marks.mark_time(axes, record)
     _legend(figure)
     return figure
 
 
 def _draw_activation(axis: Axes, t: np.ndarray, rows: np.ndarray, gate: np.ndarray | None) -> None:
-    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=style.BLUE, alpha=0.25, lw=0)
-    axis.plot(t, rows, color=style.BLUE, lw=0.8)
+    axis.fill_between(t, rows.max(axis=1, initial=0.0), color=BLUE, alpha=0.25, lw=0)
+    axis.plot(t, rows, color=BLUE, lw=0.8)
     if gate is not None:
-        axis.plot(t, gate, color=style.VERMILLION, lw=0.9, ls="--")
+        axis.plot(t, gate, color=VERMILLION, lw=0.9, ls="--")
     axis.set(ylim=(-0.08, 1.12), yticks=(0, 1))
 
 
 def _legend(figure: Figure) -> None:
     """Add the legend of the two lines of every panel of activations."""
-    rows = Line2D([], [], color=style.BLUE, lw=0.9, label="rows: own bell × phase")
-    phase = Line2D([], [], color=style.VERMILLION, lw=0.9, ls="--", label="phase")
-    style.heading_legend(figure, [rows, phase])
+    rows = Line2D([], [], color=BLUE, lw=0.9, label="rows: own bell × phase")
+    phase = Line2D([], [], color=VERMILLION, lw=0.9, ls="--", label="phase")
+    layout.heading_legend(figure, [rows, phase])
