@@ -232,6 +232,22 @@ def test_what_a_start_breaks_by_itself_is_no_fault_of_the_motion(arm_vehicle: Ro
     assert speeds.at_nodes.time == pytest.approx(1.0)
 
 
+def test_forces_of_the_first_step_are_the_motions_own(vehicle: Robot) -> None:
+    problem = single_phase(
+        robot=vehicle,
+        start=State(q=vehicle.configuration(position=(0.0, 0.0, DEPTH)), v=np.zeros(vehicle.n_v)),
+        duration=1.0,
+        n_steps=1,
+        levels=[CHEAP],
+        current=np.array([3.0, 0.0, 0.0]),
+    )
+    check = motion_check(problem, hold_guess(problem))
+    (thrust,) = check.of(RangeKind.THRUST)
+    smallest_excess = 0.5 * np.max(thrust.upper)
+    assert thrust.between.amount > smallest_excess
+    assert thrust.above[0].max() > smallest_excess or thrust.below[0].max() > smallest_excess
+
+
 # --- plans keep their ranges between nodes ------------------------------------------------------------
 
 

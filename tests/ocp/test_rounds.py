@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from reaches import patient, reach
 
-from uvms_ocp.ocp.node_margins import NO_TIGHTENING
+from uvms_ocp.ocp.node_margins import NO_TIGHTENING, NodeMargins, Tightening
 from uvms_ocp.ocp.refinement import AGREES, Reach, RefinedResult, Refinement
 from uvms_ocp.ocp.trajectory import hold_guess
 from uvms_ocp.robot.robot import Robot
@@ -88,3 +88,48 @@ def test_a_round_in_vain_is_solved_again_without_its_reach_unless_it_was_stopped
     assert reaches == [0.1, np.inf][:n_solves]
     assert result.result.iterations == tuple(n_solves * n for n in start.result.iterations)
     assert np.isinf(reach_after.radius) == (n_solves == 2)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "costs", "latest"),
+    [
+        ((3.0, 0.0), (1.0, 1.0), 1),
+        ((3.0, 0.0), (1.0, 1.1), 1),
+        ((0.0, 3.0), (1.0, 0.5), 0),
+        ((0.0, 0.0), (1.0, 0.5), 1),
+        ((3.0, 2.0, 0.0), (1.0, 1.0, 1.0), 2),
+    ],
+)
+def test_of_all_restarts_the_motion_that_keeps_most_is_returned_and_of_these_the_cheapest(
+    robot: Robot,
+    monkeypatch: pytest.MonkeyPatch,
+    lacks: tuple[float, ...],
+    costs: tuple[float, ...],
+    latest: int,
+) -> None:
+    planner = patient(reach(robot))
+    hold = hold_guess(planner.problem)
+    refinement = Refinement(
+        planner=planner, problem=planner.problem, t0=0.0, deadline=perf_counter() + 600.0
+    )
+    start = refinement.solved_once(hold, hold.q)
+    no_margins = np.zeros((len(hold.q), len(robot.limited_positions)))
+    margins = NodeMargins(robot=robot, below=no_margins, above=no_margins)
+    rounds = [
+        replace(
+            start,
+            result=replace(start.result, violation=0.0, residuals=(np.zeros(1), np.array([cost]))),
+            lack=lack,
+            tightened=Tightening(positions=margins),
+        )
+        for lack, cost in zip(lacks, costs, strict=True)
+    ]
+    left = iter(rounds)
+
+    def next_of_them(_: Refinement, guess: object, q: np.ndarray) -> RefinedResult:
+        return next(left, rounds[-1])
+
+    monkeypatch.setattr(Refinement, "_in_rounds", next_of_them)
+    result = refinement.solved(hold)
+    assert result.lack == lacks[latest]
+    assert result.result.level_residuals[1] == costs[latest]

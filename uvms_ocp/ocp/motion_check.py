@@ -11,7 +11,8 @@ much it is left, where and when:
   its reach: intervals are halved until that excludes more than `FINE`, or are too short.
 
 What a start that is given breaks by itself is no fault of the motion: in the first step only what
-goes beyond it counts.
+goes beyond it counts. Forces are the motion's own from the first moment on: it chooses its
+acceleration there.
 """
 
 from __future__ import annotations

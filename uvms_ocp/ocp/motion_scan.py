@@ -231,8 +231,11 @@ def scanned(
         inner = slice(0, None)
     else:
         inner = slice(1, -1)
-    begin = motion.samples(np.array([0]), motion.looks)
-    allowed_below, allowed_above = given_by_start(motion, scope, rows(begin)[0, 0])
+    if inputs:  # which the motion chooses, whatever its start is
+        allowed_below = allowed_above = np.zeros(m)
+    else:
+        begin = motion.samples(np.array([0]), motion.looks)
+        allowed_below, allowed_above = given_by_start(motion, scope, rows(begin)[0, 0])
     for times_as_many in _CLOSER:
         samples = motion.samples(steps, times_as_many * motion.looks)
         values = rows(samples)

@@ -89,8 +89,11 @@ class Refinement:
             latest = self._in_rounds(path, path.q).after(latest.result)
             if latest.is_interrupted:
                 return best.after_all(latest).stopped_as(latest.result)
-            is_kept = latest.result.violation <= USABLE and latest.lack <= best.lack
-            if is_kept and _gain(best.result, latest.result) > _GAIN:
+            is_cheaper = _gain(best.result, latest.result) > _GAIN
+            keeps_more = latest.lack < best.lack
+            keeps_as_much = latest.lack == best.lack
+            is_usable = latest.result.violation <= USABLE
+            if is_usable and (keeps_more or (keeps_as_much and is_cheaper)):
                 best = latest
                 n_in_vain = 0
             else:
